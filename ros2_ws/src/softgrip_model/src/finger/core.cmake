@@ -1,0 +1,1 @@
+softgrip_core(finger src/finger/binding.cpp)

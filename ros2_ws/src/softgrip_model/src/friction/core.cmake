@@ -1,0 +1,1 @@
+softgrip_core(friction src/friction/binding.cpp)

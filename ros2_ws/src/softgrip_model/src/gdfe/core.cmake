@@ -1,0 +1,1 @@
+softgrip_core(gdfe src/gdfe/binding.cpp)

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every softgrip node shares: parameter table, QoS presets, diagnostics, start and stop.
+
+Node-level code: it imports rclpy, and only modules under a package's ``nodes/`` import it.
+"""
+
+from softgrip_nodekit.diagnostics import Diagnostics, Health
+from softgrip_nodekit.parameters import Parameter, ParameterTable
+from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
+from softgrip_nodekit.run import StartupError, run
+from softgrip_nodekit.stamps import seconds, to_time_message
+
+__all__ = [
+    "LATCHED",
+    "RELIABLE",
+    "SENSOR",
+    "Diagnostics",
+    "Health",
+    "Parameter",
+    "ParameterTable",
+    "StartupError",
+    "run",
+    "seconds",
+    "to_time_message",
+]

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start and stop of a node process: one way for all."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.node import Node
+
+#: Exit code of a process that could not start.
+CANNOT_START = 2
+
+
+class StartupError(Exception):
+    """A node cannot start; the message says what was expected, what was found and what to do."""
+
+
+def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
+    """Run a node until it is told to stop, and leave cleanly.
+
+    A lifecycle node whose parameter ``autostart`` is true is configured and activated first; where that fails the
+    process ends with code 2, so that a launch file can bring the cell down. A node may have a method ``close()``: it is
+    called on every exit path, before the node is destroyed, and leaves hardware safe.
+
+    Args:
+        factory: makes the node; raises StartupError when that cannot be done.
+        args: command line; None = sys.argv.
+        threads: of the executor; 1 = single-threaded.
+
+    Returns:
+        the process's exit code.
+    """
+    rclpy.init(args=list(args) if args is not None else None)
+    node: Node | None = None
+    executor: Any = MultiThreadedExecutor(num_threads=threads) if threads > 1 else SingleThreadedExecutor()
+    code = 0
+    try:
+        node = factory()
+        executor.add_node(node)
+        if isinstance(node, LifecycleNode) and _autostart(node):
+            _bring_up(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except StartupError as error:
+        name = node.get_name() if node is not None else getattr(factory, "__name__", "node")
+        print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
+        code = CANNOT_START
+    finally:
+        _leave(node, executor)
+    return code
+
+
+def _autostart(node: Node) -> bool:
+    return node.has_parameter("autostart") and bool(node.get_parameter("autostart").value)
+
+
+def _bring_up(node: LifecycleNode) -> None:
+    for transition in (node.trigger_configure, node.trigger_activate):
+        result = transition()
+        if result != TransitionCallbackReturn.SUCCESS:
+            reason = getattr(node, "startup_problem", "") or "see the log above"
+            raise StartupError(f"{transition.__name__.removeprefix('trigger_')} failed: {reason}")
+
+
+def _leave(node: Node | None, executor: Any) -> None:
+    try:
+        close = getattr(node, "close", None)
+        if close is not None:
+            close()
+    finally:
+        executor.shutdown(timeout_sec=2.0)
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
