@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a cable slides over a printed surface: Rf = T1/T2 in closed form, with exact derivatives.
+//
+// T2 is the low (holding) tension [N], T1 >= T2 the high (pulling) tension, theta the wrap angle [rad], r = r_cable + r_surface [mm].
+// Source: C.-D. Matte, "Toward Predictable Tendon Driven Soft Robots" (2025), Eqs 3.7-3.9; docs/friction.md settles its ambiguities.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+namespace softgrip::friction {
+
+// Eq 3.7, Eq 3.8, Eq 3.9.
+enum class Law : std::uint8_t { Capstan = 0, Heap = 1, Matte = 2 };
+
+// Reading of K in Eq 3.8. Printed: K = -x, as the thesis prints it. Limit: K -> 0. Exact: K = +x, the integral of
+// dT/dtheta = alpha r^(1-n) T^n started from the low tension. x = alpha (1-n) (r/T2)^(1-n) theta.
+enum class KReading : std::uint8_t { Printed = 0, Limit = 1, Exact = 2 };
+
+// What to know about a value, as bits. A value with kBlowUp or kInvalid is NaN; with any other bit it is finite.
+enum Status : std::uint8_t {
+  kOk = 0,
+  kAngleOutsideRange = 1,    // outside the calibrated angles
+  kTensionOutsideRange = 2,  // outside the calibrated tensions
+  kTensionFloored = 4,       // T2 below kTensionFloor_N: evaluated at the floor
+  kSurfaceClamped = 8,       // epsilon - lambda ln T2 < 0: counted as 0, friction cannot push
+  kBlowUp = 16,              // x >= 1 with the printed K: the law has no value at this angle
+  kInvalid = 32,             // not finite, negative angle, n outside (0,1), r <= 0
+};
+
+// Below this tension (r/T2)^(1-n) leaves what any cable was measured at; finger.md fixes it.
+inline constexpr double kTensionFloor_N = 1e-2;
+
+struct Range {
+  double low = -std::numeric_limits<double>::infinity();
+  double high = std::numeric_limits<double>::infinity();
+  bool holds(double value) const { return value >= low && value <= high; }
+};
+
+// Coefficients by law. Capstan: {mu}. Heap: {alpha, n}. Matte: {alpha, n, epsilon, lambda}; lambda as it stands in
+// Eq 3.9 (minus sign), so lambda > 0 lets friction fall with tension. alpha [(N/mm)^(1-n)], the others [1].
+inline constexpr int kMaxCoefficients = 4;
+using Coefficients = std::array<double, kMaxCoefficients>;
+
+constexpr int coefficient_count(Law law) { return law == Law::Capstan ? 1 : law == Law::Heap ? 2 : 4; }
+
+struct Model {
+  Law law = Law::Matte;
+  KReading k_reading = KReading::Printed;
+  Coefficients coefficients{};
+  double radius_mm = 0.0;
+  Range angle_rad;   // calibrated
+  Range tension_N;   // calibrated, of T2
+};
+
+struct Evaluation {
+  double log_ratio;            // ln Rf
+  double d_angle;              // d ln Rf / d theta [1/rad]
+  double d_log_tension;        // d ln Rf / d ln T2
+  Coefficients d_coefficients; // d ln Rf / d coefficient, zero where the law has none
+  std::uint8_t status;
+
+  double ratio() const { return std::exp(log_ratio); }
+  bool has_value() const { return (status & (kBlowUp | kInvalid)) == 0; }
+};
+
+// ln(1+K)/K, regular at K = 0.
+inline double log1p_over(double k) { return std::abs(k) < 1e-8 ? 1.0 - 0.5 * k : std::log1p(k) / k; }
+
+// d/dK of ln(1+K)/K; the series where the difference quotient would lose digits.
+inline double log1p_over_slope(double k) {
+  if (std::abs(k) < 1e-3) {
+    return -1.0 / 2 + k * (2.0 / 3 + k * (-3.0 / 4 + k * (4.0 / 5 + k * (-5.0 / 6))));
+  }
+  return (1.0 / (1.0 + k) - std::log1p(k) / k) / k;
+}
+
+inline double k_sign(KReading reading) {
+  return reading == KReading::Printed ? -1.0 : reading == KReading::Exact ? 1.0 : 0.0;
+}
+
+// Wrap angle [rad] at which the printed form stops having a value (x = 1); infinite for the other readings and Capstan.
+inline double blow_up_angle(const Model& model, double tension_N) {
+  if (model.law == Law::Capstan || model.k_reading != KReading::Printed) return std::numeric_limits<double>::infinity();
+  const double m = 1.0 - model.coefficients[1];
+  const double slope = model.coefficients[0] * m * std::pow(model.radius_mm / std::fmax(tension_N, kTensionFloor_N), m);
+  return slope > 0.0 ? 1.0 / slope : std::numeric_limits<double>::infinity();
+}
+
+namespace detail {
+
+inline Evaluation no_value(std::uint8_t status) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  return {nan, nan, nan, {nan, nan, nan, nan}, status};
+}
+
+inline bool valid(const Model& model, double angle_rad, double tension_N) {
+  for (int i = 0; i < coefficient_count(model.law); ++i) {
+    if (!std::isfinite(model.coefficients[i])) return false;
+  }
+  const double n = model.coefficients[1];
+  const bool law_valid = model.law == Law::Capstan || (n > 0.0 && n < 1.0 && model.radius_mm > 0.0);
+  return law_valid && std::isfinite(angle_rad) && angle_rad >= 0.0 && std::isfinite(tension_N) && tension_N >= 0.0;
+}
+
+// Eq 3.8 as mu_e theta = G ln(1+K)/K, with G = alpha (r/T2)^m theta, K = sign m G, m = 1-n.
+inline bool add_cable_term(const Model& model, double angle_rad, double log_tension, Evaluation& out) {
+  const double alpha = model.coefficients[0];
+  const double m = 1.0 - model.coefficients[1];
+  const double log_radius_over_tension = std::log(model.radius_mm) - log_tension;
+  const double power = std::exp(m * log_radius_over_tension);
+  const double g = alpha * power * angle_rad;
+  const double sign = k_sign(model.k_reading);
+  const double k = sign * m * g;
+  if (k <= -1.0) return false;
+  const double gain = 1.0 / (1.0 + k);
+  out.log_ratio = g * log1p_over(k);
+  out.d_angle = alpha * power * gain;
+  out.d_log_tension = -m * g * gain;
+  out.d_coefficients[0] = power * angle_rad * gain;
+  out.d_coefficients[1] = -(g * log_radius_over_tension * gain + sign * g * g * log1p_over_slope(k));
+  return true;
+}
+
+// The term that Eq 3.9 adds: max(0, epsilon - lambda ln T2).
+inline void add_surface_term(const Model& model, double log_tension, Evaluation& out) {
+  const double lambda = model.coefficients[3];
+  const double surface = model.coefficients[2] - lambda * log_tension;
+  if (surface < 0.0) {
+    out.status |= kSurfaceClamped;
+    return;
+  }
+  out.log_ratio += surface;
+  out.d_log_tension -= lambda;
+  out.d_coefficients[2] = 1.0;
+  out.d_coefficients[3] = -log_tension;
+}
+
+}  // namespace detail
+
+// ln Rf and its derivatives at one wrap angle and low tension.
+inline Evaluation evaluate(const Model& model, double angle_rad, double tension_N) {
+  if (!detail::valid(model, angle_rad, tension_N)) return detail::no_value(kInvalid);
+  Evaluation out{0.0, 0.0, 0.0, {}, kOk};
+  if (!model.angle_rad.holds(angle_rad)) out.status |= kAngleOutsideRange;
+  if (!model.tension_N.holds(tension_N)) out.status |= kTensionOutsideRange;
+  if (model.law == Law::Capstan) {
+    const double mu = model.coefficients[0];
+    out.log_ratio = mu * angle_rad;
+    out.d_angle = mu;
+    out.d_coefficients[0] = angle_rad;
+    return out;
+  }
+  const bool floored = tension_N < kTensionFloor_N;
+  const double log_tension = std::log(floored ? kTensionFloor_N : tension_N);
+  if (!detail::add_cable_term(model, angle_rad, log_tension, out)) return detail::no_value(out.status | kBlowUp);
+  if (model.law == Law::Matte) detail::add_surface_term(model, log_tension, out);
+  if (floored) {
+    out.status |= kTensionFloored;
+    out.d_log_tension = 0.0;
+  }
+  return out;
+}
+
+}  // namespace softgrip::friction
