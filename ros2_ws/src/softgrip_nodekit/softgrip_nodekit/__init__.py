@@ -5,9 +5,10 @@ Node-level code: it imports rclpy, and only modules under a package's ``nodes/``
 """
 
 from softgrip_nodekit.diagnostics import Diagnostics, Health
+from softgrip_nodekit.errors import StartupError
 from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
-from softgrip_nodekit.run import StartupError, run
+from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
 
 __all__ = [

@@ -37,9 +37,7 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._timer = node.create_timer(period, self.publish)
 
-    def set(
-        self, component: str, health: Health, message: str, values: Mapping[str, object] | None = None
-    ) -> None:
+    def set(self, component: str, health: Health, message: str, values: Mapping[str, object] | None = None) -> None:
         """Set a component's health; ``message`` says what is wrong in words and what to do."""
         before = self._components.get(component)
         self._components[component] = (health, message, {k: str(v) for k, v in (values or {}).items()})

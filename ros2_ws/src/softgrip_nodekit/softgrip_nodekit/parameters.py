@@ -11,6 +11,8 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
+from softgrip_nodekit.errors import StartupError
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -109,8 +111,6 @@ class ParameterTable:
         Raises:
             StartupError: when a value given at start is out of its bounds or of another type.
         """
-        from softgrip_nodekit.run import StartupError  # noqa: PLC0415  run imports nothing from here; kept lazy
-
         for row in self.rows:
             try:
                 node.declare_parameter(row.name, row.default, row.descriptor())

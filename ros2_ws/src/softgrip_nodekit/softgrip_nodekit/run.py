@@ -12,12 +12,10 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
+from softgrip_nodekit.errors import StartupError
+
 #: Exit code of a process that could not start.
 CANNOT_START = 2
-
-
-class StartupError(Exception):
-    """A node cannot start; the message says what was expected, what was found and what to do."""
 
 
 def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
