@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A serial port on a raw pseudo-terminal: paced by baud rate, can be unplugged and plugged in again.
+
+The host opens a stable path (a symbolic link), as it would open a udev name; behind it stands one `WireDevice`.
+Facts about Linux pseudo-terminals used here: the master can read the baud rate the host has set; the master sees
+POLLHUP while no host has the port open; closing the master gives the host EIO, as pulling the USB plug does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import logging
+import os
+import select
+import threading
+import tty
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+from softgrip_emulator.clock import CellClock
+from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, WireDevice
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+_log = logging.getLogger(__name__)
+
+_READ_BYTES: Final = 4096
+_ABSENT_HOST_POLL_S: Final = 0.01
+"""How often to look whether a host has opened the port (no event tells)."""
+_BURST_S: Final = 0.002
+"""Longer packets are handed over in pieces of this duration, as a USB adapter does."""
+_JOIN_S: Final = 2.0
+
+_TCGETS2: Final = 0x802C542A
+"""Linux ioctl that reads custom speeds as well (asm-generic/ioctls.h); termios.tcgetattr knows the standard ones only."""
+
+
+class PtyPort:
+    """One emulated serial port: link path outside, device inside, a thread between.
+
+    Use as a context manager, or call `start` and `close`. `unplug` and `plug` are what a hand does to the cable.
+    """
+
+    def __init__(self, link: Path, device: WireDevice, *, clock: CellClock | None = None, paced: bool = True) -> None:
+        """Prepare a port; nothing exists before `start`.
+
+        Args:
+            link: path the host opens; its folder is made when missing, an old link is replaced.
+            device: what answers.
+            clock: cell time for the device and for pacing; a real-time clock when not given.
+            paced: False hands bytes over at once (tests of behaviour, not of timing).
+        """
+        self.link = link
+        self.clock = clock or CellClock()
+        self._device = device
+        self._paced = paced
+        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._master: int | None = None
+        self._attached = False
+        self._wanted = True
+        self._settled = threading.Event()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"pty-{link.name}", daemon=True)
+
+    # -- what a hand does ------------------------------------------------------------------------------------------
+
+    def start(self) -> PtyPort:
+        """Plug in and serve; the link exists when this returns."""
+        self._appear()
+        self._thread.start()
+        return self
+
+    def plug(self) -> None:
+        """Make the port appear (again) under its link; no effect when it is there."""
+        self._settle(wanted=True)
+
+    def unplug(self) -> None:
+        """Make the port vanish; a host that has it open gets EIO. No effect when it is gone."""
+        self._settle(wanted=False)
+
+    @property
+    def plugged(self) -> bool:
+        """True while the port exists."""
+        return self._master is not None
+
+    @property
+    def attached(self) -> bool:
+        """True while a host has the port open."""
+        return self._attached
+
+    def close(self) -> None:
+        """Stop serving and remove the link. May be called more than once."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._wake()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
+        self._vanish()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def __enter__(self) -> PtyPort:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- the wire --------------------------------------------------------------------------------------------------
+
+    def _settle(self, *, wanted: bool) -> None:
+        """Ask the serving thread, which alone opens and closes the terminal, and wait until it is done."""
+        self._settled.clear()
+        self._wanted = wanted
+        self._wake()
+        if threading.current_thread() is not self._thread and self._thread.is_alive():
+            self._settled.wait(_JOIN_S)
+
+    def _appear(self) -> None:
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        name = os.ttyname(slave)
+        # The host alone holds the slave side, so that the master sees it come and go.
+        os.close(slave)
+        self._master = master
+        self.link.parent.mkdir(parents=True, exist_ok=True)
+        fresh = self.link.with_name(f".{self.link.name}.{os.getpid()}")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(name)
+        fresh.replace(self.link)
+
+    def _vanish(self) -> None:
+        if self._master is not None:
+            self.link.unlink(missing_ok=True)
+            os.close(self._master)
+            self._master = None
+            self._attached = False
+
+    def _wake(self) -> None:
+        with contextlib.suppress(BlockingIOError, OSError):
+            os.write(self._wake_write, b"\0")
+
+    def _run(self) -> None:
+        line = _Line(self._paced)
+        while not self._stop.is_set():
+            try:
+                self._serve_once(line)
+            except Exception:
+                # A device must never take its port down: the host would wait for ever without a word.
+                _log.exception("%s: the emulated device failed on this exchange", self.link.name)
+                line.reset()
+
+    def _serve_once(self, line: _Line) -> None:
+        if self._wanted != self.plugged:
+            if self._wanted:
+                self._appear()
+            else:
+                self._vanish()
+            line.reset()
+        self._settled.set()
+        master = self._master
+        if master is None:
+            self._wait([], None)
+            return
+        if not self._host_present(master):
+            self._attached = False
+            line.reset()
+            self._wait([], _ABSENT_HOST_POLL_S)
+            return
+        if not self._attached:
+            self._attached = True
+            line.queue(self._device.opened(self.clock.now_s()))
+        ready = self._wait([master], self._pause_s(line))
+        data = self._read(master) if master in ready else b""
+        now_s = self.clock.now_s()
+        due_s = self._device.due_s()
+        if data or (due_s is not None and due_s <= now_s):
+            line.baud = host_baud(master) or line.baud
+            line.queue(self._device.exchange(data, line.arrival_s(len(data), now_s), line.baud))
+        for piece in line.take(self.clock.now_s()):
+            self._write(master, piece)
+
+    def _pause_s(self, line: _Line) -> float | None:
+        due = [t for t in (line.next_s(), self._device.due_s()) if t is not None]
+        if not due:
+            # Closing by the host makes the master readable, so this wait may be long.
+            return None
+        return self.clock.wall_duration_s(min(due) - self.clock.now_s())
+
+    def _wait(self, fds: list[int], timeout_s: float | None) -> list[int]:
+        # select, not poll: its time-out is in microseconds, and a reply at 3 Mbaud is due within 50.
+        ready, _, _ = select.select([*fds, self._wake_read], [], [], None if timeout_s is None else max(0.0, timeout_s))
+        if self._wake_read in ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._wake_read, _READ_BYTES)
+        return ready
+
+    @staticmethod
+    def _host_present(master: int) -> bool:
+        poller = select.poll()
+        poller.register(master, select.POLLIN)
+        events = dict(poller.poll(0)).get(master, 0)
+        return not events & (select.POLLHUP | select.POLLNVAL) or bool(events & select.POLLIN)
+
+    def _read(self, master: int) -> bytes:
+        try:
+            return os.read(master, _READ_BYTES)
+        except OSError as error:
+            if error.errno in {errno.EIO, errno.EBADF, errno.EAGAIN}:
+                return b""
+            raise
+
+    def _write(self, master: int, data: bytes) -> None:
+        # A full buffer loses bytes, as the adapter of a host that does not read does; a vanished port loses all.
+        with contextlib.suppress(BlockingIOError, OSError):
+            os.write(master, data)
+
+
+class _Line:
+    """Both directions of the cable: when bytes arrive, and which may be handed to the host by when."""
+
+    def __init__(self, paced: bool) -> None:
+        self.baud = 9600
+        self._paced = paced
+        self._rx_busy_until_s = 0.0
+        self._tx_busy_until_s = 0.0
+        self._pending: deque[Chunk] = deque()
+
+    def reset(self) -> None:
+        self._pending.clear()
+        self._rx_busy_until_s = 0.0
+        self._tx_busy_until_s = 0.0
+
+    def _duration_s(self, n_bytes: int) -> float:
+        return n_bytes * BITS_PER_BYTE / self.baud if self._paced else 0.0
+
+    def arrival_s(self, n_bytes: int, now_s: float) -> float:
+        """When the device has heard the last of `n_bytes` the host handed over just now."""
+        self._rx_busy_until_s = max(self._rx_busy_until_s, now_s) + self._duration_s(n_bytes)
+        return self._rx_busy_until_s if n_bytes else now_s
+
+    def queue(self, chunks: Sequence[Chunk]) -> None:
+        """Append; each piece's `start_s` becomes the time its last bit has passed."""
+        for chunk in chunks:
+            burst = max(1, int(_BURST_S * self.baud / BITS_PER_BYTE)) if self._paced else max(1, len(chunk.data))
+            start_s = chunk.start_s if self._paced else 0.0
+            for begin in range(0, len(chunk.data), burst):
+                piece = chunk.data[begin : begin + burst]
+                self._tx_busy_until_s = max(self._tx_busy_until_s, start_s) + self._duration_s(len(piece))
+                self._pending.append(Chunk(piece, self._tx_busy_until_s))
+
+    def take(self, now_s: float) -> list[bytes]:
+        due = []
+        while self._pending and self._pending[0].start_s <= now_s:
+            due.append(self._pending.popleft().data)
+        return due
+
+    def next_s(self) -> float | None:
+        return self._pending[0].start_s if self._pending else None
+
+
+def host_baud(fd: int) -> int | None:
+    """The speed [bit/s] set on a terminal, standard or custom; None when it cannot be read."""
+    # struct termios2 (asm-generic/termbits.h): four flag words, line discipline, 19 control characters, two speeds.
+    buffer = bytearray(44)
+    try:
+        fcntl.ioctl(fd, _TCGETS2, buffer)
+    except OSError:
+        return None
+    speed = int.from_bytes(buffer[40:44], "little")
+    return speed or None
