@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finger profiles: one YAML file describes the fingers of one set, as printed. All values in SI units."""
+
+from softgrip_model.profile.files import dumps, load, load_directory, loads, save, validate
+from softgrip_model.profile.schema import (
+    LAWS,
+    MOMENT_LAWS,
+    SCHEMA,
+    Cable,
+    FingerDesign,
+    FrictionSet,
+    Material,
+    PathPoint,
+    Profile,
+    ProfileError,
+    digest,
+)
+
+__all__ = [
+    "LAWS",
+    "MOMENT_LAWS",
+    "SCHEMA",
+    "Cable",
+    "FingerDesign",
+    "FrictionSet",
+    "Material",
+    "PathPoint",
+    "Profile",
+    "ProfileError",
+    "digest",
+    "dumps",
+    "load",
+    "load_directory",
+    "loads",
+    "save",
+    "validate",
+]

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Profiles as YAML files: strict reading (unknown and missing keys are errors), writing that reads back equal."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from softgrip_model.profile.schema import SCHEMA, Profile, ProfileError, problems
+
+
+def load(path: Path) -> Profile:
+    """Read and validate one profile file.
+
+    Raises:
+        ProfileError: the file is missing, is not YAML, or does not describe a sound finger set.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProfileError(f"{path}: cannot be read as a profile: {error}") from error
+    try:
+        return loads(text)
+    except ProfileError as error:
+        raise ProfileError(f"{path}: {error}") from error
+
+
+def loads(text: str) -> Profile:
+    """Read and validate a profile from YAML text.
+
+    Raises:
+        ProfileError: see `load`.
+    """
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ProfileError(f"not YAML: {error}") from error
+    if not isinstance(data, dict):
+        raise ProfileError(f"expected a mapping with 'schema: {SCHEMA}', found {type(data).__name__}")
+    if data.get("schema") != SCHEMA:
+        raise ProfileError(
+            f"schema: this version reads schema {SCHEMA}, found {data.get('schema')!r}; write the profile anew"
+        )
+    profile: Profile = _build(Profile, data, "")
+    validate(profile)
+    return profile
+
+
+def validate(profile: Profile) -> None:
+    """Check a profile made in memory.
+
+    Raises:
+        ProfileError: lists everything that is wrong with it.
+    """
+    found = problems(profile)
+    if found:
+        raise ProfileError("\n  ".join([f"profile {profile.id!r} cannot be used:", *found]))
+
+
+def dumps(profile: Profile) -> str:
+    """The profile as YAML text; `loads` gives an equal value."""
+    return yaml.safe_dump(_plain(profile), sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+
+
+def save(profile: Profile, path: Path) -> None:
+    """Validate and write a profile.
+
+    Raises:
+        ProfileError: the profile is not sound; nothing is written.
+    """
+    validate(profile)
+    path.write_text(dumps(profile), encoding="utf-8")
+
+
+def load_directory(directory: Path) -> dict[str, Profile]:
+    """All profiles of a folder, by id.
+
+    Raises:
+        ProfileError: no such folder, no profile in it, a bad file, an id that is not the file's name.
+    """
+    paths = sorted(directory.glob("*.yaml"))
+    if not paths:
+        raise ProfileError(f"{directory}: expected a folder with profiles (*.yaml), found none")
+    profiles = {}
+    for path in paths:
+        profile = load(path)
+        if profile.id != path.stem:
+            raise ProfileError(f"{path}: id: expected {path.stem!r} as the file's name says, found {profile.id!r}")
+        profiles[profile.id] = profile
+    return profiles
+
+
+def _plain(value: Any) -> Any:
+    """A value of the schema as YAML's own types; (name, value) pairs become mappings."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        if value and all(isinstance(item, tuple) and len(item) == 2 and isinstance(item[0], str) for item in value):
+            return {name: _plain(item) for name, item in value}
+        return [_plain(item) for item in value]
+    return value
+
+
+def _build(kind: Any, data: Any, where: str) -> Any:
+    """`data` from YAML as a value of the schema's type `kind`; `where` is the key's path for messages."""
+    if dataclasses.is_dataclass(kind):
+        return _build_dataclass(kind, data, where)
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin is tuple:
+        return _build_tuple(arguments, data, where)
+    if origin is types.UnionType:
+        return None if data is None else _build(arguments[0], data, where)
+    if kind is float:
+        if isinstance(data, bool) or not isinstance(data, int | float):
+            raise ProfileError(f"{where}: expected a number, found {data!r}{_number_hint(data)}")
+        return float(data)
+    if not isinstance(data, kind) or isinstance(data, bool):
+        raise ProfileError(f"{where}: expected {kind.__name__}, found {data!r}")
+    return data
+
+
+def _number_hint(data: Any) -> str:
+    looks_scientific = isinstance(data, str) and "e" in data.lower() and any(c.isdigit() for c in data)
+    return " (YAML reads exponents only as in 1.0e+6)" if looks_scientific else ""
+
+
+def _build_dataclass(kind: Any, data: Any, where: str) -> Any:
+    prefix = f"{where}." if where else ""
+    if not isinstance(data, dict):
+        raise ProfileError(f"{where}: expected a mapping, found {data!r}")
+    hints = typing.get_type_hints(kind)
+    unknown = sorted(str(key) for key in data if key not in hints)
+    missing = sorted(key for key in hints if key not in data)
+    if unknown or missing:
+        raise ProfileError(
+            f"{where or 'profile'}: missing keys {missing}, unknown keys {unknown}; it has {sorted(hints)}"
+        )
+    return kind(**{key: _build(hint, data[key], f"{prefix}{key}") for key, hint in hints.items()})
+
+
+def _build_tuple(arguments: tuple[Any, ...], data: Any, where: str) -> Any:
+    item = arguments[0]
+    if typing.get_origin(item) is tuple:  # (name, value) pairs, a mapping in YAML
+        value_kind: Any = typing.get_args(item)[1]
+        if not isinstance(data, dict):
+            raise ProfileError(f"{where}: expected a mapping, found {data!r}")
+        return tuple(
+            (_build(str, key, where), _build(value_kind, value, f"{where}.{key}")) for key, value in data.items()
+        )
+    if not isinstance(data, list):
+        raise ProfileError(f"{where}: expected a list, found {data!r}")
+    if arguments[-1] is not Ellipsis and len(data) != len(arguments):
+        raise ProfileError(f"{where}: expected {len(arguments)} values, found {len(data)}")
+    return tuple(_build(item, value, f"{where}[{i}]") for i, value in enumerate(data))
