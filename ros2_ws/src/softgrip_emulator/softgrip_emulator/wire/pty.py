@@ -17,7 +17,7 @@ import select
 import threading
 import tty
 from collections import deque
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Self
 
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, WireDevice
@@ -36,7 +36,7 @@ _BURST_S: Final = 0.002
 _JOIN_S: Final = 2.0
 
 _TCGETS2: Final = 0x802C542A
-"""Linux ioctl that reads custom speeds as well (asm-generic/ioctls.h); termios.tcgetattr knows the standard ones only."""
+"""Linux ioctl that reads custom speeds too (asm-generic/ioctls.h); termios.tcgetattr knows the standard ones only."""
 
 
 class PtyPort:
@@ -104,8 +104,9 @@ class PtyPort:
         os.close(self._wake_read)
         os.close(self._wake_write)
 
-    def __enter__(self) -> PtyPort:
-        return self.start()
+    def __enter__(self) -> Self:
+        self.start()
+        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -150,8 +151,7 @@ class PtyPort:
         while not self._stop.is_set():
             try:
                 self._serve_once(line)
-            except Exception:
-                # A device must never take its port down: the host would wait for ever without a word.
+            except Exception:  # noqa: BLE001  a device must never take its port down: the host would wait without a word
                 _log.exception("%s: the emulated device failed on this exchange", self.link.name)
                 line.reset()
 

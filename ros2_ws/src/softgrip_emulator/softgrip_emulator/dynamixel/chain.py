@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several servos on one half-duplex bus: who answers which packet, in which order, and when."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Final
+
+from softgrip_emulator.dynamixel.packets import (
+    BROADCAST_ID,
+    Instruction,
+    Packet,
+    PacketReader,
+    StatusError,
+    encode_fast_status,
+    encode_status,
+)
+from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from softgrip_emulator.dynamixel.servo import Reply, Servo
+
+_PACKET_GAP_S: Final = 0.05
+"""A packet interrupted for longer is forgotten (assumption: the e-manual gives no figure)."""
+_STATUS_OVERHEAD_BYTES: Final = 11
+_MAX_STATUS_BYTES: Final = 1024
+_FULL_RESET: Final = b"\xff"
+
+
+class DynamixelChain:
+    """The device end of a servo bus (a `WireDevice`).
+
+    Args:
+        servos: in the order of the cable; replies to a broadcast ping come in the order of their IDs.
+        lock: held while servos are read or changed; the plant holds the same one while it steps them.
+        before: called with the time [s] of each packet, so that the plant can catch up before it is answered.
+    """
+
+    def __init__(
+        self,
+        servos: Sequence[Servo],
+        *,
+        lock: threading.RLock | None = None,
+        before: Callable[[float], None] | None = None,
+    ) -> None:
+        self.servos = list(servos)
+        self._lock = lock or threading.RLock()
+        self._before = before
+        self._reader = PacketReader()
+        self._last_byte_s = 0.0
+        self.packets_seen = 0
+
+    def opened(self, now_s: float) -> Sequence[Chunk]:
+        """Servos do not care who opens the port."""
+        self._reader.reset()
+        self._last_byte_s = now_s
+        return []
+
+    def due_s(self) -> float | None:
+        """Servos speak only when spoken to."""
+        return None
+
+    def exchange(self, data: bytes, now_s: float, baud: int) -> Sequence[Chunk]:
+        """Bytes from the host to replies of the servos."""
+        if self._reader.pending and now_s - self._last_byte_s > _PACKET_GAP_S:
+            self._reader.reset()
+        self._last_byte_s = now_s
+        chunks: list[Chunk] = []
+        for packet in self._reader.feed(data):
+            self.packets_seen += 1
+            if self._before is not None:
+                self._before(now_s)
+            with self._lock:
+                chunks += self._answer(packet, now_s, baud)
+        return chunks
+
+    # -- who answers -----------------------------------------------------------------------------------------------
+
+    def _listening(self, now_s: float, baud: int) -> list[Servo]:
+        return [servo for servo in self.servos if servo.listens(now_s, baud)]
+
+    def _answer(self, packet: Packet, now_s: float, baud: int) -> list[Chunk]:
+        listening = self._listening(now_s, baud)
+        if not packet.crc_ok:
+            return [
+                self._status(servo, StatusError.CRC, b"", now_s)
+                for servo in listening
+                if servo.device_id == packet.device_id and servo.answers(packet.instruction)
+            ]
+        for servo in listening:
+            servo.heard(now_s)
+        if packet.device_id == BROADCAST_ID:
+            return self._broadcast(packet, listening, now_s, baud)
+        chunks = []
+        for servo in listening:
+            if servo.device_id != packet.device_id:
+                continue
+            may_answer = servo.answers(packet.instruction)
+            delay_s = servo.return_delay_s
+            reply = servo.execute(packet, now_s)
+            if may_answer:
+                # The reply carries the ID the instruction was addressed to, also when that instruction changed it.
+                chunks.append(Chunk(encode_status(packet.device_id, reply.error, reply.parameters), now_s + delay_s))
+        return chunks
+
+    def _broadcast(self, packet: Packet, listening: list[Servo], now_s: float, baud: int) -> list[Chunk]:
+        match packet.instruction:
+            case Instruction.PING:
+                return self._in_turn(sorted(listening, key=lambda s: s.device_id), packet, now_s, baud)
+            case Instruction.SYNC_READ | Instruction.FAST_SYNC_READ:
+                requests = _sync_requests(packet.parameters)
+                return self._group_read(packet, requests, listening, now_s, baud)
+            case Instruction.BULK_READ | Instruction.FAST_BULK_READ:
+                return self._group_read(packet, _bulk_requests(packet.parameters), listening, now_s, baud)
+            case Instruction.SYNC_WRITE:
+                self._group_write(_sync_writes(packet.parameters), listening, now_s)
+            case Instruction.BULK_WRITE:
+                self._group_write(_bulk_writes(packet.parameters), listening, now_s)
+            case Instruction.FACTORY_RESET if packet.parameters == _FULL_RESET:
+                # Firmware 42 and newer refuses to make every servo ID 1 at once.
+                pass
+            case _:
+                for servo in listening:
+                    servo.execute(packet, now_s)
+        return []
+
+    def _in_turn(self, servos: list[Servo], packet: Packet, now_s: float, baud: int) -> list[Chunk]:
+        chunks = []
+        start_s = now_s
+        for servo in servos:
+            reply = servo.execute(packet, now_s)
+            chunk = self._status(servo, reply.error, reply.parameters, start_s)
+            chunks.append(chunk)
+            start_s = chunk.start_s + len(chunk.data) * BITS_PER_BYTE / baud
+        return chunks
+
+    def _group_read(
+        self, packet: Packet, requests: list[tuple[int, int, int]], listening: list[Servo], now_s: float, baud: int
+    ) -> list[Chunk]:
+        by_id = {servo.device_id: servo for servo in listening}
+        ids = [device_id for device_id, _, _ in requests]
+        if len(set(ids)) != len(ids):
+            # An ID may appear once only; a servo cannot know which of its turns to take.
+            return []
+        if packet.instruction in {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}:
+            return self._fast_read(requests, by_id, now_s)
+        chunks = []
+        start_s = now_s
+        for device_id, address, length in requests:
+            servo = by_id.get(device_id)
+            if servo is None or not servo.answers(packet.instruction):
+                # Those behind a missing servo wait as long as its answer would have taken, then take their turn
+                # (assumption: the e-manual does not say).
+                start_s += 5e-4 + (_STATUS_OVERHEAD_BYTES + length) * BITS_PER_BYTE / baud
+                continue
+            reply = servo.read_for_host(address, length, now_s)
+            chunk = self._status(servo, reply.error, reply.parameters, start_s)
+            chunks.append(chunk)
+            start_s = chunk.start_s + len(chunk.data) * BITS_PER_BYTE / baud
+        return chunks
+
+    def _fast_read(self, requests: list[tuple[int, int, int]], by_id: dict[int, Servo], now_s: float) -> list[Chunk]:
+        if any(servo.device_id in by_id and not servo.model.has_fast_sync_read for servo in self.servos):
+            return []
+        replies: list[tuple[int, int, bytes]] = []
+        complete = True
+        delay_s = 0.0
+        for device_id, address, length in requests:
+            servo = by_id.get(device_id)
+            reply: Reply | None = None if servo is None else servo.read_for_host(address, length, now_s)
+            if servo is None or reply is None or not servo.answers(Instruction.FAST_SYNC_READ):
+                complete = False
+                replies.append((0, device_id, bytes(length)))
+                break
+            delay_s = max(delay_s, servo.return_delay_s)
+            replies.append((reply.error, device_id, reply.parameters or bytes(length)))
+        if not complete:
+            # Each servo continues the packet of the one before: behind a missing servo the packet breaks off. The
+            # length field was sent for all of them.
+            filler = [(0, device_id, bytes(length)) for device_id, _, length in requests[len(replies) :]]
+            pieces = encode_fast_status(replies + filler)[: len(replies) - 1]
+        else:
+            pieces = encode_fast_status(replies)
+        data = b"".join(pieces)
+        return [Chunk(data, now_s + delay_s)] if 0 < len(data) <= _MAX_STATUS_BYTES else []
+
+    @staticmethod
+    def _group_write(writes: list[tuple[int, int, bytes]], listening: list[Servo], now_s: float) -> None:
+        by_id = {servo.device_id: servo for servo in listening}
+        for device_id, address, data in writes:
+            if device_id in by_id:
+                by_id[device_id].write_for_host(address, data, now_s)
+
+    @staticmethod
+    def _status(servo: Servo, error: int, parameters: bytes, start_s: float) -> Chunk:
+        return Chunk(encode_status(servo.device_id, error, parameters), start_s + servo.return_delay_s)
+
+
+# -- parameters of group instructions: (id, address, length) or (id, address, data); malformed ones give nothing ------
+
+
+def _sync_requests(parameters: bytes) -> list[tuple[int, int, int]]:
+    if len(parameters) < 5:
+        return []
+    address, length = _u16(parameters, 0), _u16(parameters, 2)
+    return [(device_id, address, length) for device_id in parameters[4:]]
+
+
+def _bulk_requests(parameters: bytes) -> list[tuple[int, int, int]]:
+    if len(parameters) % 5:
+        return []
+    return [(parameters[i], _u16(parameters, i + 1), _u16(parameters, i + 3)) for i in range(0, len(parameters), 5)]
+
+
+def _sync_writes(parameters: bytes) -> list[tuple[int, int, bytes]]:
+    if len(parameters) < 5:
+        return []
+    address, length = _u16(parameters, 0), _u16(parameters, 2)
+    stride = length + 1
+    if (len(parameters) - 4) % stride:
+        return []
+    return [(parameters[i], address, parameters[i + 1 : i + stride]) for i in range(4, len(parameters), stride)]
+
+
+def _bulk_writes(parameters: bytes) -> list[tuple[int, int, bytes]]:
+    def entries() -> Iterator[tuple[int, int, bytes]]:
+        place = 0
+        while place < len(parameters):
+            if len(parameters) - place < 5:
+                raise ValueError
+            length = _u16(parameters, place + 3)
+            data = parameters[place + 5 : place + 5 + length]
+            if len(data) != length:
+                raise ValueError
+            yield parameters[place], _u16(parameters, place + 1), data
+            place += 5 + length
+
+    try:
+        return list(entries())
+    except ValueError:
+        return []
+
+
+def _u16(data: bytes, place: int) -> int:
+    return int.from_bytes(data[place : place + 2], "little")

@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One X-series servo: executes instructions on its registers and behaves as its firmware does.
+
+Behaviours beyond the plain table are those of the e-manual and of users' reports: mode changes reset gains and goals, the
+turn count is lost with power, shutdown, bus watchdog, silence while rebooting.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from softgrip_emulator.dynamixel.motion import (
+    POSITION_MODES,
+    PULSES_PER_S_PER_VELOCITY_UNIT,
+    Drive,
+    Mode,
+    Motion,
+)
+from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
+from softgrip_emulator.dynamixel.registers import Registers, WriteRefusedError
+from softgrip_emulator.dynamixel.table import (
+    BAUD_OF_REGISTER,
+    PULSES_PER_TURN,
+    PWM_FULL_SCALE,
+    VELOCITY_UNIT_RPM,
+    ServoModel,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+REBOOT_SILENCE_S: Final = 0.4
+"""Measured by a user on an XC330 (emanual#1698); ROBOTIS gives no figure."""
+_RAD_PER_PULSE: Final = 2.0 * math.pi / PULSES_PER_TURN
+_WATCHDOG_UNIT_S: Final = 0.02
+_TICK_MODULO: Final = 32768
+_REVERSE: Final = 0x01
+_TORQUE_ON_BY_GOAL: Final = 0x08
+_STARTUP_TORQUE_ON: Final = 0x01
+_CLEAR_KEY: Final = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
+_BACKUP_KEY: Final = bytes([0x43, 0x54, 0x52, 0x4C])
+_RESET_KEEPS: Final = {
+    0xFF: frozenset[str](),
+    0x01: frozenset({"id"}),
+    0x02: frozenset({"id", "baud_rate"}),
+}
+_OVERLOAD_SHARE: Final = 0.75
+"""Share of the stall current that the overload watch takes as too much for long (assumption, no data sheet)."""
+_OVERLOAD_TIME_S: Final = 2.5
+_GAIN_ITEMS: Final = (
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+    "profile_acceleration",
+    "profile_velocity",
+)
+
+
+class HardwareError:
+    """Bits of Hardware Error Status (70)."""
+
+    INPUT_VOLTAGE: Final = 0x01
+    OVERHEATING: Final = 0x04
+    MOTOR_ENCODER: Final = 0x08
+    ELECTRICAL_SHOCK: Final = 0x10
+    OVERLOAD: Final = 0x20
+
+
+@dataclass(slots=True)
+class Shaft:
+    """Where servo and plant meet: the plant writes what is, the servo reads it as its sensors would.
+
+    Angle counts all turns and grows as the spool winds; the servo's encoder knows it only within one turn.
+    """
+
+    angle_rad: float = 0.0
+    velocity_rad_s: float = 0.0
+    current_a: float = 0.0
+    duty: float = 0.0
+    supply_v: float = 5.0
+    temperature_c: float = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Status a servo gives: error field and parameters."""
+
+    error: int
+    parameters: bytes = b""
+
+
+class Servo:
+    """Registers, firmware and encoder of one servo.
+
+    `execute` is called for each packet it must obey, `step` by the plant. Both on the same lock (the cell's).
+    """
+
+    def __init__(self, model: ServoModel, device_id: int, *, baud: int = 57_600, return_delay_us: int = 500) -> None:
+        self.model = model
+        self.registers = Registers(model)
+        self.shaft = Shaft(supply_v=model.motor.nominal_voltage_v)
+        self.registers.put("id", device_id)
+        self.registers.put("baud_rate", _baud_register(baud))
+        self.registers.put("return_delay_time", return_delay_us // 2)
+        self._motion = Motion(self.registers)
+        self._fold_pulses = 0
+        self._silent_until_s = 0.0
+        self._powered_since_s = 0.0
+        self._last_packet_s = 0.0
+        self._overload_s = 0.0
+        self._registered: tuple[int, bytes] | None = None
+        self._backup: bytes | None = None
+        self.position_glitch_pulses = 0
+        self.forced_error_bits = 0
+        self.silenced = False
+        self._fold()
+
+    # -- on the bus ------------------------------------------------------------------------------------------------
+
+    @property
+    def device_id(self) -> int:
+        """ID on the bus."""
+        return self.registers.get("id")
+
+    @property
+    def baud(self) -> int:
+        """The speed it listens at [bit/s]."""
+        return BAUD_OF_REGISTER[self.registers.get("baud_rate")]
+
+    @property
+    def return_delay_s(self) -> float:
+        """Pause before a status packet."""
+        return self.registers.get("return_delay_time") * 2e-6
+
+    def listens(self, now_s: float, baud: int) -> bool:
+        """Whether it hears a packet now: powered, booted, same speed, not made silent by a fault."""
+        return not self.silenced and self.powered and now_s >= self._silent_until_s and baud == self.baud
+
+    @property
+    def powered(self) -> bool:
+        """Whether the supply keeps its processor alive."""
+        return self.shaft.supply_v > self.model.motor.brown_out_v
+
+    @property
+    def _alert(self) -> int:
+        return ALERT if self.registers.get("hardware_error_status") else 0
+
+    def heard(self, now_s: float) -> None:
+        """Any instruction packet on the bus feeds the watchdog."""
+        self._last_packet_s = now_s
+
+    def read_for_host(self, address: int, length: int, now_s: float) -> Reply:
+        """Read registers for Read, Sync Read, Bulk Read."""
+        self._refresh(now_s)
+        data = self.registers.read(address, length)
+        if data is None:
+            return Reply(StatusError.ACCESS | self._alert)
+        return Reply(self._alert, data)
+
+    def write_for_host(self, address: int, data: bytes, now_s: float) -> Reply:
+        """Write registers for Write, Sync Write, Bulk Write."""
+        try:
+            assignments = self.registers.check(address, data)
+        except WriteRefusedError as refusal:
+            return Reply(refusal.error | self._alert)
+        self.registers.assign(assignments, lambda name, before: self._react(name, before, now_s))
+        return Reply(self._alert)
+
+    def answers(self, instruction: int) -> bool:
+        """Whether the Status Return Level lets it answer."""
+        level = self.registers.get("status_return_level")
+        if instruction == Instruction.PING:
+            return True
+        reads = {
+            Instruction.READ,
+            Instruction.SYNC_READ,
+            Instruction.BULK_READ,
+            Instruction.FAST_SYNC_READ,
+            Instruction.FAST_BULK_READ,
+        }
+        return level >= (1 if instruction in reads else 2)
+
+    def execute(self, packet: Packet, now_s: float) -> Reply:
+        """Obey one instruction that is addressed to this servo alone or to all."""
+        handlers: dict[int, Callable[[bytes, float], Reply]] = {
+            Instruction.PING: self._ping,
+            Instruction.READ: self._read,
+            Instruction.WRITE: self._write,
+            Instruction.REG_WRITE: self._reg_write,
+            Instruction.ACTION: self._action,
+            Instruction.FACTORY_RESET: self._factory_reset,
+            Instruction.REBOOT: self._reboot,
+            Instruction.CLEAR: self._clear,
+            Instruction.CONTROL_TABLE_BACKUP: self._control_table_backup,
+        }
+        handler = handlers.get(packet.instruction)
+        if handler is None:
+            return Reply(StatusError.INSTRUCTION | self._alert)
+        return handler(packet.parameters, now_s)
+
+    def _ping(self, _: bytes, __: float) -> Reply:
+        return Reply(self._alert, self.model.number.to_bytes(2, "little") + bytes([self.model.firmware]))
+
+    def _read(self, parameters: bytes, now_s: float) -> Reply:
+        if len(parameters) != 4:
+            return Reply(StatusError.DATA_LENGTH | self._alert)
+        return self.read_for_host(_u16(parameters), _u16(parameters[2:]), now_s)
+
+    def _write(self, parameters: bytes, now_s: float) -> Reply:
+        if len(parameters) < 3:
+            return Reply(StatusError.DATA_LENGTH | self._alert)
+        return self.write_for_host(_u16(parameters), parameters[2:], now_s)
+
+    def _reg_write(self, parameters: bytes, _: float) -> Reply:
+        if len(parameters) < 3:
+            return Reply(StatusError.DATA_LENGTH | self._alert)
+        address, data = _u16(parameters), parameters[2:]
+        try:
+            self.registers.check(address, data)
+        except WriteRefusedError as refusal:
+            return Reply(refusal.error | self._alert)
+        self._registered = (address, data)
+        self.registers.put("registered_instruction", 1)
+        return Reply(self._alert)
+
+    def _action(self, _: bytes, now_s: float) -> Reply:
+        if self._registered is None:
+            return Reply(StatusError.INSTRUCTION | self._alert)
+        (address, data), self._registered = self._registered, None
+        self.registers.put("registered_instruction", 0)
+        return self.write_for_host(address, data, now_s)
+
+    def _factory_reset(self, parameters: bytes, now_s: float) -> Reply:
+        if len(parameters) != 1:
+            return Reply(StatusError.DATA_LENGTH | self._alert)
+        keep = _RESET_KEEPS.get(parameters[0])
+        if keep is None:
+            return Reply(StatusError.DATA_RANGE | self._alert)
+        reply = Reply(self._alert)
+        self.registers.factory_reset(keep)
+        self.lose_power(now_s)
+        return reply
+
+    def _reboot(self, _: bytes, now_s: float) -> Reply:
+        reply = Reply(self._alert)
+        self.lose_power(now_s)
+        return reply
+
+    def _clear(self, parameters: bytes, _: float) -> Reply:
+        if parameters != _CLEAR_KEY:
+            return Reply(StatusError.DATA_RANGE | self._alert)
+        if self._moving():
+            return Reply(StatusError.RESULT_FAIL | self._alert)
+        self._fold()
+        return Reply(self._alert)
+
+    def _control_table_backup(self, parameters: bytes, now_s: float) -> Reply:
+        if len(parameters) != 5 or parameters[1:] != _BACKUP_KEY or parameters[0] not in {1, 2}:
+            return Reply(StatusError.DATA_RANGE | self._alert)
+        if self.registers.get("torque_enable"):
+            return Reply(StatusError.RESULT_FAIL | self._alert)
+        if parameters[0] == 1:
+            self._backup = self.registers.snapshot()
+            if self.registers.has("backup_ready"):
+                self.registers.put("backup_ready", 1)
+            return Reply(self._alert)
+        if self._backup is None:
+            return Reply(StatusError.RESULT_FAIL | self._alert)
+        reply = Reply(self._alert)
+        self.registers.restore(self._backup)
+        self.lose_power(now_s)
+        return reply
+
+    # -- firmware behaviour ----------------------------------------------------------------------------------------
+
+    def _react(self, name: str, before: int, now_s: float) -> None:
+        """Side effects of a write (e-manual, notes of the items)."""
+        registers = self.registers
+        if name == "torque_enable":
+            self._torque_switched(on=bool(registers.get(name)), was_on=bool(before), now_s=now_s)
+        elif name == "operating_mode" and registers.get(name) != before:
+            self._mode_changed()
+        elif name == "bus_watchdog":
+            self._last_packet_s = now_s
+        elif name == "goal_position" and registers.get("drive_mode") & _TORQUE_ON_BY_GOAL:
+            goal = registers.get("goal_position")
+            if not registers.get("torque_enable"):
+                registers.put("torque_enable", 1)
+                self._torque_switched(on=True, was_on=False, now_s=now_s)
+                registers.put("goal_position", goal)
+
+    def _torque_switched(self, *, on: bool, was_on: bool, now_s: float) -> None:
+        if on and self.registers.get("hardware_error_status") & self.registers.get("shutdown"):
+            # Shut down: only a reboot brings the torque back.
+            self.registers.put("torque_enable", 0)
+            return
+        if on and not was_on:
+            if self.registers.get("operating_mode") == Mode.POSITION:
+                self._fold()
+            self._last_packet_s = now_s
+            present = self._present_pulses()
+            self.registers.put("goal_position", round(present))
+            self._motion.restart(present)
+
+    def _mode_changed(self) -> None:
+        for item in self.model.items:
+            if item.name in _GAIN_ITEMS:
+                self.registers.put(item.name, item.default)
+        self.registers.put("goal_pwm", self.registers.get("pwm_limit"))
+        self.registers.put("goal_current", self.registers.get("current_limit"))
+        self.registers.put("goal_velocity", 0)
+        if self.registers.get("operating_mode") == Mode.POSITION:
+            self._fold()
+        self._motion.restart(self._present_pulses())
+
+    def lose_power(self, now_s: float) -> None:
+        """Reboot or supply failure: RAM and turn count are gone, silence while it boots, errors are cleared."""
+        self._silent_until_s = now_s + REBOOT_SILENCE_S
+        self._powered_since_s = self._silent_until_s
+        self._registered = None
+        self._overload_s = 0.0
+        self.forced_error_bits = 0
+        self.registers.lose_power()
+        self._fold()
+        self.registers.put("goal_position", round(self._present_pulses()))
+        if self.registers.get("startup_configuration") & _STARTUP_TORQUE_ON:
+            self.registers.put("torque_enable", 1)
+        self._motion.restart(self._present_pulses())
+
+    def step(self, now_s: float, dt_s: float) -> Drive:
+        """One step of the firmware: watchdogs and shutdown, then the loop. Returns what the power stage is told."""
+        self._watch_health(dt_s)
+        if not self.registers.get("torque_enable") or now_s < self._silent_until_s or not self.powered:
+            return Drive()
+        self._watch_bus(now_s)
+        sign = self._direction
+        velocity = sign * self.shaft.velocity_rad_s / _RAD_PER_PULSE
+        follow = self.registers.get("bus_watchdog") != -1
+        drive = self._motion.drive(self._present_pulses(), velocity, dt_s, follow=follow)
+        return Drive(sign * drive.duty, drive.current_limit_a)
+
+    def _watch_bus(self, now_s: float) -> None:
+        timeout = self.registers.get("bus_watchdog")
+        if timeout > 0 and now_s - self._last_packet_s > timeout * _WATCHDOG_UNIT_S:
+            self.registers.put("bus_watchdog", -1)
+            self._motion.stop_at(self._present_pulses())
+
+    def _watch_health(self, dt_s: float) -> None:
+        registers, shaft = self.registers, self.shaft
+        bits = registers.get("hardware_error_status") | self.forced_error_bits
+        tenths = shaft.supply_v * 10.0
+        if not registers.get("min_voltage_limit") - 0.5 <= tenths <= registers.get("max_voltage_limit") + 0.5:
+            bits |= HardwareError.INPUT_VOLTAGE
+        if shaft.temperature_c > registers.get("temperature_limit"):
+            bits |= HardwareError.OVERHEATING
+        heavy = abs(shaft.current_a) > _OVERLOAD_SHARE * self.model.motor.stall_current_a
+        self._overload_s = self._overload_s + dt_s if heavy else max(0.0, self._overload_s - dt_s)
+        if self._overload_s > _OVERLOAD_TIME_S:
+            bits |= HardwareError.OVERLOAD
+        if bits:
+            registers.put("hardware_error_status", bits)
+            if bits & registers.get("shutdown"):
+                registers.put("torque_enable", 0)
+
+    # -- encoder ---------------------------------------------------------------------------------------------------
+
+    @property
+    def _direction(self) -> float:
+        return -1.0 if self.registers.get("drive_mode") & _REVERSE else 1.0
+
+    def _raw_pulses(self) -> float:
+        return self.shaft.angle_rad / _RAD_PER_PULSE
+
+    def _fold(self) -> None:
+        """The encoder knows the angle within one turn only: forget the turns."""
+        self._fold_pulses = math.floor(self._raw_pulses() / PULSES_PER_TURN) * PULSES_PER_TURN
+
+    def _present_pulses(self) -> float:
+        return self._direction * (self._raw_pulses() - self._fold_pulses) + self.registers.get("homing_offset")
+
+    def _moving(self) -> bool:
+        speed_rpm = abs(self.shaft.velocity_rad_s) * 60.0 / (2.0 * math.pi)
+        return speed_rpm > self.registers.get("moving_threshold") * VELOCITY_UNIT_RPM
+
+    def _refresh(self, now_s: float) -> None:
+        """Bring the read-only items up to date."""
+        registers, shaft, sign = self.registers, self.shaft, self._direction
+        put = registers.put
+        position = math.floor(self._present_pulses() + 0.5) + self.position_glitch_pulses
+        put("present_position", position)
+        put("present_velocity", round(sign * shaft.velocity_rad_s / _RAD_PER_PULSE / PULSES_PER_S_PER_VELOCITY_UNIT))
+        put("present_current", round(sign * shaft.current_a / self.model.motor.current_unit_a))
+        put("present_pwm", round(sign * shaft.duty * PWM_FULL_SCALE))
+        put("present_input_voltage", max(0, round(shaft.supply_v * 10.0)))
+        put("present_temperature", max(0, min(255, round(shaft.temperature_c))))
+        put("realtime_tick", int((now_s - self._powered_since_s) * 1000.0) % _TICK_MODULO)
+        put("moving", int(self._moving()))
+        put("velocity_trajectory", round(self._motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT))
+        put("position_trajectory", round(self._motion.position))
+        in_position = registers.get("operating_mode") in POSITION_MODES and (
+            abs(registers.get("goal_position") - position) <= registers.get("moving_threshold")
+        )
+        profile = 0x02 | (0x30 if registers.get("profile_acceleration") else 0x10)
+        put("moving_status", int(in_position) | (profile if self._motion.profile_active else 0))
+
+
+def _u16(data: bytes) -> int:
+    return int.from_bytes(data[:2], "little")
+
+
+def _baud_register(baud: int) -> int:
+    for register, speed in BAUD_OF_REGISTER.items():
+        if speed == baud:
+            return register
+    raise ValueError(f"baud: expected one of {sorted(BAUD_OF_REGISTER.values())}, found {baud}")

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Control tables of the X series as data: which item stands where, who may write it, what it starts with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from softgrip_emulator.errors import EmulatorError
+
+_FOLDER: Final = Path(__file__).parent / "models"
+EEPROM_END: Final = 64
+"""Addresses below keep their value without power and can be written only with torque off."""
+BAUD_OF_REGISTER: Final = {
+    0: 9_600,
+    1: 57_600,
+    2: 115_200,
+    3: 1_000_000,
+    4: 2_000_000,
+    5: 3_000_000,
+    6: 4_000_000,
+    7: 4_500_000,
+}
+PULSES_PER_TURN: Final = 4096
+VELOCITY_UNIT_RPM: Final = 0.229
+ACCELERATION_UNIT_REV_PER_MIN2: Final = 214.577
+PWM_FULL_SCALE: Final = 885
+LIMITED_BY: Final = {
+    "goal_pwm": "pwm_limit",
+    "goal_current": "current_limit",
+    "goal_velocity": "velocity_limit",
+}
+"""Items whose magnitude may not exceed that of a Limit item (Data Limit Error)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One item of a control table; `low` and `high` bound its own range."""
+
+    name: str
+    address: int
+    size: int
+    writable: bool
+    signed: bool
+    low: int
+    high: int
+    default: int
+
+    @property
+    def end(self) -> int:
+        """First address behind the item."""
+        return self.address + self.size
+
+
+@dataclass(frozen=True, slots=True)
+class IndirectBlock:
+    """`count` Indirect Address items of two bytes each and as many Indirect Data bytes."""
+
+    addresses: int
+    data: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class MotorRatings:
+    """Motor and gear as the plant needs them, at the output shaft; units are in the names."""
+
+    current_unit_a: float
+    nominal_voltage_v: float
+    stall_torque_nm: float
+    stall_current_a: float
+    no_load_speed_rpm: float
+    gear_friction_nm: float
+    gear_viscous_nms: float
+    inertia_kgm2: float
+    heat_capacity_j_per_k: float
+    thermal_resistance_k_per_w: float
+    brown_out_v: float
+
+    @property
+    def resistance_ohm(self) -> float:
+        """Winding resistance from the stall point."""
+        return self.nominal_voltage_v / self.stall_current_a
+
+    @property
+    def torque_constant_nm_per_a(self) -> float:
+        """Output torque per current, gear friction aside."""
+        return (self.stall_torque_nm + self.gear_friction_nm) / self.stall_current_a
+
+    @property
+    def back_emf_vs_per_rad(self) -> float:
+        """From the no-load point: the voltage that is left after the friction current."""
+        speed = self.no_load_speed_rpm * 0.10471975512
+        friction_nm = self.gear_friction_nm + self.gear_viscous_nms * speed
+        friction_drop_v = self.resistance_ohm * friction_nm / self.torque_constant_nm_per_a
+        return (self.nominal_voltage_v - friction_drop_v) / speed
+
+
+@dataclass(frozen=True, slots=True)
+class ServoModel:
+    """A servo model: its control table and its motor."""
+
+    name: str
+    number: int
+    firmware: int
+    items: tuple[Item, ...]
+    indirect: tuple[IndirectBlock, ...]
+    operating_modes: frozenset[int]
+    motor: MotorRatings
+
+    @property
+    def size(self) -> int:
+        """First address behind the table."""
+        return max([item.end for item in self.items] + [block.data + block.count for block in self.indirect])
+
+    @property
+    def has_fast_sync_read(self) -> bool:
+        """Fast Sync and Bulk Read came with firmware 46 (X330) and 45 (X430)."""
+        return self.firmware >= 46
+
+
+def available_models() -> list[str]:
+    """File names of the models that are described."""
+    return sorted(path.stem for path in _FOLDER.glob("*.yaml") if path.stem != "x_series")
+
+
+@cache
+def load_model(name: str) -> ServoModel:
+    """Read a model by name ("XL330-M288") or file name ("xl330_m288").
+
+    Raises:
+        EmulatorError: no such model.
+    """
+    stem = name.lower().replace("-", "_")
+    if stem not in available_models():
+        raise EmulatorError(f"servo model: expected one of {available_models()}, found '{name}'")
+    own = yaml.safe_load((_FOLDER / f"{stem}.yaml").read_text())
+    series = yaml.safe_load((_FOLDER / "x_series.yaml").read_text())
+    defaults = {**own["defaults"], "model_number": own["number"], "firmware_version": own["firmware"]}
+    defaults.setdefault("status_return_level", 2)
+    # Goals start at their limits (e-manual, "Goal PWM(100)", "Goal Current(102)").
+    defaults["goal_pwm"] = own["defaults"]["pwm_limit"]
+    defaults["goal_current"] = own["defaults"]["current_limit"]
+    absent = set(own.get("absent", []))
+    items = [_item(row, defaults, own.get("ranges", {})) for row in series["items"] if row[2] not in absent]
+    blocks = tuple(IndirectBlock(**block) for block in own["indirect"])
+    items += [_indirect_address(block, index) for block in blocks for index in range(block.count)]
+    return ServoModel(
+        name=own["name"],
+        number=own["number"],
+        firmware=own["firmware"],
+        items=tuple(sorted(items, key=lambda item: item.address)),
+        indirect=blocks,
+        operating_modes=frozenset(own["operating_modes"]),
+        motor=MotorRatings(**own["motor"]),
+    )
+
+
+def _item(row: list[Any], defaults: dict[str, int], ranges: dict[str, list[int]]) -> Item:
+    address, size, name, access, low, high, flags = row
+    signed = "s" in flags
+    low, high = ranges.get(name, [low, high])
+    bits = 8 * size
+    return Item(
+        name=name,
+        address=address,
+        size=size,
+        writable=access == "rw",
+        signed=signed,
+        low=low if low is not None else (-(1 << (bits - 1)) if signed else 0),
+        high=high if high is not None else ((1 << (bits - 1)) - 1 if signed else (1 << bits) - 1),
+        default=defaults.get(name, 0),
+    )
+
+
+def _indirect_address(block: IndirectBlock, index: int) -> Item:
+    # Each entry starts out pointing at its own data byte (e-manual, "Indirect Address").
+    return Item(
+        name=f"indirect_address_{block.addresses + 2 * index}",
+        address=block.addresses + 2 * index,
+        size=2,
+        writable=True,
+        signed=False,
+        low=EEPROM_END,
+        high=661,
+        default=block.data + index,
+    )
