@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "softgrip_cell": {"softgrip_model"},
     "softgrip_bag": set(),
     "softgrip_bringup": set(),
-    "softgrip_demo": {"softgrip_model", "softgrip_cell", "softgrip_bag"},
+    "softgrip_demo": {"softgrip_model", "softgrip_vision"},
 }
 
 

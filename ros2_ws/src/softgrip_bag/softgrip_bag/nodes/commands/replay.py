@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Feed a bag through the real code of a node and compare every output with the recorded one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.through import NODES, check
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point: 0 identical, 1 a difference, 2 the bag or the node cannot be used."""
+    parser = argparse.ArgumentParser(
+        prog="ros2 run softgrip_bag replay",
+        description=__doc__,
+        epilog="Exit code 0: identical; 1: a difference, the first one is printed; 2: bag or node cannot be used.",
+    )
+    parser.add_argument("bag", type=Path, help="folder of the bag, or one .mcap file")
+    parser.add_argument("--through", choices=sorted(NODES), required=True, help="node to feed")
+    parser.add_argument("--check", action="store_true", help="compare with the recorded outputs")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options, ros_arguments = parser.parse_known_args(args)
+    try:
+        result = check(options.bag, options.through, [a for a in ros_arguments if a != "--ros-args"])
+    except BagError as error:
+        print(error, file=sys.stderr)
+        return 2
+    detail = str(result.divergence) if result.divergence else ""
+    if options.json:
+        print(json.dumps({"compared": result.compared, "identical": result.identical, "detail": detail}))
+    elif result.identical:
+        print(f"{result.compared} outputs of {options.through} compared: identical")
+    else:
+        print(detail or f"expected outputs of {options.through} in the bag, found none to compare")
+    return 0 if result.identical else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

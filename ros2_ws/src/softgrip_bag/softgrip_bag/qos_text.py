@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Offered QoS as rosbag2 writes it (words, bag metadata version 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+INFINITE = {"sec": 9223372036, "nsec": 854775807}
+
+
+@dataclass(frozen=True)
+class OfferedQos:
+    """What a publisher offers, as far as a subscription must match it."""
+
+    reliability: str = "reliable"  # or "best_effort"
+    durability: str = "volatile"  # or "transient_local"
+    history: str = "keep_last"  # or "keep_all"
+    depth: int = 10
+
+    def as_map(self) -> dict[str, Any]:
+        """Return the mapping that rosbag2 stores."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": dict(INFINITE),
+            "lifespan": dict(INFINITE),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(INFINITE),
+            "avoid_ros_namespace_conventions": False,
+        }

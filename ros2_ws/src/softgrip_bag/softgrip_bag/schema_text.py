@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The `ros2msg` schema text of a type: its definition followed by those of everything it contains.
+
+Source: MCAP specification, appendix "Schema encodings", `ros2msg`; the same text that rosbag2_storage_mcap writes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+from softgrip_bag.errors import BagError
+
+#: (package, kind, name) -> text of the .msg file; kind is "msg", "srv" or "action".
+FindInterface = Callable[[str, str, str], str]
+
+SEPARATOR = "=" * 80
+PRIMITIVES = frozenset(
+    ["bool", "byte", "char", "float32", "float64", "string", "wstring"]
+    + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+)
+_FIELD = re.compile(r"^\s*(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w*(?P<rest>.*)$")
+
+
+def schema_text(type_name: str, find: FindInterface) -> str:
+    """Return the schema text of a type.
+
+    Args:
+        type_name: e.g. "sensor_msgs/msg/JointState".
+        find: gives the text of an interface file.
+
+    Raises:
+        BagError: when a definition cannot be found.
+    """
+    package, kind, name = _split(type_name)
+    own = _action_parts(package, name, find) if kind == "action" else {name: find(package, kind, name)}
+    parts = [own[name].strip("\n")]
+    done = {(package, name)}
+    pending = list(referenced(parts[0], package))
+    while pending:
+        reference = pending.pop(0)
+        if reference in done:
+            continue
+        done.add(reference)
+        text = (own.get(reference[1]) or find(reference[0], "msg", reference[1])).strip("\n")
+        parts.append(f"{SEPARATOR}\nMSG: {reference[0]}/{reference[1]}\n{text}")
+        pending += referenced(text, reference[0])
+    return "\n".join(parts) + "\n"
+
+
+def referenced(text: str, package: str) -> Iterator[tuple[str, str]]:
+    """Yield (package, name) of every message type that a definition's fields name."""
+    for line in text.splitlines():
+        match = _FIELD.match(line.split("#", 1)[0])
+        if match is None or match["type"] in PRIMITIVES or match["rest"].lstrip().startswith("="):
+            continue
+        scope, _, name = match["type"].rpartition("/")
+        yield (scope.split("/")[0] if scope else package), name
+
+
+def _action_parts(package: str, name: str, find: FindInterface) -> dict[str, str]:
+    """Definitions that rosidl derives from an action for its feedback topic."""
+    action, _, suffix = name.rpartition("_")
+    if suffix != "FeedbackMessage":
+        raise BagError(f"expected the feedback message of an action, found {package}/action/{name}")
+    feedback = re.split(r"(?m)^---\s*$", find(package, "action", action))[2]
+    return {
+        name: f"unique_identifier_msgs/UUID goal_id\n{package}/{action}_Feedback feedback",
+        f"{action}_Feedback": feedback or "\n",
+    }
+
+
+def _split(type_name: str) -> tuple[str, str, str]:
+    parts = type_name.split("/")
+    if len(parts) != 3:
+        raise BagError(f"expected a type like 'std_msgs/msg/String', found {type_name!r}")
+    return parts[0], parts[1], parts[2]

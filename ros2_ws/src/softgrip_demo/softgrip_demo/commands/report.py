@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Turn a finished shift into its table, page and summary, after feeding its bag back through the predictor."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from softgrip_demo.record import RecordError, ShiftRecord
+from softgrip_demo.report import render
+from softgrip_demo.summary import ReplayCheck, summarise
+
+REPLAYED_NODE = "kinematics_predictor"
+
+
+def main() -> int:
+    """Entry point; the exit code is 0 when the shift is complete and its replay identical."""
+    parser = argparse.ArgumentParser(
+        prog="ros2 run softgrip_demo report",
+        description=__doc__,
+        epilog="Writes report.html and summary.json beside the record. Exit code 1: replay differs; 2: no usable record.",
+    )
+    parser.add_argument("folder", type=Path, help="folder of the shift, e.g. out/demo")
+    arguments = parser.parse_args()
+    try:
+        record = ShiftRecord.load(arguments.folder / "shift.json")
+    except RecordError as error:
+        print(error, file=sys.stderr)
+        return 2
+    replay = replay_check(Path(record.bag_path), REPLAYED_NODE)
+    start = time.monotonic()
+    summary = summarise(record, replay, 0.0)
+    page = render(record, summary, arguments.folder)
+    summary["wall_s"]["report"] = round(time.monotonic() - start, 3)
+    (arguments.folder / "report.html").write_text(page)
+    (arguments.folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    show(summary, arguments.folder)
+    return 0 if replay.identical else 1
+
+
+def replay_check(bag: Path, node: str) -> ReplayCheck:
+    """Feed a bag through a node's code by the replay command and return what it found."""
+    start = time.monotonic()
+    command = ["ros2", "run", "softgrip_bag", "replay", str(bag), "--through", node, "--check", "--json"]
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    wall = time.monotonic() - start
+    try:
+        found = json.loads(process.stdout)
+    except json.JSONDecodeError:
+        return ReplayCheck(node, 0, identical=False, detail=process.stderr.strip() or process.stdout.strip(), wall=wall)
+    return ReplayCheck(node, int(found["compared"]), bool(found["identical"]), str(found.get("detail", "")), wall)
+
+
+def show(summary: dict[str, Any], folder: Path) -> None:
+    """Print the shift as a table."""
+    console = Console()
+    grasps = Table(title="Grasps", title_justify="left")
+    for column in ("product", "fingers", "outcome", "Table 4.2", "result after"):
+        grasps.add_column(column, justify="right" if column == "result after" else "left")
+    for grasp in summary["grasps"]:
+        colour = "green" if grasp["agrees"] else "red"
+        latency = f"{grasp['latency_ms']} ms" if grasp["latency_ms"] is not None else "-"
+        grasps.add_row(grasp["product"], grasp["grasp"], f"[{colour}]{grasp['outcome']}[/]", grasp["expected"], latency)
+    console.print(grasps)
+    figures = Table(show_header=False, title="Shift", title_justify="left")
+    friction, bag, replay = summary["friction"], summary["bag"], summary["replay"]
+    figures.add_row(
+        "friction fit",
+        f"{friction['n_points']} points, error {friction['avg_error_pct']} % average, {friction['max_error_pct']} % maximum",
+    )
+    for closing in summary["closings"]:
+        figures.add_row(
+            f"closing {closing['grasp']}",
+            f"tip error {closing['tip_error_pct_mean']} % mean, {closing['tip_error_pct_max']} % max",
+        )
+    figures.add_row("shape", f"{summary['shape']['hexes']} hexahedra at {summary['shape']['rate_hz']} Hz")
+    figures.add_row("swaps", str(summary["swaps"]))
+    figures.add_row(
+        "bag", f"{bag['messages']} messages, {bag['topics']} topics, {bag['dropped']} dropped: {bag['path']}"
+    )
+    same = "identical" if replay["identical"] else f"[red]differs: {replay['detail']}[/]"
+    figures.add_row("replay", f"{replay['compared']} outputs of {replay['node']}: {same}")
+    figures.add_row("wall time", f"{sum(value for value in summary['wall_s'].values() if value):.1f} s")
+    console.print(figures)
+    console.print(f"Page: {folder / 'report.html'}   figures: {folder / 'summary.json'}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Services and actions of the cell as plain calls with a deadline."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from softgrip_demo.errors import ShiftError
+
+POLL = 0.05  # [s] between looks at a condition while the executor spins
+
+
+class CellLink:
+    """Calls services and actions of the cell from one thread, spinning the executor while it waits."""
+
+    def __init__(self, node: Node, executor: Executor) -> None:
+        self.node = node
+        self._executor = executor
+        self._service_clients: dict[str, Any] = {}
+        self._action_clients: dict[str, ActionClient] = {}
+
+    def until(self, condition: Callable[[], bool], timeout: float, expected: str) -> None:
+        """Spin until a condition holds.
+
+        Raises:
+            ShiftError: when it does not within ``timeout`` [s].
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                raise ShiftError(f"expected {expected} within {timeout:g} s, found nothing; see the log of the cell")
+            self._executor.spin_once(timeout_sec=POLL)
+
+    def wait(self, future: Future, timeout: float, expected: str) -> Any:
+        """Spin until a future is done and return its result."""
+        self.until(future.done, timeout, expected)
+        return future.result()
+
+    def call(self, service_type: Any, name: str, request: Any, timeout: float = 10.0) -> Any:
+        """Call a service; a response with ``success`` false is an error."""
+        client = self._service_clients.get(name)
+        if client is None:
+            client = self._service_clients[name] = self.node.create_client(service_type, name)
+        self.until(client.service_is_ready, timeout, f"service {name}")
+        response = self.wait(client.call_async(request), timeout, f"an answer of service {name}")
+        if not getattr(response, "success", True):
+            raise ShiftError(f"{name} refused: {response.message}")
+        return response
+
+    def act(
+        self,
+        action_type: Any,
+        name: str,
+        goal: Any,
+        *,
+        feedback: Callable[[Any], None] | None = None,
+        timeout: float = 60.0,
+    ) -> Any:
+        """Run an action to its end and return its result message.
+
+        Raises:
+            ShiftError: when the server is missing, rejects the goal, aborts, or takes longer than ``timeout`` [s].
+        """
+        client = self._action_clients.get(name)
+        if client is None:
+            client = self._action_clients[name] = ActionClient(self.node, action_type, name)
+        self.until(client.server_is_ready, 10.0, f"action {name}")
+
+        def on_feedback(message: Any) -> None:
+            if feedback is not None:
+                feedback(message.feedback)
+
+        handle = self.wait(client.send_goal_async(goal, feedback_callback=on_feedback), 10.0, f"{name} to take a goal")
+        if not handle.accepted:
+            raise ShiftError(f"action {name} rejected the goal {goal}")
+        answer = self.wait(handle.get_result_async(), timeout, f"action {name} to end")
+        if answer.status not in {GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED}:
+            raise ShiftError(f"action {name} ended with status {answer.status}: {answer.result.reason}")
+        return answer.result

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of the report, as SVG text."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from softgrip_demo.summary import tip_errors_percent
+from softgrip_model.friction import laws
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from softgrip_demo.record import Closing, FrictionResult
+
+#: One colour a joint, base to tip; the same everywhere.
+JOINT_COLOURS = ("#0b6e4f", "#c8553d", "#3d5a98", "#8e6c8a", "#b08900", "#555555")
+INK = "#22312b"
+DEGREES = 180.0 / np.pi
+MILLIMETRES = 1000.0
+
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e8e5",
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "softgrip",
+}
+
+
+def friction_figure(friction: FrictionResult) -> str:
+    """Tension ratio over wrap angle: measured points and the fitted law, one curve a load."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(5.6, 3.5), layout="constrained")
+        axes = figure.subplots()
+        loads = sorted({round(point.tension_low, 1) for point in friction.points})
+        for colour, load in zip(JOINT_COLOURS, loads, strict=False):
+            points = [p for p in friction.points if round(p.tension_low, 1) == load]
+            tension_low = float(np.mean([p.tension_low for p in points]))
+            angles = np.linspace(0.0, max(p.angle for p in friction.points) * 1.05, 100)
+            ratio = laws.ratio(
+                friction.law,
+                friction.coefficients,
+                angles,
+                np.full_like(angles, tension_low),
+                radius_mm=friction.radius_mm,
+                k_reading=friction.k_reading,
+            )
+            axes.plot(angles * DEGREES, ratio, color=colour, lw=1.6, label=f"T₂ = {tension_low:.2f} N")
+            axes.plot(
+                [p.angle * DEGREES for p in points],
+                [p.tension_high / p.tension_low for p in points],
+                "o",
+                color=colour,
+                ms=5,
+                mec="white",
+            )
+        axes.set(xlabel="wrap angle θ [deg]", ylabel="tension ratio T₁ / T₂ [1]")
+        axes.legend(loc="upper left")
+        return _svg(figure)
+
+
+def joints_figure(closing: Closing) -> str:
+    """Joint angles over pulled length: markers as dots, prediction as lines."""
+    pulled = np.array([s.pulled_length for s in closing.samples]) * MILLIMETRES
+    measured = np.array([s.measured_angles for s in closing.samples]) * DEGREES
+    predicted = np.array([s.predicted_angles for s in closing.samples]) * DEGREES
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(3.7, 3.1), layout="constrained")
+        axes = figure.subplots()
+        for joint in range(predicted.shape[1]):
+            colour = JOINT_COLOURS[joint % len(JOINT_COLOURS)]
+            axes.plot(pulled, measured[:, joint], ".", color=colour, ms=3, alpha=0.6)
+            axes.plot(pulled, predicted[:, joint], "-", color=colour, lw=1.4, label=f"J{joint}")
+        axes.set(xlabel="pulled length [mm]", ylabel="joint angle [deg]", title=closing.grasp)
+        axes.legend(loc="upper left")
+        return _svg(figure)
+
+
+def tip_figure(closing: Closing) -> str:
+    """The fingertip's path, measured and predicted, with the simulated shape at the end behind it."""
+    measured = np.array([s.measured_tip for s in closing.samples]) * MILLIMETRES
+    predicted = np.array([s.predicted_tip for s in closing.samples]) * MILLIMETRES
+    errors = tip_errors_percent(closing)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(3.7, 3.4), layout="constrained")
+        axes = figure.subplots()
+        _draw_shape(axes, closing)
+        axes.plot(*measured.T, ".", color="#c8553d", ms=3, label="markers")
+        axes.plot(*predicted.T, "-", color="#0b6e4f", lw=1.5, label="prediction")
+        axes.set(
+            xlabel="x [mm]",
+            ylabel="y [mm]",
+            title=f"{closing.grasp}: tip error {errors.mean():.2f} % mean, {errors.max():.2f} % max",
+        )
+        axes.title.set_fontsize(8.5)
+        axes.set_aspect("equal")
+        axes.legend(loc="lower left")
+        return _svg(figure)
+
+
+def _draw_shape(axes: Axes, closing: Closing) -> None:
+    if closing.shape is None:
+        return
+    vertices = np.array(closing.shape.vertices)[:, :2] * MILLIMETRES
+    quads = [vertices[list(face)] for face in closing.shape.faces]
+    axes.add_collection(PolyCollection(quads, facecolors="#dfe9e3", edgecolors="#b9cbc1", linewidths=0.25))
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]

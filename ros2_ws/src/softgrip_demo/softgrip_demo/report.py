@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shift as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from softgrip_demo import plots
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from softgrip_demo.record import ShiftRecord
+
+
+def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
+    """Return the page; frames of the film are read from ``folder`` and embedded."""
+    environment = Environment(
+        loader=PackageLoader("softgrip_demo"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("report.html.j2").render(
+        record=record,
+        summary=summary,
+        friction_svg=plots.friction_figure(record.friction),
+        closings=[
+            {"grasp": c.grasp, "joints_svg": plots.joints_figure(c), "tip_svg": plots.tip_figure(c)}
+            for c in record.closings
+            if c.samples
+        ],
+        film=[
+            {
+                "image": _data_url(folder / frame.image),
+                "joints": frame.predicted_joints,
+                "time": frame.time,
+                "tension": frame.tension,
+                "predicted_tension": frame.predicted_tension,
+            }
+            for frame in record.film
+        ],
+    )
+
+
+def _data_url(path: Path) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(path.read_bytes()).decode()

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shift in figures: what `summary.json` holds and what the terminal shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from softgrip_demo.record import Closing, ShiftRecord
+
+#: Outcomes that agree with a result of Table 4.2. A partial success may hold or slip.
+AGREES = {
+    "success": {"GRIPPED"},
+    "partial": {"GRIPPED", "SLIPPED", "EMPTY"},
+    "failure": {"SLIPPED", "EMPTY", "ABORTED"},
+}
+
+
+@dataclass(frozen=True)
+class ReplayCheck:
+    """Result of feeding the bag back through a node."""
+
+    node: str
+    compared: int
+    identical: bool
+    detail: str
+    wall: float  # [s]
+
+
+def tip_errors_percent(closing: Closing) -> np.ndarray:
+    """Return the distance of measured and predicted tip per sample, in percent of the finger's length, shape (n,)."""
+    measured = np.array([sample.measured_tip for sample in closing.samples]).reshape(-1, 2)
+    predicted = np.array([sample.predicted_tip for sample in closing.samples]).reshape(-1, 2)
+    return 100.0 * np.hypot(*(measured - predicted).T) / closing.finger_length
+
+
+def summarise(record: ShiftRecord, replay: ReplayCheck, wall_report: float) -> dict[str, Any]:
+    """Return the content of summary.json."""
+    closings = []
+    for closing in record.closings:
+        errors = tip_errors_percent(closing)
+        closings.append(
+            {
+                "grasp": closing.grasp,
+                "tip_error_pct_mean": _number(errors.mean()) if errors.size else None,
+                "tip_error_pct_max": _number(errors.max()) if errors.size else None,
+                "samples": len(closing.samples),
+            }
+        )
+    shapes = [closing.shape for closing in record.closings if closing.shape is not None]
+    coefficients = record.friction.coefficients
+    return {
+        "seed": record.seed,
+        "friction": {
+            **{name: coefficients.get(name) for name in ("alpha", "n", "epsilon", "lambda")},
+            "avg_error_pct": _number(100.0 * record.friction.average_error),
+            "max_error_pct": _number(100.0 * record.friction.maximum_error),
+            "r2": _number(record.friction.r_squared),
+            "n_points": len(record.friction.points),
+            "verdict": record.friction.verdict,
+        },
+        "closings": closings,
+        "grasps": [
+            {
+                "product": grasp.product,
+                "grasp": grasp.grasp,
+                "outcome": grasp.outcome,
+                "expected": grasp.expected,
+                "agrees": grasp.outcome in AGREES.get(grasp.expected, set()),
+                "latency_ms": _number(1000.0 * grasp.latency),
+                "reason": grasp.reason,
+            }
+            for grasp in record.grasps
+        ],
+        "swaps": record.swaps,
+        "shape": {
+            "hexes": max((shape.hexahedra for shape in shapes), default=0),
+            "rate_hz": _number(min((shape.rate for shape in shapes), default=math.nan)),
+        },
+        "bag": {
+            "path": record.bag_path,
+            "messages": record.bag_messages,
+            "topics": record.bag_topics,
+            "dropped": record.bag_dropped,
+        },
+        "replay": {
+            "node": replay.node,
+            "compared": replay.compared,
+            "identical": replay.identical,
+            "detail": replay.detail,
+        },
+        "wall_s": {
+            **{stage.name: _number(stage.wall) for stage in record.stages},
+            "replay": _number(replay.wall),
+            "report": _number(wall_report),
+        },
+    }
+
+
+def _number(value: float, digits: int = 4) -> float | None:
+    """Return a figure rounded to significant digits, None where there is none (JSON has no NaN)."""
+    if not math.isfinite(value):
+        return None
+    return float(f"{value:.{digits}g}")
