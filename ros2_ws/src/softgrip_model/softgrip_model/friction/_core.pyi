@@ -23,7 +23,7 @@ def evaluate(
     NDArray[np.uint8],
 ]: ...
 def blow_up_angle(
-    law: int, k_reading: int, coefficients: Sequence[float], radius_mm: float, tension_N: float
+    law: int, k_reading: int, coefficients: Sequence[float], radius_mm: float, tension: float
 ) -> float: ...
 def fit(
     law: int,

@@ -11,7 +11,6 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from enum import IntFlag, StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -186,7 +185,7 @@ class FrictionLaw:
         epsilon, lam = self.coefficients[2:]
         return math.exp(min(epsilon / lam, 700.0)) if lam > 0.0 else math.inf
 
-    def _core_arguments(self) -> tuple[Any, ...]:
+    def _core_arguments(self) -> tuple[int, int, list[float], float]:
         return _LAW_INDEX[self.law], _K_INDEX[self.k_reading], list(self.coefficients), self.radius_mm
 
 
