@@ -32,6 +32,7 @@ enum Status : std::uint8_t {
 
 // Below this tension (r/T2)^(1-n) leaves what any cable was measured at; finger.md fixes it.
 inline constexpr double kTensionFloor_N = 1e-2;
+inline constexpr double kLogTensionFloor = -4.605170185988091;
 
 struct Range {
   double low = -std::numeric_limits<double>::infinity();
@@ -96,13 +97,13 @@ inline Evaluation no_value(std::uint8_t status) {
   return {nan, nan, nan, {nan, nan, nan, nan}, status};
 }
 
-inline bool valid(const Model& model, double angle_rad, double tension_N) {
+inline bool valid(const Model& model, double angle_rad) {
   for (int i = 0; i < coefficient_count(model.law); ++i) {
     if (!std::isfinite(model.coefficients[i])) return false;
   }
   const double n = model.coefficients[1];
   const bool law_valid = model.law == Law::Capstan || (n > 0.0 && n < 1.0 && model.radius_mm > 0.0);
-  return law_valid && std::isfinite(angle_rad) && angle_rad >= 0.0 && std::isfinite(tension_N) && tension_N >= 0.0;
+  return law_valid && std::isfinite(angle_rad) && angle_rad >= 0.0;
 }
 
 // Eq 3.8 as mu_e theta = G ln(1+K)/K, with G = alpha (r/T2)^m theta, K = sign m G, m = 1-n.
@@ -140,12 +141,13 @@ inline void add_surface_term(const Model& model, double log_tension, Evaluation&
 
 }  // namespace detail
 
-// ln Rf and its derivatives at one wrap angle and low tension.
-inline Evaluation evaluate(const Model& model, double angle_rad, double tension_N) {
-  if (!detail::valid(model, angle_rad, tension_N)) return detail::no_value(kInvalid);
+// ln Rf and its derivatives at one wrap angle and low tension, given as ln T2 as kernels carry it. -infinity is T2 = 0.
+inline Evaluation evaluate_at_log(const Model& model, double angle_rad, double log_tension) {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  if (!detail::valid(model, angle_rad) || !(log_tension < infinity)) return detail::no_value(kInvalid);
   Evaluation out{0.0, 0.0, 0.0, {}, kOk};
   if (!model.angle_rad.holds(angle_rad)) out.status |= kAngleOutsideRange;
-  if (!model.tension_N.holds(tension_N)) out.status |= kTensionOutsideRange;
+  if (!model.tension_N.holds(std::exp(log_tension))) out.status |= kTensionOutsideRange;
   if (model.law == Law::Capstan) {
     const double mu = model.coefficients[0];
     out.log_ratio = mu * angle_rad;
@@ -153,8 +155,8 @@ inline Evaluation evaluate(const Model& model, double angle_rad, double tension_
     out.d_coefficients[0] = angle_rad;
     return out;
   }
-  const bool floored = tension_N < kTensionFloor_N;
-  const double log_tension = std::log(floored ? kTensionFloor_N : tension_N);
+  const bool floored = log_tension < kLogTensionFloor;
+  if (floored) log_tension = kLogTensionFloor;
   if (!detail::add_cable_term(model, angle_rad, log_tension, out)) return detail::no_value(out.status | kBlowUp);
   if (model.law == Law::Matte) detail::add_surface_term(model, log_tension, out);
   if (floored) {
@@ -162,6 +164,12 @@ inline Evaluation evaluate(const Model& model, double angle_rad, double tension_
     out.d_log_tension = 0.0;
   }
   return out;
+}
+
+// The same at a tension [N].
+inline Evaluation evaluate(const Model& model, double angle_rad, double tension_N) {
+  if (!(tension_N >= 0.0)) return detail::no_value(kInvalid);
+  return evaluate_at_log(model, angle_rad, std::log(tension_N));
 }
 
 }  // namespace softgrip::friction

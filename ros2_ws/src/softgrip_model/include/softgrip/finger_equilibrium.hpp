@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+// Equilibrium of a finger whose cable slides towards the actuator at every routing point (closing).
+//
+// Unknowns: joint angles q_0..q_{n-1} and s = ln(tension at the tip). The tensions follow from the tip inwards,
+//   ln T_{i} = ln T_{i+1} + ln Rf(|phi_i|, T_{i+1})          at routing point i (thesis Eq 3.9),
+// so joint j, which feels the span tension T_{2j+1}, depends on q_j..q_{n-1} and s only. The Jacobian is an arrow:
+// forward substitution gives dq = a + b ds, and the control's row gives ds.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "softgrip/finger_design.hpp"
+#include "softgrip/finger_joint.hpp"
+#include "softgrip/friction.hpp"
+
+namespace softgrip::finger {
+
+// What is prescribed: pulled length [mm], actuator tension [N], or the sum of the joint angles [rad].
+enum class Control : std::uint8_t { PulledLength = 0, Tension = 1, Deflection = 2 };
+
+// Tensions are numbered by span: 0 actuator to point 0, 2j+1 across the groove of joint j, 2n the tip span.
+inline constexpr int kMaxSpans = kMaxPoints + 1;
+template <typename T>
+using PerSpan = std::array<T, kMaxSpans>;
+
+struct State {
+  PerJoint<double> angle_rad{};
+  double log_tip_tension = 0.0;
+};
+
+// A design with everything that does not change while the finger closes.
+struct Finger {
+  Design design;
+  friction::Model friction;       // without its ranges, which are looked at once a solution is found
+  friction::Range angle_rad, log_tension;
+  PerJoint<Strip> strip;
+  PerJoint<double> straight_span_mm{};
+  std::array<double, kMaxJoints + 1> slope_rad{};         // of the cable inside link k-1; 0 before joint 0 and at the tip
+  std::array<double, kMaxJoints + 1> link_span_mm{};      // cable inside link k-1
+  double reach_mm = 0.0;                                  // pulled length with all grooves shut
+
+  Finger(const Design& d, const friction::Model& f) : design(d), friction(f), angle_rad(f.angle_rad) {
+    const int n = d.joints;
+    log_tension = {f.tension_N.low > 0.0 ? std::log(f.tension_N.low) : -HUGE_VAL, std::log(f.tension_N.high)};
+    friction.angle_rad = friction.tension_N = {};
+    for (int j = 0; j < n; ++j) {
+      strip[j] = Strip(d.material, d.width_mm, d.thickness_mm[j], d.length_mm[j]);
+      const double ra = d.routing_mm[2 * j], rb = d.routing_mm[2 * j + 1];
+      straight_span_mm[j] = Groove(d.opening_rad[j], 0.0, ra, rb).span_mm;
+      reach_mm += straight_span_mm[j] - std::abs(ra - rb);
+    }
+    link_span_mm[0] = d.cable.lead_mm + d.base_mm;
+    link_span_mm[n] = d.link_mm[n - 1] - d.routing_mm[2 * n - 1] * std::sin(0.5 * d.opening_rad[n - 1]);
+    for (int k = 1; k < n; ++k) {
+      const auto [dx, dy] = link_offset(k);
+      slope_rad[k] = std::atan2(dy, dx);
+      link_span_mm[k] = std::hypot(dx, dy);
+    }
+  }
+
+  // From exit of joint k-1 to entry of joint k, in the frame of the link between them.
+  std::array<double, 2> link_offset(int k) const {
+    const double rb = design.routing_mm[2 * k - 1], ra = design.routing_mm[2 * k];
+    const double before = 0.5 * design.opening_rad[k - 1], after = 0.5 * design.opening_rad[k];
+    return {design.link_mm[k - 1] - rb * std::sin(before) - ra * std::sin(after),
+            rb * std::cos(before) - ra * std::cos(after)};
+  }
+};
+
+// ln Rf at one routing point with its slopes; phi is signed, the law sees its smoothed size.
+struct PointFriction {
+  friction::Evaluation law;
+  double d_phi;
+
+  PointFriction(const Finger& finger, double phi, double log_tension) {
+    const double smoothing = finger.design.angle_smoothing_rad;
+    const double size = std::sqrt(phi * phi + smoothing * smoothing);
+    law = friction::evaluate_at_log(finger.friction, size, log_tension);
+    d_phi = size > 0.0 ? law.d_angle * phi / size : 0.0;
+  }
+  double gain() const { return 1.0 + law.d_log_tension; }  // d ln T_high / d ln T_low
+};
+
+// One joint with the cable's two bends, linearised: given ln T beyond the joint, everything up to ln T before it.
+struct Joint {
+  Groove groove;
+  double phi_entry, phi_exit;
+  PointFriction exit;
+  double log_tension;  // of the free span
+  PointFriction entry;
+  double log_tension_before;
+  double tension, torque;
+  Moment strip, stop;
+  double exit_slope, entry_slope;  // d ln Rf / dq
+  double diagonal;                 // d residual / dq
+
+  Joint(const Finger& f, int j, double q, double log_tension_beyond)
+      : groove(f.design.opening_rad[j], q, f.design.routing_mm[2 * j], f.design.routing_mm[2 * j + 1]),
+        phi_entry(f.slope_rad[j] - groove.direction_rad),
+        phi_exit(groove.direction_rad - f.slope_rad[j + 1] + q),
+        exit(f, phi_exit, log_tension_beyond),
+        log_tension(log_tension_beyond + exit.law.log_ratio),
+        entry(f, phi_entry, log_tension),
+        log_tension_before(log_tension + entry.law.log_ratio),
+        tension(std::exp(log_tension)),
+        torque(tension * groove.arm_mm),
+        strip(f.strip[j].at(q)),
+        stop(stop_moment(f.design.stop, f.design.opening_rad[j], q)),
+        exit_slope(exit.d_phi * (groove.d_direction + 1.0)),
+        entry_slope(-entry.d_phi * groove.d_direction),
+        diagonal(strip.d_angle + stop.d_angle - tension * groove.d_arm - torque * exit_slope) {}
+
+  double moment() const { return strip.value_Nmm + stop.value_Nmm; }
+  double residual() const { return moment() - torque; }
+};
+
+// A quantity to first order along the Newton step: value + constant + slope ds.
+struct Linear {
+  double value = 0.0, constant = 0.0, slope = 0.0;
+  void add(double v, double c, double s) { value += v, constant += c, slope += s; }
+};
+
+// One pass from the tip to the actuator: tensions, residuals, and the Newton step that follows from them.
+struct Sweep {
+  PerSpan<Linear> log_tension;
+  PerJoint<Linear> angle_rad;
+  PerJoint<double> arm_mm{};
+  PerPoint<double> phi_rad{};
+  Linear pulled_mm;
+  double log_tip_step = 0.0;
+  std::uint8_t friction_status = 0;
+
+  Sweep(const Finger& finger, const State& x, Control control, double target) {
+    const Design& d = finger.design;
+    const int n = d.joints;
+    Linear along{x.log_tip_tension, 0.0, 1.0};
+    log_tension[2 * n] = along;
+    stretch(d, along, finger.link_span_mm[n]);
+    for (int j = n - 1; j >= 0; --j) {
+      const Joint joint(finger, j, x.angle_rad[j], along.value);
+      const double gain = joint.torque * joint.exit.gain();
+      const double constant = (gain * along.constant - joint.residual()) / joint.diagonal;
+      const double slope = gain * along.slope / joint.diagonal;
+      angle_rad[j] = {x.angle_rad[j], constant, slope};
+
+      along = through(along, joint.exit, joint.exit_slope, angle_rad[j]);
+      log_tension[2 * j + 1] = along;
+      pulled_mm.add(finger.straight_span_mm[j] - joint.groove.span_mm, joint.groove.arm_mm * constant,
+                    joint.groove.arm_mm * slope);
+      if (d.cable.compliance_per_N > 0.0) {
+        stretch(d, along, joint.groove.span_mm);
+        const double shorter = joint.torque * d.cable.compliance_per_N;
+        pulled_mm.add(0.0, -shorter * constant, -shorter * slope);
+      }
+      along = through(along, joint.entry, joint.entry_slope, angle_rad[j]);
+      log_tension[2 * j] = along;
+      stretch(d, along, finger.link_span_mm[j]);
+
+      arm_mm[j] = joint.groove.arm_mm;
+      phi_rad[2 * j] = joint.phi_entry;
+      phi_rad[2 * j + 1] = joint.phi_exit;
+      friction_status |= joint.exit.law.status | joint.entry.law.status;
+    }
+    const Linear row = controlled(control, n);
+    log_tip_step = ((control == Control::Tension ? std::log(target) : target) - row.value - row.constant) / row.slope;
+  }
+
+  // The prescribed quantity (ln of the tension).
+  Linear controlled(Control control, int n) const {
+    if (control == Control::PulledLength) return pulled_mm;
+    if (control == Control::Tension) return log_tension[0];
+    Linear sum;
+    for (int j = 0; j < n; ++j) sum.add(angle_rad[j].value, angle_rad[j].constant, angle_rad[j].slope);
+    return sum;
+  }
+
+ private:
+  static Linear through(const Linear& along, const PointFriction& point, double slope, const Linear& angle) {
+    return {along.value + point.law.log_ratio, point.gain() * along.constant + slope * angle.constant,
+            point.gain() * along.slope + slope * angle.slope};
+  }
+
+  void stretch(const Design& d, const Linear& along, double span_mm) {
+    if (d.cable.compliance_per_N == 0.0) return;
+    const double extension = std::exp(along.value) * span_mm * d.cable.compliance_per_N;
+    pulled_mm.add(extension, extension * along.constant, extension * along.slope);
+  }
+};
+
+struct Equilibrium {
+  State state;
+  PerSpan<double> log_tension{};
+  PerJoint<double> pull_rate{};  // cable taken in at joint j and beyond, per unit of cable pulled; negative = reversing
+  PerPoint<double> phi_rad{};
+  double pulled_mm = 0.0;
+  int iterations = 0;
+  std::uint32_t status = kNotConverged;
+};
+
+// Used outside its calibration? Angles below the smallest calibrated one do not count: every finger has some, and all
+// laws run straight into their value at no bend.
+inline std::uint32_t range_flags(const Finger& finger, double phi, double log_low_tension) {
+  std::uint32_t flags = kOk;
+  if (std::abs(phi) > finger.angle_rad.high) flags |= kAngleOutside;
+  if (!finger.log_tension.holds(log_low_tension)) flags |= kTensionOutside;
+  return flags;
+}
+
+// Takes the last, tiny step along the sweep's linearisation, so that no further pass is needed.
+inline void accept(const Finger& finger, const Sweep& sweep, Equilibrium& out) {
+  const Design& d = finger.design;
+  const double ds = sweep.log_tip_step;
+  auto stepped = [ds](const Linear& quantity) { return quantity.value + quantity.constant + quantity.slope * ds; };
+  out.status = kOk;
+  out.state.log_tip_tension = sweep.log_tension[2 * d.joints].value + ds;
+  out.pulled_mm = stepped(sweep.pulled_mm);
+  for (int i = 0; i <= 2 * d.joints; ++i) out.log_tension[i] = stepped(sweep.log_tension[i]);
+  double taken = 0.0;
+  for (int j = d.joints - 1; j >= 0; --j) {
+    const double q = stepped(sweep.angle_rad[j]);
+    out.state.angle_rad[j] = q;
+    out.phi_rad[2 * j] = sweep.phi_rad[2 * j];
+    out.phi_rad[2 * j + 1] = sweep.phi_rad[2 * j + 1];
+    for (int i : {2 * j, 2 * j + 1}) out.status |= range_flags(finger, out.phi_rad[i], out.log_tension[i + 1]);
+    taken += sweep.arm_mm[j] * sweep.angle_rad[j].slope;
+    out.pull_rate[j] = taken / sweep.pulled_mm.slope;
+    if (out.pull_rate[j] < -1e-9) out.status |= kReversing;
+    if (d.stop.moment_Nmm > 0.0 && q > d.opening_rad[j] - d.stop.margin_rad) out.status |= kStopEngaged;
+    if (finger.strip[j].surface_strain(q) > d.material.max_strain) out.status |= kStrainOutside;
+  }
+}
+
+// Newton from a start. Stops once a step is so small that, converging quadratically, the next would be rounding.
+inline Equilibrium newton(const Finger& finger, State x, Control control, double target) {
+  constexpr double kLargestAngleStep = 0.25, kLargestLogStep = 1.0, kSmallestStep = 1e-6;
+  constexpr int kMostIterations = 60;
+  const int n = finger.design.joints;
+  Equilibrium out;
+  while (out.iterations < kMostIterations) {
+    const Sweep sweep(finger, x, control, target);
+    ++out.iterations;
+    if ((sweep.friction_status & friction::kInvalid) != 0) return out.status = kBadFriction, out;
+    if ((sweep.friction_status & friction::kBlowUp) != 0) return out.status = kFrictionBlowUp, out;
+    const double ds = std::clamp(sweep.log_tip_step, -kLargestLogStep, kLargestLogStep);
+    double largest = std::abs(sweep.log_tip_step);
+    bool finite = std::isfinite(largest);
+    x.log_tip_tension += ds;
+    for (int j = 0; j < n; ++j) {
+      const double full = sweep.angle_rad[j].constant + sweep.angle_rad[j].slope * ds;
+      const double room = 0.8 * (finger.design.opening_rad[j] - x.angle_rad[j]);
+      largest = std::max(largest, std::abs(full));
+      finite = finite && std::isfinite(full);
+      x.angle_rad[j] += std::clamp(full, -kLargestAngleStep, std::min(kLargestAngleStep, room));
+    }
+    if (!finite) return out;
+    if (largest < kSmallestStep) return accept(finger, sweep, out), out;
+  }
+  return out;
+}
+
+// Where Newton starts when nothing is known: the straight finger's linear, frictionless answer, scaled to the target.
+inline State straight_start(const Finger& finger, Control control, double target) {
+  const Design& d = finger.design;
+  PerJoint<double> compliance{};
+  double pull_per_tension = 0.0, angle_per_tension = 0.0;
+  for (int j = 0; j < d.joints; ++j) {
+    const double arm = Groove(d.opening_rad[j], 0.0, d.routing_mm[2 * j], d.routing_mm[2 * j + 1]).arm_mm;
+    compliance[j] = arm / finger.strip[j].initial_stiffness();
+    pull_per_tension += arm * compliance[j];
+    angle_per_tension += compliance[j];
+  }
+  double tension = target;
+  if (control == Control::PulledLength) tension = target / pull_per_tension;
+  if (control == Control::Deflection) tension = target / angle_per_tension;
+  State x;
+  for (int j = 0; j < d.joints; ++j) {
+    x.angle_rad[j] = std::min(tension * compliance[j], 0.7 * d.opening_rad[j]);
+  }
+  x.log_tip_tension = std::log(tension) - (control == Control::Tension ? 1.0 : 0.5);
+  return x;
+}
+
+}  // namespace softgrip::finger

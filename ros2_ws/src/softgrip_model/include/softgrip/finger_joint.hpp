@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// One joint: the V groove the cable crosses, and the strip that bends. Closed forms with their derivatives.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "softgrip/finger_design.hpp"
+
+namespace softgrip::finger {
+
+// The free span across a groove whose flanks make the angle w = opening - q; ra, rb = distance of entry and exit from
+// the apex. From the triangle apex-entry-exit: law of cosines for the span, law of tangents for its direction.
+struct Groove {
+  double span_mm;        // c
+  double arm_mm;         // -dc/dq = ra rb sin w / c
+  double d_arm;          // d arm / dq
+  double direction_rad;  // of the span in the proximal link's frame
+  double d_direction;    // d / dq
+  double sin_w, cos_w;
+
+  Groove(double opening_rad, double q, double ra, double rb) {
+    const double half = 0.5 * (opening_rad - q);
+    const double s = std::sin(half), c = std::cos(half);
+    const double sum_s = (ra + rb) * s, difference_c = (rb - ra) * c;
+    const double span_squared = sum_s * sum_s + difference_c * difference_c;
+    sin_w = 2.0 * s * c;
+    cos_w = 1.0 - 2.0 * s * s;
+    span_mm = std::sqrt(span_squared);
+    const double per_span = 1.0 / span_mm;
+    arm_mm = ra * rb * sin_w * per_span;
+    d_arm = (arm_mm * arm_mm - ra * rb * cos_w) * per_span;
+    direction_rad = -0.5 * q - std::atan(difference_c / sum_s);
+    d_direction = -0.5 - 0.5 * (rb * rb - ra * ra) * per_span * per_span;
+  }
+};
+
+// Derivatives of a groove's quantities to the two routing distances.
+struct GrooveRouting {
+  double span_a, span_b, arm_a, arm_b, direction_a, direction_b;
+
+  GrooveRouting(const Groove& g, double ra, double rb) {
+    const double per_span = 1.0 / g.span_mm;
+    span_a = (ra - rb * g.cos_w) * per_span;
+    span_b = (rb - ra * g.cos_w) * per_span;
+    arm_a = (rb * g.sin_w - g.arm_mm * span_a) * per_span;
+    arm_b = (ra * g.sin_w - g.arm_mm * span_b) * per_span;
+    direction_a = rb * g.sin_w * per_span * per_span;
+    direction_b = -ra * g.sin_w * per_span * per_span;
+  }
+};
+
+struct Moment {
+  double value_Nmm = 0.0;
+  double d_angle = 0.0;
+};
+
+// Bending moment of a strip, curvature k = q/l, half thickness H. The laws that are polynomials in q are
+// M = m1 q + m2 q|q| + m3 q^3; the neutral-axis law solves a cubic for the shift of the axis.
+class Strip {
+ public:
+  Strip() = default;
+  Strip(const Material& material, double width, double thickness, double length)
+      : material_(material), width_(width), half_(0.5 * thickness), length_(length) {
+    const double h3 = half_ * half_ * half_;
+    linear_ = 2.0 * width * material.constant_MPa * h3 / (3.0 * length);
+    if (material.law == MomentLaw::SignedTangent || material.law == MomentLaw::AbsoluteTangent) {
+      cubic_ = 2.0 * width * material.quadratic_MPa * h3 * half_ * half_ / (15.0 * length * length * length);
+    }
+    if (material.law == MomentLaw::AbsoluteTangent) {
+      quadratic_ = 2.0 * width * material.linear_MPa * h3 * half_ / (8.0 * length * length);
+    }
+  }
+
+  double initial_stiffness() const { return linear_; }
+  double surface_strain(double q) const { return std::abs(q) * half_ / length_; }
+
+  Moment at(double q) const {
+    if (material_.law == MomentLaw::NeutralAxis) return neutral_axis(q);
+    const double size = std::abs(q);
+    return {q * (linear_ + size * (quadratic_ + size * cubic_)),
+            linear_ + size * (2.0 * quadratic_ + size * 3.0 * cubic_)};
+  }
+
+  // dM/dh. The polynomial's terms grow as h^3, h^4, h^5; the neutral-axis moment is H^2 times a function of q H.
+  double d_thickness(double q) const {
+    const double size = std::abs(q);
+    if (material_.law == MomentLaw::NeutralAxis) {
+      const Moment moment = neutral_axis(q);
+      return 0.5 * (2.0 * moment.value_Nmm + q * moment.d_angle) / half_;
+    }
+    return 0.5 * q * (3.0 * linear_ + size * (4.0 * quadratic_ + size * 5.0 * cubic_)) / half_;
+  }
+
+ private:
+  // Stress s(e) = a e^3/3 + b e^2/2 + c e with e = t - shift, t = k y in [-x, x], x = k H. No axial force gives
+  // (a/3) shift^3 - (b/2) shift^2 + (c + a x^2/3) shift - b x^2/6 = 0; its slope is E(-shift) + a x^2/3 > 0.
+  Moment neutral_axis(double q) const {
+    const double a = material_.quadratic_MPa, b = material_.linear_MPa, c = material_.constant_MPa;
+    const double k = q / length_, x = k * half_, x2 = x * x;
+    double shift = b * x2 / (6.0 * (c + a * x2 / 3.0));
+    double slope = c;
+    for (int i = 0; i < 20; ++i) {
+      const double value = ((a / 3.0 * shift - b / 2.0) * shift + c + a * x2 / 3.0) * shift - b * x2 / 6.0;
+      slope = (a * shift - b) * shift + c + a * x2 / 3.0;
+      const double step = value / slope;
+      shift -= step;
+      if (std::abs(step) < 1e-15) break;
+    }
+    const double d_shift = (b / 3.0 * x - 2.0 * a / 3.0 * x * shift) / slope;  // d shift / dx
+    const double factor = width_ * half_ * half_;  // w/k^2 x^3 = w H^2 x
+    const double bracket = 2.0 * a * x2 / 15.0 + 2.0 / 3.0 * (a * shift - b) * shift + 2.0 / 3.0 * c;
+    const double d_bracket = 4.0 * a * x / 15.0 + 2.0 / 3.0 * (2.0 * a * shift - b) * d_shift;
+    return {factor * x * bracket, factor * (bracket + x * d_bracket) * half_ / length_};
+  }
+
+  Material material_;
+  double width_ = 0.0, half_ = 0.0, length_ = 1.0;
+  double linear_ = 0.0, quadratic_ = 0.0, cubic_ = 0.0;
+};
+
+// Moment of the groove's stop: smooth (twice) where it starts, infinite where the flanks meet.
+inline Moment stop_moment(const Stop& stop, double opening_rad, double q) {
+  const double z = (q - opening_rad + stop.margin_rad) / stop.margin_rad;
+  if (stop.moment_Nmm == 0.0 || z <= 0.0) return {};
+  const double per_gap = 1.0 / (1.0 - z);
+  const double value = stop.moment_Nmm * z * z * z * per_gap;
+  return {value, stop.moment_Nmm * z * z * (3.0 - 2.0 * z) * per_gap * per_gap / stop.margin_rad};
+}
+
+}  // namespace softgrip::finger

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+// Equilibria from nothing, and along a closing. A failed element says why; it never carries numbers.
+#pragma once
+
+#include "softgrip/finger_sensitivity.hpp"
+
+namespace softgrip::finger {
+
+namespace detail {
+
+inline Equilibrium without_solution(std::uint32_t status) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  Equilibrium out;
+  out.state.angle_rad.fill(nan);
+  out.state.log_tip_tension = nan;
+  out.log_tension.fill(nan);
+  out.pull_rate.fill(nan);
+  out.phi_rad.fill(nan);
+  out.pulled_mm = nan;
+  out.status = status;
+  return out;
+}
+
+// Straight finger, no tension.
+inline Equilibrium slack(const Finger& finger) {
+  Equilibrium out;
+  out.log_tension.fill(-HUGE_VAL);
+  out.state.log_tip_tension = -HUGE_VAL;
+  for (int j = 0; j < finger.design.joints; ++j) {
+    const Groove groove(finger.design.opening_rad[j], 0.0, finger.design.routing_mm[2 * j],
+                        finger.design.routing_mm[2 * j + 1]);
+    out.phi_rad[2 * j] = finger.slope_rad[j] - groove.direction_rad;
+    out.phi_rad[2 * j + 1] = groove.direction_rad - finger.slope_rad[j + 1];
+  }
+  out.status = kSlack;
+  return out;
+}
+
+// kOk when Newton may try; otherwise the answer's status.
+inline std::uint32_t unsolvable(const Finger& finger, Control control, double target) {
+  if (!std::isfinite(target)) return kBadTarget;
+  if (control == Control::Tension && target < 0.0) return kBadTarget;
+  if (control == Control::PulledLength && finger.design.cable.compliance_per_N == 0.0 && target >= finger.reach_mm) {
+    return kOutOfReach;
+  }
+  if (control == Control::Deflection) {
+    double closed = 0.0;
+    for (int j = 0; j < finger.design.joints; ++j) closed += finger.design.opening_rad[j];
+    if (target >= closed) return kOutOfReach;
+  }
+  return kOk;
+}
+
+}  // namespace detail
+
+// One equilibrium from nothing: a pure function of its arguments. Where Newton fails from the straight finger's linear
+// answer, the target is approached in steps.
+inline Equilibrium solve(const Finger& finger, Control control, double target) {
+  const std::uint32_t refusal = detail::unsolvable(finger, control, target);
+  if (refusal != kOk) return detail::without_solution(refusal);
+  if (target <= 0.0) return detail::slack(finger);
+  Equilibrium found = newton(finger, straight_start(finger, control, target), control, target);
+  if ((found.status & kFailure) == kOk) return found;
+  constexpr int kSteps = 32;
+  State x = straight_start(finger, control, target / kSteps);
+  int iterations = found.iterations;
+  for (int i = 1; i <= kSteps; ++i) {
+    found = newton(finger, x, control, target * i / kSteps);
+    iterations += found.iterations;
+    if ((found.status & kFailure) != kOk) return detail::without_solution(found.status & kFailure);
+    x = found.state;
+  }
+  found.iterations = iterations;
+  return found;
+}
+
+// Equilibria along growing targets, each started where a cubic through the last four leads: one Newton step suffices.
+class March {
+ public:
+  explicit March(const Finger& finger, Control control) : finger_(finger), control_(control) {}
+
+  Equilibrium to(double target) {
+    Equilibrium found;
+    found.status = kNotConverged;
+    const bool follows = known_ > 0 && target > target_[0] && detail::unsolvable(finger_, control_, target) == kOk;
+    if (follows) found = newton(finger_, ahead(target), control_, target);
+    if ((found.status & kFailure) != kOk) {
+      found = solve(finger_, control_, target);
+      known_ = 0;
+    }
+    if ((found.status & (kFailure | kSlack)) == kOk) remember(target, found.state);
+    return found;
+  }
+
+ private:
+  static constexpr int kPoints = 4;
+
+  // Lagrange extrapolation. ln(tension/target) is smooth down to the straight finger, ln(tension) is not.
+  State ahead(double target) const {
+    State x;
+    x.log_tip_tension = std::log(target);
+    for (int i = 0; i < known_; ++i) {
+      double weight = 1.0;
+      for (int k = 0; k < known_; ++k) {
+        if (k != i) weight *= (target - target_[k]) / (target_[i] - target_[k]);
+      }
+      for (int j = 0; j < finger_.design.joints; ++j) x.angle_rad[j] += weight * state_[i].angle_rad[j];
+      x.log_tip_tension += weight * state_[i].log_tip_tension;
+    }
+    for (int j = 0; j < finger_.design.joints; ++j) {
+      const double furthest = finger_.design.opening_rad[j];
+      if (x.angle_rad[j] >= furthest) x.angle_rad[j] = 0.2 * state_[0].angle_rad[j] + 0.8 * furthest;
+    }
+    return x;
+  }
+
+  void remember(double target, const State& state) {
+    for (int i = kPoints - 1; i > 0; --i) {
+      state_[i] = state_[i - 1];
+      target_[i] = target_[i - 1];
+    }
+    state_[0] = state;
+    state_[0].log_tip_tension -= std::log(target);
+    target_[0] = target;
+    known_ = std::min(known_ + 1, kPoints);
+  }
+
+  const Finger& finger_;
+  Control control_;
+  std::array<State, kPoints> state_;  // newest first; the tension relative to the target
+  std::array<double, kPoints> target_{};
+  int known_ = 0;
+};
+
+}  // namespace softgrip::finger
