@@ -144,7 +144,7 @@ class Calibration:
                 return plane
         known = ", ".join(plane.finger for plane in self.planes) or "none"
         raise CalibrationError(
-            f"calibration: expected a plane for finger '{finger}', found planes for: {known}; run calibrate_camera plane"
+            f"calibration: expected a plane for finger '{finger}', found: {known}; run calibrate_camera plane"
         )
 
     def require_size(self, width: int, height: int) -> None:
@@ -190,7 +190,7 @@ class PlaneMap:
         return math.sqrt(abs(float(np.linalg.det(np.stack([right - corner, up - corner]))))) / step
 
 
-def _apply(homography: Array, points: Array) -> Array:
+def _apply(homography: Array, points: NDArray[np.floating]) -> Array:
     mapped = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a finger's markers can be: a planar chain, filtered from frame to frame.
+
+State (3 + 2n,): [x, y, heading] of the mount in the finger's base frame [m, m, rad], n joint angles [rad], n joint
+speeds [rad/s]. Marker i = 0 is the base marker, 1 .. n the joints, n + 1 the tip. Angles grow as the finger closes,
+which turns its links clockwise (towards -y).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softgrip_vision.layout import ChainLayout
+
+Array = NDArray[np.float64]
+
+#: One standard deviation of where the mount may really be before markers were seen: [m, m, rad].
+MOUNT_STDDEV = (2e-3, 2e-3, math.radians(2.0))
+#: Random walk of the mount [m/sqrt(s), m/sqrt(s), rad/sqrt(s)]: it is screwed down.
+MOUNT_DRIFT = (2e-5, 2e-5, math.radians(0.02))
+#: [rad/s] one standard deviation of a joint's speed, and [s] how long it keeps a speed (Singer's model, first order).
+SPEED_STDDEV = 3.0
+SPEED_TIME = 0.15
+#: Stop refining a measurement's linearisation below this step [rad], or after so many steps.
+RELINEARISE_STEP = 1e-3
+RELINEARISE_LIMIT = 4
+
+
+@dataclass(frozen=True)
+class ChainGeometry:
+    """A chain with the base marker's place.
+
+    Attributes:
+        layout: links.
+        base_marker_m: [m] distance of the base marker behind the first joint.
+    """
+
+    layout: ChainLayout
+    base_marker_m: float
+
+    def markers(self, state: Array) -> Array:
+        """Return (n + 2, 2) marker positions [m]."""
+        n = self.layout.joints
+        points = np.empty((n + 2, 2))
+        x, y, heading = float(state[0]), float(state[1]), float(state[2])
+        points[0] = x - self.base_marker_m * math.cos(heading), y - self.base_marker_m * math.sin(heading)
+        points[1] = x, y
+        for link, length in enumerate(self.layout.link_lengths_m):
+            heading -= float(state[3 + link])
+            x += length * math.cos(heading)
+            y += length * math.sin(heading)
+            points[link + 2] = x, y
+        return points
+
+    def jacobian(self, points: Array, marker: int, size: int) -> Array:
+        """Return (2, size) derivative of one marker's position by the state, at the (n + 2, 2) positions."""
+        jacobian = np.zeros((2, size))
+        jacobian[0, 0] = jacobian[1, 1] = 1.0
+        arm = points[marker] - points[1]
+        jacobian[0, 2], jacobian[1, 2] = -arm[1], arm[0]
+        for joint in range(marker - 1):
+            arm = points[marker] - points[1 + joint]
+            jacobian[0, 3 + joint], jacobian[1, 3 + joint] = arm[1], -arm[0]
+        return jacobian
+
+    def angles(self, points: Array) -> Array:
+        """Return (n,) joint angles [rad] of (n + 2, 2) marker positions (the closed form of the inverse)."""
+        steps = np.diff(points, axis=0)
+        headings = np.arctan2(steps[:, 1], steps[:, 0])
+        return np.asarray((-np.diff(headings) + math.pi) % (2 * math.pi) - math.pi)
+
+
+@dataclass
+class ChainFilter:
+    """Extended Kalman filter over one chain; predictions gate the markers, hidden markers follow from the others.
+
+    The speed model is wide (a joint may stop or start within SPEED_TIME), so that with all markers seen the angles are
+    those of this frame, without lag.
+    """
+
+    geometry: ChainGeometry
+    state: Array = field(init=False)
+    covariance: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        n = self.geometry.layout.joints
+        self.state = np.zeros(3 + 2 * n)
+        deviation = np.concatenate([MOUNT_STDDEV, np.full(n, 1.0), np.full(n, SPEED_STDDEV)])
+        self.covariance = np.diag(deviation**2)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.geometry.layout.joints
+
+    def place(self, points: Array) -> None:
+        """Start from (n + 2, 2) marker positions [m] found by a search; call :meth:`update` with each afterwards."""
+        self.state[3 : 3 + self.joints] = self.geometry.angles(points)
+
+    def predict(self, seconds: float) -> None:
+        """Advance by a time [s] > 0."""
+        n = self.joints
+        decay = math.exp(-seconds / SPEED_TIME)
+        reach = SPEED_TIME * (1.0 - decay)
+        transition = np.eye(3 + 2 * n)
+        angle, speed = slice(3, 3 + n), slice(3 + n, 3 + 2 * n)
+        transition[angle, speed] = np.eye(n) * reach
+        transition[speed, speed] = np.eye(n) * decay
+        self.state = transition @ self.state
+        self.covariance = transition @ self.covariance @ transition.T + self._process_noise(seconds, decay)
+
+    def _process_noise(self, seconds: float, decay: float) -> Array:
+        """Return the exact discrete noise of an Ornstein-Uhlenbeck speed and its integral."""
+        n, tau = self.joints, SPEED_TIME
+        spectral = 2.0 * SPEED_STDDEV**2 / tau
+        noise = np.zeros_like(self.covariance)
+        noise[:3, :3] = np.diag(np.square(MOUNT_DRIFT)) * seconds
+        angle = spectral * tau**2 * (seconds - 2 * tau * (1 - decay) + tau / 2 * (1 - decay**2))
+        cross = spectral * tau**2 / 2 * (1 - decay) ** 2
+        speed = spectral * tau / 2 * (1 - decay**2)
+        for joint in range(n):
+            i, j = 3 + joint, 3 + n + joint
+            noise[i, i], noise[j, j] = angle, speed
+            noise[i, j] = noise[j, i] = cross
+        return noise
+
+    def expect(self, marker: int) -> tuple[Array, Array]:
+        """Return (2,) the position [m] of a marker as expected and (2, 2) its covariance [m^2]."""
+        points = self.geometry.markers(self.state)
+        jacobian = self.geometry.jacobian(points, marker, len(self.state))
+        return points[marker], jacobian @ self.covariance @ jacobian.T
+
+    def update(self, marker: int, position: Array, covariance: Array) -> None:
+        """Take in a marker's (2,) position [m] with its (2, 2) covariance [m^2] (iterated EKF)."""
+        prior, prior_covariance = self.state, self.covariance
+        state = prior
+        for _ in range(RELINEARISE_LIMIT):
+            points = self.geometry.markers(state)
+            jacobian = self.geometry.jacobian(points, marker, len(state))
+            spread = prior_covariance @ jacobian.T
+            gain = spread @ np.linalg.inv(jacobian @ spread + covariance)
+            innovation = position - points[marker] - jacobian @ (prior - state)
+            refined = prior + gain @ innovation
+            step = float(np.abs(refined - state)[: 3 + self.joints].max())
+            state = refined
+            if step < RELINEARISE_STEP:
+                break
+        self.state = state
+        updated = prior_covariance - gain @ jacobian @ prior_covariance
+        self.covariance = (updated + updated.T) / 2
+
+    def angles(self) -> tuple[Array, Array]:
+        """Return (n,) joint angles [rad] and (n,) their standard deviations [rad]."""
+        angle = slice(3, 3 + self.joints)
+        return self.state[angle].copy(), np.sqrt(np.diag(self.covariance)[angle])
+
+    def tip(self) -> tuple[Array, Array]:
+        """Return (2,) the tip [m] in the finger's own base frame (at the mount), (2,) its standard deviations [m]."""
+        state = self.state.copy()
+        state[:3] = 0.0
+        points = self.geometry.markers(state)
+        jacobian = self.geometry.jacobian(points, len(points) - 1, len(state))
+        jacobian[:, :3] = 0.0
+        return points[-1], np.sqrt(np.diag(jacobian @ self.covariance @ jacobian.T))

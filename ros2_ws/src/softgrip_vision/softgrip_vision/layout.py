@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is painted on a finger: a chain of round markers, base to tip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from softgrip_vision.errors import LayoutError
+
+#: [rad] A joint cannot open further than this, nor close further (the groove closes at 90 deg; finger.md 2).
+JOINT_RANGE = (-0.35, 1.75)
+
+
+@dataclass(frozen=True)
+class ChainLayout:
+    """The markers of one finger: one behind the first joint, one on every joint's apex, one on the tip.
+
+    Attributes:
+        link_lengths_m: (n,) [m] joint to joint, the last one joint to tip; n = number of joints.
+    """
+
+    link_lengths_m: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.link_lengths_m or not all(0.001 <= length <= 1.0 for length in self.link_lengths_m):
+            raise LayoutError(f"expected link lengths of 0.001 .. 1 m, found {list(self.link_lengths_m)}")
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.link_lengths_m)
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """Names of the markers, base to tip."""
+        return ("base", *(f"joint_{j}" for j in range(self.joints)), "tip")
+
+
+@dataclass(frozen=True)
+class FingerSetup:
+    """One finger that the tracker looks for.
+
+    Attributes:
+        name: of the finger.
+        hue_deg: [deg] colour of its markers on the HSV circle (green = 120).
+        region: (left, top, width, height) [px] it is looked for in; None = the whole image.
+    """
+
+    name: str
+    hue_deg: float = 120.0
+    region: tuple[int, int, int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.hue_deg) or not 0 <= self.hue_deg < 360:
+            raise LayoutError(f"finger '{self.name}': expected a hue of 0 .. 360 deg, found {self.hue_deg}")
+        if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) <= 0):
+            raise LayoutError(f"finger '{self.name}': expected a region with positive size, found {self.region}")
+
+
+def parse_chains(lines: Iterable[str]) -> Mapping[str, ChainLayout]:
+    """Return the chain of each profile from lines like ``power: 0.045 0.027 0.023`` (link lengths [m]).
+
+    Raises:
+        LayoutError: when a line does not read so, or a profile comes twice.
+    """
+    chains: dict[str, ChainLayout] = {}
+    for line in lines:
+        name, colon, numbers = line.partition(":")
+        name = name.strip()
+        try:
+            lengths = tuple(float(number) for number in numbers.split())
+        except ValueError:
+            lengths = ()
+        if not colon or not name or not lengths:
+            raise LayoutError(f"expected 'PROFILE: LENGTH LENGTH ...' with lengths in m, found {line!r}")
+        if name in chains:
+            raise LayoutError(f"expected each profile once, found '{name}' twice")
+        chains[name] = ChainLayout(lengths)
+    if not chains:
+        raise LayoutError("expected the link lengths of at least one profile, found none")
+    return chains
+
+
+def parse_region(text: str) -> tuple[int, int, int, int] | None:
+    """Return (left, top, width, height) [px] of text like ``0 120 640 360``; None of an empty one.
+
+    Raises:
+        LayoutError: when it is not four whole numbers.
+    """
+    words = text.split()
+    if not words:
+        return None
+    if len(words) != 4 or not all(word.isdigit() for word in words):
+        raise LayoutError(f"expected a region 'LEFT TOP WIDTH HEIGHT' in whole pixels, found {text!r}")
+    left, top, width, height = (int(word) for word in words)
+    return left, top, width, height

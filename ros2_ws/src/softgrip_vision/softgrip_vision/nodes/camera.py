@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes a camera's frames: JPEG always (bags stay small), raw pixels on request, camera info with each.
+
+Topics (relative): camera/image_raw/compressed, camera/image_raw (parameter publish_raw), camera/camera_info.
+Stamps are the time of capture. A stock ROS 2 camera driver with the same topics may take this node's place.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from softgrip_nodekit import SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, to_time_message
+from softgrip_vision import calibration
+from softgrip_vision.errors import FrameError, VisionError
+from softgrip_vision.nodes import convert
+from softgrip_vision.sources import Capture, CaptureState, CaptureStatus, Frame, SourceOptions
+from softgrip_vision.waiting import file_when_there
+
+PARAMETERS = ParameterTable(
+    Parameter(
+        "source",
+        "0",
+        "device number or path, video file, image folder, http(s) motion-JPEG or rtsp URL, or @FILE: the source is "
+        "named in FILE, which may appear later",
+    ),
+    Parameter("frame_id", "camera_optical", "optical frame of the images (z forward, x right, y down)"),
+    Parameter("calibration_file", "", "camera calibration (YAML); empty: camera_info says uncalibrated"),
+    Parameter("calibration_wait_s", 8.0, "how long a calibration file may take to appear at start", "s", 0.0, 60.0),
+    Parameter("publish_raw", False, "also publish camera/image_raw (uncompressed)"),
+    Parameter("jpeg_quality", 90, "of frames that do not come as JPEG", "%", 50, 100, changeable=True),
+    Parameter("width", 0, "asked of a device; 0: its choice", "px", 0, 8192),
+    Parameter("height", 0, "asked of a device; 0: its choice", "px", 0, 8192),
+    Parameter("fps", 0.0, "asked of a device, or of an image folder; 0: their choice", "Hz", 0.0, 1000.0),
+    Parameter("timeout_s", 2.0, "a stream without data for so long is reconnected", "s", 0.1, 60.0),
+    Parameter("reconnect_delay_s", 0.5, "between attempts to connect", "s", 0.05, 60.0),
+    Parameter("repeat", False, "start a file or folder again at its end"),
+    Parameter("queue_depth", 2, "frames kept when the node is busy; older ones are dropped", "", 1, 30),
+    Parameter("stale_after_s", 1.0, "a newest frame older than this is an error on /diagnostics", "s", 0.05, 60.0),
+)
+
+#: [s] between looks at the health of the capture.
+HEALTH_PERIOD = 0.5
+
+
+class CameraNode(Node):
+    """The camera node."""
+
+    def __init__(self) -> None:
+        super().__init__("camera")
+        self._values = PARAMETERS.declare(self)
+        PARAMETERS.on_change(self, self._values.update)
+        self._calibration = self._load_calibration()
+        self._diagnostics = Diagnostics(self, self._calibration.camera_serial if self._calibration else "")
+        self._compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
+        self._raw = self.create_publisher(Image, "camera/image_raw", SENSOR) if self._values["publish_raw"] else None
+        self._info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
+        self._frames_ready = self.create_guard_condition(self._publish_ready)
+        self._published = 0
+        self._last_stamp_ns = 0
+        self._size_problem = ""
+        self._capture = self._start_capture()
+        self.create_timer(HEALTH_PERIOD, self._report)
+
+    def _load_calibration(self) -> calibration.Calibration | None:
+        name = self._values["calibration_file"]
+        if not name:
+            return None
+        try:
+            return calibration.load(file_when_there(Path(name), self._values["calibration_wait_s"]))
+        except VisionError as error:
+            raise StartupError(str(error)) from error
+
+    def _start_capture(self) -> Capture:
+        value = self._values
+        options = SourceOptions(value["width"], value["height"], value["fps"], value["timeout_s"])
+        try:
+            capture = Capture(
+                value["source"],
+                options,
+                self._frames_ready.trigger,
+                depth=value["queue_depth"],
+                reconnect_delay=value["reconnect_delay_s"],
+                repeat=value["repeat"],
+            )
+        except VisionError as error:
+            raise StartupError(f"parameter 'source': {error}") from error
+        capture.start()
+        return capture
+
+    def _publish_ready(self) -> None:
+        while (frame := self._capture.take()) is not None:
+            self._publish(frame)
+
+    def _publish(self, frame: Frame) -> None:
+        header = convert.to_header(to_time_message(frame.stamp_ns), self._values["frame_id"])
+        self._size_problem = self._check_size(frame)
+        try:
+            compressed = convert.to_compressed_message(frame, self._values["jpeg_quality"], header)
+            raw = convert.to_image_message(frame.pixels(), header) if self._raw is not None else None
+        except FrameError as error:
+            self._diagnostics.set("frames", Health.ERROR, str(error))
+            return
+        self._info.publish(convert.to_camera_info(self._calibration, frame.width, frame.height, header))
+        self._compressed.publish(compressed)
+        if self._raw is not None and raw is not None:
+            self._raw.publish(raw)
+        self._published += 1
+        self._last_stamp_ns = frame.stamp_ns
+
+    def _check_size(self, frame: Frame) -> str:
+        if self._calibration is None:
+            return ""
+        try:
+            self._calibration.require_size(frame.width, frame.height)
+        except VisionError as error:
+            return str(error)
+        return ""
+
+    def _report(self) -> None:
+        status = self._capture.status
+        age = (self.get_clock().now().nanoseconds - self._last_stamp_ns) * 1e-9 if self._published else float("inf")
+        health, message = self._judge(status, age)
+        values: dict[str, Any] = {
+            "state": status.state.value,
+            "frame_age_s": f"{age:.4f}",
+            "frames_captured": status.frames,
+            "frames_published": self._published,
+            "frames_dropped": status.dropped,
+            "connections": status.connections,
+        }
+        self._diagnostics.set("capture", health, message, values)
+        if self._size_problem:
+            self._diagnostics.set("frames", Health.ERROR, self._size_problem)
+        elif self._published:
+            self._diagnostics.set(
+                "frames", Health.OK, "of the calibrated size" if self._calibration else "uncalibrated"
+            )
+
+    def _judge(self, status: CaptureStatus, age: float) -> tuple[Health, str]:
+        if status.state in {CaptureState.WAITING, CaptureState.CONNECTING}:
+            return Health.WARN, f"{status.state.value}: {status.message}"
+        if status.state is CaptureState.ENDED:
+            return Health.WARN, status.message
+        if status.state is CaptureState.BROKEN:
+            return Health.ERROR, status.message
+        if age > self._values["stale_after_s"]:
+            return Health.ERROR, f"expected frames younger than {self._values['stale_after_s']:g} s, found {age:.1f} s"
+        return Health.OK, status.message
+
+    def close(self) -> None:
+        """Stop capturing and let go of the device."""
+        self._capture.stop()
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(CameraNode, args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measures the fingers' joint angles and tips from the camera's frames.
+
+Subscribes camera/image_raw/compressed (or camera/image_raw, parameter transport) and cell/state (which profile sits in
+which slot); publishes finger/measured, finger/markers and, on request, finger/overlay/compressed. Results leave from
+the image callback only and depend on the messages and their stamps alone, so that a bag replays to the same numbers.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
+from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
+from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, seconds
+from softgrip_vision import calibration, colour
+from softgrip_vision.errors import VisionError
+from softgrip_vision.layout import FingerSetup, parse_chains, parse_region
+from softgrip_vision.nodes import convert
+from softgrip_vision.overlay import draw
+from softgrip_vision.readings import FingerReading
+from softgrip_vision.sources import Frame, decode
+from softgrip_vision.tracker import Tracker, TrackerOptions
+from softgrip_vision.waiting import file_when_there
+
+PARAMETERS = ParameterTable(
+    Parameter("calibration_file", "", "camera calibration with the fingers' planes (YAML, see calibrate_camera)"),
+    Parameter("calibration_wait_s", 8.0, "how long the calibration file may take to appear at start", "s", 0.0, 60.0),
+    Parameter("transport", "compressed", "image topic to take", choices=("compressed", "raw")),
+    Parameter("fingers", ["index"], "fingers to follow; each has a plane in the calibration"),
+    Parameter(
+        "hues_deg", [120.0], "marker colour of each finger on the HSV circle; one for all, or one each", "deg", 0, 360
+    ),
+    Parameter(
+        "regions", [""], "where each finger is looked for: 'LEFT TOP WIDTH HEIGHT' [px] or '' for the whole image"
+    ),
+    Parameter(
+        "chains",
+        ["power: 0.045 0.027 0.023", "hook: 0.045 0.027 0.023", "pinch: 0.045 0.027 0.023"],
+        "per finger profile: link lengths from joint to joint, the last one to the tip [m] (defaults: Fig 4.4)",
+    ),
+    Parameter("profile", "power", "profile assumed until cell/state names the mounted ones"),
+    Parameter(
+        "threshold_share",
+        0.4,
+        "a pixel counts as marker above this share of the markers' signal",
+        "",
+        0.1,
+        0.9,
+        changeable=True,
+    ),
+    Parameter(
+        "placement_stddev_m", 5e-5, "how exactly the markers sit on the finger", "m", 0.0, 0.005, changeable=True
+    ),
+    Parameter(
+        "largest_angle_stddev_rad",
+        0.035,
+        "a finger less certain than this is not published",
+        "rad",
+        0.001,
+        1.0,
+        changeable=True,
+    ),
+    Parameter(
+        "patience_s",
+        0.7,
+        "hidden markers are waited for so long, then the finger is searched",
+        "s",
+        0.1,
+        10.0,
+        changeable=True,
+    ),
+    Parameter(
+        "overlay", False, "publish finger/overlay/compressed: the frame with what was found drawn in", changeable=True
+    ),
+)
+
+
+class MarkerTrackerNode(Node):
+    """The marker tracker node."""
+
+    def __init__(self) -> None:
+        super().__init__("marker_tracker")
+        self._values = PARAMETERS.declare(self)
+        self._diagnostics = Diagnostics(self)
+        try:
+            self._tracker = self._make_tracker()
+        except VisionError as error:
+            raise StartupError(str(error)) from error
+        self._configuration = self._tracker.configuration
+        PARAMETERS.on_change(self, self._apply)
+        self._measured = self.create_publisher(FingerStates, "finger/measured", SENSOR)
+        self._markers = self.create_publisher(FingerMarkers, "finger/markers", SENSOR)
+        self._overlay = self.create_publisher(CompressedImage, "finger/overlay/compressed", SENSOR)
+        self.create_subscription(CellState, "cell/state", self._on_cell_state, LATCHED)
+        if self._values["transport"] == "raw":
+            self.create_subscription(Image, "camera/image_raw", self._on_raw, SENSOR)
+        else:
+            self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_compressed, SENSOR)
+        self._frames = 0
+        self._diagnostics.set("frames", Health.WARN, "no frame yet; is the camera running?")
+
+    def _make_tracker(self) -> Tracker:
+        value = self._values
+        if not value["calibration_file"]:
+            raise VisionError(
+                "parameter 'calibration_file': expected a calibration with planes, found ''; run calibrate_camera"
+            )
+        known = calibration.load(file_when_there(Path(value["calibration_file"]), value["calibration_wait_s"]))
+        names, hues, regions = value["fingers"], value["hues_deg"], value["regions"]
+        for what, entries in (("hues_deg", hues), ("regions", regions)):
+            if len(entries) not in {1, len(names)}:
+                raise VisionError(
+                    f"parameter '{what}': expected one entry, or one for each of {names}, found {entries}"
+                )
+        setups = tuple(
+            FingerSetup(name, hues[index % len(hues)] % 360.0, parse_region(regions[index % len(regions)]))
+            for index, name in enumerate(names)
+        )
+        return Tracker(setups, dict(parse_chains(value["chains"])), known, value["profile"], self._options())
+
+    def _options(self) -> TrackerOptions:
+        value = self._values
+        return TrackerOptions(
+            threshold_share=value["threshold_share"],
+            placement_stddev_m=value["placement_stddev_m"],
+            largest_angle_stddev=value["largest_angle_stddev_rad"],
+            patience=value["patience_s"],
+        )
+
+    def _apply(self, changed: dict[str, Any]) -> None:
+        self._values.update(changed)
+        self._tracker.set_options(self._options())
+        self._configuration = self._tracker.configuration
+
+    def _on_cell_state(self, message: CellState) -> None:
+        for mounted in message.mounted:
+            if mounted.state in {MountedFinger.TO_BE_VERIFIED, MountedFinger.VERIFIED}:
+                try:
+                    self._tracker.mount(mounted.finger, mounted.profile)
+                except VisionError as error:
+                    self._diagnostics.set("profiles", Health.ERROR, str(error))
+                    return
+        self._configuration = self._tracker.configuration
+        self._diagnostics.set("profiles", Health.OK, self._tracker.profiles_text)
+
+    def _on_compressed(self, message: CompressedImage) -> None:
+        self._on_frame(message.header, lambda: decode(message.data))
+
+    def _on_raw(self, message: Image) -> None:
+        self._on_frame(message.header, lambda: convert.from_image_message(message))
+
+    def _on_frame(self, header: Header, pixels: Any) -> None:
+        start = time.perf_counter()
+        try:
+            image = pixels()
+            readings = self._tracker.measure(image, seconds(header.stamp))
+        except VisionError as error:
+            self._diagnostics.set("frames", Health.ERROR, str(error))
+            return
+        measured = convert.to_states_message(readings, self._configuration, header)
+        if measured is not None:
+            self._measured.publish(measured)
+        for reading in readings:
+            self._markers.publish(convert.to_markers_message(reading, header))
+        self._frames += 1
+        if self._values["overlay"]:
+            self._publish_overlay(image, readings, header)
+        self._report(readings, time.perf_counter() - start)
+
+    def _publish_overlay(self, image: colour.Image, readings: Sequence[FingerReading], header: Header) -> None:
+        drawn = draw(image, readings)
+        frame = Frame(0, drawn.shape[1], drawn.shape[0], image=drawn)
+        self._overlay.publish(convert.to_compressed_message(frame, 80, header))
+
+    def _report(self, readings: Sequence[FingerReading], duration: float) -> None:
+        self._diagnostics.set(
+            "frames", Health.OK, "measured", {"frames": self._frames, "last_duration_s": f"{duration:.4f}"}
+        )
+        for reading in readings:
+            health = Health.OK if reading.pose is not None else Health.WARN
+            hidden = [marker.name for marker in reading.markers if marker.occluded]
+            values = {
+                "profile": reading.profile,
+                "threshold_quality": f"{reading.threshold_quality:.3f}",
+                "not_seen": ", ".join(hidden),
+                "least_confidence": f"{min(marker.confidence for marker in reading.markers):.2f}",
+            }
+            self._diagnostics.set(f"finger {reading.finger}", health, reading.problem or "measured", values)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    cv2.setNumThreads(1)
+    sys.exit(run(MarkerTrackerNode, args))
+
+
+if __name__ == "__main__":
+    main()

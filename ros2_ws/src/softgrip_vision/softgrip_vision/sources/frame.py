@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One frame: as the JPEG it came as, or as pixels."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from softgrip_vision.colour import Image
+from softgrip_vision.errors import FrameError
+
+#: JPEG start-of-frame markers (ITU-T T.81 table B.1): C0..CF without DHT (C4), JPG (C8), DAC (CC).
+START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+#: Markers without a length: TEM, RST0..7, SOI, EOI.
+STAND_ALONE = frozenset({0x01, *range(0xD0, 0xDA)})
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A captured frame; exactly one of ``jpeg`` and ``image`` is there.
+
+    Attributes:
+        stamp_ns: [ns] time of capture since the epoch.
+        width, height: [px].
+        jpeg: the file's bytes, untouched.
+        image: (h, w, 3) BGR.
+    """
+
+    stamp_ns: int
+    width: int
+    height: int
+    jpeg: bytes | None = None
+    image: Image | None = None
+
+    def pixels(self) -> Image:
+        """Return the (h, w, 3) BGR image.
+
+        Raises:
+            FrameError: when the JPEG cannot be decoded.
+        """
+        if self.image is not None:
+            return self.image
+        assert self.jpeg is not None
+        return decode(self.jpeg)
+
+    def encoded(self, quality: int) -> bytes:
+        """Return the JPEG; one that came as JPEG is passed on as it is."""
+        if self.jpeg is not None:
+            return self.jpeg
+        assert self.image is not None
+        done, data = cv2.imencode(".jpg", self.image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if not done:
+            raise FrameError(f"expected an image that JPEG can hold, found {self.width}x{self.height}")
+        return bytes(data)
+
+
+class FrameSource(Protocol):
+    """Anything that gives frames, one after the other."""
+
+    def read(self) -> Frame | None:
+        """Wait for the next frame; None at the end of a source that has one. Raises SourceError."""
+
+    def close(self) -> None:
+        """Let go of whatever is open."""
+
+
+def decode(data: bytes | bytearray | memoryview) -> Image:
+    """Return the (h, w, 3) BGR image of a compressed one (JPEG, PNG, ...).
+
+    Raises:
+        FrameError: when the bytes are no image.
+    """
+    raw = np.frombuffer(data, dtype=np.uint8)
+    image = None
+    if raw.size:
+        try:
+            image = cv2.imdecode(raw, cv2.IMREAD_COLOR)
+        except cv2.error as error:
+            raise FrameError(f"expected a compressed image, found {raw.size} bytes: {error.err}") from error
+    if image is None:
+        raise FrameError(f"expected a compressed image (JPEG, PNG), found {raw.size} bytes that are none")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def jpeg_size(data: bytes) -> tuple[int, int]:
+    """Return (width, height) [px] of a JPEG from its start-of-frame segment (ITU-T T.81 B.2.2), without decoding it.
+
+    Raises:
+        FrameError: when the bytes are no JPEG or end before the segment.
+    """
+    if data[:2] != b"\xff\xd8":
+        raise FrameError(f"expected a JPEG (bytes ff d8), found {data[:2].hex(' ') or 'nothing'}")
+    at = 2
+    while at + 4 <= len(data):
+        if data[at] != 0xFF:
+            raise FrameError(f"expected a JPEG marker at byte {at}, found {data[at]:02x}")
+        marker = data[at + 1]
+        if marker == 0xFF:
+            at += 1
+        elif marker in STAND_ALONE:
+            at += 2
+        elif marker in START_OF_FRAME and at + 9 <= len(data):
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        else:
+            at += 2 + struct.unpack_from(">H", data, at + 2)[0]
+    raise FrameError(f"expected a JPEG with a frame header, found {len(data)} bytes without one")

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames through OpenCV: V4L2 devices, video files, RTSP; and folders of images."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from softgrip_vision.errors import SourceError
+from softgrip_vision.sources.frame import Frame
+
+IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+DEFAULT_FILE_FPS = 30.0
+
+
+class DeviceStream:
+    """A V4L2 device. OpenCV gives no buffer time here, so a frame's stamp is taken when its grab returns.
+
+    Args:
+        path: e.g. /dev/video0.
+        width, height: [px] asked for; 0 = the device's choice.
+        fps: [Hz] asked for; 0 = the device's choice.
+        now_ns: clock of the stamps.
+    """
+
+    def __init__(
+        self, path: Path, width: int, height: int, fps: float, now_ns: Callable[[], int] = time.time_ns
+    ) -> None:
+        _require_access(path)
+        self._path, self._now_ns = path, now_ns
+        self._capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise SourceError(f"{path}: expected a V4L2 camera, found a device that cannot be opened; is it in use?")
+        self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*"MJPG"))
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        for key, value in (
+            (cv2.CAP_PROP_FRAME_WIDTH, width),
+            (cv2.CAP_PROP_FRAME_HEIGHT, height),
+            (cv2.CAP_PROP_FPS, fps),
+        ):
+            if value:
+                self._capture.set(key, value)
+
+    def read(self) -> Frame | None:
+        """Return the next frame."""
+        grabbed = self._capture.grab()
+        stamp = self._now_ns()
+        done, image = self._capture.retrieve() if grabbed else (False, None)
+        if not done or image is None:
+            raise SourceError(f"{self._path}: the camera gave no frame; was it unplugged?")
+        return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+
+    def close(self) -> None:
+        """Release the device."""
+        self._capture.release()
+
+
+class VideoStream:
+    """A video file or an RTSP stream.
+
+    A file's frames are stamped with its own time line, counted from ``start_ns``; a live stream's with their arrival.
+
+    Args:
+        target: path or rtsp:// URL.
+        live: whether it is a stream.
+        start_ns: [ns] time of a file's first frame.
+        now_ns: clock of a live stream's stamps.
+    """
+
+    def __init__(self, target: str, *, live: bool, start_ns: int = 0, now_ns: Callable[[], int] = time.time_ns) -> None:
+        if not live:
+            _require_access(Path(target))
+        self._target, self._live, self._now_ns = target, live, now_ns
+        self._capture = cv2.VideoCapture(target, cv2.CAP_FFMPEG)
+        if not self._capture.isOpened():
+            what = "a stream" if live else "a video"
+            raise SourceError(
+                f"{target}: expected {what} that FFmpeg can read, found none (corrupt, or another format)"
+            )
+        fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self.fps = fps if 0 < fps < 1000 else DEFAULT_FILE_FPS
+        self.frame_count = max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        self._start_ns = start_ns
+        self._index = 0
+
+    def read(self) -> Frame | None:
+        """Return the next frame; None at the end."""
+        done, image = self._capture.read()
+        if not done or image is None:
+            if self._index == 0:
+                raise SourceError(f"{self._target}: expected frames, found none that can be decoded")
+            return None
+        stamp = self._now_ns() if self._live else self._start_ns + round(self._index / self.fps * 1e9)
+        self._index += 1
+        return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+
+    def close(self) -> None:
+        """Close the file or stream."""
+        self._capture.release()
+
+
+class FolderStream:
+    """The images of a folder in the order of their names, at a fixed rate.
+
+    Args:
+        folder: with image files.
+        fps: [Hz] of the time line.
+        start_ns: [ns] time of the first image.
+    """
+
+    def __init__(self, folder: Path, fps: float, start_ns: int = 0) -> None:
+        _require_access(folder)
+        self._files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+        if not self._files:
+            raise SourceError(f"{folder}: expected images ({', '.join(sorted(IMAGE_SUFFIXES))}), found none")
+        self.fps = fps or DEFAULT_FILE_FPS
+        self.frame_count = len(self._files)
+        self._start_ns = start_ns
+        self._index = 0
+
+    def read(self) -> Frame | None:
+        """Return the next image; None after the last."""
+        if self._index == len(self._files):
+            return None
+        path = self._files[self._index]
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise SourceError(f"{path}: expected an image, found a file that is none; remove it from the folder")
+        stamp = self._start_ns + round(self._index / self.fps * 1e9)
+        self._index += 1
+        return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+
+    def close(self) -> None:
+        """Nothing is open between images."""
+
+
+def _require_access(path: Path) -> None:
+    """Say why a path cannot be read, which OpenCV does not."""
+    if not path.exists():
+        raise SourceError(
+            f"{path}: expected a camera, video or folder, found nothing there ({os.strerror(errno.ENOENT)})"
+        )
+    if not os.access(path, os.R_OK):
+        raise SourceError(
+            f"{path}: expected to be allowed to read it, found: {os.strerror(errno.EACCES)}; "
+            "for a camera, add the user to the group 'video'"
+        )
