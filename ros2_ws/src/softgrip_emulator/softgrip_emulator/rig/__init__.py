@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The friction rig that isn't there: a cable over a printed surface, and the devices that pull and weigh it."""
+
+from softgrip_emulator.rig.emulated import EmulatedRig
+from softgrip_emulator.rig.truth import FrictionTruth, RigTruth
+
+__all__ = ["EmulatedRig", "FrictionTruth", "RigTruth"]

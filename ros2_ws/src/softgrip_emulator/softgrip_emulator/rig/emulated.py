@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole rig: plant, devices and their ports, and what can be made to go wrong."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self
+
+from softgrip_emulator.clock import CellClock
+from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.rig.mark10_gauge import Mark10Gauge
+from softgrip_emulator.rig.mark10_stand import Mark10Stand
+from softgrip_emulator.rig.plant import RigPlant
+from softgrip_emulator.rig.sensor import LoadCell
+from softgrip_emulator.rig.truth import RigTruth
+from softgrip_emulator.wire.pty import PtyPort
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+#: [N] of the emulated gauge (Mark-10 M5-10).
+GAUGE_CAPACITY = 50.0
+
+
+class EmulatedRig:
+    """A friction rig behind pseudo-terminals ``<directory>/stand`` and ``<directory>/gauge``.
+
+    Usage::
+
+        with EmulatedRig(seed=1, time_scale=30.0) as rig:
+            rig.open_ports(Path("/tmp/cell"))
+            rig.set(angle_rad=0.87, load_kg=0.6)
+
+    Args:
+        seed: of the cable, the rig and the noise.
+        time_scale: cell seconds per wall second; the driver must be told the same.
+        truth: what is so, instead of what the seed draws.
+        clock: shared cell time, instead of an own one.
+    """
+
+    def __init__(
+        self, seed: int = 1, time_scale: float = 1.0, *, truth: RigTruth | None = None, clock: CellClock | None = None
+    ) -> None:
+        self.clock = clock or CellClock(time_scale)
+        self.truth = truth or RigTruth.from_seed(seed)
+        self.plant = RigPlant(self.truth, seed)
+        self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
+        self.stand = Mark10Stand(self.plant, self.cell)
+        self.gauge = Mark10Gauge(self.cell)
+        self._ports: dict[str, PtyPort] = {}
+        self._misplaced: dict[str, float] = {}
+        self._active: dict[str, Callable[[], None]] = {}
+
+    # -- ports -----------------------------------------------------------------------------------------------------
+
+    def open_ports(self, directory: Path) -> Self:
+        """Make the ports appear in a folder and serve them."""
+        for name, device in (("stand", self.stand), ("gauge", self.gauge)):
+            self._ports[name] = PtyPort(directory / name, device, clock=self.clock).start()
+        return self
+
+    def close(self) -> None:
+        """Take the ports away."""
+        for port in self._ports.values():
+            port.close()
+        self._ports.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- what a person does ----------------------------------------------------------------------------------------
+
+    def set(self, angle_rad: float, load_kg: float) -> None:
+        """Set the wrap angle [rad] and hang a mass [kg]; an angle of 0 takes the cable off the surface."""
+        with self.plant.lock:
+            self.plant.advance(self.clock.now_s())
+            angle = angle_rad + self._misplaced.get("wrong_angle", 0.0)
+            self.plant.set(angle, load_kg * self._misplaced.get("wrong_weight", 1.0))
+
+    # -- what goes wrong -------------------------------------------------------------------------------------------
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Names of the faults that `inject` knows."""
+        return tuple(sorted(self._makers()))
+
+    @property
+    def active_faults(self) -> tuple[str, ...]:
+        """Names of the faults that are on."""
+        return tuple(sorted(self._active))
+
+    def inject(self, fault: str, **arguments: float | str) -> None:
+        """Make something go wrong; `clear` ends it.
+
+        Args:
+            fault: one of `faults`.
+            arguments: of the fault: ``angle`` [rad] of wrong_angle, ``rate`` [N/s] of drift, ``unit`` of unit_switched,
+                ``factor`` of wrong_weight, ``port`` ("stand" or "gauge") of unplugged, ``capacity`` [N] of saturated.
+
+        Raises:
+            EmulatorError: no such fault, or arguments it does not take.
+        """
+        maker = self._makers().get(fault)
+        if maker is None:
+            raise EmulatorError(f"rig fault '{fault}': expected one of {', '.join(self.faults)}")
+        try:
+            self._active[fault] = maker(**arguments)
+        except TypeError as error:
+            raise EmulatorError(f"rig fault '{fault}': {error}") from error
+
+    def clear(self, fault: str = "") -> None:
+        """End one fault, or all."""
+        for name in [fault] if fault else list(self._active):
+            undo = self._active.pop(name, None)
+            if undo is not None:
+                undo()
+
+    def _makers(self) -> dict[str, Callable[..., Callable[[], None]]]:
+        return {
+            "stand_silent": lambda: _flag(self.stand, "silent"),
+            "gauge_silent": lambda: _flag(self.gauge, "silent"),
+            "illegal_command": lambda: _flag(self.gauge, "illegal"),
+            "stand_reply_cut": lambda: _flag(self.stand, "reply_cut"),
+            "gauge_reply_cut": lambda: _flag(self.gauge, "reply_cut"),
+            "cell_stuck": lambda: _flag(self.cell, "stuck"),
+            "unit_switched": self._unit_switched,
+            "auto_return": self._auto_return,
+            "contaminated_stream": self._contaminated,
+            "saturated": self._saturated,
+            "drift": self._drift,
+            "stage_jammed": self._jammed,
+            "unplugged": self._unplugged,
+            "wrong_weight": lambda factor=0.0: self._misplace("wrong_weight", float(factor)),
+            "wrong_angle": lambda angle=-0.5: self._misplace("wrong_angle", float(angle)),
+            "battery_low": self._battery_low,
+        }
+
+    def _unit_switched(self, unit: str = "LB") -> Callable[[], None]:
+        self.gauge.panel_unit(unit)
+        return lambda: self.gauge.panel_unit("N")
+
+    def _auto_return(self) -> Callable[[], None]:
+        self.stand.panel_auto_return()
+
+        def undo() -> None:
+            self.stand.pc_control = True
+
+        return undo
+
+    def _contaminated(self, rate: float = 50.0) -> Callable[[], None]:
+        self.gauge.panel_auto_output(int(rate), self.clock.now_s())
+        return lambda: self.gauge.panel_auto_output(0, self.clock.now_s())
+
+    def _saturated(self, capacity: float = 1.5) -> Callable[[], None]:
+        before, self.cell.capacity = self.cell.capacity, capacity
+
+        def undo() -> None:
+            self.cell.capacity = before
+
+        return undo
+
+    def _drift(self, rate: float = 0.05) -> Callable[[], None]:
+        self.cell.drift_rate = rate
+
+        def undo() -> None:
+            self.cell.drift_rate = 0.0
+
+        return undo
+
+    def _jammed(self) -> Callable[[], None]:
+        self.plant.jam(True)
+        return lambda: self.plant.jam(False)
+
+    def _unplugged(self, port: str = "gauge") -> Callable[[], None]:
+        if port not in self._ports:
+            raise EmulatorError(f"rig fault 'unplugged': expected a port of {', '.join(self._ports)}, found '{port}'")
+        self._ports[port].unplug()
+        return self._ports[port].plug
+
+    def _misplace(self, what: str, value: float) -> Callable[[], None]:
+        self._misplaced[what] = value
+
+        def undo() -> None:
+            self._misplaced.pop(what, None)
+
+        return undo
+
+    def _battery_low(self) -> Callable[[], None]:
+        self.gauge.battery = 3
+
+        def undo() -> None:
+            self.gauge.battery = 0
+
+        return undo
+
+
+def _flag(device: object, name: str) -> Callable[[], None]:
+    setattr(device, name, True)
+    return lambda: setattr(device, name, False)
