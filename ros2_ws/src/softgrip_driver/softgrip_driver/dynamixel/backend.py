@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tendon drives on a Dynamixel bus: one group read and one group write a cycle, everything slow one item at a time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.bringup import Servo, identify, set_up
+from softgrip_driver.dynamixel.bus import Bus, Reply
+from softgrip_driver.dynamixel.registers import HardwareError, Item
+from softgrip_driver.errors import CorruptReplyError, DeviceNotFoundError, DriverError, NoReplyError, PortLostError
+from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
+
+#: names of the fault table for the bits of the hardware error status
+_FAULT_NAMES = {
+    HardwareError.INPUT_VOLTAGE: "input_voltage",
+    HardwareError.OVERHEATING: "overheated",
+    HardwareError.MOTOR_ENCODER: "encoder_fault",
+    HardwareError.ELECTRICAL_SHOCK: "electrical_shock",
+    HardwareError.OVERLOAD: "overload",
+}
+
+#: current, velocity, position in one block: 126 .. 135
+_FAST = (reg.PRESENT_CURRENT.address, 10)
+
+
+@dataclass(frozen=True)
+class _SlowRead:
+    """A block read now and then. All sizes differ, so that a late answer to one is never taken for another."""
+
+    name: str
+    address: int
+    size: int
+
+
+_TORQUE = _SlowRead("torque enable, LED", 64, 2)
+_ERRORS = _SlowRead("status return level .. hardware error status", 68, 3)
+_WATCHDOG = _SlowRead("bus watchdog", 98, 1)
+_MARK = _SlowRead("goal PWM, goal current", 100, 4)
+_SUPPLY = _SlowRead("position trajectory, voltage, temperature", 140, 7)
+_ROUND = (_ERRORS, _SUPPLY, _TORQUE, _MARK, _WATCHDOG)
+
+
+@dataclass
+class _Live:
+    """What is known of a servo while the loop runs."""
+
+    servo: Servo
+    misses: int = 0
+    absent: bool = False
+    probe_at: float = 0.0
+    alert: bool = False
+    hardware_error: int = 0
+    watchdog_tripped: bool = False
+    powered: bool | None = None
+    mark: int | None = None
+    pwm_limit: int = 885
+    current_units: int | None = None
+    values: dict[str, float] = field(default_factory=dict)
+    urgent: list[_SlowRead] = field(default_factory=list)
+
+
+class DynamixelBackend:
+    """Dynamixel X servos as tendon drives (TendonBackend).
+
+    Args:
+        bus: not yet open.
+        servos: one for each tendon.
+        watchdog: [s] of silence after which a servo stops by itself; 0 = off.
+        write_eeprom: correct persistent settings that differ; otherwise they are an error.
+    """
+
+    #: misses in a row after which a servo is left out of the group read
+    MISSES = 3
+    #: [s] between questions to a servo that is left out
+    PROBE_PERIOD = 0.25
+    #: [s] of plain sync reads after a fast one failed
+    PLAIN_PERIOD = 1.0
+    #: [s] for a reboot: 0.4 s were measured, the maker's own code waits 3 s
+    REBOOT_TIMEOUT = 4.0
+
+    def __init__(self, bus: Bus, servos: Sequence[Servo], watchdog: float = 0.08, *, write_eeprom: bool = True) -> None:
+        self.bus = bus
+        self._live = {servo.tendon: _Live(servo) for servo in servos}
+        self._watchdog_units = (
+            0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
+        )
+        self._write_eeprom = write_eeprom
+        self._plain_until = 0.0
+        self._turn = 0
+        self._last_traffic = 0.0
+        self.fast = False
+
+    @property
+    def tendons(self) -> Sequence[str]:
+        """Names of the tendons, in order."""
+        return tuple(self._live)
+
+    # --- connecting ------------------------------------------------------------------------------------------------
+
+    def connect(self) -> Sequence[DriveIdentity]:
+        """Open the port, identify every servo, check and set it up, torque off."""
+        self.bus.open()
+        try:
+            identities = []
+            for live in self._live.values():
+                identity = identify(self.bus, live.servo)
+                differences = tuple(
+                    text for text in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom) if text
+                )
+                self._after_set_up(live)
+                identities.append(DriveIdentity(live.servo.tendon, identity.text, differences))
+                live.servo = identity.servo
+            self.fast = all(live.servo.fast_sync_read for live in self._live.values())
+        except DriverError:
+            self.bus.close()
+            raise
+        return identities
+
+    def disconnect(self) -> None:
+        """Torque off and close."""
+        if self.bus.is_open:
+            for tendon in self._live:
+                try:
+                    self._switch_off(self._live[tendon], attempts=3)
+                except DriverError:
+                    # Nothing more can be done for this one here: its bus watchdog stops it.
+                    continue
+        self.bus.close()
+
+    def reconnect(self) -> bool:
+        """Reopen a port that went away."""
+        if self.bus.is_open:
+            return True
+        try:
+            self.bus.open()
+        except DriverError:
+            return False
+        self.bus.counters.reopened += 1
+        for live in self._live.values():
+            live.absent, live.misses = False, 0
+            live.urgent = [_MARK, _TORQUE, _WATCHDOG]
+        return True
+
+    def restore(self, tendon: str) -> Iterator[None]:
+        """Reboot a servo that has shut itself down and set it up again."""
+        live = self._live[tendon]
+        servo_id = live.servo.servo_id
+        live.powered = live.mark = None
+        self.bus.reboot(servo_id)
+        deadline = time.monotonic() + self.REBOOT_TIMEOUT
+        while True:
+            yield
+            try:
+                self.bus.ping(servo_id)
+                break
+            except (NoReplyError, CorruptReplyError):
+                if time.monotonic() > deadline:
+                    raise DeviceNotFoundError(
+                        f"servo {servo_id}: expected it back within {self.REBOOT_TIMEOUT:.0f} s of its reboot, "
+                        "found silence; switch its supply off and on"
+                    ) from None
+        for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
+            yield
+        self._after_set_up(live)
+        live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
+
+    def _after_set_up(self, live: _Live) -> None:
+        servo_id = live.servo.servo_id
+        live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts=3)
+        live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts=3)
+        live.powered = False
+        live.current_units = None
+
+    # --- a cycle ---------------------------------------------------------------------------------------------------
+
+    def read(self) -> Mapping[str, DriveReading]:
+        """Read all present servos in one transaction, one slow item, and probe one that is missing."""
+        now = time.monotonic()
+        if (
+            self._watchdog_units
+            and now - self._last_traffic > 0.9 * self._watchdog_units * reg.WATCHDOG_SECONDS_PER_UNIT
+        ):
+            self._want_everywhere(_WATCHDOG)
+        present = [live for live in self._live.values() if not live.absent]
+        replies: dict[int, Reply] = {}
+        if present:
+            ids = [live.servo.servo_id for live in present]
+            if self.fast and now >= self._plain_until:
+                replies = self.bus.fast_sync_read(ids, *_FAST)
+                if not replies:
+                    self._plain_until = now + self.PLAIN_PERIOD
+            else:
+                replies = self.bus.sync_read(ids, *_FAST)
+        self._last_traffic = time.monotonic()
+        readings = {}
+        for live in present:
+            reply = replies.get(live.servo.servo_id)
+            if reply is None or reply.code:
+                self._missed(live, now)
+            else:
+                readings[live.servo.tendon] = self._reading(live, reply)
+        self._probe(now, readings)
+        self._read_slowly(readings)
+        return readings
+
+    def write(self, setpoints: Mapping[str, Setpoint]) -> None:
+        """Write goal positions, and goal currents where they changed."""
+        positions: dict[int, int] = {}
+        currents: dict[int, int] = {}
+        for tendon, setpoint in setpoints.items():
+            live = self._live[tendon]
+            if live.absent:
+                continue
+            servo = live.servo
+            units = servo.current_units(setpoint.tension_limit)
+            if units != live.current_units and servo.has_current_limit:
+                currents[servo.servo_id] = live.current_units = units
+            if setpoint.position is not None:
+                positions[servo.servo_id] = servo.pulses(setpoint.position)
+        # The tension limit first: a raised position must never meet yesterday's higher limit.
+        self.bus.sync_write(reg.GOAL_CURRENT, currents)
+        self.bus.sync_write(reg.GOAL_POSITION, positions)
+
+    def power(self, tendon: str, on: bool) -> None:
+        """Hold the present position, or let go."""
+        live = self._live[tendon]
+        if not on:
+            self._switch_off(live, attempts=2)
+            return
+        servo_id = live.servo.servo_id
+        position = self.bus.read(servo_id, reg.PRESENT_POSITION, attempts=2)
+        self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=2)
+        self.bus.write(servo_id, reg.TORQUE_ENABLE, 1, attempts=2)
+        # Written with torque on: some firmware copies the present position at that moment, and the last word is ours.
+        self.bus.write(servo_id, reg.GOAL_POSITION, position, attempts=2)
+        self.bus.write(servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
+        live.powered, live.current_units = None, None
+
+    def mark_session(self, tendon: str, mark: int) -> None:
+        """Keep the mark in the goal PWM, up to 15 units (1.7 %) below its limit: a restart puts it back to the limit."""
+        live = self._live[tendon]
+        self.bus.write(live.servo.servo_id, reg.GOAL_PWM, live.pwm_limit - mark, attempts=2)
+        live.mark = mark
+
+    # --- helpers ---------------------------------------------------------------------------------------------------
+
+    def _switch_off(self, live: _Live, attempts: int) -> None:
+        servo_id = live.servo.servo_id
+        self.bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts=attempts)
+        self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=attempts)
+        live.powered = False
+
+    def _reading(self, live: _Live, reply: Reply) -> DriveReading:
+        live.misses = 0
+        if reply.alert != live.alert:
+            live.alert = reply.alert
+            live.urgent = [_ERRORS, _TORQUE]
+        servo = live.servo
+        current = servo.ampere(reg.PRESENT_CURRENT.decode(reply.data[0:2]))
+        velocity = servo.speed_of(reg.PRESENT_VELOCITY.decode(reply.data[2:6]))
+        position = servo.length(reg.PRESENT_POSITION.decode(reply.data[6:10]))
+        tension, stddev = servo.torque.tension(current, velocity, servo.spool.radius)
+        faults = tuple(name for bit, name in _FAULT_NAMES.items() if live.hardware_error & bit)
+        if live.watchdog_tripped:
+            faults += ("bus_watchdog",)
+            live.watchdog_tripped = False
+        return DriveReading(
+            time.monotonic(), position, velocity, tension, stddev, current,
+            live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
+            live.powered, live.mark, faults, live.hardware_error,
+        )  # fmt: skip
+
+    def _missed(self, live: _Live, now: float) -> None:
+        live.misses += 1
+        if live.misses >= self.MISSES:
+            live.absent = True
+            live.probe_at = now + self.PROBE_PERIOD
+
+    def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
+        due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
+        if not due:
+            return
+        live = min(due, key=lambda one: one.probe_at)
+        live.probe_at = now + self.PROBE_PERIOD
+        try:
+            reply = self.bus.read_bytes(live.servo.servo_id, *_FAST)
+        except PortLostError:
+            raise
+        except DriverError:
+            return
+        live.absent = False
+        live.urgent = [_MARK, _TORQUE, _WATCHDOG, _ERRORS]
+        readings[live.servo.tendon] = self._reading(live, reply)
+
+    def _want_everywhere(self, block: _SlowRead) -> None:
+        for live in self._live.values():
+            if block not in live.urgent:
+                live.urgent.append(block)
+
+    def _read_slowly(self, readings: Mapping[str, DriveReading]) -> None:
+        """Read one block of one servo: an urgent one first, else the next in turn."""
+        answering = [live for live in self._live.values() if live.servo.tendon in readings]
+        if not answering:
+            return
+        urgent = next((live for live in answering if live.urgent), None)
+        if urgent is not None:
+            live, block = urgent, urgent.urgent.pop(0)
+        else:
+            self._turn += 1
+            live = answering[self._turn % len(answering)]
+            block = _ROUND[self._turn // len(answering) % len(_ROUND)]
+        try:
+            data = self.bus.read_bytes(live.servo.servo_id, block.address, block.size).data
+        except PortLostError:
+            raise
+        except DriverError:
+            # Counted by the bus; the group read tells whether the servo is gone.
+            return
+        self._take(live, block, data)
+
+    def _take(self, live: _Live, block: _SlowRead, data: bytes) -> None:
+        def value(item: Item) -> int:
+            start = item.address - block.address
+            return item.decode(data[start : start + item.size])
+
+        if block is _TORQUE:
+            live.powered = bool(value(reg.TORQUE_ENABLE))
+        elif block is _ERRORS:
+            live.hardware_error = value(reg.HARDWARE_ERROR)
+        elif block is _SUPPLY:
+            live.values["voltage"] = value(reg.PRESENT_VOLTAGE) * reg.VOLT_PER_UNIT
+            live.values["temperature"] = float(value(reg.PRESENT_TEMPERATURE))
+        elif block is _MARK:
+            live.mark = live.pwm_limit - value(reg.GOAL_PWM)
+            if value(reg.GOAL_CURRENT) != live.current_units:
+                # Group writes are not acknowledged; this one was lost, so it is sent again.
+                live.current_units = None
+        elif block is _WATCHDOG and value(reg.BUS_WATCHDOG) == -1:
+            live.watchdog_tripped = True
+            self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, 0, attempts=2)
+            self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
+            live.current_units = None

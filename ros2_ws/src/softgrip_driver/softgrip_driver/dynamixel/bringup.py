@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bringing one servo up: is it the right one, are its persistent settings right, and its volatile ones set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import BAUD_CODES, MODEL_NAMES, HardwareError, Item, OperatingMode, ServoModel
+from softgrip_driver.errors import (
+    ConfigurationError,
+    CorruptReplyError,
+    DeviceNotFoundError,
+    NoReplyError,
+    WrongDeviceError,
+)
+from softgrip_driver.tendon.units import Spool, TorqueModel
+
+_ATTEMPTS = 3
+
+
+@dataclass(frozen=True)
+class Servo:
+    """One servo of the configuration.
+
+    Attributes:
+        tendon: name of the tendon on its spool.
+        servo_id: 0 .. 252.
+        model: its control table.
+        spool, torque: between shaft and tendon.
+        mode: current-based position (5), or extended position (4), where only the software limits the tension.
+        tension_hard: [N] the servo's own current limit is set a tenth above it.
+        speed: [m/s] the servo's own profile velocity; a last limit above that of the setpoint.
+        fast_sync_read: the firmware has it (known after `identify`).
+    """
+
+    tendon: str
+    servo_id: int
+    model: ServoModel
+    spool: Spool
+    torque: TorqueModel
+    mode: OperatingMode = OperatingMode.CURRENT_BASED_POSITION
+    tension_hard: float = 45.0
+    speed: float = 0.05
+    fast_sync_read: bool = False
+
+    @property
+    def has_current_limit(self) -> bool:
+        """Whether the servo itself limits the tension."""
+        return self.mode is OperatingMode.CURRENT_BASED_POSITION
+
+    def length(self, pulses: int) -> float:
+        """Return the tendon wound in [m] at a position [pulses]."""
+        return self.spool.length(pulses * reg.RAD_PER_PULSE)
+
+    def pulses(self, length: float) -> int:
+        """Return the position [pulses] at a length [m], kept within the +-256 turns that the servo accepts."""
+        pulses = round(self.spool.angle(length) / reg.RAD_PER_PULSE)
+        return max(-reg.EXTENDED_POSITION_LIMIT, min(reg.EXTENDED_POSITION_LIMIT, pulses))
+
+    def speed_of(self, units: int) -> float:
+        """Return the tendon's speed [m/s] at a velocity [0.229 rpm]."""
+        return self.spool.length(units * reg.RAD_PER_S_PER_UNIT)
+
+    def ampere(self, units: int) -> float:
+        """Return the current [A, + pulls] of a reading."""
+        return self.spool.direction * units * self.model.ampere_per_unit
+
+    def current_units(self, tension: float) -> int:
+        """Return the goal current for a tension limit [N], within the model's range."""
+        ampere = self.torque.current(tension, self.spool.radius)
+        return max(1, min(self.model.current_limit_units, round(ampere / self.model.ampere_per_unit)))
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A servo that was found to be the one configured."""
+
+    servo: Servo
+    text: str
+
+
+def identify(bus: Bus, servo: Servo) -> Identity:
+    """Return who answers at the servo's ID.
+
+    Raises:
+        DeviceNotFoundError: nobody; the message says where servos do answer.
+        WrongDeviceError: another model, or one whose hardware error needs a person.
+    """
+    try:
+        number, firmware = bus.ping(servo.servo_id, attempts=_ATTEMPTS)
+    except (NoReplyError, CorruptReplyError) as error:
+        raise DeviceNotFoundError(
+            f"tendon '{servo.tendon}': expected a {servo.model.name} with ID {servo.servo_id} at {bus.port.baudrate} baud on "
+            f"{bus.port.port_name}, found {_who_answers(bus)}; check power and cable, or run "
+            "`ros2 run softgrip_driver scan`"
+        ) from error
+    if number != servo.model.number:
+        raise WrongDeviceError(
+            f"tendon '{servo.tendon}', ID {servo.servo_id}: expected model {servo.model.name} ({servo.model.number}), "
+            f"found {MODEL_NAMES.get(number, 'an unknown model')} ({number}); correct the parameter servo_models"
+        )
+    text = f"{servo.model.name}/{number} id {servo.servo_id} fw {firmware}"
+    return Identity(replace(servo, fast_sync_read=firmware >= servo.model.fast_sync_read_firmware), text)
+
+
+def _who_answers(bus: Bus) -> str:
+    """Say which IDs answer at this baud rate, else at which other one anybody does."""
+    found = bus.broadcast_ping(0.1)
+    if found:
+        return f"ID {', '.join(str(one) for one in sorted(found))} instead"
+    for baud in BAUD_CODES:
+        if baud == bus.port.baudrate:
+            continue
+        other = Bus(bus.port.port_name, baud, bus.port.reply_margin)
+        bus.close()
+        try:
+            other.open()
+            found = other.broadcast_ping(0.1)
+        finally:
+            other.close()
+            bus.open()
+        if found:
+            return f"nobody, but ID {', '.join(str(one) for one in sorted(found))} at {baud} baud"
+    return "nobody at any baud rate"
+
+
+def wanted_eeprom(servo: Servo) -> dict[Item, int]:
+    """Return the persistent settings a tendon drive needs."""
+    hard_limit = min(servo.model.current_limit_units, servo.current_units(1.1 * servo.tension_hard))
+    return {
+        reg.RETURN_DELAY: 0,
+        reg.DRIVE_MODE: 0,
+        reg.OPERATING_MODE: int(servo.mode),
+        reg.SECONDARY_ID: 255,
+        reg.STARTUP_CONFIGURATION: 0,
+        reg.CURRENT_LIMIT: hard_limit,
+    }
+
+
+def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool) -> Iterator[str]:
+    """Bring a servo to a known state with its torque off, one short transaction a step.
+
+    Yields each persistent setting that was corrected, in words, and "" after every other transaction.
+
+    A driver that starts again finds its own settings and changes nothing, so the servo's turn count and session mark
+    survive.
+
+    Raises:
+        ConfigurationError: settings differ and may not be written.
+        DriverError: the servo does not answer or refuses.
+    """
+    servo_id = servo.servo_id
+    error = HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, _ATTEMPTS))
+    if error & ~HardwareError.INPUT_VOLTAGE:
+        raise WrongDeviceError(
+            f"tendon '{servo.tendon}', ID {servo_id}: expected a servo without hardware errors, found {error!r}; remove the "
+            "cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
+        )
+    bus.write(servo_id, reg.TORQUE_ENABLE, 0, _ATTEMPTS)
+    bus.write(servo_id, reg.BUS_WATCHDOG, 0, _ATTEMPTS)
+    for item, wanted in wanted_eeprom(servo).items():
+        found = bus.read(servo_id, item, _ATTEMPTS)
+        if found == wanted:
+            yield ""
+            continue
+        text = f"ID {servo_id}: {item.name} was {found}, needs {wanted}"
+        if not write_eeprom:
+            raise ConfigurationError(
+                f"tendon '{servo.tendon}', {text}; set write_eeprom, or run `ros2 run softgrip_driver setup`"
+            )
+        bus.write(servo_id, item, wanted, _ATTEMPTS)
+        if bus.read(servo_id, item, _ATTEMPTS) != wanted:
+            raise WrongDeviceError(f"tendon '{servo.tendon}', {text}; it was written, but not kept")
+        yield text
+    # After the mode: a change of mode resets these.
+    speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
+    volatile = {
+        reg.PROFILE_ACCELERATION: 0,
+        reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units))),
+        reg.GOAL_CURRENT: servo.current_units(0.0),
+    }
+    for item, value in volatile.items():
+        bus.write(servo_id, item, value, _ATTEMPTS)
+        yield ""

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The serial port under dynamixel-sdk: bounded waits on the monotonic clock, no busy loop, no stale bytes.
+
+dynamixel-sdk waits at least 34 ms for a reply, on the wall clock, polling; and 4.0.3, which ROS 2 Jazzy ships, takes a
+reply that arrives late as the answer to the next read. Overriding the five methods below repairs all of that for every
+version of the SDK.
+"""
+
+from __future__ import annotations
+
+import select
+import termios
+import time
+from typing import Any
+
+import serial
+from dynamixel_sdk import PortHandler
+
+from softgrip_driver.errors import ConfigurationError, PortLostError
+
+#: 8N1: start bit, eight data bits, stop bit
+BITS_PER_BYTE = 10
+#: what pyserial and the tty layer raise when the device goes away (termios.error is no OSError; a closed Serial raises
+#: TypeError from its missing file descriptor)
+PORT_ERRORS = (OSError, termios.error, TypeError, ValueError)
+
+
+class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
+    """A PortHandler whose waits end when the reply can no longer come.
+
+    Args:
+        port_name: device path.
+        baud: [1/s]
+        reply_margin: [s] allowed beyond the time that the bytes need: return delay, USB, scheduling.
+    """
+
+    def __init__(self, port_name: str, baud: int, reply_margin: float) -> None:
+        super().__init__(port_name)
+        self.is_open: bool = False
+        self.ser: Any = None
+        self.baudrate = baud
+        self.reply_margin = reply_margin
+        self._deadline = 0.0
+
+    def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802  the SDK's name
+        """Open the port for this process alone."""
+        if self.is_open:
+            self.closePort()
+        self.ser = serial.Serial(
+            port=self.port_name, baudrate=cflag_baud, bytesize=serial.EIGHTBITS, timeout=0, exclusive=True
+        )
+        self.is_open = True
+        self.is_using = False
+        self.ser.reset_input_buffer()
+        self.tx_time_per_byte = 1000.0 * BITS_PER_BYTE / cflag_baud
+        return True
+
+    def clearPort(self) -> None:  # noqa: N802  the SDK's name
+        """Throw away what came in before the transaction that starts now (4.0.3 does not)."""
+        self.ser.reset_input_buffer()
+
+    def readPort(self, length: int) -> bytes:  # noqa: N802  the SDK's name
+        """Return up to ``length`` bytes, waiting for the first of them until the deadline."""
+        if length <= 0:
+            return b""
+        remaining = self._deadline - time.monotonic()
+        if remaining > 0.0:
+            select.select((self.ser.fd,), (), (), remaining)
+        data: bytes = self.ser.read(length)
+        return data
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802  the SDK's name
+        """Allow the time that ``packet_length`` bytes need plus the margin."""
+        self.allow(packet_length)
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802  the SDK's name
+        """Allow ``msec`` milliseconds."""
+        self._deadline = time.monotonic() + msec * 1e-3
+
+    def isPacketTimeout(self) -> bool:  # noqa: N802  the SDK's name
+        """Return whether the deadline has passed."""
+        return time.monotonic() >= self._deadline
+
+    def allow(self, length: int, extra: float = 0.0) -> None:
+        """Set the deadline of a reply of ``length`` bytes, ``extra`` [s] beyond the usual margin."""
+        self._deadline = time.monotonic() + length * self.tx_time_per_byte * 1e-3 + self.reply_margin + extra
+
+    def open(self) -> None:
+        """Open the port.
+
+        Raises:
+            ConfigurationError: the baud rate is none the SDK knows.
+            PortLostError: the port is missing, taken by another process, or no serial port.
+        """
+        try:
+            opened = self.setBaudRate(self.baudrate)
+        except PORT_ERRORS as error:
+            raise PortLostError(
+                f"port {self.port_name}: expected a free serial port, found: {error}; "
+                "check cable, power, permissions (group dialout) and that no other program uses it"
+            ) from error
+        if not opened:
+            raise ConfigurationError(
+                f"port {self.port_name}: expected a baud rate that dynamixel-sdk knows, found {self.baudrate}"
+            )
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        if self.ser is not None:
+            try:
+                self.ser.close()
+            except PORT_ERRORS:
+                # Gone already: nothing is left to close.
+                self.ser = None
+        self.is_open = False
+        self.is_using = False
+
+    def drain(self, quiet: float, limit: float) -> int:
+        """Discard input until none came for ``quiet`` [s], at most ``limit`` [s]; return the bytes discarded."""
+        end = time.monotonic() + limit
+        discarded = 0
+        while time.monotonic() < end:
+            ready: tuple[list[Any], list[Any], list[Any]] = select.select((self.ser.fd,), (), (), quiet)
+            if not ready[0]:
+                break
+            discarded += len(self.ser.read(4096))
+        return discarded

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Control tables of the Dynamixel X series as data (ROBOTIS e-manual, X330 and X430 pages).
+
+Addresses are common to the models here; scales, limits and defaults differ and stand in `MODELS`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+PULSES_PER_TURN = 4096
+RAD_PER_PULSE = 2.0 * math.pi / PULSES_PER_TURN
+#: one unit of the velocity items: 0.229 rpm
+RAD_PER_S_PER_UNIT = 0.229 * 2.0 * math.pi / 60.0
+#: one unit of the profile acceleration: 214.577 rev/min^2
+RAD_PER_S2_PER_UNIT = 214.577 * 2.0 * math.pi / 3600.0
+VOLT_PER_UNIT = 0.1
+WATCHDOG_SECONDS_PER_UNIT = 0.020
+RETURN_DELAY_SECONDS_PER_UNIT = 2e-6
+#: modes 4 and 5: +-256 turns
+EXTENDED_POSITION_LIMIT = 1_048_575
+
+
+@dataclass(frozen=True)
+class Item:
+    """One item of the control table."""
+
+    name: str
+    address: int
+    size: int
+    signed: bool = False
+
+    def decode(self, data: bytes) -> int:
+        """Return the value of exactly ``size`` little-endian bytes."""
+        if len(data) != self.size:
+            raise ValueError(f"{self.name}: expected {self.size} bytes, found {len(data)}")
+        return int.from_bytes(data, "little", signed=self.signed)
+
+    def encode(self, value: int) -> bytes:
+        """Return a value as ``size`` little-endian bytes; raises OverflowError when it does not fit."""
+        return int(value).to_bytes(self.size, "little", signed=self.signed)
+
+
+MODEL_NUMBER = Item("model number", 0, 2)
+FIRMWARE = Item("firmware version", 6, 1)
+ID = Item("ID", 7, 1)
+BAUD_RATE = Item("baud rate", 8, 1)
+RETURN_DELAY = Item("return delay time", 9, 1)
+DRIVE_MODE = Item("drive mode", 10, 1)
+OPERATING_MODE = Item("operating mode", 11, 1)
+SECONDARY_ID = Item("secondary ID", 12, 1)
+HOMING_OFFSET = Item("homing offset", 20, 4, signed=True)
+TEMPERATURE_LIMIT = Item("temperature limit", 31, 1)
+MAX_VOLTAGE_LIMIT = Item("max voltage limit", 32, 2)
+MIN_VOLTAGE_LIMIT = Item("min voltage limit", 34, 2)
+PWM_LIMIT = Item("PWM limit", 36, 2)
+CURRENT_LIMIT = Item("current limit", 38, 2)
+VELOCITY_LIMIT = Item("velocity limit", 44, 4)
+STARTUP_CONFIGURATION = Item("startup configuration", 60, 1)
+SHUTDOWN = Item("shutdown", 63, 1)
+TORQUE_ENABLE = Item("torque enable", 64, 1)
+LED = Item("LED", 65, 1)
+STATUS_RETURN_LEVEL = Item("status return level", 68, 1)
+HARDWARE_ERROR = Item("hardware error status", 70, 1)
+BUS_WATCHDOG = Item("bus watchdog", 98, 1, signed=True)
+GOAL_PWM = Item("goal PWM", 100, 2, signed=True)
+GOAL_CURRENT = Item("goal current", 102, 2, signed=True)
+PROFILE_ACCELERATION = Item("profile acceleration", 108, 4)
+PROFILE_VELOCITY = Item("profile velocity", 112, 4)
+GOAL_POSITION = Item("goal position", 116, 4, signed=True)
+REALTIME_TICK = Item("realtime tick", 120, 2)
+PRESENT_CURRENT = Item("present current", 126, 2, signed=True)
+PRESENT_VELOCITY = Item("present velocity", 128, 4, signed=True)
+PRESENT_POSITION = Item("present position", 132, 4, signed=True)
+PRESENT_VOLTAGE = Item("present input voltage", 144, 2)
+PRESENT_TEMPERATURE = Item("present temperature", 146, 1)
+
+#: every item the driver touches, by name
+ITEMS: dict[str, Item] = {item.name: item for item in list(vars().values()) if isinstance(item, Item)}
+
+#: EEPROM ends here; below it a write needs torque off
+FIRST_RAM_ADDRESS = 64
+
+#: value of the baud rate item for each baud [1/s]; 4.5 M is left out: dynamixel-sdk refuses it
+BAUD_CODES: dict[int, int] = {9600: 0, 57600: 1, 115200: 2, 1_000_000: 3, 2_000_000: 4, 3_000_000: 5, 4_000_000: 6}
+
+
+class OperatingMode(IntEnum):
+    """Operating modes a tendon drive may use (address 11)."""
+
+    EXTENDED_POSITION = 4
+    CURRENT_BASED_POSITION = 5
+
+
+class HardwareError(IntFlag):
+    """Bits of the hardware error status (address 70)."""
+
+    INPUT_VOLTAGE = 0x01
+    OVERHEATING = 0x04
+    MOTOR_ENCODER = 0x08
+    ELECTRICAL_SHOCK = 0x10
+    OVERLOAD = 0x20
+
+
+#: what the low seven bits of a status packet's error byte say
+STATUS_ERRORS: dict[int, str] = {
+    1: "result fail",
+    2: "undefined instruction",
+    3: "the servo saw a bad CRC",
+    4: "data range: the value is outside the item's range, or the bus watchdog has tripped",
+    5: "data length: fewer bytes than the item has",
+    6: "data limit: the value is beyond the matching Limit item",
+    7: "access: item undefined or read-only, or EEPROM while torque is on",
+}
+ALERT_BIT = 0x80
+
+
+@dataclass(frozen=True)
+class ServoModel:
+    """What differs between models.
+
+    Attributes:
+        ampere_per_unit: [A] of one unit of the current items.
+        current_limit_units: largest value of the current limit item.
+        stall_torque, stall_current: [N m], [A] of the data sheet at its rated voltage; their ratio is the torque model
+            until `calibrate_tension` has measured one.
+        no_load_current: [A] needed to turn the gears without load; half of the dead band of the tension estimate.
+        fast_sync_read_firmware: first firmware version with Fast Sync Read.
+        temperature_limit: [degC] factory value of item 31.
+        voltage_range: [V] of normal operation.
+    """
+
+    name: str
+    number: int
+    ampere_per_unit: float
+    current_limit_units: int
+    stall_torque: float
+    stall_current: float
+    no_load_current: float
+    fast_sync_read_firmware: int
+    temperature_limit: float
+    voltage_range: tuple[float, float]
+
+    @property
+    def torque_per_ampere(self) -> float:
+        """Torque constant seen at the horn [N m/A]."""
+        return self.stall_torque / self.stall_current
+
+
+_X330_FAST = 46
+_X430_FAST = 45
+
+#: models a tendon may hang on, by name
+MODELS: dict[str, ServoModel] = {
+    model.name: model
+    for model in (
+        ServoModel("XL330-M288", 1200, 0.001, 1750, 0.52, 1.47, 0.05, _X330_FAST, 70.0, (3.7, 6.0)),
+        ServoModel("XC330-M288", 1240, 0.001, 2352, 0.93, 1.80, 0.05, _X330_FAST, 70.0, (3.7, 6.0)),
+        ServoModel("XC330-T288", 1220, 0.001, 910, 0.92, 0.80, 0.03, _X330_FAST, 70.0, (6.5, 12.0)),
+        ServoModel("XM430-W350", 1020, 0.00269, 1193, 4.1, 2.3, 0.06, _X430_FAST, 80.0, (10.0, 14.8)),
+    )
+}
+
+#: names of model numbers that are known but have no tendon table here, so that `scan` can name them
+MODEL_NAMES: dict[int, str] = {model.number: model.name for model in MODELS.values()} | {
+    350: "XL320",
+    1000: "XH430-W350",
+    1010: "XH430-W210",
+    1030: "XM430-W210",
+    1060: "XL430-W250",
+    1070: "XC430-W150",
+    1080: "XC430-W240",
+    1120: "XM540-W270",
+    1130: "XM540-W150",
+    1190: "XL330-M077",
+    1210: "XC330-T181",
+    1230: "XC330-M181",
+    1700: "XC335-T332",
+}

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can go wrong with a device. Every message says what was expected, what was found and what to do."""
+
+from __future__ import annotations
+
+
+class DriverError(Exception):
+    """Base of everything this package raises on purpose."""
+
+
+class ConfigurationError(DriverError):
+    """The configuration contradicts itself or what the device can do."""
+
+
+class DeviceNotFoundError(DriverError):
+    """No device where one was expected: wrong port, wrong baud rate, wrong ID, no power."""
+
+
+class WrongDeviceError(DriverError):
+    """A device answered, but not the one the configuration names."""
+
+
+class PortLostError(DriverError):
+    """The serial port went away or cannot be opened."""
+
+
+class NoReplyError(DriverError):
+    """A device did not answer within the time the bus allows."""
+
+
+class CorruptReplyError(DriverError):
+    """Bytes came back that are no valid answer: checksum, length, ID or instruction are wrong."""
+
+
+class RefusedError(DriverError):
+    """The device answered that it will not do what was asked."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        #: what the device said (Dynamixel: status error code 1..7)
+        self.code = code

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verbs of a tendon drive's device. Units end here: above it lengths are metres of tendon and forces newtons.
+
+A backend serves all drives on one port. It is driven by one thread (loop.py); no verb blocks longer than it says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class DriveIdentity:
+    """Who pulls a tendon, as far as the device can tell.
+
+    Attributes:
+        tendon: name of the tendon.
+        device: what a stored zero is bound to, e.g. "XL330-M288/1200 id 1 fw 52".
+        differences: persistent settings found different from what is needed, in words; they were written.
+    """
+
+    tendon: str
+    device: str
+    differences: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class DriveReading:
+    """What a device said about one drive.
+
+    Attributes:
+        time: [s] monotonic clock, when the answer came.
+        position: [m] of tendon wound in, + pulls, from the device's own origin (not from the homed zero).
+        velocity: [m/s] + pulls.
+        tension, tension_stddev: [N] estimate and its uncertainty.
+        current: [A] + pulls; NaN where the device has none.
+        temperature: [degC]; voltage: [V]; NaN until read once.
+        powered: the device holds or moves the tendon; None until known.
+        session_mark: number that the driver left in the device's volatile memory; another one means that the device
+            restarted and lost its turn count. None until known.
+        faults: names of the fault table that the device itself reports.
+        hardware_error: raw error bits.
+    """
+
+    time: float
+    position: float
+    velocity: float
+    tension: float
+    tension_stddev: float
+    current: float = math.nan
+    temperature: float = math.nan
+    voltage: float = math.nan
+    powered: bool | None = None
+    session_mark: int | None = None
+    faults: tuple[str, ...] = ()
+    hardware_error: int = 0
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """What a drive shall do now.
+
+    Attributes:
+        position: [m] in the device's frame; None = keep what it has.
+        tension_limit: [N] that the device itself must not exceed.
+    """
+
+    position: float | None
+    tension_limit: float
+
+
+class TendonBackend(Protocol):
+    """Device side of the tendon drives on one port."""
+
+    @property
+    def tendons(self) -> Sequence[str]:
+        """Names of the tendons, in order."""
+
+    def connect(self) -> Sequence[DriveIdentity]:
+        """Open the port, identify every device, check and set it up. Nothing moves and nothing holds afterwards.
+
+        Raises DriverError with what was expected, found and what to do. May take seconds.
+        """
+
+    def disconnect(self) -> None:
+        """Let go of every device and close the port. Never raises."""
+
+    def reconnect(self) -> bool:
+        """Try once to reopen a port that went away; return whether it is open. Does not raise; takes milliseconds."""
+
+    def restore(self, tendon: str) -> Iterator[None]:
+        """Reboot one device where it has cut itself off and set it up again, one short transaction a step."""
+
+    def read(self) -> Mapping[str, DriveReading]:
+        """Return a reading of every drive that answered. Raises PortLostError. Blocks less than one reply time-out."""
+
+    def write(self, setpoints: Mapping[str, Setpoint]) -> None:
+        """Send setpoints to the drives. Raises PortLostError."""
+
+    def power(self, tendon: str, on: bool) -> None:
+        """Let one drive hold its present position, or let go of the tendon."""
+
+    def mark_session(self, tendon: str, mark: int) -> None:
+        """Leave a number 1..15 in the device's volatile memory."""

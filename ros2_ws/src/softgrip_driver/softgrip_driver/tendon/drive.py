@@ -1,0 +1,418 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One tendon drive as a pure state machine: a reading and the time in, a setpoint and a verdict out.
+
+It never touches a device and never asks a clock, so every path can be tested by stepping it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from softgrip_driver.faults import FAULTS, Reaction, Recovery
+from softgrip_driver.tendon.backend import DriveReading, Setpoint
+from softgrip_driver.tendon.guards import (
+    BreakGuard,
+    JumpGuard,
+    MedianFilter,
+    OverloadGuard,
+    SlackGuard,
+    ThermalGuard,
+)
+from softgrip_driver.tendon.homing import Homing
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
+
+
+@dataclass(frozen=True)
+class DriveSnapshot:
+    """What one drive is and does, for whoever watches.
+
+    Lengths [m] are pulled lengths; NaN until something was read. ``outcome`` and ``reason`` are the last motion's.
+    """
+
+    tendon: str
+    state: DriveState
+    homed: bool
+    length: float = math.nan
+    speed: float = math.nan
+    tension: float = math.nan
+    tension_stddev: float = math.nan
+    current: float = math.nan
+    temperature: float = math.nan
+    voltage: float = math.nan
+    hardware_error: int = 0
+    fault: str = ""
+    fault_reason: str = ""
+    outcome: Outcome | None = None
+    reason: str = ""
+    lost_replies: int = 0
+    time: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass
+class DriveActions:
+    """What a step asks of the device.
+
+    Attributes:
+        setpoint: to be written, None = nothing.
+        power: True / False = switch, None = leave.
+        restore: reboot and set up the device again.
+    """
+
+    setpoint: Setpoint | None = None
+    power: bool | None = None
+    restore: bool = False
+
+
+@dataclass
+class _Memory:
+    """What a drive remembers between steps."""
+
+    motion: Motion | None = None
+    zero: float | None = None
+    origin: float = 0.0
+    reading: DriveReading | None = None
+    seen: float | None = None
+    tension: float = 0.0
+    last_step: float | None = None
+    lost: int = 0
+    mark: int | None = None
+    job: int = 0
+    outcome: Outcome | None = None
+    reason: str = ""
+    fault: str = ""
+    fault_reason: str = ""
+    restoring: bool = False
+    warnings: dict[str, str] = field(default_factory=dict)
+
+
+class Drive:
+    """State machine of one tendon.
+
+    Args:
+        tendon: name.
+        limits: what it may do.
+        continuous_tension: [N] that it may hold for ever.
+    """
+
+    def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float) -> None:
+        self.tendon = tendon
+        self.limits = limits
+        self._continuous = continuous_tension
+        self.powered = False
+        self._m = _Memory()
+        self._reset_guards()
+
+    def _reset_guards(self) -> None:
+        self._filter = MedianFilter()
+        self._jump = JumpGuard(self.limits)
+        self._break = BreakGuard(self.limits)
+        self._slack = SlackGuard(self.limits)
+        self._thermal = ThermalGuard(self.limits)
+        self._overload = OverloadGuard(self._continuous)
+
+    # --- what is known ---------------------------------------------------------------------------------------------
+
+    @property
+    def homed(self) -> bool:
+        """Whether the zero of the pulled length is known."""
+        return self._m.zero is not None
+
+    @property
+    def fault(self) -> str:
+        """Name of the present fault, empty for none."""
+        return self._m.fault
+
+    @property
+    def ready(self) -> bool:
+        """Whether it may be switched on: it has answered, and no latched fault stands."""
+        m = self._m
+        return m.reading is not None and (m.fault == "" or FAULTS[m.fault].recovery is Recovery.COMMAND)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a motion is going on that will end."""
+        return self._m.motion is not None and not isinstance(self._m.motion, Hold)
+
+    @property
+    def state(self) -> DriveState:
+        """State as TendonStatus tells it."""
+        if self._m.fault in {"no_reply", "port_lost"} or self._m.reading is None:
+            return DriveState.DISCONNECTED
+        if self._m.fault and FAULTS[self._m.fault].reaction is not Reaction.REPORT:
+            return DriveState.STOPPED
+        if not self.powered or self._m.motion is None:
+            return DriveState.IDENTIFIED
+        return self._m.motion.state
+
+    def snapshot(self) -> DriveSnapshot:
+        """Return the present state as a value."""
+        m = self._m
+        base = DriveSnapshot(
+            self.tendon, self.state, self.homed, fault=m.fault, fault_reason=m.fault_reason,
+            outcome=m.outcome, reason=m.reason, lost_replies=m.lost, warnings=tuple(m.warnings.values()),
+        )  # fmt: skip
+        r = m.reading
+        if r is None:
+            return base
+        return replace(
+            base, length=r.position - self._frame, speed=r.velocity, tension=m.tension, tension_stddev=r.tension_stddev,
+            current=r.current, temperature=r.temperature, voltage=r.voltage, hardware_error=r.hardware_error,
+            time=r.time,
+        )  # fmt: skip
+
+    @property
+    def _frame(self) -> float:
+        return self._m.zero if self._m.zero is not None else self._m.origin
+
+    @property
+    def job(self) -> int:
+        """Number of the last motion asked for; its outcome is None until it has ended."""
+        return self._m.job
+
+    @property
+    def outcome(self) -> tuple[Outcome | None, str]:
+        """Outcome of the last motion asked for, with the reason."""
+        return self._m.outcome, self._m.reason
+
+    # --- requests --------------------------------------------------------------------------------------------------
+
+    def set_zero(self, position: float, mark: int) -> None:
+        """Take a zero [m, device frame] that belongs to a session mark of the device."""
+        self._m.zero, self._m.mark = position, mark
+
+    @property
+    def zero(self) -> float | None:
+        """[m] of the zero in the device's frame."""
+        return self._m.zero
+
+    def refusal(self, *, homed: bool = True) -> str:
+        """Return why the drive cannot start a motion now, empty when it can."""
+        m = self._m
+        if m.reading is None:
+            return f"tendon '{self.tendon}' has not answered yet"
+        if m.fault and FAULTS[m.fault].recovery is not Recovery.COMMAND:
+            row = FAULTS[m.fault]
+            return f"tendon '{self.tendon}' has the fault {m.fault} ({m.fault_reason}); ends by: {row.recovery.value}"
+        if not self.powered:
+            return f"tendon '{self.tendon}' is not powered; activate the driver"
+        if homed and not self.homed:
+            return f"tendon '{self.tendon}' is not homed; call tendon/home"
+        return ""
+
+    def start(self, make: Callable[[View], Motion], now: float) -> Motion:
+        """Begin a motion made from the present view; the one before ends as CANCELLED."""
+        assert self._m.reading is not None
+        if self._m.fault and FAULTS[self._m.fault].recovery is Recovery.COMMAND:
+            self._clear_fault()
+        motion = make(self._view(self._m.reading, now, 0.0, math.inf))
+        if isinstance(motion, Follow) and isinstance(self._m.motion, Follow):
+            motion.take_over(self._m.motion)
+        self._m.motion = motion
+        self._m.outcome, self._m.reason = None, ""
+        self._m.job += 1
+        self._break.reset()
+        return motion
+
+    def switch_on(self) -> DriveActions:
+        """Hold the present position."""
+        assert self._m.reading is not None
+        self.powered = True
+        self._m.origin = self._m.reading.position
+        self._reset_guards()
+        self._hold_here()
+        return DriveActions(power=True)
+
+    def switch_off(self) -> DriveActions:
+        """Let go of the tendon."""
+        self.powered = False
+        self._m.motion = None
+        return DriveActions(power=False)
+
+    def restored(self, *, success: bool) -> DriveActions:
+        """Go on after the device was set up again: take hold where it stands now, without a zero."""
+        self._m.restoring = False
+        if not success or self._m.reading is None or not self.powered:
+            return DriveActions()
+        return self.switch_on()
+
+    def reset(self) -> None:
+        """Take note that a person has dealt with the fault."""
+        if self._m.fault and FAULTS[self._m.fault].recovery in (Recovery.RESET, Recovery.HOME, Recovery.COMMAND):
+            self._clear_fault()
+
+    def set_fault(self, name: str, reason: str) -> None:
+        """Enter a fault: the motion ends, the drive does what the fault table says."""
+        row = FAULTS[name]
+        m = self._m
+        latched = m.fault != "" and FAULTS[m.fault].recovery in {Recovery.HOME, Recovery.RESET}
+        if latched and (row.recovery is not Recovery.HOME or FAULTS[m.fault].recovery is Recovery.HOME):
+            return  # the first latched fault is the cause; what follows is its consequence
+        if m.fault != name:
+            m.fault, m.fault_reason = name, f"{row.meaning}: {reason}; {row.remedy}"
+        if row.reaction is Reaction.REPORT:
+            return
+        if self.busy:
+            m.outcome, m.reason = Outcome.FAULT, m.fault_reason
+        if row.recovery is Recovery.HOME:
+            m.zero = None
+        if m.reading is not None and self.powered:
+            self._hold_here()
+
+    def hold_now(self) -> None:
+        """Stop and hold here with the holding tension."""
+        if self._m.reading is not None and self.powered:
+            self._hold_here()
+
+    def abort(self, reason: str) -> None:
+        """End the motion as a fault of its own and hold."""
+        if self.busy:
+            self._m.outcome, self._m.reason = Outcome.FAULT, reason
+        self.hold_now()
+
+    @property
+    def holds_tension(self) -> bool:
+        """Whether the tendon is taut."""
+        return self._m.tension > self.limits.tension_slack
+
+    def _clear_fault(self) -> None:
+        self._m.fault, self._m.fault_reason = "", ""
+        self._jump.reset()
+        self._break.reset()
+
+    def _hold_here(self) -> None:
+        assert self._m.reading is not None
+        here = self._m.reading.position - self._frame
+        self._m.motion = Hold(here, self.limits.tension_hold)
+
+    # --- a step ----------------------------------------------------------------------------------------------------
+
+    def step(self, now: float, reading: DriveReading | None) -> DriveActions:
+        """Take a reading (None = the drive did not answer in this cycle) and say what the device shall do."""
+        m = self._m
+        if reading is None:
+            return self._unanswered(now)
+        if not self._believe(reading):
+            return DriveActions()
+        dt = 0.0 if m.last_step is None else max(0.0, min(0.1, now - m.last_step))
+        m.last_step, m.reading, m.seen = now, reading, now
+        m.tension = self._filter.step(reading.tension)
+        if m.fault in ("no_reply", "port_lost", "bus_watchdog") and not m.restoring:
+            self._clear_fault()
+        actions = self._check_device(reading)
+        if actions is not None:
+            return actions
+        cap = self._tension_cap(reading, dt)
+        if not self.powered or m.motion is None:
+            return DriveActions()
+        view = self._view(reading, now, dt, cap)
+        self._guard(view)
+        if m.fault and FAULTS[m.fault].reaction is Reaction.LET_GO:
+            return self.switch_off()
+        step = m.motion.step(view)
+        setpoint = Setpoint(step.length + self._frame, step.tension_limit)
+        if step.outcome is not None:
+            self._finish(step)
+        return DriveActions(setpoint=setpoint)
+
+    def _unanswered(self, now: float) -> DriveActions:
+        m = self._m
+        m.lost += 1
+        if m.seen is None:
+            m.seen = now
+        if now - m.seen >= self.limits.no_reply and not m.restoring and m.fault != "port_lost":
+            self.set_fault("no_reply", f"nothing heard for {(now - m.seen) * 1e3:.0f} ms")
+        return DriveActions()
+
+    def _believe(self, reading: DriveReading) -> bool:
+        if not math.isfinite(reading.position):
+            return False
+        if not self.powered:
+            self._jump.reset()
+            return True
+        if self._jump.step(reading.time, reading.position):
+            return True
+        if self._jump.lost:
+            before = self._m.reading.position if self._m.reading is not None else math.nan
+            self._jump.reset()
+            self._m.reading = reading
+            self.set_fault(
+                "position_jump", f"from {before * 1e3:.1f} mm to {reading.position * 1e3:.1f} mm within a few cycles"
+            )
+        return False
+
+    def _check_device(self, reading: DriveReading) -> DriveActions | None:
+        """React to what the device reports of itself; None = go on."""
+        m = self._m
+        lost_mark = m.mark is not None and reading.session_mark is not None and reading.session_mark != m.mark
+        if lost_mark or (self.powered and reading.powered is False and not reading.faults and not m.restoring):
+            found = f"session mark {reading.session_mark}, expected {m.mark}" if lost_mark else "torque is off"
+            self.set_fault("rebooted", found)
+            m.mark = None
+            return self.switch_off()
+        for name in reading.faults:
+            self.set_fault(name, f"hardware error status 0x{reading.hardware_error:02x}")
+        if "overload" in reading.faults and self.powered and not m.restoring:
+            # The servo has let go by itself. Taking hold again at once is what keeps the object.
+            m.restoring = True
+            return DriveActions(restore=True)
+        if not reading.faults and m.fault == "input_voltage":
+            self._clear_fault()
+        return None
+
+    def _tension_cap(self, reading: DriveReading, dt: float) -> float:
+        m = self._m
+        share = self._thermal.step(reading.temperature)
+        if self._thermal.tripped:
+            self.set_fault("over_temperature", f"{reading.temperature:.0f} degC, limit {self.limits.stop_at:.0f} degC")
+        elif m.fault == "over_temperature":
+            self._clear_fault()
+        overload = self._overload.step(m.tension, dt)
+        self._warn("derated", share < 1.0, f"{reading.temperature:.0f} degC: tension limited to {share:.0%}")
+        self._warn(
+            "overload", self._overload.backed_off,
+            f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go",
+        )  # fmt: skip
+        return min(share * self.limits.tension_soft, overload)
+
+    def _warn(self, key: str, present: bool, text: str) -> None:
+        if present:
+            self._m.warnings[key] = text
+        else:
+            self._m.warnings.pop(key, None)
+
+    def _guard(self, view: View) -> None:
+        m = self._m
+        motion = m.motion
+        assert motion is not None
+        if view.tension > self.limits.tension_hard:
+            self.set_fault("tension_exceeded", f"{view.tension:.1f} N, hard limit {self.limits.tension_hard:.1f} N")
+            return
+        if motion.paying_out:
+            self._break.reset()
+        elif self._break.step(view.now, view.tension):
+            self.set_fault("tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm")
+            return
+        if self.homed and self._slack.step(view.now, view.length, view.tension, pulling=motion.winding_in):
+            self.set_fault("tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length")
+
+    def _finish(self, step: Step) -> None:
+        m = self._m
+        m.outcome, m.reason = step.outcome, step.reason
+        if step.fault:
+            self.set_fault(step.fault, step.reason)
+            m.outcome = Outcome.FAULT
+            return
+        if isinstance(m.motion, Homing):
+            assert m.motion.zero is not None
+            m.zero = self._frame + m.motion.zero
+            m.mark = None
+            m.motion = Hold(0.0, self.limits.tension_soft)
+            return
+        m.motion = Hold(step.length, step.tension_limit)
+
+    def _view(self, reading: DriveReading, now: float, dt: float, cap: float) -> View:
+        return View(now, dt, reading.position - self._frame, reading.velocity, self._m.tension, cap)

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What watches over one drive. Each guard sees samples and says whether its fault is there; none moves anything."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from statistics import median
+
+from softgrip_driver.tendon.limits import TendonLimits
+
+
+class MedianFilter:
+    """Median of the last three samples: one wild sample does not get through."""
+
+    def __init__(self) -> None:
+        self._window: deque[float] = deque(maxlen=3)
+
+    def step(self, value: float) -> float:
+        """Return the median with this sample."""
+        self._window.append(value)
+        return median(self._window)
+
+
+class JumpGuard:
+    """Keeps positions that a drive cannot have reached away from the controller.
+
+    A single glitch (old XM430 firmware reads -1 as -4096) is dropped; a position that stays elsewhere means that the
+    turn count is lost.
+    """
+
+    TOLERATED = 3
+
+    def __init__(self, limits: TendonLimits) -> None:
+        self._speed = 4.0 * limits.speed
+        self._slack = 0.002
+        self._last: tuple[float, float] | None = None
+        self._outliers = 0
+
+    def reset(self) -> None:
+        """Forget the past: the next sample is believed."""
+        self._last, self._outliers = None, 0
+
+    def step(self, time: float, position: float) -> bool:
+        """Return whether to believe a position [m] at a time [s]."""
+        if self._last is None:
+            self._last = (time, position)
+            return True
+        allowed = self._speed * max(0.0, time - self._last[0]) + self._slack
+        if abs(position - self._last[1]) <= allowed:
+            self._last, self._outliers = (time, position), 0
+            return True
+        self._outliers += 1
+        return False
+
+    @property
+    def lost(self) -> bool:
+        """Whether the position has stayed where it cannot be."""
+        return self._outliers > self.TOLERATED
+
+
+class BreakGuard:
+    """Tells a broken tendon: tension that was there and vanished without being let out."""
+
+    #: [s] how far back the tension before is looked for
+    WINDOW = 0.25
+    #: the rest of the tension that still counts as vanished
+    REST = 0.25
+
+    def __init__(self, limits: TendonLimits) -> None:
+        self._limits = limits
+        self._recent: deque[tuple[float, float]] = deque()
+        self._vanished_at: float | None = None
+        self._before = 0.0
+
+    def reset(self) -> None:
+        """Forget the past: the tendon is being let out, or is new."""
+        self._recent.clear()
+        self._vanished_at = None
+
+    def step(self, now: float, tension: float) -> bool:
+        """Return whether the tendon is broken, given its tension [N] at a time [s]."""
+        if self._vanished_at is not None:
+            if tension > max(self._limits.tension_slack, self.REST * self._before):
+                self._vanished_at = None
+            elif now - self._vanished_at >= self._limits.break_confirm:
+                return True
+        else:
+            while self._recent and now - self._recent[0][0] > self.WINDOW:
+                self._recent.popleft()
+            self._before = max((t for _, t in self._recent), default=0.0)
+            gone = tension <= max(self._limits.tension_slack, self.REST * self._before)
+            if self._before >= self._limits.break_drop_from and gone:
+                self._vanished_at = now
+            self._recent.append((now, tension))
+        return False
+
+
+class SlackGuard:
+    """Tells a tendon that is wound in without tension."""
+
+    #: [s] that it must last
+    CONFIRM = 0.05
+
+    def __init__(self, limits: TendonLimits) -> None:
+        self._limits = limits
+        self._since: float | None = None
+
+    def step(self, now: float, pulled: float, tension: float, *, pulling: bool) -> bool:
+        """Return whether the tendon is slack at a pulled length [m] and tension [N]."""
+        slack = pulling and pulled > self._limits.slack_travel and tension < self._limits.tension_slack
+        if not slack:
+            self._since = None
+        elif self._since is None:
+            self._since = now
+        return self._since is not None and now - self._since >= self.CONFIRM
+
+
+class StallGuard:
+    """Tells a drive that should move and does not."""
+
+    #: [m] that count as motion
+    MOTION = 2e-4
+
+    def __init__(self, stall_time: float) -> None:
+        self._stall_time = stall_time
+        self._anchor: tuple[float, float] | None = None
+
+    def step(self, now: float, position: float, *, moving: bool) -> bool:
+        """Return whether the drive has stood still for the stall time although it should move."""
+        if not moving or self._anchor is None or abs(position - self._anchor[1]) > self.MOTION:
+            self._anchor = (now, position)
+        return now - self._anchor[0] >= self._stall_time
+
+
+class ThermalGuard:
+    """Derates with temperature, stops before the servo would cut its torque, and lets go on when it has cooled down."""
+
+    LEAST = 0.3
+
+    def __init__(self, limits: TendonLimits) -> None:
+        self._limits = limits
+        self.tripped = False
+
+    def step(self, temperature: float) -> float:
+        """Return the share of the tension limit (0.3 .. 1) allowed at a temperature [degC]; NaN = not known yet."""
+        if math.isnan(temperature):
+            return 1.0
+        low, high = self._limits.derate_from, self._limits.stop_at
+        if temperature >= high:
+            self.tripped = True
+        elif temperature <= low:
+            self.tripped = False
+        share = (high - temperature) / (high - low)
+        return max(self.LEAST, min(1.0, share))
+
+
+class OverloadGuard:
+    """Backs the tension off before the servo's own overload shutdown would drop the object.
+
+    First-order estimate of the winding's heat: h' = ((T / T_c)^2 - h) / tau, allowed up to 1; T_c is the tension that
+    the drive holds for ever.
+    """
+
+    #: [s]
+    TIME_CONSTANT = 20.0
+    RECOVERED = 0.9
+
+    def __init__(self, continuous_tension: float) -> None:
+        self._continuous = continuous_tension
+        self.heat = 0.0
+        self.backed_off = False
+
+    def step(self, tension: float, dt: float) -> float:
+        """Return the largest tension [N] allowed now."""
+        load = (tension / self._continuous) ** 2
+        self.heat += (load - self.heat) * min(1.0, dt / self.TIME_CONSTANT)
+        if self.heat >= 1.0:
+            self.backed_off = True
+        elif self.heat < self.RECOVERED:
+            self.backed_off = False
+        return 0.9 * self._continuous if self.backed_off else math.inf

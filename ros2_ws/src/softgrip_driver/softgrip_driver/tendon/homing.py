@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Find the zero of the pulled length: where the tendon of the straight finger just becomes taut.
+
+Let out until slack, wind in slowly against a small tension until the drive stands, and go back by the stretch that this
+tension caused. The last step needs the compliance, which is the slope of length over tension while winding in.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+import numpy as np
+
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
+from softgrip_driver.tendon.profile import SpeedProfile
+
+
+class _Phase(Enum):
+    LET_OUT = auto()
+    TAKE_UP = auto()
+    GO_TO_ZERO = auto()
+
+
+class Homing:
+    """Homing by current and stall, with a cap on travel and time.
+
+    Lengths here count from where the drive stood when homing began; `zero` is the result in that frame.
+    """
+
+    #: [s] of standing with tension that count as taut
+    DWELL = 0.15
+    #: [m/s] below this the drive stands
+    STANDING = 1e-3
+    #: share of the homing tension that counts as there
+    TAUT = 0.7
+    #: share of the homing tension from which samples enter the compliance
+    RISING = 0.3
+    #: [m] largest stretch that is believed
+    MAX_STRETCH = 3e-3
+
+    state = DriveState.HOMING
+    winding_in = False
+    paying_out = True
+
+    def __init__(self, view: View, limits: TendonLimits) -> None:
+        self._limits = limits
+        self._started = view.now
+        self._start = view.length
+        self._phase = _Phase.LET_OUT
+        self._profile = SpeedProfile(view.length)
+        self._taut_since: float | None = None
+        self._rise: list[tuple[float, float]] = []
+        self.zero: float | None = None
+
+    def step(self, view: View) -> Step:
+        """Advance."""
+        limits = self._limits
+        if view.now - self._started > limits.homing_timeout:
+            return self._failed(view, f"no taut tendon within {limits.homing_timeout:.0f} s")
+        if self._phase is _Phase.LET_OUT:
+            return self._let_out(view)
+        if self._phase is _Phase.TAKE_UP:
+            return self._take_up(view)
+        return self._go_to_zero(view)
+
+    def _let_out(self, view: View) -> Step:
+        end = self._start - self._limits.slack_travel
+        self._profile.step(end, self._limits.homing_speed, self._limits.acceleration, view.dt)
+        if self._profile.position == end:
+            self._phase = _Phase.TAKE_UP
+        return Step(self._profile.position, self._limits.tension_hold)
+
+    def _take_up(self, view: View) -> Step:
+        limits = self._limits
+        tension = limits.homing_tension
+        end = self._start - limits.slack_travel + limits.homing_travel
+        if self._profile.position - view.length < limits.lead:
+            self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
+        if view.speed > self.STANDING and self.RISING * tension <= view.tension:
+            self._rise.append((view.tension, view.length))
+        taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
+        if not taut:
+            self._taut_since = None
+        elif self._taut_since is None:
+            self._taut_since = view.now
+        elif view.now - self._taut_since >= self.DWELL:
+            self.zero = view.length - self._stretch(view.tension)
+            self._profile = SpeedProfile(view.length)
+            self._phase = _Phase.GO_TO_ZERO
+        if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
+            return self._failed(
+                view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
+            )
+        return Step(self._profile.position, tension)
+
+    def _go_to_zero(self, view: View) -> Step:
+        assert self.zero is not None
+        limits = self._limits
+        self._profile.step(self.zero, limits.homing_speed, limits.acceleration, view.dt)
+        if self._profile.position == self.zero:
+            return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
+        return Step(self._profile.position, limits.tension_hold)
+
+    def _stretch(self, tension: float) -> float:
+        """Return how far the homing tension has pulled beyond the zero [m]."""
+        if len(self._rise) < 4:
+            return 0.0
+        tensions, lengths = np.array(self._rise).T
+        if float(np.ptp(tensions)) < 0.2 * self._limits.homing_tension:
+            return 0.0
+        compliance = float(np.polyfit(tensions, lengths, 1)[0])
+        return min(max(0.0, compliance * tension), self.MAX_STRETCH)
+
+    def _failed(self, view: View, reason: str) -> Step:
+        return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")

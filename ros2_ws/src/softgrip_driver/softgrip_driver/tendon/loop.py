@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The thread that owns the bus: read, think, write, at a fixed rate. Nobody else touches the port while it runs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from softgrip_driver.errors import DriverError, PortLostError
+from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
+from softgrip_driver.tendon.drive import DriveActions, DriveSnapshot
+from softgrip_driver.tendon.gripper import GripperController
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class LoopSnapshot:
+    """The gripper after a cycle.
+
+    Attributes:
+        sequence: number of the cycle.
+        time: [s] monotonic, when the readings came.
+        drives: one for each tendon.
+        estop: the emergency stop is on.
+        rate: [Hz] over the last second; jitter_p99: [s] 99th percentile of |period - nominal|.
+        missed_cycles: cycles left out because the one before took too long.
+        port_lost: why the port is gone, empty when it is there.
+    """
+
+    sequence: int
+    time: float
+    drives: tuple[DriveSnapshot, ...]
+    estop: bool
+    rate: float
+    jitter_p99: float
+    missed_cycles: int
+    port_lost: str = ""
+
+
+class _Pace:
+    """Keeps the period and its statistics."""
+
+    def __init__(self, rate: float) -> None:
+        self.period = 1.0 / rate
+        self.missed = 0
+        self._due = time.monotonic()
+        self._starts: deque[float] = deque(maxlen=max(16, round(rate)))
+        self._errors: deque[float] = deque(maxlen=max(16, round(rate)))
+
+    def next_due(self) -> float:
+        """Return when the next cycle shall begin; cycles that cannot be caught up are counted and left out."""
+        self._due += self.period
+        late = time.monotonic() - self._due
+        if late > self.period:
+            skipped = int(late / self.period)
+            self.missed += skipped
+            self._due += skipped * self.period
+        return self._due
+
+    def begin(self, now: float) -> None:
+        """Take note that a cycle begins."""
+        if self._starts:
+            self._errors.append(abs(now - self._starts[-1] - self.period))
+        self._starts.append(now)
+
+    def statistics(self) -> tuple[float, float]:
+        """Return (rate [Hz], 99th percentile of the period's error [s])."""
+        if len(self._starts) < 2:
+            return 0.0, 0.0
+        rate = (len(self._starts) - 1) / (self._starts[-1] - self._starts[0])
+        ordered = sorted(self._errors)
+        return rate, ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))]
+
+
+class BusLoop:
+    """Runs a controller over a backend in a thread of its own.
+
+    Args:
+        backend: connected.
+        controller: its drives are the backend's tendons.
+        rate: [Hz]
+        history: cycles kept for `since`.
+    """
+
+    #: [s] between attempts to reopen a lost port
+    REOPEN_PERIOD = 0.2
+    STATISTICS_EVERY = 10
+
+    def __init__(self, backend: TendonBackend, controller: GripperController, rate: float, history: int = 256) -> None:
+        self._backend = backend
+        self._controller = controller
+        self._rate = rate
+        self._changed = threading.Condition()
+        self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+        self._history: deque[LoopSnapshot] = deque(maxlen=history)
+        self._restores: dict[str, Iterator[None]] = {}
+        self._stopping = False
+        self._port_lost = ""
+        self._reopen_at = 0.0
+        self._thread: threading.Thread | None = None
+        self.failure: BaseException | None = None
+
+    # --- from any thread -------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread = threading.Thread(target=self._run, name="tendon-bus", daemon=True)
+        self._thread.start()
+
+    def stop(self, timeout: float = 2.0) -> None:
+        """Let go of every tendon and end the thread."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify_all()
+        if self._thread is not None:
+            self._thread.join(timeout)
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread lives."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def call(self, request: Callable[[GripperController, float], Result], timeout: float = 1.0) -> Result:
+        """Run a request between two cycles and return what it returns; raises what it raises, or TimeoutError."""
+        if not self.running:
+            raise DriverError("the bus loop does not run; configure and activate the driver")
+        future: Future[Result] = Future()
+        with self._changed:
+            self._requests.append((lambda: request(self._controller, time.monotonic()), future))
+            self._changed.notify_all()
+        return future.result(timeout)
+
+    def power(self, *, on: bool, timeout: float = 2.0) -> None:
+        """Take hold of every tendon that can be held, or let go of all."""
+        self.call(lambda controller, _: self._power_all(controller, on=on), timeout)
+
+    def mark_session(self, tendon: str, mark: int, timeout: float = 1.0) -> None:
+        """Leave a mark in a device; see TendonBackend.mark_session."""
+        self.call(lambda _controller, _now: self._backend.mark_session(tendon, mark), timeout)
+
+    def stop_emergency(self) -> None:
+        """Stop everything now; returns when it is done."""
+        self.call(lambda controller, _: self._act(controller.stop_emergency()))
+
+    def set_up_again(self, tendon: str, timeout: float = 1.0) -> None:
+        """Begin to reboot a device and set it up again; it holds when it has finished."""
+        self.call(lambda _controller, _now: self._restores.setdefault(tendon, self._backend.restore(tendon)), timeout)
+
+    @property
+    def snapshot(self) -> LoopSnapshot | None:
+        """The last cycle, None before the first."""
+        return self._history[-1] if self._history else None
+
+    def since(self, sequence: int, timeout: float) -> list[LoopSnapshot]:
+        """Wait up to ``timeout`` [s] for cycles after a sequence number and return them, oldest first."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._newer(sequence) or not self.running, timeout)
+            return [one for one in self._history if one.sequence > sequence]
+
+    def _newer(self, sequence: int) -> bool:
+        return bool(self._history) and self._history[-1].sequence > sequence
+
+    def wait_for(self, condition: Callable[[LoopSnapshot], bool], timeout: float) -> LoopSnapshot | None:
+        """Wait until a snapshot meets a condition; None when none did in time or the loop has ended."""
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while True:
+                if self._history and condition(self._history[-1]):
+                    return self._history[-1]
+                remaining = deadline - time.monotonic()
+                if remaining <= 0.0 or not self.running:
+                    return None
+                self._changed.wait(min(remaining, 0.5))
+
+    # --- the thread ------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        pace = _Pace(self._rate)
+        statistics = (0.0, 0.0)
+        sequence = 0
+        try:
+            while not self._stopping:
+                self._serve_until(pace.next_due())
+                now = time.monotonic()
+                pace.begin(now)
+                self._cycle(now)
+                sequence += 1
+                if sequence % self.STATISTICS_EVERY == 0:
+                    statistics = pace.statistics()
+                self._publish(LoopSnapshot(
+                    sequence, now, self._controller.snapshots(), self._controller.estop, *statistics, pace.missed,
+                    self._port_lost,
+                ))  # fmt: skip
+        except BaseException as error:  # noqa: BLE001  whatever it is, the tendons are let go and the node is told
+            self.failure = error
+        finally:
+            self._let_go()
+
+    def _serve_until(self, due: float) -> None:
+        """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
+        while True:
+            with self._changed:
+                if not self._requests and not self._stopping:
+                    self._changed.wait(max(0.0, due - time.monotonic()))
+                request = self._requests.popleft() if self._requests else None
+            if request is None:
+                if self._stopping or time.monotonic() >= due:
+                    return
+                continue
+            self._serve(*request)
+
+    @staticmethod
+    def _serve(request: Callable[[], Any], future: Future[Any]) -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            future.set_result(request())
+        except Exception as error:  # noqa: BLE001  it belongs to whoever asked
+            future.set_exception(error)
+
+    def _cycle(self, now: float) -> None:
+        if self._port_lost and not self._reopened(now):
+            self._controller.lose_port(self._port_lost)
+            return
+        try:
+            readings = self._backend.read()
+            self._act(self._controller.step(time.monotonic(), readings))
+            self._restore_a_step(readings)
+        except PortLostError as error:
+            self._port_lost = str(error)
+            self._reopen_at = now
+            self._restores.clear()
+            self._controller.lose_port(self._port_lost)
+
+    def _reopened(self, now: float) -> bool:
+        if now < self._reopen_at:
+            return False
+        self._reopen_at = now + self.REOPEN_PERIOD
+        if self._backend.reconnect():
+            self._port_lost = ""
+        return not self._port_lost
+
+    def _act(self, actions: Mapping[str, DriveActions]) -> None:
+        setpoints: dict[str, Setpoint] = {}
+        for tendon, action in actions.items():
+            if action.power is not None:
+                self._switch(tendon, on=action.power)
+            if action.restore:
+                self._restores.setdefault(tendon, self._backend.restore(tendon))
+            if action.setpoint is not None:
+                setpoints[tendon] = action.setpoint
+        if setpoints:
+            self._backend.write(setpoints)
+
+    def _switch(self, tendon: str, *, on: bool) -> None:
+        try:
+            self._backend.power(tendon, on)
+        except PortLostError:
+            raise
+        except DriverError as error:
+            # It does not answer: the loop notices that by itself and names it; power is tried again on request.
+            self._controller.drives[tendon].set_fault("no_reply", str(error))
+
+    def _power_all(self, controller: GripperController, *, on: bool) -> None:
+        for drive in controller.drives.values():
+            if on and drive.ready and not drive.powered:
+                self._act({drive.tendon: drive.switch_on()})
+            elif not on:
+                self._act({drive.tendon: drive.switch_off()})
+
+    def _restore_a_step(self, readings: Mapping[str, DriveReading]) -> None:
+        for tendon, steps in list(self._restores.items()):
+            drive = self._controller.drives[tendon]
+            try:
+                next(steps)
+            except StopIteration:
+                if tendon in readings:
+                    del self._restores[tendon]
+                    self._act({tendon: drive.restored(success=True)})
+            except PortLostError:
+                raise
+            except DriverError as error:
+                del self._restores[tendon]
+                drive.restored(success=False)
+                drive.set_fault("no_reply", str(error))
+
+    def _publish(self, snapshot: LoopSnapshot) -> None:
+        with self._changed:
+            self._history.append(snapshot)
+            self._changed.notify_all()
+
+    def _let_go(self) -> None:
+        for tendon, drive in self._controller.drives.items():
+            drive.switch_off()
+            try:
+                self._backend.power(tendon, False)
+            except DriverError:
+                continue
+        with self._changed:
+            pending = list(self._requests)
+            self._requests.clear()
+            self._changed.notify_all()
+        for _, future in pending:
+            future.set_exception(DriverError("the bus loop has ended"))

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a drive can be busy with. A motion turns what is measured into the next setpoint and says when it is over.
+
+Lengths are pulled lengths [m] from the homed zero; an unhomed drive counts from where it was switched on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+from softgrip_driver.tendon.guards import StallGuard
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.profile import SpeedProfile
+from softgrip_driver.tendon.trajectory import Trajectory
+
+
+class DriveState(IntEnum):
+    """State of a drive (TendonStatus.state)."""
+
+    DISCONNECTED = 0
+    IDENTIFIED = 1
+    HOLDING = 2
+    MOVING = 3
+    HOMING = 4
+    RELEASING = 5
+    STOPPED = 6
+
+
+class Outcome(IntEnum):
+    """How a motion ended (MoveTendon.Result.outcome)."""
+
+    REACHED = 0
+    TENSION_LIMIT = 1
+    TIMEOUT = 2
+    CANCELLED = 3
+    FAULT = 4
+    REFUSED = 5
+
+
+@dataclass(frozen=True)
+class View:
+    """What a motion sees of its drive.
+
+    Attributes:
+        now, dt: [s] monotonic time and the time since the last step.
+        length, speed: [m], [m/s] pulled.
+        tension: [N] median of three.
+        tension_cap: [N] the most that the guards allow now.
+    """
+
+    now: float
+    dt: float
+    length: float
+    speed: float
+    tension: float
+    tension_cap: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a motion wants.
+
+    Attributes:
+        length: [m] setpoint.
+        tension_limit: [N]
+        outcome: None while it goes on.
+        reason: in words, with the outcome.
+        fault: name of the fault that ended it.
+    """
+
+    length: float
+    tension_limit: float
+    outcome: Outcome | None = None
+    reason: str = ""
+    fault: str = ""
+
+
+class Motion(Protocol):
+    """A motion."""
+
+    @property
+    def state(self) -> DriveState:
+        """What the drive is in while this goes on."""
+
+    @property
+    def winding_in(self) -> bool:
+        """Whether the setpoint moves inwards, so that a tension must build up."""
+
+    @property
+    def paying_out(self) -> bool:
+        """Whether tension may vanish because the tendon is let out."""
+
+    def step(self, view: View) -> Step:
+        """Advance."""
+
+
+class Hold:
+    """Stand at a length with a tension limit."""
+
+    state = DriveState.HOLDING
+    winding_in = False
+    paying_out = False
+
+    def __init__(self, length: float, tension_limit: float, state: DriveState = DriveState.HOLDING) -> None:
+        self.length = length
+        self.tension_limit = tension_limit
+        self.state = state
+
+    def step(self, view: View) -> Step:
+        """Keep the setpoint."""
+        return Step(self.length, min(self.tension_limit, view.tension_cap))
+
+
+class MoveToLength:
+    """Move to a pulled length; stop at a tension limit on the way in."""
+
+    #: share of the limit at which the tension counts as met: the servo itself holds it there and gets no closer
+    MET = 0.95
+
+    def __init__(
+        self,
+        target: float,
+        speed: float,
+        tension_limit: float,
+        view: View,
+        limits: TendonLimits,
+        state: DriveState = DriveState.MOVING,
+        start: float | None = None,
+    ) -> None:
+        self.state = state
+        self._target = target
+        self._speed = speed
+        self._limit = tension_limit
+        self._limits = limits
+        self._profile = SpeedProfile(view.length if start is None else start)
+        self._stall = StallGuard(limits.stall_time)
+        self.winding_in = target > self._profile.position
+
+    @property
+    def paying_out(self) -> bool:
+        """Whether the setpoint retreats."""
+        return not self.winding_in
+
+    def step(self, view: View) -> Step:
+        """Advance the setpoint, unless the drive has fallen behind."""
+        cap = min(self._limit, view.tension_cap)
+        behind = self._profile.position - view.length
+        blocked = abs(behind) > self._limits.lead and behind * (self._target - view.length) > 0.0
+        if blocked:
+            self._profile.velocity = 0.0
+        else:
+            self._profile.step(self._target, self._speed, self._limits.acceleration, view.dt)
+        at_target = self._profile.position == self._target
+        setpoint = self._profile.position
+        if self.winding_in and view.tension >= self.MET * cap:
+            return Step(
+                view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
+                f"{self._target * 1e3:.2f} mm, at {view.length * 1e3:.2f} mm",
+            )  # fmt: skip
+        if at_target and abs(view.length - self._target) <= self._limits.position_tolerance:
+            return Step(setpoint, cap, Outcome.REACHED, f"at {view.length * 1e3:.2f} mm with {view.tension:.1f} N")
+        if self._stall.step(view.now, view.length, moving=blocked or at_target):
+            return self._stalled(view, cap)
+        return Step(setpoint, cap)
+
+    def _stalled(self, view: View, cap: float) -> Step:
+        """Near the target the rest is the error of the servo's own control; elsewhere something is in the way."""
+        off = abs(view.length - self._target)
+        if off <= 4.0 * self._limits.position_tolerance:
+            return Step(
+                self._target, cap, Outcome.REACHED, f"at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm off the target"
+            )
+        return Step(
+            view.length, cap, Outcome.FAULT, f"stands at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm from the "
+            f"target, with {view.tension:.1f} N of {cap:.1f} N allowed", "stalled",
+        )  # fmt: skip
+
+
+class MoveToTension:
+    """Wind in, or pay out, until a tension is there and steady; keep pulling with it afterwards."""
+
+    #: [s] that the tension must stay within tolerance
+    SETTLED = 0.06
+
+    state = DriveState.MOVING
+
+    def __init__(self, target: float, speed: float, view: View, limits: TendonLimits) -> None:
+        self._target = target
+        self._speed = speed
+        self._limits = limits
+        self._profile = SpeedProfile(view.length)
+        self._stall = StallGuard(limits.stall_time)
+        self._since: float | None = None
+        self.winding_in = view.tension < target
+
+    @property
+    def paying_out(self) -> bool:
+        """Whether the setpoint retreats."""
+        return not self.winding_in
+
+    def step(self, view: View) -> Step:
+        """Advance the setpoint towards more or less tension."""
+        target = min(self._target, view.tension_cap)
+        band = max(self._limits.tension_tolerance * target, 0.2)
+        met = view.tension >= target - band if self.winding_in else view.tension <= target + band
+        if not met:
+            self._since = None
+            end = self._limits.travel if self.winding_in else 0.0
+            if abs(self._profile.position - view.length) <= self._limits.lead:
+                self._profile.step(end, self._speed, self._limits.acceleration, view.dt)
+        elif self._since is None:
+            self._since = view.now
+            self._profile.velocity = 0.0
+        if self._since is not None and view.now - self._since >= self.SETTLED:
+            ahead = min(self._profile.position, view.length + self._limits.lead)
+            return Step(ahead, target, Outcome.REACHED, f"{view.tension:.1f} N at {view.length * 1e3:.2f} mm")
+        at_end = self._profile.position in (0.0, self._limits.travel)
+        standing = self._stall.step(view.now, view.length, moving=self._since is None)
+        if standing and not met and (at_end or abs(self._profile.position - view.length) > self._limits.lead):
+            return Step(
+                view.length, target, Outcome.FAULT,
+                f"{view.tension:.1f} N of {target:.1f} N at {view.length * 1e3:.2f} mm, and it moves no further",
+                "stalled",
+            )  # fmt: skip
+        return Step(self._profile.position, target)
+
+
+class Follow:
+    """Follow a trajectory within the drive's speed and acceleration; a streamed successor takes over at any time."""
+
+    state = DriveState.MOVING
+
+    def __init__(self, trajectory: Trajectory, tension_limit: float, view: View, limits: TendonLimits) -> None:
+        self._limits = limits
+        self._limit = tension_limit
+        self._profile = SpeedProfile(view.length)
+        self._started = view.now
+        self._trajectory = trajectory.starting_from(view.length, view.speed)
+        self.winding_in = False
+
+    def take_over(self, predecessor: Follow) -> None:
+        """Go on from another trajectory's setpoint, without a step."""
+        self._profile = predecessor._profile
+        self._trajectory = self._trajectory.starting_from(self._profile.position, self._profile.velocity)
+
+    @property
+    def paying_out(self) -> bool:
+        """Whether the setpoint retreats."""
+        return self._profile.velocity < 0.0
+
+    def step(self, view: View) -> Step:
+        """Track the interpolated length."""
+        cap = min(self._limit, view.tension_cap)
+        elapsed = view.now - self._started
+        target = self._trajectory.length(elapsed)
+        before = self._profile.position
+        # Tracking must not lag behind a ramp: aim as far beyond the target as the profile needs to brake.
+        self._profile.step(target, self._limits.speed, 4.0 * self._limits.acceleration, view.dt)
+        if self._profile.position - view.length > self._limits.lead:
+            self._profile.stop_at(before)
+        self.winding_in = self._profile.velocity > 0.0
+        if self.winding_in and view.tension >= MoveToLength.MET * cap:
+            return Step(view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N")
+        if elapsed >= self._trajectory.duration and self._profile.position == target:
+            return Step(target, cap, Outcome.REACHED, "trajectory done")
+        return Step(self._profile.position, cap)
