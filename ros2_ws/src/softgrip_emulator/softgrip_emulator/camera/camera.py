@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera device: takes frames of the true finger at its own rate while somebody looks."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+
+from softgrip_emulator.camera.scene import Light, Pose, Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from softgrip_emulator.camera.stream import FrameBoard
+
+_log = logging.getLogger(__name__)
+
+_IDLE_LOOK_S: Final = 0.05
+
+
+@dataclass
+class CameraFaults:
+    """What goes wrong with the camera; neutral by default."""
+
+    frozen: bool = False
+    drop_share: float = 0.0
+    gain: float = 1.0
+
+
+class Camera:
+    """Exposes, compresses and pins frames to a board, in a thread of its own.
+
+    Args:
+        scene: what is rendered.
+        board: where frames go.
+        look: gives the finger's pose at the end and at the beginning of the exposure just over.
+        wall_time_s: seconds since the epoch, for the stamps.
+        fps: frames a second.
+        jpeg_quality: 1..100.
+        random: 0..1, for dropped frames.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        board: FrameBoard,
+        look: Callable[[], tuple[Pose, Pose]],
+        *,
+        wall_time_s: Callable[[], float] = time.time,
+        fps: float = 30.0,
+        jpeg_quality: int = 88,
+        random: Callable[[], float] | None = None,
+    ) -> None:
+        self.faults = CameraFaults()
+        self.frames_taken = 0
+        self._scene = scene
+        self._board = board
+        self._look = look
+        self._wall_time_s = wall_time_s
+        self._period_s = 1.0 / fps
+        self._quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+        self._random = random or (lambda: 1.0)
+        self._frozen_data: bytes | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+
+    def start(self) -> None:
+        """Take frames until `close`."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+
+    def take(self) -> bytes | None:
+        """One compressed frame, or None when the sensor lost it."""
+        if self.faults.drop_share > 0.0 and self._random() < self.faults.drop_share:
+            return None
+        if self.faults.frozen and self._frozen_data is not None:
+            return self._frozen_data
+        pose, before = self._look()
+        light = Light(gain=self.faults.gain)
+        ok, data = cv2.imencode(".jpg", self._scene.render(pose, before, light), self._quality)
+        if not ok:
+            return None
+        self.frames_taken += 1
+        self._frozen_data = data.tobytes()
+        return self._frozen_data
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stop.is_set():
+            if self._board.viewers == 0:
+                self._stop.wait(_IDLE_LOOK_S)
+                due_s = time.monotonic()
+                continue
+            stamp_s = self._wall_time_s()
+            data = self.take()
+            if data is not None:
+                self._board.pin(data, stamp_s)
+            due_s = max(due_s + self._period_s, time.monotonic())
+            self._stop.wait(due_s - time.monotonic())

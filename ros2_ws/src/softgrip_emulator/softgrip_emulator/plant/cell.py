@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole plant: servos, motors, tendons, fingers and the product, stepped together on the cell's clock."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.table import load_model
+from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.plant.fingers import FingerBank
+from softgrip_emulator.plant.motor import Motor
+from softgrip_emulator.plant.truth import FingerTruth, draw_finger
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+    from softgrip_model.profile import Profile
+
+    Array = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+SLOTS: Final = ("index", "middle", "thumb")
+STEP_S: Final = 0.001
+REST_STEP_S: Final = 0.004
+"""Step while nothing moves; the joints' implicit step and the motors are stable and exact enough there."""
+_REST_AFTER_S: Final = 0.3
+_REST_SPEED_RAD_S: Final = 1e-3
+_MAX_LAG_S: Final = 0.25
+"""Further behind the clock than this, the plant lets time pass unlived instead of taking the processor from the others."""
+
+
+@dataclass(frozen=True)
+class Supply:
+    """The servos' power supply."""
+
+    voltage_v: float = 5.0
+    resistance_ohm: float = 0.05
+
+
+@dataclass(frozen=True)
+class ServoPlace:
+    """One servo on the chain and the tendon it winds."""
+
+    slot: str
+    device_id: int
+    model: str = "XL330-M288"
+    baud: int = 1_000_000
+    return_delay_us: int = 500
+    spool_radius_m: float = 0.010
+
+
+def default_chain() -> tuple[ServoPlace, ...]:
+    """Index, middle and thumb on IDs 1, 2 and 3."""
+    return tuple(ServoPlace(slot, number) for number, slot in enumerate(SLOTS, start=1))
+
+
+@dataclass
+class Disturbances:
+    """What faults do to the plant; neutral by default."""
+
+    supply_v: float | None = None
+    broken_tendons: set[str] = field(default_factory=set)
+    extra_slack_m: dict[str, float] = field(default_factory=dict)
+    extra_heat_w: dict[str, float] = field(default_factory=dict)
+    jammed: set[str] = field(default_factory=set)
+
+
+class CellPlant:
+    """Everything that moves. `lock` guards all state; hold it to read several values that belong together."""
+
+    def __init__(
+        self,
+        profiles: Mapping[str, Profile],
+        *,
+        seed: int,
+        chain: Sequence[ServoPlace] | None = None,
+        supply: Supply | None = None,
+    ) -> None:
+        self.lock = threading.RLock()
+        self.profiles = profiles
+        self.seed = seed
+        self.supply = supply or Supply()
+        self.disturbances = Disturbances()
+        self.places = tuple(chain or default_chain())
+        self.slots = tuple(place.slot for place in self.places)
+        rng = np.random.default_rng([seed, 0x4D4F])
+        self.servos: list[Servo] = []
+        self.motors: list[Motor] = []
+        for place in self.places:
+            servo = Servo(
+                load_model(place.model), place.device_id, baud=place.baud, return_delay_us=place.return_delay_us
+            )
+            # Nobody knows how the spool stood when the power came on; the spool is turned to a few hundredths.
+            servo.shaft.angle_rad = rng.uniform(-12.0, 12.0)
+            servo.shaft.supply_v = self.supply.voltage_v
+            servo.lose_power(-10.0)
+            radius = place.spool_radius_m * rng.normal(1.0, 0.003)
+            self.servos.append(servo)
+            self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
+        self.mounted: list[FingerTruth | None] = [None] * len(self.places)
+        self.now_s = 0.0
+        self.lost_time_s = 0.0
+        self._powered = [True] * len(self.servos)
+        self._calm_s = 0.0
+        self._rebuild(keep=())
+
+    # -- what a person does ----------------------------------------------------------------------------------------
+
+    def mount(self, slots: Sequence[str], serials: Sequence[str], profiles: Sequence[str]) -> None:
+        """Put fingers into slots; an empty serial or profile leaves the slot empty. Slots not named stay as they are.
+
+        Raises:
+            EmulatorError: unknown slot or profile, or lists of different length.
+        """
+        if not len(slots) == len(serials) == len(profiles):
+            raise EmulatorError(
+                f"mount: expected as many serials and profiles as fingers ({len(slots)}), found {len(serials)} and "
+                f"{len(profiles)}"
+            )
+        drawn: dict[int, FingerTruth | None] = {}
+        for slot, serial, profile in zip(slots, serials, profiles, strict=True):
+            index = self.index(slot)
+            drawn[index] = self._draw(slot, serial, profile) if serial and profile else None
+        with self.lock:
+            for index, finger in drawn.items():
+                self.mounted[index] = finger
+                self.disturbances.broken_tendons.discard(self.slots[index])
+                self.disturbances.extra_slack_m.pop(self.slots[index], None)
+            self._rebuild(keep=[i for i in range(len(self.slots)) if i not in drawn])
+
+    def _draw(self, slot: str, serial: str, profile: str) -> FingerTruth:
+        if profile not in self.profiles:
+            raise EmulatorError(f"mount: expected a profile of {sorted(self.profiles)}, found '{profile}'")
+        described = self.profiles[profile]
+        if slot not in described.slots:
+            raise EmulatorError(f"mount: profile '{profile}' has no finger for '{slot}', it has {described.slots}")
+        return draw_finger(
+            described.finger(slot), described.material, profile=profile, serial=serial, seed=self.seed
+        )
+
+    def _rebuild(self, keep: Sequence[int]) -> None:
+        """New bank for the mounted fingers; those in `keep` stay as they are, the others start straight and loose."""
+        before = getattr(self, "bank", None)
+        wound = [motor.spool_radius_m * motor.shaft.angle_rad for motor in self.motors]
+        zero = getattr(self, "_wound_zero", np.array(wound))
+        self.bank = FingerBank(self.mounted)
+        self._wound_zero = np.array([zero[i] if i in keep else wound[i] for i in range(len(wound))])
+        if before is not None:
+            self.bank.adopt(before, keep)
+        self._base_slack = self.bank.slack_m.copy()
+        self._calm_s = 0.0
+
+    def index(self, slot: str) -> int:
+        """Number of a slot.
+
+        Raises:
+            EmulatorError: no such slot.
+        """
+        if slot not in self.slots:
+            raise EmulatorError(f"expected a slot of {list(self.slots)}, found '{slot}'")
+        return self.slots.index(slot)
+
+    # -- time ------------------------------------------------------------------------------------------------------
+
+    def advance_to(self, now_s: float) -> None:
+        """Live until `now_s` [s]. Each step holds the lock by itself, so that the bus is never kept waiting for long."""
+        if now_s - self.now_s > _MAX_LAG_S:
+            with self.lock:
+                skipped = now_s - self.now_s - STEP_S
+                self.lost_time_s += skipped
+                self.now_s += skipped
+        while True:
+            with self.lock:
+                dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
+                if self.now_s + dt_s > now_s:
+                    return
+                self.step(dt_s)
+
+    def step(self, dt_s: float = STEP_S) -> None:
+        """One step of everything."""
+        with self.lock:
+            self.now_s += dt_s
+            supply_v = self._supply_v()
+            moving = False
+            for index, (servo, motor) in enumerate(zip(self.servos, self.motors, strict=True)):
+                self._power(index, servo, supply_v)
+                drive = servo.step(self.now_s, dt_s)
+                motor.step(drive, float(self.bank.tension_n[index]), supply_v, dt_s)
+                if self.slots[index] in self.disturbances.jammed:
+                    motor.shaft.velocity_rad_s = 0.0
+                moving = moving or abs(motor.shaft.velocity_rad_s) > _REST_SPEED_RAD_S
+            self._apply_disturbances()
+            self.bank.step(self.wound_m(), dt_s)
+            self._calm_s = 0.0 if moving else self._calm_s + dt_s
+
+    def wound_m(self) -> Array:
+        """Cable each spool has wound since its finger was mounted [m]."""
+        turned = np.array([motor.spool_radius_m * motor.shaft.angle_rad for motor in self.motors])
+        return turned - self._wound_zero
+
+    def _supply_v(self) -> float:
+        drawn_a = sum(abs(servo.shaft.duty * servo.shaft.current_a) for servo in self.servos)
+        source_v = self.supply.voltage_v if self.disturbances.supply_v is None else self.disturbances.supply_v
+        return max(0.0, source_v - self.supply.resistance_ohm * drawn_a)
+
+    def _power(self, index: int, servo: Servo, supply_v: float) -> None:
+        servo.shaft.supply_v = supply_v
+        if self._powered[index] and not servo.powered:
+            self._powered[index] = False
+        elif not self._powered[index] and servo.powered:
+            # The voltage is back: it boots, without an error bit, without its turns.
+            self._powered[index] = True
+            servo.lose_power(self.now_s)
+
+    def _apply_disturbances(self) -> None:
+        faults = self.disturbances
+        for index, slot in enumerate(self.slots):
+            self.bank.broken[index] = slot in faults.broken_tendons
+            self.bank.slack_m[index] = self._base_slack[index] + faults.extra_slack_m.get(slot, 0.0)
+            self.motors[index].extra_heat_w = faults.extra_heat_w.get(slot, 0.0)
