@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Brings together what the tendon and the camera said about the same instant.
+
+A measurement waits until tendon readings before and after its stamp have arrived. So the pairs depend on what was
+received, not on the order in which two topics came in, and a replay gives the same ones.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Measured = TypeVar("Measured")
+
+
+@dataclass(frozen=True)
+class TendonSample:
+    """One tendon at one stamp; floats in SI units."""
+
+    stamp: int
+    """[ns]"""
+    pulled_length: float
+    velocity: float
+    tension: float
+
+
+class Matcher(Generic[Measured]):
+    """Pairs of one finger. Keeps `span` nanoseconds of tendon samples."""
+
+    def __init__(self, span: int = 2_000_000_000, largest_gap: int = 100_000_000) -> None:
+        """Make an empty one.
+
+        Args:
+            span: [ns] how long samples and measurements are kept.
+            largest_gap: [ns] samples further apart are not interpolated between.
+        """
+        self._span = span
+        self._largest_gap = largest_gap
+        self._samples: list[TendonSample] = []
+        self._waiting: list[tuple[int, Measured]] = []
+
+    def add_tendon(self, sample: TendonSample) -> list[tuple[TendonSample, Measured]]:
+        """Take a tendon sample; return the pairs that it completes, oldest first."""
+        if self._samples and sample.stamp <= self._samples[-1].stamp:
+            if sample.stamp >= self._samples[0].stamp:
+                return []  # a repeated or late sample; time only goes back when a source restarts
+            self._samples.clear()
+            self._waiting.clear()
+        self._samples.append(sample)
+        while sample.stamp - self._samples[0].stamp > self._span:
+            self._samples.pop(0)
+        return self._complete()
+
+    def add_measured(self, stamp: int, measured: Measured) -> list[tuple[TendonSample, Measured]]:
+        """Take a measurement [ns]; return the pairs that are complete, oldest first."""
+        self._waiting.append((stamp, measured))
+        self._waiting.sort(key=lambda item: item[0])
+        return self._complete()
+
+    def _complete(self) -> list[tuple[TendonSample, Measured]]:
+        if not self._samples:
+            self._waiting = self._waiting[-100:]
+            return []
+        newest = self._samples[-1].stamp
+        ready = [item for item in self._waiting if item[0] <= newest]
+        self._waiting = [item for item in self._waiting if item[0] > newest]
+        pairs = [(self._at(stamp), measured) for stamp, measured in ready]
+        return [(sample, measured) for sample, measured in pairs if sample is not None]
+
+    def _at(self, stamp: int) -> TendonSample | None:
+        after = bisect_left(self._samples, stamp, key=lambda sample: sample.stamp)
+        b = self._samples[after]
+        if b.stamp == stamp:
+            return b
+        if after == 0:
+            return None
+        a = self._samples[after - 1]
+        if b.stamp - a.stamp > self._largest_gap:
+            return None
+        share = (stamp - a.stamp) / (b.stamp - a.stamp)
+        return TendonSample(
+            stamp,
+            a.pulled_length + share * (b.pulled_length - a.pulled_length),
+            a.velocity + share * (b.velocity - a.velocity),
+            a.tension + share * (b.tension - a.tension),
+        )

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the mounted fingers should be doing: joint angles, tip and tensions with standard deviations, in SI units."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softgrip_model.finger.design import Finger, law_of
+from softgrip_model.finger.errors import FingerError
+from softgrip_model.finger.kernel import Kernel, Solution, Status, reason
+from softgrip_model.friction.laws import FrictionLaw
+from softgrip_model.profile import Profile, digest
+
+Array = NDArray[np.float64]
+
+#: [m/s] A cable that is let out faster than this is not being pulled: the prediction says so.
+PAYING_OUT = 5e-4
+
+
+class Validity(IntEnum):
+    """How far to trust a prediction."""
+
+    OK = 0
+    EXTRAPOLATED = 1
+    FAILED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveFriction:
+    """A friction law with its name and what is known about its coefficients (p of them)."""
+
+    id: str
+    law: FrictionLaw
+    covariance: Array | None = None
+    """(p, p); None when unknown."""
+
+
+@dataclass(frozen=True)
+class TendonReading:
+    """One tendon at one instant."""
+
+    finger: str
+    pulled_length: float
+    """[m]"""
+    velocity: float = 0.0
+    """[m/s], + closes; NaN when unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One finger, n joints; lengths in m. Numbers are NaN when it failed."""
+
+    finger: str
+    profile: str
+    pulled_length: float
+    joint_angles: Array
+    """(n,) [rad]"""
+    joint_angles_stddev: Array | None
+    """(n,) [rad]; None when the friction's covariance is unknown."""
+    tip: tuple[float, float]
+    """[m] in the finger's base frame."""
+    tip_stddev: tuple[float, float]
+    """[m]; NaN when unknown."""
+    tensions: Array
+    """(2 n + 1,) [N], span by span from the actuator to the tip."""
+    validity: Validity
+    reason: str
+
+    @property
+    def tension(self) -> float:
+        """[N] at the actuator."""
+        return float(self.tensions[0])
+
+
+class Configuration:
+    """Which finger of which profile sits in which slot, under which friction; immutable once made."""
+
+    def __init__(
+        self, profiles: Mapping[str, Profile], mounted: Mapping[str, str], friction: ActiveFriction | None
+    ) -> None:
+        """Prepare the mounted fingers.
+
+        Args:
+            profiles: by id.
+            mounted: slot -> profile id.
+            friction: None = each profile's own.
+
+        Raises:
+            FingerError: an unknown profile id.
+            ProfileError: a profile without a finger for the slot.
+        """
+        self.mounted = dict(mounted)
+        self.friction = friction
+        self.fingers: dict[str, Finger] = {}
+        self._own: dict[str, ActiveFriction] = {}
+        parts = []
+        for slot, profile_id in sorted(mounted.items()):
+            profile = profiles.get(profile_id)
+            if profile is None:
+                known = ", ".join(sorted(profiles)) or "none"
+                raise FingerError(f"slot {slot!r}: unknown profile {profile_id!r}; loaded: {known}")
+            self.fingers[slot] = Finger.from_profile(profile, slot)
+            self._own[slot] = ActiveFriction(profile.friction.id, law_of(profile.friction))
+            parts.append(f"{slot}={profile_id}:{digest(profile)}")
+        self.digest = hashlib.sha256(";".join(parts).encode()).hexdigest()[:16]
+        """Changes when anything but the friction does."""
+        self._kernels: dict[tuple[str, ...], Kernel] = {}
+
+    @property
+    def friction_id(self) -> str:
+        """Name of the friction in use; several, when profiles bring their own."""
+        if self.friction is not None:
+            return self.friction.id
+        return ",".join(sorted({own.id for own in self._own.values()}))
+
+    def friction_of(self, slot: str) -> ActiveFriction:
+        """Return what is assumed for a slot."""
+        return self.friction or self._own[slot]
+
+    def predict(self, readings: Sequence[TendonReading]) -> list[Prediction]:
+        """Predict every mounted finger that has a reading: a pure function of configuration and readings.
+
+        Readings of slots where nothing is mounted are left out.
+        """
+        known = [reading for reading in readings if reading.finger in self.fingers]
+        if not known:
+            return []
+        kernel = self._kernel(tuple(reading.finger for reading in known))
+        targets = np.array([[1e3 * reading.pulled_length] for reading in known])
+        solution = kernel.solve(targets, march=False, gradient=True, threads=1)
+        return [self._prediction(reading, solution, i, 0) for i, reading in enumerate(known)]
+
+    def closing(self, slot: str, pulled_lengths: Sequence[float]) -> list[Prediction]:
+        """Predict one finger at several pulled lengths [m].
+
+        Raises:
+            FingerError: nothing is mounted in that slot.
+        """
+        if slot not in self.fingers:
+            raise FingerError(f"no finger in slot {slot!r}; mounted: {', '.join(self.fingers) or 'none'}")
+        lengths = [float(length) for length in pulled_lengths]
+        solution = self._kernel((slot,)).solve(1e3 * np.array([lengths]), march=False, gradient=True, threads=1)
+        return [self._prediction(TendonReading(slot, length), solution, 0, k) for k, length in enumerate(lengths)]
+
+    def solve(self, slot: str, pulled_length: float) -> Solution:
+        """Return the kernel's own answer (mm) with gradients for one finger at one pulled length [m]."""
+        return self._kernel((slot,)).solve([1e3 * pulled_length], march=False, gradient=True, threads=1)
+
+    def _kernel(self, slots: tuple[str, ...]) -> Kernel:
+        if slots not in self._kernels:
+            laws = [self.friction_of(slot).law for slot in slots]
+            self._kernels[slots] = Kernel([self.fingers[slot] for slot in slots], laws)
+        return self._kernels[slots]
+
+    def _prediction(self, reading: TendonReading, solution: Solution, i: int, k: int) -> Prediction:
+        finger = self.fingers[reading.finger]
+        n = finger.joints
+        status = Status(int(solution.status[i, k]))
+        stddev = self._stddev(reading.finger, solution, i, k)
+        validity, why = _trust(status, reading)
+        tip = 1e-3 * solution.tip_mm[i, k]
+        tip_stddev = (math.nan, math.nan) if stddev is None else tuple(1e-3 * stddev[-5:-3])
+        return Prediction(
+            finger=reading.finger,
+            profile=self.mounted[reading.finger],
+            pulled_length=reading.pulled_length,
+            joint_angles=solution.angle_rad[i, k, :n],
+            joint_angles_stddev=None if stddev is None else stddev[:n],
+            tip=(float(tip[0]), float(tip[1])),
+            tip_stddev=(float(tip_stddev[0]), float(tip_stddev[1])),
+            tensions=solution.tension_n[i, k, : 2 * n + 1],
+            validity=validity,
+            reason=why,
+        )
+
+    def _stddev(self, slot: str, solution: Solution, i: int, k: int) -> Array | None:
+        """Standard deviation of every row of the gradient that the friction's covariance causes."""
+        covariance = self.friction_of(slot).covariance
+        if covariance is None or solution.gradient is None:
+            return None
+        if int(solution.status[i, k]) & Status.SLACK:
+            return np.zeros(solution.gradient.values.shape[2])
+        slopes = solution.gradient.friction[i, k]
+        variance = np.einsum("ri,ij,rj->r", slopes, covariance, slopes)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _trust(status: Status, reading: TendonReading) -> tuple[Validity, str]:
+    words = [reason(status)] if status & ~Status.SLACK else []
+    if status & Status.FAILURE:
+        return Validity.FAILED, words[0]
+    doubtful = bool(status & (Status.EXTRAPOLATED | Status.REVERSING))
+    if reading.velocity < -PAYING_OUT:
+        doubtful = True
+        words.append("cable is being let out; predicted as if pulled")
+    return (Validity.EXTRAPOLATED if doubtful else Validity.OK), "; ".join(words)

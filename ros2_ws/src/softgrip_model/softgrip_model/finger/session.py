@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The predictor without ROS: what it knows from the messages received so far, and what follows from the next one."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softgrip_model.finger.errors import FingerError
+from softgrip_model.finger.kernel import Status
+from softgrip_model.finger.matching import Matcher, TendonSample
+from softgrip_model.finger.predictor import PAYING_OUT, ActiveFriction, Configuration, Prediction, TendonReading
+from softgrip_model.finger.wear import Verdict, WearMonitor, WearSettings
+from softgrip_model.profile import Profile
+
+
+@dataclass(frozen=True)
+class MeasuredFinger:
+    """What the camera saw of one finger; SI units, NaN where it could not."""
+
+    finger: str
+    joint_angles: tuple[float, ...]
+    tip: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Measured minus predicted for one finger at one stamp; SI units."""
+
+    stamp: int
+    """[ns] of the measurement"""
+    finger: str
+    pulled_length: float
+    tip_error: float
+    tip_error_percent: float
+    joint_angle_errors: tuple[float, ...]
+    tension_error: float
+    cusum_friction: float
+    cusum_stiffness: float
+    verdict: Verdict
+    reason: str
+
+
+class Session:
+    """Holds the good configuration in use; every method is a plain function of it and of its arguments."""
+
+    def __init__(self, profiles: Mapping[str, Profile], mounted: Mapping[str, str], wear: WearSettings) -> None:
+        """Start with the given fingers (slot -> profile id) and each profile's own friction.
+
+        Raises:
+            FingerError: an unknown profile.
+            ProfileError: a profile without a finger for the slot.
+        """
+        self._profiles = dict(profiles)
+        self._wear = wear
+        self._frictions: dict[str, ActiveFriction] = {}
+        self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
+        self._free: deque[tuple[int, bool]] = deque(maxlen=100)
+        self._adopt(Configuration(self._profiles, mounted, None))
+
+    def set_friction(self, friction: ActiveFriction) -> None:
+        """Use another friction model from now on."""
+        self._frictions[friction.id] = friction
+        self._adopt(Configuration(self._profiles, self.configuration.mounted, friction))
+
+    def set_mounted(self, mounted: Mapping[str, str]) -> None:
+        """Use other fingers from now on (slot -> profile id); what was mounted stays in use when this raises.
+
+        Raises:
+            FingerError: an unknown profile.
+            ProfileError: a profile without a finger for the slot.
+        """
+        if dict(mounted) != self.configuration.mounted:
+            self._adopt(Configuration(self._profiles, mounted, self.configuration.friction))
+
+    def set_free(self, stamp: int, free: bool) -> None:
+        """Take note that from this stamp [ns] on the fingers move free of objects, or not."""
+        self._free.append((stamp, free))
+
+    def on_tendons(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Residual]:
+        """Take the tendons' state; return the residuals that became known by it."""
+        return [
+            self._residual(matched, measured)
+            for name, sample in zip(names, tendons, strict=True)
+            if name in self.configuration.fingers and math.isfinite(sample.pulled_length)
+            for matched, measured in self._matcher(name).add_tendon(sample)
+        ]
+
+    def predict(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Prediction]:
+        """Predict the mounted fingers among these tendons."""
+        readings = [
+            TendonReading(name, sample.pulled_length, sample.velocity)
+            for name, sample in zip(names, tendons, strict=True)
+        ]
+        return self.configuration.predict(readings)
+
+    def on_measured(self, stamp: int, fingers: Sequence[MeasuredFinger]) -> list[Residual]:
+        """Take what the camera saw at a stamp [ns]; return the residuals that became known by it."""
+        return [
+            self._residual(matched, measured)
+            for finger in fingers
+            if finger.finger in self.configuration.fingers
+            for matched, measured in self._matcher(finger.finger).add_measured(stamp, finger)
+        ]
+
+    def closing(self, profile: str, slot: str, friction: str, pulled_lengths: Sequence[float]) -> list[Prediction]:
+        """Predict a profile's finger at pulled lengths [m].
+
+        Args:
+            profile: id.
+            slot: empty = every finger of the profile.
+            friction: id; empty = the one in use.
+            pulled_lengths: [m].
+
+        Raises:
+            FingerError, ProfileError: an unknown profile, slot or friction model.
+        """
+        if profile not in self._profiles:
+            raise FingerError(f"unknown profile {profile!r}; loaded: {', '.join(sorted(self._profiles))}")
+        slots = (slot,) if slot else self._profiles[profile].slots
+        law = self.configuration.friction
+        if friction:
+            law = self._known_friction(profile, friction)
+        wanted = Configuration(self._profiles, dict.fromkeys(slots, profile), law)
+        return [prediction for name in slots for prediction in wanted.closing(name, pulled_lengths)]
+
+    def verdicts(self) -> dict[str, tuple[Verdict, str]]:
+        """Return the verdict on every mounted finger."""
+        return {slot: monitor.judge() for slot, monitor in self._monitors.items()}
+
+    def _known_friction(self, profile: str, friction: str) -> ActiveFriction | None:
+        if friction in self._frictions:
+            return self._frictions[friction]
+        own = self._profiles[profile].friction.id
+        if friction == own:
+            return None  # each profile's own
+        known = ", ".join([*self._frictions, own])
+        raise FingerError(f"unknown friction model {friction!r}; known: {known}; activate it first")
+
+    def _adopt(self, configuration: Configuration) -> None:
+        self.configuration = configuration
+        self._monitors = {
+            slot: WearMonitor(configuration.friction_of(slot).law, self._wear) for slot in configuration.fingers
+        }
+
+    def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
+        return self._matchers.setdefault(slot, Matcher())
+
+    def _is_free(self, stamp: int) -> bool:
+        for since, free in reversed(self._free):
+            if since <= stamp:
+                return free
+        return True
+
+    def _residual(self, tendon: TendonSample, measured: MeasuredFinger) -> Residual:
+        slot = measured.finger
+        solution = self.configuration.solve(slot, tendon.pulled_length)
+        finger, monitor = self.configuration.fingers[slot], self._monitors[slot]
+        tip_mm = 1e3 * np.array(measured.tip)
+        slack = bool(int(solution.status[0, 0]) & Status.SLACK)
+        if not solution.failed[0, 0] and not slack:
+            pulling = tendon.velocity > PAYING_OUT
+            monitor.add(solution, tip_mm, tendon.tension, pulling=pulling, free=self._is_free(tendon.stamp))
+        verdict, why = monitor.judge()
+        error_mm = float(np.linalg.norm(tip_mm - solution.tip_mm[0, 0]))
+        predicted = solution.angle_rad[0, 0]
+        angles = measured.joint_angles if len(measured.joint_angles) == finger.joints else (math.nan,) * finger.joints
+        return Residual(
+            stamp=tendon.stamp,
+            finger=slot,
+            pulled_length=tendon.pulled_length,
+            tip_error=1e-3 * error_mm,
+            tip_error_percent=100.0 * error_mm / finger.length_from_joint_mm,
+            joint_angle_errors=tuple(float(a - p) for a, p in zip(angles, predicted, strict=True)),
+            tension_error=tendon.tension - float(solution.tension_n[0, 0, 0]),
+            cusum_friction=monitor.cusum_friction,
+            cusum_stiffness=monitor.cusum_stiffness,
+            verdict=verdict,
+            reason=why,
+        )

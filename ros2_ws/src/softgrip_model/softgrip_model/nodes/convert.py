@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between this package's values and messages; its one home."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from softgrip_interfaces.msg import (
+    CellState,
+    FingerState,
+    FingerStates,
+    FrictionModel,
+    MountedFinger,
+    PredictionResidual,
+)
+from softgrip_model.finger import FingerError
+from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.predictor import ActiveFriction, Prediction
+from softgrip_model.finger.session import MeasuredFinger, Residual
+from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law
+
+NANOSECONDS = 1_000_000_000
+
+#: Modes of the cell in which a finger may be holding something, or stand where nobody knows.
+_NOT_FREE = (CellState.GRASPING, CellState.HOLDING, CellState.FAULT, CellState.ESTOP)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp in nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def stamp_of(nanoseconds_since_epoch: int) -> Time:
+    """Return nanoseconds as a stamp."""
+    seconds, rest = divmod(nanoseconds_since_epoch, NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def tendon_samples(message: JointState) -> tuple[list[str], list[TendonSample]]:
+    """Return names and samples; velocity and tension are NaN where the message has none.
+
+    Raises:
+        FingerError: not one position per name.
+    """
+    names = list(message.name)
+    if len(message.position) != len(names):
+        raise FingerError(f"tendon/state: expected {len(names)} positions for {names}, found {len(message.position)}")
+    unknown = [math.nan] * len(names)
+    velocity = message.velocity if len(message.velocity) == len(names) else unknown
+    tension = message.effort if len(message.effort) == len(names) else unknown
+    stamp = nanoseconds(message.header.stamp)
+    samples = [
+        TendonSample(stamp, float(p), float(v), float(t))
+        for p, v, t in zip(message.position, velocity, tension, strict=True)
+    ]
+    return names, samples
+
+
+def measured_fingers(message: FingerStates) -> list[MeasuredFinger]:
+    """Return the fingers that the camera could measure."""
+    return [
+        MeasuredFinger(
+            state.finger, tuple(float(a) for a in state.joint_angles), (float(state.tip.x), float(state.tip.y))
+        )
+        for state in message.fingers
+        if state.validity != FingerState.FAILED
+    ]
+
+
+def active_friction(message: FrictionModel) -> ActiveFriction:
+    """Return a friction model.
+
+    Raises:
+        FingerError: an unknown law, coefficients that do not fit it, or a verdict against using it.
+        LawError: coefficients that no law can have.
+    """
+    if message.verdict == FrictionModel.DO_NOT_USE:
+        raise FingerError(f"friction model {message.id!r} says of itself not to use it: {message.reason}")
+    try:
+        law, reading = Law(message.law), KReading(message.k_reading or KReading.PRINTED)
+    except ValueError as error:
+        raise FingerError(
+            f"friction model {message.id!r}: expected a law of {[str(law) for law in Law]} and a reading of "
+            f"{[str(reading) for reading in KReading]}, found {message.law!r} and {message.k_reading!r}"
+        ) from error
+    names = COEFFICIENT_NAMES[law]
+    given = dict(zip(message.coefficient_names, message.coefficients, strict=False))
+    if set(given) != set(names) or len(message.coefficients) != len(names):
+        raise FingerError(f"friction model {message.id!r}: {law} has coefficients {names}, found {sorted(given)}")
+    covariance = np.array(message.covariance, dtype=np.float64)
+    if covariance.size not in {0, len(names) ** 2}:
+        raise FingerError(
+            f"friction model {message.id!r}: expected a covariance of {len(names) ** 2} values or none, "
+            f"found {covariance.size}"
+        )
+    order = [list(message.coefficient_names).index(name) for name in names]
+    square = covariance.reshape(len(names), len(names))[np.ix_(order, order)] if covariance.size else None
+    return ActiveFriction(
+        id=message.id,
+        law=FrictionLaw(
+            law,
+            tuple(float(given[name]) for name in names),
+            1e3 * (message.cable_radius + message.surface_radius),
+            reading,
+            (float(message.angle_range[0]), float(message.angle_range[1])),
+            (float(message.tension_range[0]), float(message.tension_range[1])),
+        ),
+        covariance=square if square is not None and np.isfinite(square).all() else None,
+    )
+
+
+def mounted_profiles(message: CellState) -> dict[str, str]:
+    """Return slot -> profile id of the slots that hold a finger."""
+    return {
+        mounted.finger: mounted.profile
+        for mounted in message.mounted
+        if mounted.profile and mounted.state != MountedFinger.EMPTY
+    }
+
+
+def is_free(message: CellState) -> bool:
+    """Say whether closings in this mode meet no object."""
+    return message.mode not in _NOT_FREE
+
+
+def predicted_message(
+    header: Header, predictions: Sequence[Prediction], friction_model: str, configuration: str
+) -> FingerStates:
+    """Return predictions as a message with the header of what they were computed from."""
+    return FingerStates(
+        header=header,
+        fingers=[finger_state(prediction) for prediction in predictions],
+        friction_model=friction_model,
+        configuration=configuration,
+    )
+
+
+def finger_state(prediction: Prediction) -> FingerState:
+    """Return one prediction."""
+    stddev = prediction.joint_angles_stddev
+    return FingerState(
+        finger=prediction.finger,
+        profile=prediction.profile,
+        pulled_length=float(prediction.pulled_length),
+        tension=prediction.tension,
+        joint_angles=prediction.joint_angles.tolist(),
+        joint_angles_stddev=[] if stddev is None else stddev.tolist(),
+        tip=Point(x=prediction.tip[0], y=prediction.tip[1], z=0.0),
+        tip_stddev=list(prediction.tip_stddev),
+        contact_tensions=prediction.tensions.tolist(),
+        validity=int(prediction.validity),
+        reason=prediction.reason,
+    )
+
+
+def residual_message(residual: Residual, frame_id: str) -> PredictionResidual:
+    """Return one residual."""
+    return PredictionResidual(
+        header=Header(stamp=stamp_of(residual.stamp), frame_id=frame_id),
+        finger=residual.finger,
+        pulled_length=residual.pulled_length,
+        tip_error=residual.tip_error,
+        tip_error_percent=residual.tip_error_percent,
+        joint_angle_errors=list(residual.joint_angle_errors),
+        tension_error=residual.tension_error,
+        cusum_friction=residual.cusum_friction,
+        cusum_stiffness=residual.cusum_stiffness,
+        verdict=int(residual.verdict),
+        reason=residual.reason,
+    )

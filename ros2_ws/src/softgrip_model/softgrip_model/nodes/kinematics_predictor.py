@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Predicts the mounted fingers from the pulled tendon lengths, and compares with what the camera sees.
+
+Subscribes tendon/state, friction/active, cell/state, finger/measured; publishes finger/predicted and finger/residual;
+serves finger/predict. Results leave from subscription callbacks only and depend on the messages and their stamps alone;
+each names the friction model and the configuration it was computed with, so that a bag replays to the same numbers.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
+from softgrip_interfaces.srv import PredictFinger
+from softgrip_model.finger import FingerError
+from softgrip_model.finger.session import Residual, Session
+from softgrip_model.finger.wear import Verdict, WearSettings
+from softgrip_model.friction.errors import FrictionError
+from softgrip_model.nodes import convert
+from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+
+_WEAR = WearSettings()
+
+PARAMETERS = ParameterTable(
+    Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
+    Parameter("fingers", ["index", "middle", "thumb"], "slots that hold a finger until cell/state says otherwise"),
+    Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
+    Parameter("tip_stddev_m", 1e-3 * _WEAR.tip_stddev_mm, "noise of the measured tip", "m", 1e-5, 0.02),
+    Parameter("tension_stddev", _WEAR.tension_stddev, "noise of the measured tension, relative", "", 0.001, 1.0),
+    Parameter("baseline_closings", _WEAR.baseline, "empty closings that set the baseline", "", 2, 100),
+    Parameter(
+        "cusum_allowance", _WEAR.allowance, "shift per closing that is let pass (standard deviations)", "", 0.0, 5.0
+    ),
+    Parameter("cusum_limit", _WEAR.limit, "decision limit (standard deviations)", "", 1.0, 50.0),
+)
+
+_HEALTH = {
+    Verdict.OK: Health.OK,
+    Verdict.WATCH: Health.OK,
+    Verdict.RECALIBRATE: Health.WARN,
+    Verdict.WORN: Health.WARN,
+}
+
+
+def _load_profiles(directory: str) -> dict[str, Profile]:
+    try:
+        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
+        return load_directory(folder)
+    except (ProfileError, PackageNotFoundError) as error:
+        raise StartupError(str(error)) from error
+
+
+def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:
+    each = list(profiles) * len(fingers) if len(profiles) == 1 else list(profiles)
+    if len(each) != len(fingers):
+        raise StartupError(f"parameter 'profiles': expected 1 or {len(fingers)} for {list(fingers)}, found {each}")
+    return dict(zip(fingers, each, strict=True))
+
+
+class KinematicsPredictor(Node):
+    """Translates between topics and a `Session`."""
+
+    def __init__(self) -> None:
+        super().__init__("kinematics_predictor")
+        values = PARAMETERS.declare(self)
+        self._session = self._start(values)
+        self._diagnostics = Diagnostics(self)
+        self._predicted = self.create_publisher(FingerStates, "finger/predicted", SENSOR)
+        self._residual = self.create_publisher(PredictionResidual, "finger/residual", SENSOR)
+        self.create_subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
+        self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
+        self.create_subscription(JointState, "tendon/state", self._on_tendons, SENSOR)
+        self.create_subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self.create_service(PredictFinger, "finger/predict", self._on_predict)
+        self._report("profile", Health.OK, "as given by parameters", self._mounted())
+        self._report("friction", Health.OK, f"the profiles' own: {self._session.configuration.friction_id}")
+        self.get_logger().info(f"predicting {self._mounted()} with {self._session.configuration.friction_id}")
+
+    @staticmethod
+    def _start(values: dict[str, Any]) -> Session:
+        mounted = _start_mounting(values["fingers"], values["profiles"])
+        wear = WearSettings(
+            tip_stddev_mm=1e3 * values["tip_stddev_m"],
+            tension_stddev=values["tension_stddev"],
+            baseline=values["baseline_closings"],
+            allowance=values["cusum_allowance"],
+            limit=values["cusum_limit"],
+        )
+        try:
+            return Session(_load_profiles(values["profiles_directory"]), mounted, wear)
+        except (FingerError, ProfileError) as error:
+            raise StartupError(str(error)) from error
+
+    def _on_tendons(self, message: JointState) -> None:
+        try:
+            names, samples = convert.tendon_samples(message)
+        except FingerError as error:
+            self._report("tendons", Health.WARN, str(error))
+            return
+        predictions = self._session.predict(samples, names)
+        if predictions:
+            configuration = self._session.configuration
+            self._predicted.publish(
+                convert.predicted_message(message.header, predictions, configuration.friction_id, configuration.digest)
+            )
+        self._report("tendons", Health.OK, f"{len(predictions)} of {len(names)} tendons predicted")
+        self._publish_residuals(self._session.on_tendons(samples, names), message.header.frame_id)
+
+    def _on_measured(self, message: FingerStates) -> None:
+        stamp = convert.nanoseconds(message.header.stamp)
+        residuals = self._session.on_measured(stamp, convert.measured_fingers(message))
+        self._publish_residuals(residuals, message.header.frame_id)
+
+    def _publish_residuals(self, residuals: Sequence[Residual], frame_id: str) -> None:
+        for residual in residuals:
+            self._residual.publish(convert.residual_message(residual, frame_id))
+            self._report(f"finger {residual.finger}", _HEALTH[residual.verdict], residual.reason or "as predicted")
+
+    def _on_friction(self, message: FrictionModel) -> None:
+        try:
+            friction = convert.active_friction(message)
+        except (FingerError, FrictionError) as error:
+            kept = self._session.configuration.friction_id
+            self._report("friction", Health.WARN, f"{error}; still using {kept}")
+            return
+        self._session.set_friction(friction)
+        self._report("friction", Health.OK, f"using {friction.id}")
+        self.get_logger().info(f"friction model {friction.id}")
+
+    def _on_cell(self, message: CellState) -> None:
+        self._session.set_free(convert.nanoseconds(message.header.stamp), free=convert.is_free(message))
+        mounted = convert.mounted_profiles(message)
+        try:
+            self._session.set_mounted(mounted)
+        except (FingerError, ProfileError) as error:
+            self._report("profile", Health.WARN, f"{error}; still predicting {self._mounted()}")
+            return
+        self._report("profile", Health.OK, "as mounted by cell/state", self._mounted())
+
+    def _on_predict(self, request: PredictFinger.Request, response: PredictFinger.Response) -> PredictFinger.Response:
+        try:
+            predictions = self._session.closing(
+                request.profile, request.finger, request.friction_model, request.pulled_lengths
+            )
+        except (FingerError, ProfileError) as error:
+            response.success = False
+            response.message = str(error)
+            return response
+        response.success = True
+        response.states = [convert.finger_state(prediction) for prediction in predictions]
+        return response
+
+    def _mounted(self) -> dict[str, str]:
+        return self._session.configuration.mounted
+
+    def _report(self, component: str, health: Health, text: str, values: dict[str, str] | None = None) -> None:
+        self._diagnostics.set(component, health, text, values)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(KinematicsPredictor, args))
+
+
+if __name__ == "__main__":
+    main()
