@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cell's rules: what it knows, what it allows, what it remembers. No ROS; storage behind Library and Journal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any
+
+from softgrip_cell import gates
+from softgrip_cell.counters import Availability
+from softgrip_cell.errors import RefusedError
+from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.grasp.values import GraspTask, Outcome, Verdict
+from softgrip_cell.observation import TendonSample
+from softgrip_cell.outcomes import SuccessEstimate, Tally, estimate
+from softgrip_cell.planner import Durations, Order, Plan, admissible_sets, plan_mix
+from softgrip_cell.products import Catalogue, FingerSet, Product
+from softgrip_cell.storage.journal import Journal, OpenOperation, Slot
+from softgrip_cell.storage.library import Library
+from softgrip_cell.swap.check import Finding, FingerCheck
+from softgrip_cell.swap.sequence import Remember, SwapSequence, SwapStep, Turn
+
+
+class Mode(IntEnum):
+    """What the cell is doing (CellState.mode)."""
+
+    UNKNOWN = 0
+    IDLE = 1
+    SWAPPING = 2
+    GRASPING = 3
+    HOLDING = 4
+    CALIBRATING = 5
+    FAULT = 6
+    ESTOP = 7
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a product is to be grasped, and with what."""
+
+    product: Product
+    finger_set: FingerSet
+    swap_needed: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Where time comes from: wall time for records [ns since the epoch], monotonic time for durations [s]."""
+
+    now_ns: Callable[[], int]
+    monotonic_s: Callable[[], float]
+
+
+class Cell:
+    """One cell.
+
+    Args:
+        library: products, finger sets, passports.
+        journal: slots, operations, outcomes.
+        thumb: index of the slot that presses against the others.
+        limits: how far a friction model is trusted.
+        clocks: time.
+    """
+
+    def __init__(self, library: Library, journal: Journal, thumb: int, limits: FrictionLimits, clocks: Clocks) -> None:
+        self._library = library
+        self._journal = journal
+        self._thumb = thumb
+        self._limits = limits
+        self._clocks = clocks
+        self._driver = DriverFacts(heard=False, estop=False)
+        self._friction: Callable[[], FrictionFacts | None] = lambda: None
+        self._busy: Mode | None = None
+        self._product = ""
+        self._note = ""
+        self._availability = Availability(clocks.monotonic_s())
+        self._catalogue = library.catalogue()
+        cut: OpenOperation | None = journal.recover()
+        self._slots = journal.slots()
+        self._counts = journal.counts()
+        if cut is not None:
+            self._note = f"restarted during {cut.kind} '{cut.subject}' at step '{cut.step}'"
+            if cut.kind == "grasp":
+                self._busy, self._product = Mode.UNKNOWN, cut.subject
+                self._note += "; a product may be held: call tendon/release when it may be let go"
+
+    def now_s(self) -> float:
+        """Monotonic time [s]."""
+        return self._clocks.monotonic_s()
+
+    def slots(self) -> tuple[Slot, ...]:
+        """Return what the slots hold now."""
+        return self._slots
+
+    def catalogue(self) -> Catalogue:
+        """Read products and finger sets in force: they may be edited while the cell runs."""
+        self._catalogue = self._library.catalogue()
+        return self._catalogue
+
+    def mounted_set(self) -> FingerSet | None:
+        """Return the set in all slots, None when mixed or unknown."""
+        return gates.mounted_set(self._slots, list(self._catalogue.finger_sets.values()))
+
+    @property
+    def mode(self) -> Mode:
+        """What the cell is doing; a fault outranks everything but the e-stop."""
+        if self._driver.estop:
+            return Mode.ESTOP
+        if self._driver.faults:
+            return Mode.FAULT
+        return self._busy if self._busy is not None else Mode.IDLE
+
+    def update_driver(self, driver: DriverFacts) -> None:
+        """Take what the driver says."""
+        self._driver = driver
+        self._availability.update(self.now_s(), down=driver.estop or bool(driver.faults))
+
+    def update_friction(self, facts: Callable[[], FrictionFacts | None]) -> None:
+        """Take the active friction model, as a function because its age grows."""
+        self._friction = facts
+
+    def observe_sample(self, sample: TendonSample, open_m: float) -> None:
+        """Notice that the fingers were opened: whatever was held is gone."""
+        if self._busy in (Mode.HOLDING, Mode.UNKNOWN) and all(pulled <= open_m for pulled in sample.pulled_m):
+            self._busy, self._product, self._note = None, "", ""
+
+    def state(self) -> dict[str, Any]:
+        """Return the fields of CellState beside mode, slots and stamp."""
+        mounted = self.mounted_set()
+        outcomes = self._counts.outcomes
+        faults = "; ".join(self._driver.faults)
+        return {
+            "finger_set": mounted.id if mounted else "",
+            "product": self._product,
+            "picks": sum(outcomes.values()),
+            "gripped": outcomes.get(Outcome.GRIPPED, 0),
+            "empty": outcomes.get(Outcome.EMPTY, 0),
+            "slipped": outcomes.get(Outcome.SLIPPED, 0),
+            "tendon_faults": outcomes.get(Outcome.TENDON_FAULT, 0),
+            "aborted": outcomes.get(Outcome.ABORTED, 0),
+            "swaps": self._counts.swaps,
+            "mean_swap_time": self._counts.mean_swap_s,
+            "availability": self._availability.share(self.now_s()),
+            "fault": faults,
+            "reason": self._note,
+        }
+
+    def estimates(self, catalogue: Catalogue) -> dict[str, dict[str, SuccessEstimate]]:
+        """Return what is known of every product with every finger set: table marks and counted grasps."""
+        tallies = self._journal.tallies()
+        return {
+            product.id: {
+                name: estimate(product.marks.get(name), tallies.get((product.id, name), Tally()))
+                for name in catalogue.finger_sets
+            }
+            for product in catalogue.products.values()
+        }
+
+    def select(self, product_id: str) -> Choice:
+        """Choose a finger set for a product: the mounted one where it will do.
+
+        Raises:
+            RefusedError: the product is not in the mix or no usable set holds it.
+        """
+        catalogue = self.catalogue()
+        estimates = self.estimates(catalogue)
+        good = admissible_sets(product_id, estimates, self._usable_sets(catalogue))
+        product = catalogue.products[product_id]
+        mounted = self.mounted_set()
+        known = estimates[product_id]
+        if mounted is not None and mounted.id in good:
+            chosen = mounted.id
+        else:
+            chosen = max(good, key=lambda name: (known[name].mean, catalogue.finger_sets[name].grasp == product.grasp))
+        finger_set = catalogue.finger_sets[chosen]
+        swap = mounted is None or mounted.id != chosen
+        rate = known[chosen]
+        reason = (
+            f"'{product_id}' is a {product.grasp.value} product (Table 4.1); {chosen}: {rate.mark.value}, "
+            f"expected success {rate.mean:.2f} [{rate.low:.2f}, {rate.high:.2f}] after {rate.grasps} grasps; "
+        )
+        if not swap:
+            reason += f"'{chosen}' is mounted"
+        else:
+            reason += f"mounted is {mounted.id if mounted else 'nothing known'}"
+        self._product = product_id if self._busy is None else self._product
+        return Choice(product, finger_set, swap, reason)
+
+    def plan(self, orders: Sequence[Order], *, keep_order: bool) -> Plan:
+        """Plan the work for an order list; see planner.plan_mix."""
+        catalogue = self.catalogue()
+        mounted = self.mounted_set()
+        durations = Durations()
+        if self._counts.swaps:
+            durations = replace(durations, swap_s=self._counts.mean_swap_s)
+        return plan_mix(
+            orders,
+            self.estimates(catalogue),
+            self._usable_sets(catalogue),
+            mounted.id if mounted else None,
+            keep_order=keep_order,
+            durations=durations,
+        )
+
+    def begin_grasp(self, product_id: str, *, confirm_lift: bool, trial: bool) -> GraspTask:
+        """Check every gate and take the cell.
+
+        Raises:
+            RefusedError: with the reason.
+        """
+        self._refuse_when_busy()
+        gates.check_driver(self._driver, homed=True)
+        catalogue = self.catalogue()
+        product = catalogue.products.get(product_id)
+        if product is None:
+            raise RefusedError(
+                f"product '{product_id}' is not in the mix; known are {', '.join(sorted(catalogue.products))}"
+            )
+        mounted = gates.check_fingers(self._slots, self.mounted_set(), product, trial=trial)
+        references = self._references()
+        gates.check_friction(self._friction(), self._limits, references, product.recipe.pull_limit_m)
+        self._journal.begin("grasp", product_id, mounted.id)
+        self._busy, self._product, self._note = Mode.GRASPING, product_id, ""
+        return GraspTask(product, tuple(slot.name for slot in self._slots), references, self._thumb, confirm_lift)
+
+    def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
+        """Write down what came of a grasp and give the cell back."""
+        mounted = self.mounted_set()
+        held = verdict.outcome is Outcome.GRIPPED
+        self._busy = Mode.HOLDING if held else None
+        self._note = f"{task.product.id}: {verdict.outcome.value}: {verdict.reason}"
+        self._journal.finish_grasp(
+            task.product.id,
+            task.product.version,
+            mounted.id if mounted else "",
+            verdict.outcome.value,
+            verdict.reason,
+            duration_s,
+        )
+        self._counts = self._journal.counts()
+
+    def begin_swap(self, finger_set: str, serials: Sequence[str]) -> SwapSequence:
+        """Check every gate and take the cell.
+
+        Raises:
+            RefusedError: with the reason.
+        """
+        self._refuse_when_busy()
+        gates.check_driver(self._driver, homed=False)
+        catalogue = self.catalogue()
+        if finger_set not in catalogue.finger_sets:
+            known = ", ".join(catalogue.finger_sets)
+            raise RefusedError(f"expected one of the finger sets {known}, found '{finger_set}'")
+        sequence = SwapSequence(catalogue.finger_sets[finger_set], self._slots, self._library.passports(), serials)
+        self._journal.begin("swap", finger_set, SwapStep.RELEASE.value)
+        self._busy, self._note = Mode.SWAPPING, f"swapping to '{finger_set}'"
+        return sequence
+
+    def remember(self, turn: Turn) -> None:
+        """Write down what has to be written before a step of a swap begins."""
+        if turn.remember is Remember.FORGET_SLOTS:
+            self._journal.forget_slots(turn.step.value)
+        elif turn.remember is Remember.PARK_FINGERS:
+            self._journal.park_fingers(turn.step.value)
+        elif turn.remember is Remember.READ_IN:
+            self._journal.read_in(turn.step.value, turn.serials)
+        else:
+            self._journal.reach(turn.step.value)
+        self._slots = self._journal.slots()
+
+    def end_swap(
+        self, sequence: SwapSequence, outcome: str, reason: str, duration_s: float, checks: Mapping[str, FingerCheck]
+    ) -> None:
+        """Write down what came of a swap and give the cell back."""
+        references: dict[str, Any] = {}
+        if outcome == "SUCCEEDED":
+            by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=True))
+            references = {
+                by_slot[name]: check.reference.document()
+                for name, check in checks.items()
+                if check.reference is not None
+            }
+        elif any(check.finding in (Finding.OFF, Finding.BROKEN) for check in checks.values()):
+            self._journal.distrust()
+        self._journal.finish_swap(
+            sequence.finger_set.id, outcome, reason, duration_s, changed=not sequence.only_check, references=references
+        )
+        self._busy, self._note = None, f"swap to '{sequence.finger_set.id}': {outcome}: {reason}"
+        self._slots = self._journal.slots()
+        self._counts = self._journal.counts()
+
+    def _refuse_when_busy(self) -> None:
+        if self._busy is Mode.HOLDING:
+            raise RefusedError(f"'{self._product}' is held; call tendon/release when it may be let go")
+        if self._busy is Mode.UNKNOWN:
+            raise RefusedError(self._note)
+        if self._busy is not None:
+            raise RefusedError(f"the cell is {self._busy.name.lower()}; wait for its end or cancel it")
+
+    def _references(self) -> tuple[FreeReference, ...]:
+        references: list[FreeReference] = []
+        for slot in self._slots:
+            document = self._journal.reference(slot.serial)
+            if document is None:
+                raise RefusedError(
+                    f"slot {slot.name}: the free motion was never checked; run cell/swap to do so"
+                )
+            references.append(FreeReference.from_document(document))
+        return tuple(references)
+
+    def _usable_sets(self, catalogue: Catalogue) -> list[str]:
+        """Return the finger sets that could be mounted now or are."""
+        passports = self._library.passports().values()
+        mounted = {slot.serial for slot in self._slots}
+        usable = {
+            (passport.profile, passport.finger)
+            for passport in passports
+            if passport.objection() is None or passport.serial in mounted
+        }
+        return [
+            item.id
+            for item in catalogue.finger_sets.values()
+            if all((item.profile, slot.name) in usable for slot in self._slots)
+        ]

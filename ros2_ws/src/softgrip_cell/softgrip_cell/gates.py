@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What has to be true before the cell may grasp or swap; every refusal says what was expected and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from softgrip_cell.errors import RefusedError
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.products import FingerSet, Product, TableMark
+from softgrip_cell.storage.journal import Slot, SlotState
+
+
+@dataclass(frozen=True)
+class FrictionFacts:
+    """What matters of the active friction model.
+
+    Attributes:
+        age_s: since its fit [s].
+        tension_high_n: upper end of its calibrated range [N].
+        usable: its own verdict allows use.
+    """
+
+    id: str
+    age_s: float
+    tension_high_n: float
+    usable: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class FrictionLimits:
+    """How far a friction model is trusted.
+
+    Attributes:
+        age_s: oldest fit that is used [s].
+        range_factor: how many times the calibrated tension a finger may need.
+    """
+
+    age_s: float
+    range_factor: float
+
+
+@dataclass(frozen=True)
+class DriverFacts:
+    """What the driver says now.
+
+    Attributes:
+        heard: tendon/state and tendon/status are coming in.
+        estop: the emergency stop is latched.
+        faults: in words, one per tendon that has any.
+        unhomed: tendons whose zero is not known.
+    """
+
+    heard: bool
+    estop: bool
+    faults: tuple[str, ...] = ()
+    unhomed: tuple[str, ...] = ()
+
+
+def check_driver(driver: DriverFacts, *, homed: bool) -> None:
+    """Refuse when the driver cannot move safely.
+
+    Raises:
+        RefusedError: with the reason.
+    """
+    if driver.estop:
+        raise RefusedError("the emergency stop is latched; clear the cause, then call estop_reset")
+    if not driver.heard:
+        raise RefusedError("expected tendon/state and tendon/status, found silence; start or check tendon_driver")
+    if driver.faults:
+        raise RefusedError("the driver has a fault: " + "; ".join(driver.faults))
+    if homed and driver.unhomed:
+        raise RefusedError(f"tendons {', '.join(driver.unhomed)} are not homed; call tendon/home")
+
+
+def check_friction(
+    friction: FrictionFacts | None, limits: FrictionLimits, references: Sequence[FreeReference], pull_m: float
+) -> None:
+    """Refuse when free motion cannot be predicted well enough.
+
+    Raises:
+        RefusedError: with the reason.
+    """
+    if friction is None:
+        raise RefusedError("no friction model is active; calibrate (rig/calibrate) or activate one (friction/activate)")
+    if not friction.usable:
+        raise RefusedError(f"friction model '{friction.id}' says of itself: do not use: {friction.reason}")
+    if friction.age_s > limits.age_s:
+        raise RefusedError(
+            f"friction model '{friction.id}' is {friction.age_s / 86400:.1f} days old, the limit is "
+            f"{limits.age_s / 86400:.1f} days; calibrate again (rig/calibrate)"
+        )
+    for reference in references:
+        if reference.friction_model != friction.id:
+            raise RefusedError(
+                f"the fingers were checked with friction model '{reference.friction_model}', active is "
+                f"'{friction.id}'; check them again (cell/swap with the same set)"
+            )
+        needed_n, allowed_n = reference.tension(pull_m), limits.range_factor * friction.tension_high_n
+        if needed_n > allowed_n:
+            raise RefusedError(
+                f"closing to {pull_m * 1e3:.1f} mm needs {needed_n:.1f} N; friction model '{friction.id}' is trusted "
+                f"up to {allowed_n:.1f} N; calibrate with a heavier weight"
+            )
+
+
+def mounted_set(slots: Sequence[Slot], finger_sets: Sequence[FingerSet]) -> FingerSet | None:
+    """Return the set whose profile is in every slot, None when mixed, empty or unknown."""
+    if any(slot.state not in (SlotState.TO_BE_VERIFIED, SlotState.VERIFIED) for slot in slots):
+        return None
+    profiles = {slot.profile for slot in slots}
+    return next((item for item in finger_sets if profiles == {item.profile}), None)
+
+
+def check_fingers(slots: Sequence[Slot], mounted: FingerSet | None, product: Product, *, trial: bool) -> FingerSet:
+    """Refuse when the fingers in the slots are not known, not verified, or fail on the product (unless it is a trial).
+
+    Returns:
+        the set in the slots.
+
+    Raises:
+        RefusedError: with the reason.
+    """
+    for slot in slots:
+        if slot.state is not SlotState.VERIFIED:
+            raise RefusedError(f"slot {slot.name} is {slot.state.value}; run cell/swap to have the fingers checked")
+    if mounted is None:
+        found = ", ".join(f"{slot.name} {slot.profile or 'nothing'}" for slot in slots)
+        raise RefusedError(f"expected one finger set in all slots, found {found}; run cell/swap")
+    if not trial and product.marks.get(mounted.id) is TableMark.FAILURE:
+        raise RefusedError(f"finger set '{mounted.id}' does not hold '{product.id}'; call cell/select_product and swap")
+    return mounted

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a tendon sample and its prediction to the excess tension of every finger, and the contact force behind it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.observation import Pair
+
+#: Pulled length between two predictions from which the fingertip's path per pulled length is taken [m].
+LEVER_STEP_M: Final = 0.0005
+
+#: Fingertip path per pulled length before the fingers have moved [1]: low, so that forces are overstated at first.
+LEVER_START: Final = 2.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One finger at one instant.
+
+    Attributes:
+        pulled_m: pulled length [m].
+        tension_n: measured [N].
+        free_n: expected of this very finger if it touched nothing [N].
+        excess_n: their difference [N].
+        threshold_n: excess that is taken for contact [N].
+        force_n: greatest contact force that this excess can mean [N].
+    """
+
+    pulled_m: float
+    tension_n: float
+    free_n: float
+    excess_n: float
+    threshold_n: float
+    force_n: float
+
+    @property
+    def touching(self) -> bool:
+        """More tension than free motion explains."""
+        return self.excess_n >= self.threshold_n
+
+
+class Reader:
+    """Turns paired observations into readings.
+
+    The contact force follows from virtual work: pulling dL moves a contact at the fingertip by ds, so that excess * dL
+    >= force * ds; friction in the finger only lowers the force. ds/dL is taken from the predicted tip path, and
+    lever_factor allows for contacts nearer to the base, which move less.
+    """
+
+    def __init__(self, references: Sequence[FreeReference], settings: GraspSettings) -> None:
+        self._references = tuple(references)
+        self._settings = settings
+        self._levers = [LEVER_START] * len(self._references)
+        self._anchors: list[tuple[float, tuple[float, float]] | None] = [None] * len(self._references)
+
+    def read(self, pair: Pair) -> tuple[Reading, ...]:
+        """Return the reading of every slot."""
+        return tuple(self._read_slot(slot, pair) for slot in range(len(self._references)))
+
+    def excess_limit(self, slot: int, force_limit_n: float) -> float:
+        """Return the excess tension that may mean a contact force limit [N]."""
+        return force_limit_n * self._levers[slot] / self._settings.lever_factor
+
+    def _read_slot(self, slot: int, pair: Pair) -> Reading:
+        settings, reference = self._settings, self._references[slot]
+        pulled_m, tension_n = pair.sample.pulled_m[slot], pair.sample.tension_n[slot]
+        free_n = max(0.0, pair.free.tension_n[slot] + reference.offset(pulled_m))
+        self._follow_tip(slot, pair.free.pulled_m[slot], pair.free.tip_m[slot])
+        excess_n = tension_n - free_n
+        return Reading(
+            pulled_m=pulled_m,
+            tension_n=tension_n,
+            free_n=free_n,
+            excess_n=excess_n,
+            threshold_n=max(
+                settings.contact_floor_n,
+                settings.contact_sigma * reference.stddev_n,
+                settings.contact_free_fraction * free_n,
+            ),
+            force_n=max(0.0, excess_n) * settings.lever_factor / self._levers[slot],
+        )
+
+    def _follow_tip(self, slot: int, pulled_m: float, tip_m: tuple[float, float]) -> None:
+        anchor = self._anchors[slot]
+        if anchor is None:
+            self._anchors[slot] = (pulled_m, tip_m)
+        elif abs(pulled_m - anchor[0]) >= LEVER_STEP_M:
+            path_m = math.dist(tip_m, anchor[1])
+            if math.isfinite(path_m) and path_m > 0.0:
+                self._levers[slot] = path_m / abs(pulled_m - anchor[0])
+            self._anchors[slot] = (pulled_m, tip_m)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How one mounted finger differs from its prediction when it closes on nothing, learned from the check after a swap.
+
+The predictor knows the profile; this finger is a printed piece of it. Its stiffness and the motor's torque constant are
+off by some per cent, which would drown a light contact. The difference is smooth in the pulled length: a table mends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from softgrip_cell.errors import CatalogueError
+
+#: Distance of the table's rows [m].
+BIN_M: Final = 0.001
+
+#: A row needs this many samples, else its neighbours speak for it.
+BIN_SAMPLES: Final = 3
+
+
+@dataclass(frozen=True)
+class FreeReference:
+    """Table of measured minus predicted tension over pulled length.
+
+    Attributes:
+        pulled_m: rows, rising [m].
+        offset_n: mean difference [N].
+        tension_n: mean tension measured [N].
+        stddev_n: one standard deviation of a single sample about the table [N].
+        friction_model: the predictor's friction model when it was taken; another one makes the table void.
+    """
+
+    pulled_m: tuple[float, ...]
+    offset_n: tuple[float, ...]
+    tension_n: tuple[float, ...]
+    stddev_n: float
+    friction_model: str
+
+    def __post_init__(self) -> None:
+        rows = len(self.pulled_m)
+        if not rows or len(self.offset_n) != rows or len(self.tension_n) != rows:
+            raise CatalogueError(
+                f"free reference: expected {rows or 'one or more'} rows in every column, found {len(self.offset_n)} "
+                f"offsets and {len(self.tension_n)} tensions"
+            )
+        if any(b <= a for a, b in pairwise(self.pulled_m)) or not all(
+            map(math.isfinite, (*self.offset_n, *self.tension_n, self.stddev_n))
+        ):
+            raise CatalogueError("free reference: expected rising rows and finite offsets; check the finger again")
+
+    def offset(self, pulled_m: float) -> float:
+        """Return the difference to expect at a pulled length [N]; the outermost rows hold beyond the table."""
+        return float(np.interp(pulled_m, self.pulled_m, self.offset_n))
+
+    def tension(self, pulled_m: float) -> float:
+        """Return the tension of the free motion at a pulled length [N]."""
+        return float(np.interp(pulled_m, self.pulled_m, self.tension_n))
+
+    def document(self) -> dict[str, Any]:
+        """Return plain data for storage."""
+        return {
+            "pulled_m": list(self.pulled_m),
+            "offset_n": list(self.offset_n),
+            "tension_n": list(self.tension_n),
+            "stddev_n": self.stddev_n,
+            "friction_model": self.friction_model,
+        }
+
+    @staticmethod
+    def from_document(document: Mapping[str, Any]) -> FreeReference:
+        """Read what document() wrote."""
+        return FreeReference(
+            pulled_m=tuple(document["pulled_m"]),
+            offset_n=tuple(document["offset_n"]),
+            tension_n=tuple(document["tension_n"]),
+            stddev_n=float(document["stddev_n"]),
+            friction_model=str(document["friction_model"]),
+        )
+
+
+def learn_reference(
+    pulled_m: Sequence[float], measured_n: Sequence[float], predicted_n: Sequence[float], friction_model: str
+) -> FreeReference:
+    """Build the table from an empty closing.
+
+    Args:
+        pulled_m: pulled length of each sample [m].
+        measured_n: tension measured [N].
+        predicted_n: tension predicted [N].
+        friction_model: id used by the predictor.
+
+    Raises:
+        CatalogueError: too few samples for a single row.
+    """
+    lengths = np.asarray(pulled_m, dtype=float)
+    measured = np.asarray(measured_n, dtype=float)
+    difference = measured - np.asarray(predicted_n, dtype=float)
+    rows = np.round(lengths / BIN_M).astype(int)
+    kept = [row for row in np.unique(rows) if np.count_nonzero(rows == row) >= BIN_SAMPLES]
+    if not kept:
+        raise CatalogueError(
+            f"free reference: expected at least {BIN_SAMPLES} samples within {BIN_M * 1e3:g} mm of pulled length, "
+            f"found {len(lengths)} samples in all; close more slowly"
+        )
+    centres = [float(lengths[rows == row].mean()) for row in kept]
+    offsets = [float(np.median(difference[rows == row])) for row in kept]
+    scatter = difference - np.interp(lengths, centres, offsets)
+    spread = 1.4826 * float(np.median(np.abs(scatter - np.median(scatter))))  # MAD of a normal distribution
+    tensions = [float(np.median(measured[rows == row])) for row in kept]
+    return FreeReference(tuple(centres), tuple(offsets), tuple(tensions), spread, friction_model)

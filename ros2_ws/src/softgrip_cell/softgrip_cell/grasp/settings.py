@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a grasp is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class GraspSettings:
+    """Thresholds of the grasp sequence, the same for every product.
+
+    Attributes:
+        contact_sigma: excess tension in standard deviations of the free motion that is taken for contact.
+        contact_floor_n: and never less than this [N].
+        contact_free_fraction: and never less than this share of the free tension, which the table repairs only so far.
+        run: samples in a row that have to agree before anything is decided.
+        slip_fraction: share of the holding excess whose loss is a slip.
+        slip_floor_n: and never less than this [N].
+        lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
+        lost_floor_n: free tension from which that can be judged [N].
+        settle_s: after stopping, until the holding tension is taken as the baseline [s].
+        lift_window_s: how long the hold is watched after lifting (thesis 4.3.3: 5 s) [s].
+        stale_s: longest gap between paired samples [s].
+        open_m: pulled length below which a finger counts as open [m].
+        reach_m: distance to the end of the path that counts as there [m].
+        lever_factor: how much greater the force of a contact nearer to the base may be than at the fingertip.
+    """
+
+    contact_sigma: float = 5.0
+    contact_floor_n: float = 0.5
+    contact_free_fraction: float = 0.06
+    run: int = 3
+    slip_fraction: float = 0.4
+    slip_floor_n: float = 0.5
+    lost_fraction: float = 0.35
+    lost_floor_n: float = 2.0
+    settle_s: float = 0.1
+    lift_window_s: float = 5.0
+    stale_s: float = 0.25
+    open_m: float = 0.0015
+    reach_m: float = 0.0003
+    lever_factor: float = 2.0

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a grasp is asked for, what it tells the driver, and what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.products import Product
+
+
+class Phase(StrEnum):
+    """Where a grasp stands (Grasp.action feedback)."""
+
+    APPROACH = "approach"
+    CLOSE = "close"
+    HOLD = "hold"
+    LIFT = "lift"
+    DONE = "done"
+
+
+class Outcome(StrEnum):
+    """How a grasp ended (Grasp.action result)."""
+
+    GRIPPED = "GRIPPED"
+    EMPTY = "EMPTY"
+    SLIPPED = "SLIPPED"
+    TENDON_FAULT = "TENDON_FAULT"
+    ABORTED = "ABORTED"
+
+
+@dataclass(frozen=True)
+class GraspTask:
+    """A product to be taken with verified fingers.
+
+    Attributes:
+        slots: names, in slot order.
+        references: free motion of the finger in each slot.
+        thumb: index of the slot that presses against the others.
+        confirm_lift: watch the hold for the lift window before saying GRIPPED.
+    """
+
+    product: Product
+    slots: tuple[str, ...]
+    references: tuple[FreeReference, ...]
+    thumb: int
+    confirm_lift: bool
+
+
+@dataclass(frozen=True)
+class Open:
+    """Let the fingers go back to straight."""
+
+
+@dataclass(frozen=True)
+class Close:
+    """Pull these slots; the others stay where they are."""
+
+    slots: tuple[int, ...]
+    target_m: float
+    speed_m_per_s: float
+    tension_limit_n: float
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Stop all slots where they are and keep holding."""
+
+
+Command = Open | Close | Hold
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a grasp ended and why.
+
+    Attributes:
+        reason: evidence in words.
+        latency_s: from the first sample that showed the deciding event to the sample that decided [s].
+        evidence: the numbers behind it, plain data.
+    """
+
+    outcome: Outcome
+    reason: str
+    latency_s: float
+    evidence: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What follows from one observation; usually nothing."""
+
+    phase: Phase
+    command: Command | None = None
+    verdict: Verdict | None = None
+    contact: bool = False

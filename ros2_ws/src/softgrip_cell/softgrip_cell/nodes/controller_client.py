@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cell controller's client: everything a line needs of the cell, over services and actions only.
+
+    controller = CellController(node)
+    choice = controller.select("egg")
+    if choice.swap_needed:
+        controller.swap(choice.finger_set, confirm=ask_the_operator)
+    result = controller.grasp("egg")
+    controller.release()
+
+Calls block until the answer is there; meanwhile the node is spun.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+from std_srvs.srv import Trigger
+
+from softgrip_cell.errors import CellError, RefusedError
+from softgrip_interfaces.action import Grasp, SwapFingers
+from softgrip_interfaces.srv import ConfirmStep, PlanMix, SelectProduct
+
+#: What the operator answers to a step: the serials read on the fingers where the step asks for them, else nothing.
+Confirm = Callable[[str, str], Sequence[str]]
+
+#: Waits until a future is done and returns its result: (future, timeout [s], what is expected).
+Wait = Callable[[Any, float, str], Any]
+
+#: Names of the outcomes of cell/grasp, by number.
+GRASP_OUTCOMES = {
+    Grasp.Result.GRIPPED: "GRIPPED",
+    Grasp.Result.EMPTY: "EMPTY",
+    Grasp.Result.SLIPPED: "SLIPPED",
+    Grasp.Result.TENDON_FAULT: "TENDON_FAULT",
+    Grasp.Result.ABORTED: "ABORTED",
+}
+
+
+class CellTimeout(CellError):  # noqa: N818  reads as what it is
+    """The cell did not answer in time."""
+
+
+class CellController:
+    """Calls the cell.
+
+    Args:
+        node: owner of the clients; it has to be in an executor that ``wait`` spins, or in none.
+        wait: how to wait for a future; by default the node is spun.
+    """
+
+    def __init__(self, node: Node, wait: Wait | None = None) -> None:
+        self._node = node
+        self._wait = wait or self._spin
+        self._select = node.create_client(SelectProduct, "cell/select_product")
+        self._plan = node.create_client(PlanMix, "cell/plan_mix")
+        self._confirm = node.create_client(ConfirmStep, "cell/confirm_step")
+        self._release = node.create_client(Trigger, "tendon/release")
+        self._swap = ActionClient(node, SwapFingers, "cell/swap")
+        self._grasp = ActionClient(node, Grasp, "cell/grasp")
+
+    def select(self, product: str) -> Any:
+        """Ask how a product is to be grasped; returns SelectProduct.Response.
+
+        Raises:
+            RefusedError: the cell does not know or hold it.
+        """
+        return self._call(self._select, SelectProduct.Request(product=product))
+
+    def plan(self, products: Sequence[str], quantities: Sequence[int], *, keep_order: bool = False) -> Any:
+        """Ask for the sequence with the fewest swaps; returns PlanMix.Response.
+
+        Raises:
+            RefusedError: an order cannot be served.
+        """
+        request = PlanMix.Request(products=list(products), quantities=list(quantities), keep_order=keep_order)
+        return self._call(self._plan, request)
+
+    def swap(self, finger_set: str, confirm: Confirm, serials: Sequence[str] = (), timeout_s: float = 330.0) -> Any:
+        """Have fingers swapped and checked.
+
+        Args:
+            finger_set: "power", "pinch" or "hook".
+            confirm: called with (step, instruction) for every step that a person does, once it is done; returns the
+                serials read on the fingers (slot order) where the instruction asks for them.
+            serials: fingers wanted, slot order; empty for any usable ones.
+            timeout_s: longest wait for the whole swap [s].
+
+        Returns:
+            SwapFingers.Result; look at its outcome.
+        """
+
+        def on_feedback(message: Any) -> None:
+            feedback = message.feedback
+            if feedback.confirmation:
+                told = list(confirm(feedback.step, feedback.instruction))
+                answer = self._confirm.call_async(ConfirmStep.Request(step=feedback.step, serials=told))
+                answer.add_done_callback(self._log_refusal)
+
+        goal = SwapFingers.Goal(finger_set=finger_set, serials=list(serials))
+        return self._act(self._swap, "cell/swap", goal, on_feedback, timeout_s)
+
+    def grasp(
+        self,
+        product: str,
+        *,
+        confirm_lift: bool = True,
+        trial: bool = False,
+        on_phase: Callable[[str], None] | None = None,
+        timeout_s: float = 60.0,
+    ) -> Any:
+        """Have a product grasped.
+
+        Args:
+            product: id.
+            confirm_lift: lift when ``on_phase`` says "lift"; the cell then watches the hold before it says GRIPPED.
+            trial: grasp even with fingers that are known to fail on the product.
+            on_phase: called with "approach", "close", "hold", "lift".
+            timeout_s: longest wait [s].
+
+        Returns:
+            Grasp.Result; look at its outcome (names in GRASP_OUTCOMES).
+        """
+
+        def on_feedback(message: Any) -> None:
+            if on_phase is not None:
+                on_phase(message.feedback.phase)
+
+        goal = Grasp.Goal(product=product, confirm_lift=confirm_lift, trial=trial)
+        return self._act(self._grasp, "cell/grasp", goal, on_feedback, timeout_s)
+
+    def release(self, timeout_s: float = 10.0) -> None:
+        """Let go of what is held: the tendons go slack, slowly.
+
+        Raises:
+            RefusedError: the driver will not.
+        """
+        self._call(self._release, Trigger.Request(), timeout_s)
+
+    def _log_refusal(self, future: Any) -> None:
+        response = future.result()
+        if response is not None and not response.success:
+            self._node.get_logger().error(f"cell/confirm_step refused: {response.message}")
+
+    def _call(self, client: Any, request: Any, timeout_s: float = 10.0) -> Any:
+        if not client.wait_for_service(timeout_sec=timeout_s):
+            raise CellTimeout(f"expected service {client.srv_name} within {timeout_s:g} s, found none; is the cell up?")
+        response = self._wait(client.call_async(request), timeout_s, f"an answer of {client.srv_name}")
+        if not response.success:
+            raise RefusedError(f"{client.srv_name}: {response.message}")
+        return response
+
+    def _act(self, client: Any, name: str, goal: Any, on_feedback: Callable[[Any], None], timeout_s: float) -> Any:
+        if not client.wait_for_server(timeout_sec=10.0):
+            raise CellTimeout(f"expected action {name} within 10 s, found none; is the cell up?")
+        handle = self._wait(client.send_goal_async(goal, feedback_callback=on_feedback), 10.0, f"{name} to take a goal")
+        if not handle.accepted:
+            raise RefusedError(f"{name} rejected the goal")
+        try:
+            answer = self._wait(handle.get_result_async(), timeout_s, f"the end of {name}")
+        except CellTimeout:
+            handle.cancel_goal_async()
+            raise
+        if answer.status not in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
+            raise CellTimeout(f"{name} ended with status {answer.status}; the manager may have gone away")
+        return answer.result
+
+    def _spin(self, future: Any, timeout_s: float, expected: str) -> Any:
+        rclpy.spin_until_future_complete(self._node, future, timeout_sec=timeout_s)
+        if not future.done():
+            raise CellTimeout(f"expected {expected} within {timeout_s:g} s, found nothing")
+        return future.result()
+
+
+def _ask(step: str, instruction: str) -> Sequence[str]:
+    """Ask the person at the terminal."""
+    answer = input(f"{instruction}\n[{step}] press Enter when done, or type the serials: ")
+    return answer.replace(",", " ").split()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Grasp products one after the other, with swaps where they are needed."""
+    parser = argparse.ArgumentParser(
+        prog="cell_controller",
+        description="Plan a mix, swap fingers where needed and grasp every product, asking you for the swaps.",
+        epilog="example: ros2 run softgrip_cell cell_controller egg=2 grape=1",
+    )
+    parser.add_argument("orders", nargs="+", metavar="PRODUCT[=QUANTITY]", help="what to pick, e.g. egg=2 grape")
+    parser.add_argument("--keep-order", action="store_true", help="do not reorder, only choose finger sets")
+    parser.add_argument("--no-lift", action="store_true", help="take the first grip for good, without the lift window")
+    options = parser.parse_args(remove_ros_args(sys.argv if args is None else ["cell_controller", *args])[1:])
+    orders = [order.partition("=") for order in options.orders]
+    rclpy.init(args=list(args) if args is not None else None)
+    node = Node("cell_controller")
+    controller = CellController(node)
+    try:
+        products = [product for product, _, _ in orders]
+        plan = controller.plan(
+            products, [int(quantity or 1) for _, _, quantity in orders], keep_order=options.keep_order
+        )
+        for step in plan.steps:
+            for _ in range(int(orders[step.order][2] or 1)):
+                if controller.select(step.product).swap_needed:
+                    swapped = controller.swap(step.finger_set, _ask)
+                    if swapped.outcome != swapped.SUCCEEDED:
+                        raise RefusedError(f"swap to '{step.finger_set}': {swapped.reason}")
+                result = controller.grasp(step.product, confirm_lift=not options.no_lift)
+                print(f"{step.product}: {GRASP_OUTCOMES[result.outcome]}: {result.reason}")  # noqa: T201  its output
+                controller.release()
+    except (CellError, ValueError) as error:
+        print(f"[cell_controller] {error}", file=sys.stderr)  # noqa: T201  its output
+        return 1
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between messages and the cell's values: the only place in this package that knows both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+
+from softgrip_cell.gates import DriverFacts, FrictionFacts
+from softgrip_cell.grasp.values import Outcome, Verdict
+from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
+from softgrip_cell.planner import PlannedOrder
+from softgrip_cell.storage.journal import Slot, SlotState
+from softgrip_interfaces.action import Grasp, SwapFingers
+from softgrip_interfaces.msg import (
+    CellState,
+    FingerStates,
+    FrictionModel,
+    MountedFinger,
+    PlanStep,
+    TendonStatus,
+    TendonStatusArray,
+)
+
+_SLOT_STATES = {
+    SlotState.UNKNOWN: MountedFinger.UNKNOWN,
+    SlotState.EMPTY: MountedFinger.EMPTY,
+    SlotState.TO_BE_VERIFIED: MountedFinger.TO_BE_VERIFIED,
+    SlotState.VERIFIED: MountedFinger.VERIFIED,
+}
+
+_OUTCOMES = {
+    Outcome.GRIPPED: Grasp.Result.GRIPPED,
+    Outcome.EMPTY: Grasp.Result.EMPTY,
+    Outcome.SLIPPED: Grasp.Result.SLIPPED,
+    Outcome.TENDON_FAULT: Grasp.Result.TENDON_FAULT,
+    Outcome.ABORTED: Grasp.Result.ABORTED,
+}
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp as nanoseconds of its clock."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def tendon_sample(message: JointState, slots: Sequence[str]) -> TendonSample | None:
+    """Return a tendon/state as a sample, None when it lacks a slot or a number."""
+    where = {name: index for index, name in enumerate(message.name)}
+    try:
+        pulled = tuple(float(message.position[where[slot]]) for slot in slots)
+        tension = tuple(float(message.effort[where[slot]]) for slot in slots)
+    except (KeyError, IndexError):
+        return None
+    if not all(map(math.isfinite, (*pulled, *tension))):
+        return None
+    return TendonSample(nanoseconds(message.header.stamp), pulled, tension)
+
+
+def free_motion(message: FingerStates, slots: Sequence[str], profiles: Sequence[str]) -> FreeMotion:
+    """Return a finger/predicted as free motion; whatever is wrong with it becomes its objection.
+
+    Args:
+        message: the prediction.
+        slots: names, in slot order.
+        profiles: profile id that each slot holds; a prediction for another one is objected to. Empty: not compared.
+    """
+    fingers = {finger.finger: finger for finger in message.fingers}
+    missing = [slot for slot in slots if slot not in fingers]
+    stamp_ns = nanoseconds(message.header.stamp)
+    if missing:
+        nothing = tuple(math.nan for _ in slots)
+        tips = tuple((math.nan, math.nan) for _ in slots)
+        objection = f"finger/predicted lacks {', '.join(missing)}"
+        return FreeMotion(stamp_ns, nothing, nothing, tips, message.friction_model, objection)
+    ordered = [fingers[slot] for slot in slots]
+    objections = [
+        f"{finger.finger}: {finger.reason}"
+        for finger in ordered
+        if finger.validity == finger.FAILED or not math.isfinite(finger.tension)
+    ]
+    objections += [
+        f"{finger.finger}: expected a prediction of profile '{profile}', found '{finger.profile}'"
+        for finger, profile in zip(ordered, profiles, strict=True)
+        if profile and finger.profile != profile
+    ]
+    return FreeMotion(
+        stamp_ns=stamp_ns,
+        pulled_m=tuple(float(finger.pulled_length) for finger in ordered),
+        tension_n=tuple(float(finger.tension) for finger in ordered),
+        tip_m=tuple((float(finger.tip.x), float(finger.tip.y)) for finger in ordered),
+        friction_model=message.friction_model,
+        objection="; ".join(objections),
+    )
+
+
+def seen_tips(message: FingerStates) -> list[SeenTip]:
+    """Return the fingertips of a finger/measured that were seen."""
+    return [
+        SeenTip(
+            stamp_ns=nanoseconds(message.header.stamp),
+            slot=finger.finger,
+            tip_m=(float(finger.tip.x), float(finger.tip.y)),
+            stddev_m=float(max(finger.tip_stddev)),
+        )
+        for finger in message.fingers
+        if finger.validity != finger.FAILED and math.isfinite(finger.tip.x) and math.isfinite(finger.tip.y)
+    ]
+
+
+def tendon_faults(message: TendonStatusArray, slots: Sequence[str]) -> list[TendonFault]:
+    """Return what tendon/status says is wrong with the slots' tendons."""
+    if message.estop:
+        return [TendonFault("all", "estop", "the emergency stop is latched")]
+    faults = [
+        TendonFault(tendon.tendon, tendon.fault, tendon.reason)
+        for tendon in message.tendons
+        if tendon.tendon in slots and tendon.fault
+    ]
+    present = {tendon.tendon for tendon in message.tendons if tendon.state != TendonStatus.DISCONNECTED}
+    faults += [
+        TendonFault(slot, "disconnected", "tendon/status does not show it as connected")
+        for slot in slots
+        if slot not in present and slot not in {fault.tendon for fault in faults}
+    ]
+    return faults
+
+
+def driver_facts(message: TendonStatusArray | None, slots: Sequence[str], *, fresh: bool) -> DriverFacts:
+    """Return what a tendon/status means for the gates; None when none ever came."""
+    if message is None:
+        return DriverFacts(heard=False, estop=False)
+    faults = tuple(f"{fault.tendon}: {fault.name}: {fault.reason}" for fault in tendon_faults(message, slots))
+    unhomed = tuple(tendon.tendon for tendon in message.tendons if tendon.tendon in slots and not tendon.homed)
+    return DriverFacts(heard=fresh, estop=bool(message.estop), faults=faults, unhomed=unhomed)
+
+
+def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
+    """Return what a friction/active means for the gates."""
+    return FrictionFacts(
+        id=message.id,
+        age_s=(now_ns - nanoseconds(message.header.stamp)) * 1e-9,
+        tension_high_n=float(message.tension_range[1]),
+        usable=message.verdict != FrictionModel.DO_NOT_USE,
+        reason=message.reason,
+    )
+
+
+def mounted_fingers(slots: Sequence[Slot]) -> list[MountedFinger]:
+    """Return slots as messages."""
+    return [
+        MountedFinger(finger=slot.name, serial=slot.serial, profile=slot.profile, state=_SLOT_STATES[slot.state])
+        for slot in slots
+    ]
+
+
+def plan_step(step: PlannedOrder) -> PlanStep:
+    """Return one order of a plan as a message."""
+    return PlanStep(
+        order=step.index,
+        product=step.order.product,
+        finger_set=step.finger_set,
+        swap_before=step.swap_before,
+        expected_success=step.expected_success,
+        predicted_time=step.predicted_time_s,
+        reason=step.reason,
+    )
+
+
+def grasp_result(verdict: Verdict, sample: TendonSample | None, duration_s: float) -> Grasp.Result:
+    """Return how a grasp ended as an action result."""
+    return Grasp.Result(
+        outcome=_OUTCOMES[verdict.outcome],
+        reason=verdict.reason,
+        evidence=yaml.safe_dump(dict(verdict.evidence), sort_keys=False),
+        latency=float(verdict.latency_s),
+        duration=float(duration_s),
+        pulled_lengths=list(sample.pulled_m) if sample else [],
+        tensions=list(sample.tension_n) if sample else [],
+    )
+
+
+def swap_result(outcome: str, reason: str, slots: Sequence[Slot], duration_s: float) -> SwapFingers.Result:
+    """Return how a swap ended as an action result; ``outcome`` is the name of the result's constant."""
+    return SwapFingers.Result(
+        outcome=getattr(SwapFingers.Result, outcome),
+        reason=reason,
+        mounted=mounted_fingers(slots),
+        duration=float(duration_s),
+    )
+
+
+def cell_state(stamp: Time, mode: int, slots: Sequence[Slot], numbers: Mapping[str, Any]) -> CellState:
+    """Return the cell's state as a message; ``numbers`` holds its remaining fields by name."""
+    message = CellState(mode=mode, mounted=mounted_fingers(slots), **numbers)
+    message.header.stamp = stamp
+    return message

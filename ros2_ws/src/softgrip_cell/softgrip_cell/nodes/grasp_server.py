@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Action cell/grasp: feeds one GraspSequence and does what it commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.node import Node
+from rclpy.task import Future
+
+from softgrip_cell.errors import CellError
+from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.values import GraspTask, Outcome, Phase, Step, Verdict
+from softgrip_cell.nodes import convert
+from softgrip_cell.nodes.driver_link import DriverLink
+from softgrip_cell.observation import Pair, TendonFault, TendonSample
+from softgrip_interfaces.action import Grasp, MoveTendon
+
+
+class GraspHost(Protocol):
+    """What the action needs of the manager."""
+
+    def begin_grasp(self, product_id: str, *, confirm_lift: bool, trial: bool) -> GraspTask:
+        """Check every gate and take the cell; raises RefusedError."""
+
+    def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
+        """Write down what came of it and give the cell back."""
+
+    def now_s(self) -> float:
+        """Monotonic time [s]."""
+
+
+class GraspServer:
+    """One grasp at a time, decided in the subscription callbacks that feed it."""
+
+    def __init__(self, node: Node, host: GraspHost, driver: DriverLink, settings: GraspSettings) -> None:
+        self._node = node
+        self._host = host
+        self._driver = driver
+        self._settings = settings
+        self._sequence: GraspSequence | None = None
+        self._goal: Any = None
+        self._done: Future | None = None
+        self._sample: TendonSample | None = None
+        self._step = Step(Phase.DONE)
+        self._server = ActionServer(
+            node, Grasp, "cell/grasp", execute_callback=self._execute, cancel_callback=self._cancel
+        )
+
+    @property
+    def phase(self) -> Phase | None:
+        """Where the running grasp stands, None when none runs."""
+        return self._sequence.phase if self._sequence is not None else None
+
+    def observe_sample(self, sample: TendonSample) -> None:
+        """Take a tendon sample before its prediction is known."""
+        self._sample = sample
+        if self._sequence is not None:
+            self._do(self._sequence.observe_sample(sample))
+
+    def observe(self, pair: Pair) -> None:
+        """Take a tendon sample with its prediction."""
+        if self._sequence is not None:
+            self._do(self._sequence.observe(pair))
+
+    def observe_faults(self, faults: Sequence[TendonFault], stamp_ns: int) -> None:
+        """Take what tendon/status says; a fault ends the grasp."""
+        if self._sequence is not None and faults:
+            stop = next((fault for fault in faults if fault.name == "estop"), None)
+            if stop is not None:
+                self._do(self._sequence.abort(stop.reason, stamp_ns))
+            else:
+                self._do(self._sequence.fault(faults[0], stamp_ns))
+
+    def abort(self, reason: str) -> None:
+        """End the running grasp from outside."""
+        if self._sequence is not None:
+            self._do(self._sequence.abort(reason))
+
+    async def _execute(self, goal_handle: Any) -> Grasp.Result:
+        request = goal_handle.request
+        started_s = self._host.now_s()
+        try:
+            task = self._host.begin_grasp(request.product, confirm_lift=request.confirm_lift, trial=request.trial)
+        except CellError as error:
+            goal_handle.abort()
+            return convert.grasp_result(Verdict(Outcome.ABORTED, f"refused: {error}", 0.0), self._sample, 0.0)
+        self._goal = goal_handle
+        self._done = Future()
+        self._sequence = GraspSequence(task, self._settings)
+        self._do(self._sequence.start())
+        verdict: Verdict = await self._done
+        duration_s = self._host.now_s() - started_s
+        if goal_handle.is_cancel_requested:
+            goal_handle.canceled()
+        elif verdict.outcome is Outcome.ABORTED:
+            goal_handle.abort()
+        else:
+            goal_handle.succeed()
+        result = convert.grasp_result(verdict, self._sample, duration_s)
+        self._later(lambda: self._host.end_grasp(task, verdict, duration_s))
+        return result
+
+    def _later(self, work: Callable[[], None]) -> None:
+        """Run after the result has gone out: writing to disk must not delay it."""
+        if self._node.executor is None:
+            work()
+        else:
+            self._node.executor.create_task(work)
+
+    def _cancel(self, _goal_handle: Any) -> CancelResponse:
+        self._node.executor.create_task(self.abort, "cancelled by the client; the fingers stay where they are")
+        return CancelResponse.ACCEPT
+
+    def _do(self, step: Step) -> None:
+        if step.command is not None:
+            self._driver.run(step.command, self._movement_ended)
+        changed = (step.phase, step.contact) != (self._step.phase, self._step.contact)
+        self._step = step
+        if changed and step.verdict is None and self._goal is not None:
+            self._goal.publish_feedback(
+                Grasp.Feedback(
+                    phase=step.phase.value,
+                    pulled_lengths=list(self._sample.pulled_m) if self._sample else [],
+                    tensions=list(self._sample.tension_n) if self._sample else [],
+                    contact=step.contact,
+                )
+            )
+        if step.verdict is not None and self._done is not None:
+            done, self._sequence, self._goal, self._done = self._done, None, None, None
+            done.set_result(step.verdict)
+
+    def _movement_ended(self, outcome: int, reason: str) -> None:
+        if self._sequence is None:
+            return
+        if outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
+            if self._sequence.phase is Phase.CLOSE:
+                self._sequence.closing_ended()
+        elif outcome == MoveTendon.Result.FAULT:
+            stamp_ns = self._sample.stamp_ns if self._sample else 0
+            self._do(self._sequence.fault(TendonFault("(see reason)", "movement failed", reason), stamp_ns))
+        else:
+            self._do(self._sequence.abort(f"the driver did not move: {reason}"))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of grasp_mix_manager in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.storage import SHIPPED_URL
+from softgrip_cell.swap.check import CheckSettings
+from softgrip_nodekit import Parameter, ParameterTable
+
+_GRASP = GraspSettings()
+_CHECK = CheckSettings()
+
+PARAMETERS = ParameterTable(
+    Parameter("database_url", SHIPPED_URL, "SQLAlchemy URL: sqlite:///path or postgresql://user@host/name"),
+    Parameter("catalogue", "", "YAML that an empty database is filled from; empty = the shipped 15 products"),
+    Parameter("passports", "", "YAML that an empty database is filled from; empty = the shipped fingers"),
+    Parameter("slots", ["index", "middle", "thumb"], "slots = tendons of the gripper, in order"),
+    Parameter("thumb", "thumb", "slot that presses against the others"),
+    Parameter("lift_window_s", _GRASP.lift_window_s, "how long a hold is watched after lifting", "s", 0.05, 60.0),
+    Parameter("swap_limit_s", 300.0, "longest swap; beyond it the swap fails", "s", 5.0, 3600.0),
+    Parameter("friction_age_limit_s", 30 * 86400.0, "oldest friction model that is used", "s", 60.0, 1e9),
+    Parameter(
+        "friction_range_factor", 5.0, "tension of a closing over the calibrated tension, at most", "", 1.0, 100.0
+    ),
+    Parameter("open_speed_m_per_s", 0.05, "speed of opening the fingers", "m/s", 0.001, 0.5),
+    Parameter("contact_sigma", _GRASP.contact_sigma, "contact from this many standard deviations", "", 2.0, 20.0),
+    Parameter("contact_floor_n", _GRASP.contact_floor_n, "contact from this excess tension at least", "N", 0.05, 10.0),
+    Parameter(
+        "contact_free_fraction",
+        _GRASP.contact_free_fraction,
+        "contact from this share of the free tension",
+        "",
+        0.0,
+        1.0,
+    ),
+    Parameter("decision_run", _GRASP.run, "samples in a row that have to agree", "", 1, 50),
+    Parameter("slip_fraction", _GRASP.slip_fraction, "loss of holding excess that is a slip", "", 0.05, 0.95),
+    Parameter("stale_s", _GRASP.stale_s, "longest gap between predicted samples in a grasp", "s", 0.02, 5.0),
+    Parameter("check_length_m", _CHECK.length_m, "pulled length of the check after a swap", "m", 0.005, 0.060),
+    Parameter("check_speed_m_per_s", _CHECK.speed_m_per_s, "speed of the check after a swap", "m/s", 0.001, 0.1),
+    Parameter(
+        "check_tension_fraction",
+        _CHECK.tension_fraction,
+        "tension interval of the check, share of prediction",
+        "",
+        0.02,
+        1.0,
+    ),
+    Parameter("check_tip_m", _CHECK.tip_m, "fingertip interval of the check", "m", 0.0005, 0.05),
+)
+
+
+def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
+    """Return the grasp thresholds that the parameters ask for."""
+    return GraspSettings(
+        contact_sigma=values["contact_sigma"],
+        contact_floor_n=values["contact_floor_n"],
+        contact_free_fraction=values["contact_free_fraction"],
+        run=values["decision_run"],
+        slip_fraction=values["slip_fraction"],
+        lift_window_s=values["lift_window_s"],
+        stale_s=values["stale_s"],
+    )
+
+
+def check_settings(values: Mapping[str, Any]) -> CheckSettings:
+    """Return the intervals of the swap check that the parameters ask for."""
+    return CheckSettings(
+        length_m=values["check_length_m"],
+        speed_m_per_s=values["check_speed_m_per_s"],
+        tension_fraction=values["check_tension_fraction"],
+        tip_m=values["check_tip_m"],
+    )

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finger passports: what is known about each printed finger, and whether it may be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import date
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from softgrip_cell.errors import CatalogueError
+from softgrip_cell.yaml_fields import Fields, load
+
+KIND = "softgrip_passports"
+SCHEMA = 1
+
+#: The fingers that ship with the demonstration cell: one of each kind and a spare.
+SHIPPED = Path(__file__).parent / "data" / "passports.yaml"
+
+
+class FingerState(StrEnum):
+    """Where a finger is and whether it may be used."""
+
+    STORE = "store"
+    MOUNTED = "mounted"
+    WORN = "worn"
+    RETIRED = "retired"
+    UNKNOWN = "unknown"  # nobody can say where it is or what happened to it
+
+
+@dataclass(frozen=True)
+class Passport:
+    """One printed finger.
+
+    Attributes:
+        serial: printed on the finger.
+        profile: id of the finger profile it was printed from.
+        finger: which finger of the profile it is, and so the slot it fits.
+        cycles: closings so far.
+        cycle_limit: closings after which it is worn.
+        calibrated: day of the last empty closing that passed, None before the first.
+        version: grows by one with every stored change.
+    """
+
+    serial: str
+    profile: str
+    finger: str
+    printed: date
+    material: str
+    cable: str
+    state: FingerState = FingerState.STORE
+    cycles: int = 0
+    cycle_limit: int = 25_000
+    calibrated: date | None = None
+    version: int = 1
+
+    def objection(self) -> str | None:
+        """Return why this finger may not be mounted, or None."""
+        if self.state in (FingerState.WORN, FingerState.RETIRED, FingerState.UNKNOWN):
+            return f"finger {self.serial} is {self.state.value}; expected one in store"
+        if self.cycles >= self.cycle_limit:
+            return f"finger {self.serial} has closed {self.cycles} times, its limit is {self.cycle_limit}; retire it"
+        return None
+
+
+def read_passports(path: Path = SHIPPED) -> dict[str, Passport]:
+    """Read and check a passport file.
+
+    Raises:
+        CatalogueError: with the place in the file, what was expected and what was found.
+    """
+    fields = load(path, KIND, SCHEMA)
+    entries = fields.mapping("fingers")
+    passports = {serial: _passport(serial, entries.mapping(serial)) for serial in entries.names()}
+    fields.finish()
+    return passports
+
+
+def passport_document(passport: Passport) -> dict[str, Any]:
+    """Return a passport as a plain mapping, the form that read_passports reads."""
+    return {
+        "profile": passport.profile,
+        "finger": passport.finger,
+        "printed": passport.printed.isoformat(),
+        "material": passport.material,
+        "cable": passport.cable,
+        "state": passport.state.value,
+        "cycles": passport.cycles,
+        "cycle_limit": passport.cycle_limit,
+        "calibrated": passport.calibrated.isoformat() if passport.calibrated else "never",
+        "version": passport.version,
+    }
+
+
+def _passport(serial: str, fields: Fields) -> Passport:
+    passport = Passport(
+        serial=serial,
+        profile=fields.text("profile"),
+        finger=fields.text("finger"),
+        printed=_day(fields, "printed"),
+        material=fields.text("material"),
+        cable=fields.text("cable"),
+        state=fields.choice("state", FingerState) if fields.has("state") else FingerState.STORE,
+        cycles=fields.count("cycles") if fields.has("cycles") else 0,
+        cycle_limit=fields.count("cycle_limit", 1) if fields.has("cycle_limit") else 25_000,
+        calibrated=None
+        if not fields.has("calibrated") or fields.raw("calibrated") == "never"
+        else _day(fields, "calibrated"),
+        version=fields.count("version", 1) if fields.has("version") else 1,
+    )
+    fields.finish()
+    return passport
+
+
+def _day(fields: Fields, name: str) -> date:
+    value = fields.raw(name)
+    if isinstance(value, date):
+        return value
+    try:
+        return date.fromisoformat(value)
+    except (TypeError, ValueError):
+        raise CatalogueError(f"{fields.where}.{name}: expected a day as 2026-11-21, found {value!r}") from None

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opening the database: one manager at a time, a known schema, every failure a StorageError."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, Final, Self
+
+from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select, text
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+
+from softgrip_cell.errors import OccupiedError, StorageError
+from softgrip_cell.storage.schema import AUDIT, META, METADATA, SCHEMA_VERSION
+
+#: Where the database lives unless told otherwise.
+SHIPPED_URL: Final = "sqlite:///~/.local/state/softgrip/cell.db"
+
+#: How long a statement waits for another writer [s].
+LOCK_WAIT_S: Final = 2.0
+
+#: Key of PostgreSQL's advisory lock that the manager of a cell holds ("softgrip" read as a number).
+POSTGRES_LOCK: Final = 0x736F6674
+
+
+class Database:
+    """An open database.
+
+    Args:
+        url: SQLAlchemy URL; ``sqlite:///path`` (``~`` is the home folder) or ``postgresql://user@host/name``.
+        exclusive: take the cell: refuse when another process has it. Tools that only read or edit entries do not.
+
+    Raises:
+        OccupiedError: another manager runs this cell.
+        StorageError: it cannot be opened, written, or has a newer schema.
+    """
+
+    def __init__(self, url: str = SHIPPED_URL, *, exclusive: bool = False) -> None:
+        self.url = _parse(url)
+        self._lock_file: IO[str] | None = None
+        self._lock_connection: Connection | None = None
+        self._engine: Engine = self._make_engine()
+        try:
+            if exclusive:
+                self._occupy()
+            self._prepare()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def place(self) -> str:
+        """Where it is, without a password."""
+        return self.url.render_as_string(hide_password=True)
+
+    def close(self) -> None:
+        """Close every connection and give the cell back."""
+        if self._lock_connection is not None:
+            self._lock_connection.close()
+            self._lock_connection = None
+        self._engine.dispose()
+        if self._lock_file is not None:
+            self._lock_file.close()
+            self._lock_file = None
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """All or nothing: what is done in the block is committed at its end, or never happened."""
+        with self._translated(), self._engine.begin() as connection:
+            yield connection
+
+    read = write  # one path: a reader sees one consistent state as well
+
+    def audit(
+        self, connection: Connection, at_ns: int, who: str, action: str, subject: str, detail: Any = None
+    ) -> None:
+        """Write down who did what, in the transaction that does it."""
+        connection.execute(
+            insert(AUDIT).values(at_ns=at_ns, who=who, action=action, subject=subject, detail=json.dumps(detail))
+        )
+
+    def _make_engine(self) -> Engine:
+        if self.url.get_backend_name() != "sqlite":
+            with self._translated():
+                return create_engine(self.url, pool_pre_ping=True, connect_args={"connect_timeout": 5})
+        if self.url.database not in (None, "", ":memory:"):
+            self._make_folder(Path(str(self.url.database)).parent)
+        engine = create_engine(self.url, connect_args={"timeout": LOCK_WAIT_S, "check_same_thread": False})
+
+        @event.listens_for(engine, "connect")
+        def _configure(connection: Any, _record: Any) -> None:
+            connection.isolation_level = None  # SQLAlchemy begins transactions, not the sqlite3 module
+            for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+                connection.execute(f"PRAGMA {pragma}")
+
+        @event.listens_for(engine, "begin")
+        def _begin(connection: Connection) -> None:
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+        return engine
+
+    def _make_folder(self, folder: Path) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(f"database folder {folder}: expected to be able to create it: {error}") from error
+
+    def _prepare(self) -> None:
+        """Create the tables of an empty database; refuse a newer or foreign one."""
+        with self.write() as connection:
+            if not inspect(connection).has_table(META.name):
+                METADATA.create_all(connection)
+                connection.execute(insert(META).values(key="schema", value=str(SCHEMA_VERSION)))
+                return
+            found = connection.execute(select(META.c.value).where(META.c.key == "schema")).scalar_one_or_none()
+            if found != str(SCHEMA_VERSION):
+                raise StorageError(
+                    f"database {self.place}: expected schema {SCHEMA_VERSION}, found {found}; "
+                    "run the softgrip release that wrote it, or name another database_url"
+                )
+
+    def _occupy(self) -> None:
+        """Take the cell until this process ends, however it ends."""
+        busy = f"database {self.place}: another grasp_mix_manager runs this cell; stop it or name another database_url"
+        if self.url.get_backend_name() == "postgresql":
+            with self._translated():
+                self._lock_connection = self._engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+                taken = self._lock_connection.execute(text("SELECT pg_try_advisory_lock(:k)"), {"k": POSTGRES_LOCK})
+                if not taken.scalar_one():
+                    raise OccupiedError(busy)
+            return
+        if self.url.database in (None, "", ":memory:"):
+            return
+        path = Path(f"{self.url.database}.lock")
+        try:
+            self._lock_file = path.open("a+", encoding="utf-8")
+            fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._lock_file = None
+            raise OccupiedError(busy) from None
+        except OSError as error:
+            raise StorageError(f"lock file {path}: expected to be able to write it: {error}") from error
+        self._lock_file.truncate(0)
+        self._lock_file.write(f"{os.getpid()}\n")
+        self._lock_file.flush()
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        try:
+            yield
+        except SQLAlchemyError as error:
+            cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
+            raise StorageError(
+                f"database {self.place}: expected to be able to use it, found: {cause}; nothing was written"
+            ) from error
+
+
+Clock = Callable[[], int]  # nanoseconds since the epoch
+
+
+def _parse(url: str) -> URL:
+    try:
+        parsed = make_url(url)
+        backend = parsed.get_backend_name()
+    except (ArgumentError, NoSuchModuleError) as error:
+        raise StorageError(
+            f"database_url: expected sqlite:///path or postgresql://user@host/name, found {url!r}"
+        ) from error
+    if backend == "postgresql":
+        return parsed.set(drivername="postgresql+psycopg")
+    if backend != "sqlite":
+        raise StorageError(f"database_url: expected sqlite or postgresql, found {backend!r}")
+    if parsed.database and parsed.database != ":memory:":
+        return parsed.set(database=str(Path(parsed.database).expanduser()))
+    return parsed

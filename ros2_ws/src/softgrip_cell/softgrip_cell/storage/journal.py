@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is mounted, what is going on, what came of it: a kill at any moment leaves the truth or "unknown".
+
+A swap writes "unknown" before a person may touch a finger, and what is mounted only after it was told and checked.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any
+
+from sqlalchemy import Connection, delete, func, insert, select, update
+
+from softgrip_cell.outcomes import Tally
+from softgrip_cell.passports import FingerState
+from softgrip_cell.storage.engine import Database
+from softgrip_cell.storage.schema import OPERATION, OUTCOME, PASSPORT, SLOT, SWAP
+
+
+class SlotState(StrEnum):
+    """How sure the cell is of what sits in a slot (softgrip_interfaces/MountedFinger)."""
+
+    UNKNOWN = "unknown"
+    EMPTY = "empty"
+    TO_BE_VERIFIED = "to be verified"
+    VERIFIED = "verified"
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One slot; ``serial`` and ``profile`` are empty unless a finger was read in."""
+
+    name: str
+    state: SlotState = SlotState.UNKNOWN
+    serial: str = ""
+    profile: str = ""
+
+
+@dataclass(frozen=True)
+class OpenOperation:
+    """A swap or grasp that was going on when the manager last wrote."""
+
+    kind: str
+    subject: str
+    step: str
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Everything ever counted in this database."""
+
+    outcomes: Mapping[str, int]
+    swaps: int
+    mean_swap_s: float
+
+
+class Journal:
+    """Slots, the open operation, outcomes and swaps.
+
+    Args:
+        database: an open database.
+        slots: names of the slots, in order.
+        now_ns: clock for what is written [ns since the Unix epoch].
+    """
+
+    def __init__(self, database: Database, slots: Sequence[str], now_ns: Callable[[], int]) -> None:
+        self._database = database
+        self._names = tuple(slots)
+        self._now_ns = now_ns
+
+    def recover(self) -> OpenOperation | None:
+        """Bring the record into a state that can be true after a start: what was verified is to be verified again.
+
+        Returns:
+            the operation that was cut off, if any; its slots already say "unknown" where they have to.
+        """
+        with self._database.write() as connection:
+            row = connection.execute(select(OPERATION)).one_or_none()
+            known = set(connection.execute(select(SLOT.c.slot)).scalars())
+            for name in self._names:
+                if name not in known:
+                    connection.execute(insert(SLOT).values(slot=name, serial="", state=SlotState.UNKNOWN.value))
+            connection.execute(
+                update(SLOT)
+                .where(SLOT.c.state == SlotState.VERIFIED.value)
+                .values(state=SlotState.TO_BE_VERIFIED.value)
+            )
+            if row is None:
+                return None
+            cut = OpenOperation(row.kind, row.subject, row.step)
+            connection.execute(delete(OPERATION))
+            self._audit(connection, "recover", f"{cut.kind} {cut.subject}", {"step": cut.step})
+            return cut
+
+    def slots(self) -> tuple[Slot, ...]:
+        """Return what the slots hold, in slot order."""
+        query = select(SLOT, PASSPORT.c.profile).outerjoin(PASSPORT, SLOT.c.serial == PASSPORT.c.serial)
+        with self._database.read() as connection:
+            rows = {row.slot: row for row in connection.execute(query)}
+        return tuple(
+            Slot(name, SlotState(rows[name].state), rows[name].serial, rows[name].profile or "")
+            if name in rows
+            else Slot(name)
+            for name in self._names
+        )
+
+    def begin(self, kind: str, subject: str, step: str) -> None:
+        """Write that a swap or grasp starts."""
+        with self._database.write() as connection:
+            connection.execute(delete(OPERATION))
+            connection.execute(
+                insert(OPERATION).values(id=1, kind=kind, subject=subject, step=step, at_ns=self._now_ns())
+            )
+
+    def reach(self, step: str) -> None:
+        """Write that the open operation comes to a step that changes nothing about the slots."""
+        with self._database.write() as connection:
+            self._set_step(connection, step)
+
+    def forget_slots(self, step: str) -> None:
+        """A person may touch the fingers from here on: slots and the fingers in them become unknown."""
+        with self._database.write() as connection:
+            self._set_step(connection, step)
+            mounted = select(SLOT.c.serial).where(SLOT.c.serial != "").scalar_subquery()
+            connection.execute(
+                update(PASSPORT)
+                .where(PASSPORT.c.serial.in_(mounted), PASSPORT.c.state == FingerState.MOUNTED.value)
+                .values(state=FingerState.UNKNOWN.value, version=PASSPORT.c.version + 1)
+            )
+            connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
+
+    def park_fingers(self, step: str) -> None:
+        """A person says that the fingers are out and back in the store."""
+        with self._database.write() as connection:
+            self._set_step(connection, step)
+            out = list(connection.execute(select(SLOT.c.serial).where(SLOT.c.serial != "")).scalars())
+            connection.execute(
+                update(PASSPORT)
+                .where(PASSPORT.c.serial.in_(out), PASSPORT.c.state == FingerState.UNKNOWN.value)
+                .values(state=FingerState.STORE.value, version=PASSPORT.c.version + 1)
+            )
+            connection.execute(update(SLOT).values(state=SlotState.EMPTY.value, serial=""))
+            self._audit(connection, "park", ", ".join(out) or "nothing", None)
+
+    def read_in(self, step: str, serials: Sequence[str]) -> None:
+        """A person says which fingers are in the slots now (slot order)."""
+        with self._database.write() as connection:
+            self._set_step(connection, step)
+            for name, serial in zip(self._names, serials, strict=True):
+                connection.execute(
+                    update(SLOT).where(SLOT.c.slot == name).values(serial=serial, state=SlotState.TO_BE_VERIFIED.value)
+                )
+            connection.execute(
+                update(PASSPORT)
+                .where(PASSPORT.c.serial.in_(list(serials)))
+                .values(state=FingerState.MOUNTED.value, version=PASSPORT.c.version + 1)
+            )
+            self._audit(connection, "read in", ", ".join(serials), None)
+
+    def finish_swap(
+        self,
+        finger_set: str,
+        outcome: str,
+        reason: str,
+        duration_s: float,
+        *,
+        changed: bool,
+        references: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Close a swap.
+
+        Args:
+            finger_set: what was asked for.
+            outcome: SUCCEEDED, CANCELLED, REFUSED or FAILED.
+            reason: in words.
+            duration_s: from accepting to finishing [s].
+            changed: fingers were changed (a mere check is not counted as a swap).
+            references: per serial, the free motion that the check saw: the slots become verified.
+        """
+        at_ns = self._now_ns()
+        day = datetime.fromtimestamp(at_ns * 1e-9, tz=UTC).date().isoformat()
+        with self._database.write() as connection:
+            for serial, reference in (references or {}).items():
+                connection.execute(
+                    update(PASSPORT)
+                    .where(PASSPORT.c.serial == serial)
+                    .values(
+                        reference=json.dumps(reference),
+                        calibrated=day,
+                        cycles=PASSPORT.c.cycles + 1,
+                        version=PASSPORT.c.version + 1,
+                    )
+                )
+                connection.execute(update(SLOT).where(SLOT.c.serial == serial).values(state=SlotState.VERIFIED.value))
+            connection.execute(
+                insert(SWAP).values(
+                    finger_set=finger_set,
+                    outcome=outcome,
+                    counted=changed and outcome == "SUCCEEDED",
+                    reason=reason,
+                    duration_s=duration_s,
+                    at_ns=at_ns,
+                )
+            )
+            connection.execute(delete(OPERATION))
+            self._audit(connection, "swap", finger_set, {"outcome": outcome, "reason": reason})
+
+    def distrust(self, worn: Sequence[str] = ()) -> None:
+        """What is mounted is not what was said: slots and passports become unknown, ``worn`` serials worn."""
+        with self._database.write() as connection:
+            for serial in connection.execute(select(SLOT.c.serial).where(SLOT.c.serial != "")).scalars().all():
+                state = FingerState.WORN if serial in worn else FingerState.UNKNOWN
+                connection.execute(
+                    update(PASSPORT)
+                    .where(PASSPORT.c.serial == serial)
+                    .values(state=state.value, version=PASSPORT.c.version + 1)
+                )
+            connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
+            self._audit(connection, "distrust", ", ".join(worn), None)
+
+    def finish_grasp(
+        self, product: str, product_version: int, finger_set: str, outcome: str, reason: str, duration_s: float
+    ) -> None:
+        """Count a grasp and a cycle of every mounted finger, and close the operation."""
+        with self._database.write() as connection:
+            connection.execute(
+                insert(OUTCOME).values(
+                    product=product,
+                    product_version=product_version,
+                    finger_set=finger_set,
+                    outcome=outcome,
+                    reason=reason,
+                    duration_s=duration_s,
+                    at_ns=self._now_ns(),
+                )
+            )
+            mounted = select(SLOT.c.serial).where(SLOT.c.serial != "").scalar_subquery()
+            connection.execute(
+                update(PASSPORT)
+                .where(PASSPORT.c.serial.in_(mounted))
+                .values(cycles=PASSPORT.c.cycles + 1, version=PASSPORT.c.version + 1)
+            )
+            connection.execute(delete(OPERATION))
+
+    def reference(self, serial: str) -> Any | None:
+        """Return the free motion stored by the last passed check of a finger, None before the first."""
+        with self._database.read() as connection:
+            found = connection.execute(select(PASSPORT.c.reference).where(PASSPORT.c.serial == serial)).scalar()
+        return None if found is None else json.loads(found)
+
+    def tallies(self) -> dict[tuple[str, str], Tally]:
+        """Return counted grasps per (product, finger set)."""
+        query = select(OUTCOME.c.product, OUTCOME.c.finger_set, OUTCOME.c.outcome, func.count()).group_by(
+            OUTCOME.c.product, OUTCOME.c.finger_set, OUTCOME.c.outcome
+        )
+        tallies: dict[tuple[str, str], Tally] = {}
+        with self._database.read() as connection:
+            for product, finger_set, outcome, count in connection.execute(query):
+                known = tallies.get((product, finger_set), Tally())
+                if outcome == "GRIPPED":
+                    known = Tally(known.gripped + count, known.failed)
+                elif outcome in ("EMPTY", "SLIPPED"):
+                    known = Tally(known.gripped, known.failed + count)
+                tallies[product, finger_set] = known
+        return tallies
+
+    def counts(self) -> Counts:
+        """Return counters over the life of the database."""
+        with self._database.read() as connection:
+            per_outcome = select(OUTCOME.c.outcome, func.count()).group_by(OUTCOME.c.outcome)
+            outcomes = {name: int(count) for name, count in connection.execute(per_outcome)}
+            swaps, mean = connection.execute(
+                select(func.count(), func.avg(SWAP.c.duration_s)).where(SWAP.c.counted)
+            ).one()
+        return Counts(outcomes=outcomes, swaps=int(swaps), mean_swap_s=float(mean or 0.0))
+
+    def _set_step(self, connection: Connection, step: str) -> None:
+        connection.execute(update(OPERATION).values(step=step, at_ns=self._now_ns()))
+
+    def _audit(self, connection: Connection, action: str, subject: str, detail: Any) -> None:
+        self._database.audit(connection, self._now_ns(), "grasp_mix_manager", action, subject, detail)

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Products, finger sets and passports in the database: versions never overwritten, every change audited."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from datetime import date
+from typing import Any
+
+from sqlalchemy import Connection, Row, func, insert, select, update
+
+from softgrip_cell.catalogue_file import finger_set_document, product_document, read_finger_set, read_product
+from softgrip_cell.errors import ConflictError, RefusedError
+from softgrip_cell.passports import FingerState, Passport, passport_document
+from softgrip_cell.products import Catalogue, Product
+from softgrip_cell.storage.engine import Database
+from softgrip_cell.storage.schema import AUDIT, ENTRY, PASSPORT
+from softgrip_cell.yaml_fields import Fields
+
+
+@dataclass(frozen=True)
+class AuditEntry:
+    """Who did what when; ``at_ns`` in nanoseconds since the Unix epoch."""
+
+    at_ns: int
+    who: str
+    action: str
+    subject: str
+    detail: Any
+
+
+class Library:
+    """What the cell knows about products and fingers.
+
+    Args:
+        database: an open database.
+        now_ns: clock for audit entries [ns since the Unix epoch].
+    """
+
+    def __init__(self, database: Database, now_ns: Callable[[], int]) -> None:
+        self._database = database
+        self._now_ns = now_ns
+
+    def catalogue(self) -> Catalogue:
+        """Return the version in force of every product and finger set."""
+        with self._database.read() as connection:
+            rows = _entries_in_force(connection)
+        sets = {
+            row.id: read_finger_set(row.id, Fields(f"finger set {row.id}", json.loads(row.document)))
+            for row in rows
+            if row.kind == "finger_set"
+        }
+        products = {
+            row.id: read_product(row.id, Fields(f"product {row.id}", json.loads(row.document)), set(sets))
+            for row in rows
+            if row.kind == "product"
+        }
+        return Catalogue(finger_sets=sets, products=products)
+
+    def is_empty(self) -> bool:
+        """Tell whether no product was ever stored."""
+        with self._database.read() as connection:
+            return not connection.execute(select(func.count()).select_from(ENTRY)).scalar_one()
+
+    def save_product(self, product: Product, who: str) -> Product:
+        """Store a changed or new product as the next version.
+
+        Args:
+            product: as edited; its ``version`` is the one it was read at (new products: 1 or anything).
+            who: name for the audit.
+
+        Returns:
+            the product with its new version; the same one when nothing changed.
+
+        Raises:
+            ConflictError: it was changed by somebody else since; nothing is written.
+        """
+        with self._database.write() as connection:
+            version = self._save(connection, "product", product.id, product_document(product), product.version, who)
+        return replace(product, version=version)
+
+    def import_catalogue(self, catalogue: Catalogue, who: str) -> list[str]:
+        """Store every changed or new entry of a catalogue, all or nothing.
+
+        Returns:
+            ids of what was written.
+
+        Raises:
+            ConflictError: an entry differs and was changed in the database since the file was written.
+        """
+        written: list[str] = []
+        with self._database.write() as connection:
+            before = {(row.kind, row.id): row.version for row in _entries_in_force(connection)}
+            for item in catalogue.finger_sets.values():
+                # A finger set has no version of its own in a file: its content names the profile and nothing else.
+                found = before.get(("finger_set", item.id), 1)
+                version = self._save(connection, "finger_set", item.id, finger_set_document(item), found, who)
+                if version != before.get(("finger_set", item.id)):
+                    written.append(item.id)
+            for product in catalogue.products.values():
+                document = product_document(product)
+                version = self._save(connection, "product", product.id, document, product.version, who)
+                if version != before.get(("product", product.id)):
+                    written.append(product.id)
+        return written
+
+    def product_history(self, product_id: str) -> list[tuple[int, str, int, Any]]:
+        """Return (version, who, at_ns, document) of every version of a product, oldest first."""
+        query = select(ENTRY).where(ENTRY.c.kind == "product", ENTRY.c.id == product_id).order_by(ENTRY.c.version)
+        with self._database.read() as connection:
+            return [(r.version, r.who, r.at_ns, json.loads(r.document)) for r in connection.execute(query)]
+
+    def passports(self) -> dict[str, Passport]:
+        """Return every finger by serial."""
+        with self._database.read() as connection:
+            rows = connection.execute(select(PASSPORT).order_by(PASSPORT.c.serial)).all()
+        return {row.serial: _passport(row) for row in rows}
+
+    def save_passport(self, passport: Passport, who: str) -> Passport:
+        """Store a changed or new passport; its ``version`` is the one it was read at.
+
+        Raises:
+            ConflictError: it was changed by somebody else since; nothing is written.
+        """
+        with self._database.write() as connection:
+            return self._save_passport(connection, passport, who)
+
+    def import_passports(self, passports: Iterable[Passport], who: str) -> list[str]:
+        """Store every changed or new passport, all or nothing; return the serials written."""
+        written: list[str] = []
+        with self._database.write() as connection:
+            for passport in passports:
+                found = connection.execute(select(PASSPORT).where(PASSPORT.c.serial == passport.serial)).one_or_none()
+                if found is None or replace(_passport(found), version=passport.version) != passport:
+                    self._save_passport(connection, passport, who)
+                    written.append(passport.serial)
+        return written
+
+    def set_finger_state(self, serial: str, state: FingerState, who: str) -> Passport:
+        """Change where a finger is or whether it may be used, e.g. after a person looked at it.
+
+        Raises:
+            RefusedError: there is no such finger.
+        """
+        found = self.passports().get(serial)
+        if found is None:
+            raise RefusedError(f"expected the serial of a known finger, found '{serial}'")
+        return self.save_passport(replace(found, state=state), who)
+
+    def audit(self, limit: int = 100) -> list[AuditEntry]:
+        """Return the latest changes, newest first."""
+        query = select(AUDIT).order_by(AUDIT.c.id.desc()).limit(limit)
+        with self._database.read() as connection:
+            return [
+                AuditEntry(row.at_ns, row.who, row.action, row.subject, json.loads(row.detail))
+                for row in connection.execute(query)
+            ]
+
+    def _save(self, connection: Connection, kind: str, key: str, document: Any, read_version: int, who: str) -> int:
+        row = connection.execute(
+            select(ENTRY).where(ENTRY.c.kind == kind, ENTRY.c.id == key).order_by(ENTRY.c.version.desc()).limit(1)
+        ).one_or_none()
+        if row is None:
+            version = 1
+        else:
+            if _content(json.loads(row.document)) == _content(document):
+                return int(row.version)
+            if row.version != read_version:
+                raise ConflictError(
+                    f"{kind} '{key}': expected version {read_version} in the database, found {row.version} written by "
+                    f"{row.who}; export it, carry your change over and try again. Nothing was written"
+                )
+            version = row.version + 1
+        document = {**document, "version": version} if kind == "product" else document
+        at_ns = self._now_ns()
+        connection.execute(
+            insert(ENTRY).values(
+                kind=kind, id=key, version=version, document=json.dumps(document), who=who, at_ns=at_ns
+            )
+        )
+        self._database.audit(connection, at_ns, who, f"save {kind}", key, {"version": version})
+        return version
+
+    def _save_passport(self, connection: Connection, passport: Passport, who: str) -> Passport:
+        values = _passport_values(passport)
+        row = connection.execute(select(PASSPORT).where(PASSPORT.c.serial == passport.serial)).one_or_none()
+        if row is None:
+            saved = replace(passport, version=1)
+            connection.execute(insert(PASSPORT).values(**{**values, "version": 1}))
+        elif row.version != passport.version:
+            raise ConflictError(
+                f"finger '{passport.serial}': expected version {passport.version} in the database, found "
+                f"{row.version}; read it again and carry your change over. Nothing was written"
+            )
+        else:
+            saved = replace(passport, version=passport.version + 1)
+            connection.execute(
+                update(PASSPORT).where(PASSPORT.c.serial == passport.serial).values(**_passport_values(saved))
+            )
+        detail = passport_document(saved)
+        self._database.audit(connection, self._now_ns(), who, "save passport", passport.serial, detail)
+        return saved
+
+
+def _entries_in_force(connection: Connection) -> list[Row[Any]]:
+    latest = select(ENTRY.c.kind, ENTRY.c.id, func.max(ENTRY.c.version).label("version")).group_by(
+        ENTRY.c.kind, ENTRY.c.id
+    )
+    newest = latest.subquery()
+    query = select(ENTRY).join(
+        newest,
+        (ENTRY.c.kind == newest.c.kind) & (ENTRY.c.id == newest.c.id) & (ENTRY.c.version == newest.c.version),
+    )
+    # In the order in which entries were first stored, so that an export keeps the file's order.
+    first = select(ENTRY.c.kind, ENTRY.c.id, func.min(ENTRY.c.at_ns).label("at_ns")).group_by(ENTRY.c.kind, ENTRY.c.id)
+    oldest = first.subquery()
+    query = query.join(oldest, (ENTRY.c.kind == oldest.c.kind) & (ENTRY.c.id == oldest.c.id))
+    return list(connection.execute(query.order_by(oldest.c.at_ns, ENTRY.c.kind, ENTRY.c.id)))
+
+
+def _content(document: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in document.items() if key != "version"}
+
+
+def _passport(row: Row[Any]) -> Passport:
+    return Passport(
+        serial=row.serial,
+        profile=row.profile,
+        finger=row.finger,
+        printed=date.fromisoformat(row.printed),
+        material=row.material,
+        cable=row.cable,
+        state=FingerState(row.state),
+        cycles=row.cycles,
+        cycle_limit=row.cycle_limit,
+        calibrated=date.fromisoformat(row.calibrated) if row.calibrated else None,
+        version=row.version,
+    )
+
+
+def _passport_values(passport: Passport) -> dict[str, Any]:
+    document = passport_document(passport)
+    return {
+        **document,
+        "serial": passport.serial,
+        "calibrated": passport.calibrated and passport.calibrated.isoformat(),
+    }
