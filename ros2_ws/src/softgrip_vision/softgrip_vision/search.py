@@ -70,7 +70,7 @@ def search_spots(image: Image, region: Window, colour: ColourModel, diameter_px:
     reduced = cv2.resize(view, size, interpolation=cv2.INTER_AREA) if factor > 1 else view
     signal = colour.signal(np.asarray(reduced, dtype=np.uint8))
     threshold = search_threshold(signal)
-    count, _, stats, centres = cv2.connectedComponentsWithStats((signal > threshold).astype(np.uint8), connectivity=8)
+    count, _, stats, _ = cv2.connectedComponentsWithStats((signal > threshold).astype(np.uint8), connectivity=8)
     if count <= 1:
         return []
     areas = stats[1:, cv2.CC_STAT_AREA] * factor**2

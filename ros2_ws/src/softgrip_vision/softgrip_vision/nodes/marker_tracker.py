@@ -50,19 +50,25 @@ PARAMETERS = ParameterTable(
     Parameter("profile", "power", "profile assumed until cell/state names the mounted ones"),
     Parameter(
         "threshold_share",
-        0.4,
-        "a pixel counts as marker above this share of the markers' signal",
+        TrackerOptions().threshold_share,
+        "a pixel counts as marker above this share of the markers' own signal, which is found automatically",
         "",
         0.1,
         0.9,
         changeable=True,
     ),
     Parameter(
-        "placement_stddev_m", 5e-5, "how exactly the markers sit on the finger", "m", 0.0, 0.005, changeable=True
+        "placement_stddev_m",
+        TrackerOptions().placement_stddev_m,
+        "how exactly the markers sit on the finger",
+        "m",
+        0.0,
+        0.005,
+        changeable=True,
     ),
     Parameter(
         "largest_angle_stddev_rad",
-        0.035,
+        TrackerOptions().largest_angle_stddev,
         "a finger less certain than this is not published",
         "rad",
         0.001,
@@ -71,16 +77,14 @@ PARAMETERS = ParameterTable(
     ),
     Parameter(
         "patience_s",
-        0.7,
-        "hidden markers are waited for so long, then the finger is searched",
+        TrackerOptions().patience,
+        "hidden markers are waited for so long, then the finger is searched for anew",
         "s",
         0.1,
         10.0,
         changeable=True,
     ),
-    Parameter(
-        "overlay", False, "publish finger/overlay/compressed: the frame with what was found drawn in", changeable=True
-    ),
+    Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
 )
 
 

@@ -37,7 +37,7 @@ class DeviceStream:
         self._capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise SourceError(f"{path}: expected a V4L2 camera, found a device that cannot be opened; is it in use?")
-        self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*"MJPG"))
+        self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         for key, value in (
             (cv2.CAP_PROP_FRAME_WIDTH, width),

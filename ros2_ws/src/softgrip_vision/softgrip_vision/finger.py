@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From frames to joint angles: one finger's markers, followed from frame to frame.
+
+Per frame: predict the chain; look for each marker, base to tip, in a small window where the chain says it is, refined
+by every marker already found; accept the spot that fits place, size and colour, or none; angles and tip are the state
+of the filter. A marker that was out of sight has to prove itself (:meth:`FingerTracker._returns`). When too little is
+seen for too long, search the whole image again (search.py).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softgrip_vision.calibration import Calibration, PlaneMap
+from softgrip_vision.chain import ChainFilter, ChainGeometry
+from softgrip_vision.colour import ColourModel, Image, hue_of
+from softgrip_vision.errors import FrameError
+from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
+from softgrip_vision.looks import MOST_AREA, Looks, colour_at, surround_of
+from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
+from softgrip_vision.search import FoundChain, find_chain, search_spots
+from softgrip_vision.spots import Spot, Window, find_spots, window_around
+
+Array = NDArray[np.float64]
+
+#: Squared Mahalanobis distance within which a spot may be the marker (chi-square, 2 degrees of freedom: 99.97 %).
+GATE = 16.0
+#: Windows reach this many deviations of the expected place, and are at most this large [px].
+WINDOW_SIGMAS = 4.0
+LARGEST_WINDOW_HALF_PX = 160.0
+#: Hues this far from the finger's own, once known, give no signal [deg].
+KNOWN_HUE_HALF_ANGLE = 40.0
+#: [s] A gap between frames after which nothing is predicted any more.
+LONGEST_GAP = 0.5
+#: A place expected to better than this share of a marker's diameter leaves no room for another marker.
+SURE_REACH = 0.3
+#: [m] and relative: how far the distance to the marker before may be off the link's length.
+LINK_TOLERANCE = (0.5e-3, 0.02)
+#: [rad/s] faster than this no joint moves; between two sightings of a marker that comes back.
+FASTEST_JOINT = 12.0
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """What a user may set.
+
+    Attributes:
+        threshold_share: 0..1 of the markers' height in the signal at which a pixel counts as marker.
+        placement_stddev_m: [m] how exactly the markers sit where the layout says.
+        largest_angle_stddev: [rad] a pose less certain than that is not given out.
+        patience: [s] markers may be hidden so long before the finger is searched for anew.
+    """
+
+    threshold_share: float = 0.4
+    placement_stddev_m: float = 5e-5
+    largest_angle_stddev: float = math.radians(2.0)
+    patience: float = 0.7
+
+
+class Sighting(NamedTuple):
+    """A spot that may be a marker.
+
+    Attributes:
+        spot: in the image.
+        point: (2,) [m] in the finger's plane.
+        noise: (2, 2) [m^2] covariance of the point.
+        distance: squared Mahalanobis distance from where the marker is expected.
+    """
+
+    spot: Spot
+    point: Array
+    noise: Array
+    distance: float
+
+
+class Seen(NamedTuple):
+    """A marker that was seen in this frame."""
+
+    spot: Spot
+    point: Array
+    confidence: float
+
+
+@dataclass
+class FingerTracker:
+    """Follows one finger.
+
+    Args:
+        setup: name, colour, region.
+        profile: id of the finger profile mounted.
+        layout: its chain.
+        calibration: lens and planes.
+        options: what a user may set.
+    """
+
+    setup: FingerSetup
+    profile: str
+    layout: ChainLayout
+    calibration: Calibration
+    options: TrackerOptions = field(default_factory=TrackerOptions)
+
+    def __post_init__(self) -> None:
+        plane = self.calibration.plane(self.setup.name)
+        lens = self.calibration.lens
+        self._map = PlaneMap(lens, plane)
+        self._geometry = ChainGeometry(self.layout, plane.base_marker_m)
+        self._diameter_px = plane.marker_diameter_m * self._map.pixels_per_metre(np.zeros(2))
+        self._marker_diameter_m = plane.marker_diameter_m
+        left, top, width, height = self.setup.region or (0, 0, lens.width, lens.height)
+        self._region = Window(left, top, min(width, lens.width - left), min(height, lens.height - top))
+        if self._region.width < 8 or self._region.height < 8:
+            raise FrameError(
+                f"finger '{self.setup.name}': expected a region inside the image of {lens.width}x{lens.height}, "
+                f"found {self.setup.region}"
+            )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen; the next frame is searched."""
+        self._filter: ChainFilter | None = None
+        self._looks: list[Looks] = []
+        self._colour = ColourModel(self.setup.hue_deg)
+        self._stamp = math.nan
+        self._last_sound = math.nan
+        self._in_sight: list[bool] = []
+        self._returning: dict[int, tuple[float, Array]] = {}
+
+    def advance(self, stamp: float) -> Array:
+        """Predict to the time of the next frame [s]; return (n + 2, 2) [px] where the markers are expected.
+
+        (0, 2) when the finger is not being followed. Call once per frame, before :meth:`measure`.
+        """
+        if self._filter is not None and not 0 < stamp - self._stamp <= LONGEST_GAP:
+            self.reset()
+        if self._filter is None:
+            return np.empty((0, 2))
+        self._filter.predict(stamp - self._stamp)
+        return self._map.to_pixels(self._geometry.markers(self._filter.state))
+
+    def measure(self, image: Image, stamp: float, rivals: Array) -> FingerReading:
+        """Measure the finger in one frame.
+
+        Args:
+            image: (h, w, 3) BGR.
+            stamp: [s] of capture, as given to :meth:`advance`.
+            rivals: (k, 2) [px] where the markers of other fingers are expected.
+        """
+        if self._filter is None:
+            problem = self._acquire(image)
+            if problem:
+                return self._silent(problem)
+            self._last_sound = stamp
+        self._stamp = stamp
+        assert self._filter is not None
+        seen: list[Seen | None] = []
+        for marker in range(self.layout.joints + 2):
+            seen.append(self._follow(image, self._filter, marker, seen, rivals))
+        self._in_sight = [found is not None for found in seen]
+        return self._conclude(self._filter, seen, stamp)
+
+    def _acquire(self, image: Image) -> str:
+        """Search the region; return why nothing was found, or an empty text."""
+        self._colour = ColourModel(self.setup.hue_deg)
+        spots = search_spots(image, self._region, self._colour, self._diameter_px)
+        found = find_chain(spots, self._map, self._geometry)
+        if found is None:
+            return (
+                f"expected a chain of {self.layout.joints + 2} markers for profile '{self.profile}', found "
+                f"{len(spots)} spots of that colour and size that do not form it; check light, markers, profile and "
+                "calibration"
+            )
+        self._start(image, found)
+        return ""
+
+    def _start(self, image: Image, found: FoundChain) -> None:
+        colours = [colour_at(image, spot) for spot in found.spots]
+        self._colour = ColourModel(hue_of(np.median(colours, axis=0)), KNOWN_HUE_HALF_ANGLE)
+        self._looks = [Looks(spot.area_px, spot.height, surround_of(image, spot)) for spot in found.spots]
+        self._in_sight = [True] * len(found.spots)
+        self._filter = ChainFilter(self._geometry)
+        self._filter.place(found.points)
+
+    def _follow(
+        self, image: Image, chain: ChainFilter, marker: int, seen: list[Seen | None], rivals: Array
+    ) -> Seen | None:
+        """Look for one marker where the chain expects it and take it in."""
+        expected, spread = chain.expect(marker)
+        pixel = self._map.to_pixels(expected[None, :])
+        _, (jacobian,) = self._map.to_plane_with_jacobian(pixel)
+        reach = math.sqrt(_largest_eigenvalue(spread) / abs(np.linalg.det(jacobian)))
+        half = min(LARGEST_WINDOW_HALF_PX, WINDOW_SIGMAS * reach + 0.9 * self._diameter_px + 3.0)
+        window = window_around(pixel[0], half, (image.shape[1], image.shape[0]))
+        if window is None:
+            return None
+        looks = self._looks[marker]
+        area_range = (0.5 * looks.area_px, MOST_AREA * looks.area_px)
+        spots = find_spots(image, window, self._colour, self.options.threshold_share * looks.height, area_range)
+        parent = seen[-1] if seen else None
+        sightings = [
+            sighting
+            for spot in spots
+            if looks.admits(spot) and not self._belongs_elsewhere(spot, pixel[0], seen, rivals)
+            for sighting in [self._locate(spot, looks, expected, spread)]
+            if sighting.distance <= GATE and self._fits_link(chain, marker, parent, sighting)
+        ]
+        best = min(sightings, key=lambda sighting: sighting.distance, default=None)
+        if best is None:
+            self._returning.pop(marker, None)
+            return None
+        surround = surround_of(image, best.spot)
+        if not self._in_sight[marker] and not self._returns(marker, best, surround, reach):
+            return None
+        chain.update(marker, best.point, best.noise)
+        self._looks[marker] = looks.updated(best.spot, surround)
+        return Seen(best.spot, best.point, looks.confidence(best.spot, best.distance, GATE))
+
+    def _locate(self, spot: Spot, looks: Looks, expected: Array, spread: Array) -> Sighting:
+        (point,), (jacobian,) = self._map.to_plane_with_jacobian(np.array([[spot.u, spot.v]]))
+        # What a covered edge can move the centre by is added to what noise can (see Looks.hidden_share).
+        lopsided = looks.hidden_share(spot) * self._diameter_px / 2
+        variance = spot.stddev_px**2 + lopsided**2
+        noise = jacobian @ jacobian.T * variance + np.eye(2) * self.options.placement_stddev_m**2
+        miss = point - expected
+        return Sighting(spot, point, noise, float(miss @ np.linalg.solve(spread + noise, miss)))
+
+    def _belongs_elsewhere(self, spot: Spot, expected: Array, seen: list[Seen | None], rivals: Array) -> bool:
+        """Whether another marker of this finger has the spot, or another finger has as good a claim to it."""
+        place = np.array([spot.u, spot.v])
+        near = 0.5 * self._diameter_px
+        if any(other is not None and math.dist((other.spot.u, other.spot.v), place) < near for other in seen):
+            return True
+        if not len(rivals):
+            return False
+        claim = float(np.hypot(*(rivals - place).T).min())
+        return claim < near and claim < math.dist(place, expected) + 0.5 * near
+
+    def _fits_link(self, chain: ChainFilter, marker: int, parent: Seen | None, sighting: Sighting) -> bool:
+        """Whether distance and turn from the marker before are possible; true when that one is not in sight."""
+        if parent is None:
+            return True
+        step = sighting.point - parent.point
+        length = self._geometry.base_marker_m if marker == 1 else self.layout.link_lengths_m[marker - 2]
+        blur = 3.0 * math.sqrt(float(np.trace(sighting.noise)))
+        if abs(math.hypot(*step) - length) > LINK_TOLERANCE[0] + LINK_TOLERANCE[1] * length + blur:
+            return False
+        if marker == 1:
+            return True
+        heading = float(chain.state[2] - chain.state[3 : 1 + marker].sum())
+        turn = (heading - math.atan2(step[1], step[0]) + math.pi) % (2 * math.pi) - math.pi
+        return JOINT_RANGE[0] <= turn <= JOINT_RANGE[1]
+
+    def _returns(self, marker: int, sighting: Sighting, surround: float, reach: float) -> bool:
+        """Whether a spot is a marker that was out of sight.
+
+        It has to look the same, surroundings included; and unless its place was sure, it has to be seen a second
+        time, no further away than a joint can have moved.
+        """
+        before = self._returning.pop(marker, None)
+        if not self._looks[marker].resembles(sighting.spot, surround):
+            return False
+        if reach <= SURE_REACH * self._diameter_px:
+            return True
+        if before is not None:
+            stamp, point = before
+            length = max(*self.layout.link_lengths_m, self._geometry.base_marker_m)
+            if math.dist(point, sighting.point) <= FASTEST_JOINT * length * (self._stamp - stamp):
+                return True
+        self._returning[marker] = self._stamp, sighting.point
+        return False
+
+    def _conclude(self, chain: ChainFilter, seen: list[Seen | None], stamp: float) -> FingerReading:
+        names = self.layout.marker_names
+        hidden = [name for name, found in zip(names, seen, strict=True) if found is None]
+        if len(hidden) <= 2:
+            self._last_sound = stamp
+        elif stamp - self._last_sound > self.options.patience:
+            self.reset()
+            return self._silent(f"lost: {', '.join(hidden)} not seen for too long; searching the whole image")
+        markers = tuple(self._reading(chain, index, found) for index, found in enumerate(seen))
+        quality = threshold_quality([found.spot for found in seen if found is not None])
+        angles, angles_stddev = chain.angles()
+        tip, tip_stddev = chain.tip()
+        if float(angles_stddev.max()) > self.options.largest_angle_stddev:
+            joint = int(np.argmax(angles_stddev))
+            known = f"angle of joint {joint} known to {math.degrees(angles_stddev[joint]):.1f} deg only"
+            problem = f"{self.setup.name}: {known}: {', '.join(hidden) or 'nothing'} not seen"
+            return FingerReading(self.setup.name, self.profile, markers, quality, None, problem)
+        pose = FingerPose(angles, angles_stddev, tip, tip_stddev)
+        return FingerReading(self.setup.name, self.profile, markers, quality, pose)
+
+    def _reading(self, chain: ChainFilter, marker: int, found: Seen | None) -> MarkerReading:
+        name = self.layout.marker_names[marker]
+        if found is not None:
+            pixel = np.array([found.spot.u, found.spot.v])
+            return MarkerReading(name, pixel, found.point, found.spot.stddev_px, found.confidence, occluded=False)
+        point, spread = chain.expect(marker)
+        pixel = self._map.to_pixels(point[None, :])[0]
+        deviation = math.sqrt(float(np.trace(spread)) / 2) * self._diameter_px / self._marker_diameter_m
+        return MarkerReading(name, pixel, point, deviation, 0.0, occluded=True)
+
+    def _silent(self, problem: str) -> FingerReading:
+        unknown = np.full(2, math.nan)
+        markers = tuple(
+            MarkerReading(name, unknown, unknown, math.nan, 0.0, occluded=True) for name in self.layout.marker_names
+        )
+        return FingerReading(self.setup.name, self.profile, markers, 0.0, None, f"{self.setup.name}: {problem}")
+
+
+def threshold_quality(spots: list[Spot]) -> float:
+    """Return 0..1 how well markers stand out: the between-class share of the signal's variance, h^2 / (h^2 + (2 s)^2).
+
+    h is the markers' median height over their surroundings and s the surroundings' noise; 0.5 means that markers are
+    two deviations high, and 0 that none was seen.
+    """
+    if not spots:
+        return 0.0
+    height = float(np.median([spot.height for spot in spots]))
+    noise = float(np.median([spot.noise for spot in spots]))
+    return height**2 / (height**2 + (2.0 * noise) ** 2)
+
+
+def _largest_eigenvalue(matrix: Array) -> float:
+    """Return the larger eigenvalue of a symmetric 2x2 matrix (closed form)."""
+    mean, half = (matrix[0, 0] + matrix[1, 1]) / 2, (matrix[0, 0] - matrix[1, 1]) / 2
+    return float(mean + math.hypot(half, matrix[0, 1]))

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is remembered of how a marker looks, and how well a spot fits that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softgrip_vision.colour import Image
+from softgrip_vision.spots import Spot
+
+#: Share of a new frame in what is remembered.
+MEMORY = 0.2
+#: The remembered area is that of a sharp, uncovered marker: blur may enlarge it only slowly, and only a round spot may
+#: make it smaller (a partly covered one is not round).
+MEMORY_OF_LARGER = 0.02
+ROUND = 0.94
+#: A spot with a smaller share of the remembered area is partly covered. Blur never shrinks a spot: its edge is taken
+#: at a share of its own height.
+LEAST_AREA = 0.88
+#: A spot this many times larger is something else, or merged with something.
+MOST_AREA = 1.7
+#: A spot's height may change by this factor from what is remembered (shadow, exposure).
+HEIGHT_FACTOR = 3.0
+#: Natural logarithm of how much the brightness around a marker, relative to its own, may differ when it comes back.
+SURROUND_TOLERANCE = 0.4
+#: Radius of the ring around a marker that shows the finger, in marker radii, and its samples.
+RING_RADIUS = 1.4
+RING_SAMPLES = 16
+_RING = RING_RADIUS * np.array(
+    [(math.cos(turn), math.sin(turn)) for turn in np.arange(RING_SAMPLES) * 2 * math.pi / RING_SAMPLES]
+)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What is remembered of one marker.
+
+    Attributes:
+        area_px: [px^2] when sharp and uncovered.
+        height: [grey levels] of its signal.
+        surround: brightness around it over its own; tells a marker on its finger from a green thing behind.
+    """
+
+    area_px: float
+    height: float
+    surround: float
+
+    def admits(self, spot: Spot) -> bool:
+        """Return whether a spot may be this marker, wholly in sight."""
+        size_fits = LEAST_AREA * self.area_px <= spot.area_px <= MOST_AREA * self.area_px
+        return size_fits and self.height / HEIGHT_FACTOR <= spot.height <= HEIGHT_FACTOR * self.height
+
+    def resembles(self, spot: Spot, surround: float) -> bool:
+        """Return whether a spot also has the marker's surroundings: asked when the marker was out of sight."""
+        return self.admits(spot) and abs(math.log(surround / self.surround)) < SURROUND_TOLERANCE
+
+    def hidden_share(self, spot: Spot) -> float:
+        """Return 0..1 the share of the marker that a spot seems to lack."""
+        return max(0.0, 1.0 - spot.area_px / self.area_px)
+
+    def updated(self, spot: Spot, surround: float) -> Looks:
+        """Return the memory with one more sighting."""
+        growth = spot.area_px - self.area_px
+        pace = MEMORY_OF_LARGER if growth > 0 else MEMORY if spot.roundness > ROUND else 0.0
+        return Looks(
+            self.area_px + pace * growth,
+            self.height + MEMORY * (spot.height - self.height),
+            self.surround + MEMORY * (surround - self.surround),
+        )
+
+    def confidence(self, spot: Spot, distance: float, gate: float) -> float:
+        """Return 0..1 how sure it is that a spot is this marker.
+
+        The product of: size as remembered, contrast against the noise around, filled shape, and place as expected
+        (``distance``: squared Mahalanobis distance, refused beyond ``gate``).
+        """
+        size = math.exp(-0.5 * (math.log(spot.area_px / self.area_px) / 0.25) ** 2)
+        contrast = 1.0 - math.exp(-spot.height / (4.0 * spot.noise))
+        return size * contrast * spot.solidity * math.exp(-0.5 * distance / gate)
+
+
+def surround_of(image: Image, spot: Spot) -> float:
+    """Return the brightness of the ring around a spot over the spot's own (medians; > 0)."""
+    radius = math.sqrt(spot.area_px / math.pi)
+    columns = np.clip(np.rint(spot.u + radius * _RING[:, 0]).astype(np.intp), 0, image.shape[1] - 1)
+    rows = np.clip(np.rint(spot.v + radius * _RING[:, 1]).astype(np.intp), 0, image.shape[0] - 1)
+    ring = np.sort(image[rows, columns].sum(axis=1, dtype=np.int64))
+    around = 0.5 * float(ring[RING_SAMPLES // 2 - 1] + ring[RING_SAMPLES // 2])
+    return (around + 1.0) / (3.0 * float(colour_at(image, spot).mean()) + 1.0)
+
+
+def colour_at(image: Image, spot: Spot) -> NDArray[np.float64]:
+    """Return the (3,) mean BGR colour of the 3x3 pixels at a spot's centre."""
+    row, column = round(spot.v), round(spot.u)
+    patch = image[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+    return np.asarray(patch.reshape(-1, 3).mean(axis=0), dtype=np.float64)
