@@ -12,7 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from softgrip_demo.summary import tip_errors_percent
-from softgrip_model.friction import laws
+from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,19 +49,18 @@ def friction_figure(friction: FrictionResult) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.6, 3.5), layout="constrained")
         axes = figure.subplots()
+        law = FrictionLaw(
+            Law(friction.law),
+            tuple(friction.coefficients.values()),
+            friction.radius_mm,
+            KReading(friction.k_reading),
+        )
         loads = sorted({round(point.tension_low, 1) for point in friction.points})
         for colour, load in zip(JOINT_COLOURS, loads, strict=False):
             points = [p for p in friction.points if round(p.tension_low, 1) == load]
             tension_low = float(np.mean([p.tension_low for p in points]))
             angles = np.linspace(0.0, max(p.angle for p in friction.points) * 1.05, 100)
-            ratio = laws.ratio(
-                friction.law,
-                friction.coefficients,
-                angles,
-                np.full_like(angles, tension_low),
-                radius_mm=friction.radius_mm,
-                k_reading=friction.k_reading,
-            )
+            ratio = law.ratio(angles, tension_low)
             axes.plot(angles * DEGREES, ratio, color=colour, lw=1.6, label=f"T₂ = {tension_low:.2f} N")
             axes.plot(
                 [p.angle * DEGREES for p in points],

@@ -26,7 +26,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="ros2 run softgrip_demo report",
         description=__doc__,
-        epilog="Writes report.html and summary.json beside the record. Exit code 1: replay differs; 2: no usable record.",
+        epilog="Writes report.html and summary.json there. Exit code 1: the replay differs; 2: no usable record.",
     )
     parser.add_argument("folder", type=Path, help="folder of the shift, e.g. out/demo")
     arguments = parser.parse_args()
@@ -72,10 +72,8 @@ def show(summary: dict[str, Any], folder: Path) -> None:
     console.print(grasps)
     figures = Table(show_header=False, title="Shift", title_justify="left")
     friction, bag, replay = summary["friction"], summary["bag"], summary["replay"]
-    figures.add_row(
-        "friction fit",
-        f"{friction['n_points']} points, error {friction['avg_error_pct']} % average, {friction['max_error_pct']} % maximum",
-    )
+    fit = f"error {friction['avg_error_pct']} % average, {friction['max_error_pct']} % maximum"
+    figures.add_row("friction fit", f"{friction['n_points']} points, {fit}")
     for closing in summary["closings"]:
         figures.add_row(
             f"closing {closing['grasp']}",

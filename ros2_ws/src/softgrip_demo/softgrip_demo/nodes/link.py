@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services and actions of the cell as plain calls with a deadline."""
+"""Waiting with a deadline, and services and actions as plain calls."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.task import Future
 
 from softgrip_demo.errors import ShiftError
 
@@ -39,7 +38,7 @@ class CellLink:
                 raise ShiftError(f"expected {expected} within {timeout:g} s, found nothing; see the log of the cell")
             self._executor.spin_once(timeout_sec=POLL)
 
-    def wait(self, future: Future, timeout: float, expected: str) -> Any:
+    def wait(self, future: Any, timeout: float, expected: str) -> Any:
         """Spin until a future is done and return its result."""
         self.until(future.done, timeout, expected)
         return future.result()
@@ -51,7 +50,7 @@ class CellLink:
             client = self._service_clients[name] = self.node.create_client(service_type, name)
         self.until(client.service_is_ready, timeout, f"service {name}")
         response = self.wait(client.call_async(request), timeout, f"an answer of service {name}")
-        if not getattr(response, "success", True):
+        if not response.success:
             raise ShiftError(f"{name} refused: {response.message}")
         return response
 
@@ -67,7 +66,7 @@ class CellLink:
         """Run an action to its end and return its result message.
 
         Raises:
-            ShiftError: when the server is missing, rejects the goal, aborts, or takes longer than ``timeout`` [s].
+            ShiftError: when the server is missing, rejects the goal, is cancelled, or takes over ``timeout`` [s].
         """
         client = self._action_clients.get(name)
         if client is None:

@@ -19,16 +19,22 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from softgrip_cell.errors import CellError
+from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES, CellController
+from softgrip_demo import film
+from softgrip_demo.alignment import pair
 from softgrip_demo.errors import ShiftError
 from softgrip_demo.nodes import convert
-from softgrip_demo.nodes.controller import Controller
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.nodes.link import CellLink
 from softgrip_demo.nodes.watch import Watch
-from softgrip_demo.record import Closing, FrictionResult, GraspResult, ShiftRecord, Stage
+from softgrip_demo.products import expected_outcome, finger_design, product_names, serials_of
+from softgrip_demo.record import Closing, Frame, FrictionResult, GraspResult, ShiftRecord, Stage
 from softgrip_interfaces.action import CalibrateFriction, MoveTendon
 from softgrip_interfaces.srv import StopRecording
 from softgrip_nodekit import Parameter, ParameterTable, StartupError
+from softgrip_vision import calibration as vision
+from softgrip_vision.calibration import PlaneMap
 
 PARAMETERS = ParameterTable(
     Parameter("out", "out/demo", "folder for the record of the shift"),
@@ -40,6 +46,13 @@ PARAMETERS = ParameterTable(
     Parameter("closing_speed", 0.012, "speed of the watched closings", "m/s", 0.001, 0.1),
     Parameter("release_speed", 0.05, "speed of opening", "m/s", 0.001, 0.2),
     Parameter("start_timeout", 10.0, "time the cell has to come up", "s", 1.0, 120.0),
+    Parameter(
+        "expected_streams", ["tendon/state", "finger/measured", "finger/predicted"], "topics of a cell that is up"
+    ),
+    Parameter("profile_dir", "", "folder of the finger profiles"),
+    Parameter("calibration", "", "file with the camera's calibration"),
+    Parameter("cable_radius", 0.000125, "of the cable on the rig", "m", 1e-5, 0.01),
+    Parameter("surface_radius", 0.003, "of the printed surface on the rig", "m", 1e-4, 0.1),
     Parameter("film_product", "egg", "the product whose grasp is filmed"),
     Parameter("cross_check", False, "grasp every product with every finger set (Table 4.2), not only as planned"),
 )
@@ -48,19 +61,23 @@ PARAMETERS = ParameterTable(
 class Shift:
     """The sequence of one shift; every stage is timed."""
 
-    def __init__(self, node: Node, executor: Any) -> None:
+    def __init__(self, node: Node, executor: Any, hands: Hands) -> None:
         self._values = PARAMETERS.declare(node)
         self._log = node.get_logger()
         self._link = CellLink(node, executor)
-        self._hands = Hands(self._link)
+        self._hands = hands
         self._watch = Watch(node, self._values["watched_finger"])
-        self._controller = Controller(self._link, self._hands, self._values["slots"])
+        self._cell = CellController(node, wait=self._link.wait)
+        self._confirm_rig = node.create_client(Trigger, "rig/confirm")
         self._out = Path(self._values["out"])
+        self._profiles = Path(self._values["profile_dir"])
         self._stages: list[Stage] = []
-        self._film: tuple[Any, ...] = ()
+        self._film: tuple[Frame, ...] = ()
+        self._mounted = ""
+        self._swaps = 0
 
-    def run(self) -> ShiftRecord:
-        """Work through the shift.
+    def run(self) -> None:
+        """Work through the shift and write its record.
 
         Raises:
             ShiftError: when the cell does not answer or refuses.
@@ -71,18 +88,17 @@ class Shift:
         with self._stage("friction"):
             friction = self._calibrate()
         with self._stage("closings"):
-            self._link.call(Trigger, "tendon/home", Trigger.Request(), timeout=30.0)
-            closings = [self._closing(name) for name in self._values["finger_sets"]]
+            closings = [self._closing(finger_set) for finger_set in self._values["finger_sets"]]
         with self._stage("grasps"):
-            grasps = self._grasps()
+            grasps = [self._grasp(product, finger_set) for product, finger_set in self._work()]
         with self._stage("bag"):
             bag = self._link.call(StopRecording, "recorder/stop", StopRecording.Request(), timeout=30.0)
-        return ShiftRecord(
+        record = ShiftRecord(
             seed=self._values["seed"],
             friction=friction,
             closings=tuple(closings),
             grasps=tuple(grasps),
-            swaps=self._controller.swaps,
+            swaps=self._swaps,
             film_product=self._values["film_product"],
             film=self._film,
             bag_path=bag.path,
@@ -91,31 +107,29 @@ class Shift:
             bag_dropped=int(bag.dropped),
             stages=tuple(self._stages),
         )
+        record.save(self._out / "shift.json")
 
     def _wait_for_cell(self) -> None:
-        streams = {"tendon/state", "finger/measured", "finger/predicted", "shape/predicted"}
+        streams = set(self._values["expected_streams"])
         timeout = self._values["start_timeout"]
         self._link.until(lambda: streams <= self._watch.seen, timeout, f"messages on {', '.join(sorted(streams))}")
 
     def _calibrate(self) -> FrictionResult:
         """Nine points (Table 3.3), the operator setting angle and weight as the rig asks."""
-        confirm = self._link.node.create_client(Trigger, "rig/confirm")
-        asked: list[tuple[float, float]] = []
 
         def on_feedback(feedback: Any) -> None:
             if feedback.phase == feedback.SET_UP:
-                asked.append((feedback.angle, feedback.load))
                 self._log.info(f"rig: {feedback.instruction}")
-                done = self._hands.set_rig_async(feedback.angle, feedback.load)
-                done.add_done_callback(lambda _: confirm.call_async(Trigger.Request()))
+                self._hands.set_rig(feedback.angle, feedback.load)
+                self._confirm_rig.call_async(Trigger.Request())
 
         goal = CalibrateFriction.Goal(
             plan="9",
             law="matte",
             cable="PE braid 0.25 mm",
             surface="TPU, printed along the layers",
-            cable_radius=convert.CABLE_RADIUS_M,
-            surface_radius=convert.SURFACE_RADIUS_M,
+            cable_radius=self._values["cable_radius"],
+            surface_radius=self._values["surface_radius"],
             activate=True,
         )
         result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
@@ -125,46 +139,90 @@ class Shift:
         self._log.info(f"friction: {friction.verdict}, average error {100 * friction.average_error:.2f} %")
         return friction
 
+    def _swap(self, finger_set: str) -> None:
+        """Have another set mounted, the hands doing what the cell asks for."""
+        if finger_set == self._mounted:
+            return
+        slots = self._values["slots"]
+        serials = serials_of(finger_set, slots)
+
+        def confirm(step: str, instruction: str) -> Sequence[str]:
+            self._log.info(f"swap: {instruction}")
+            if step == "remove":
+                self._hands.mount(slots, [""] * len(slots), "")
+            if step == "insert":
+                self._hands.mount(slots, serials, finger_set)
+                return serials
+            return ()
+
+        result = self._cell.swap(finger_set, confirm, serials)
+        if result.outcome != result.SUCCEEDED:
+            raise ShiftError(f"swap to {finger_set} failed: {result.reason}")
+        self._log.info(f"swap to {finger_set}: {result.reason}")
+        self._mounted = finger_set
+        self._swaps += 1
+
     def _closing(self, finger_set: str) -> Closing:
         """Mount a set and close it empty, 0 to full pull, in front of the camera."""
-        self._controller.swap(finger_set)
+        self._swap(finger_set)
         self._watch.begin()
         self._move(self._values["full_pull"], self._values["closing_speed"])
         gathered = self._watch.end()
         self._move(0.0, self._values["release_speed"])
-        closing = convert.closing(finger_set, self._values["watched_finger"], gathered)
-        if not closing.samples:
+        samples = pair(gathered.measured, gathered.predicted)
+        if not samples:
             raise ShiftError(
                 f"closing {finger_set}: expected frames with a measured and a predicted finger, found "
                 f"{len(gathered.measured)} measured and {len(gathered.predicted)} predicted that do not meet in time"
             )
-        self._log.info(f"closing {finger_set}: {len(closing.samples)} frames, {len(gathered.shapes)} shapes")
-        return closing
+        self._log.info(f"closing {finger_set}: {len(samples)} frames, {len(gathered.shapes)} shapes")
+        design = finger_design(self._profiles, finger_set, self._watch.finger)
+        return Closing(finger_set, design.length_m, samples, convert.shape_view(gathered.shapes))
 
-    def _grasps(self) -> list[GraspResult]:
-        results = []
-        for product, finger_set in self._work():
-            self._controller.swap(finger_set)
-            self._hands.place(product)
-            filmed = product == self._values["film_product"] and not self._film
-            if filmed:
-                self._watch.begin(film=True)
-            result = self._controller.grasp(product, finger_set)
-            if filmed:
-                self._film = convert.film(finger_set, self._watch.finger, self._watch.end(), self._out)
-            self._controller.release()
-            self._hands.place("")
-            results.append(result)
-            self._log.info(f"{product} with {finger_set}: {result.outcome} ({result.reason})")
-        return results
+    def _grasp(self, product: str, finger_set: str) -> GraspResult:
+        """Put a product down, have it grasped, take it away."""
+        self._swap(finger_set)
+        self._hands.place(product)
+        filmed = product == self._values["film_product"] and not self._film
+        if filmed:
+            self._watch.begin(film=True)
+        result = self._cell.grasp(product, trial=True)
+        if filmed:
+            self._film = self._develop(finger_set)
+        self._cell.release()
+        self._hands.place("")
+        outcome = GRASP_OUTCOMES[result.outcome]
+        self._log.info(f"{product} with {finger_set}: {outcome} ({result.reason})")
+        return GraspResult(
+            product=product,
+            grasp=finger_set,
+            outcome=outcome,
+            expected=expected_outcome(product, finger_set),
+            reason=result.reason,
+            latency=result.latency,
+        )
 
-    def _work(self) -> Iterator[tuple[str, str]]:
+    def _develop(self, finger_set: str) -> tuple[Frame, ...]:
+        gathered = self._watch.end()
+        calibration = vision.load(Path(self._values["calibration"]))
+        finger = self._watch.finger
+        design = finger_design(self._profiles, finger_set, finger)
+        return film.make(
+            gathered.frames,
+            gathered.predicted,
+            design.link_lengths_m,
+            PlaneMap(calibration.lens, calibration.plane(finger)),
+            self._out,
+        )
+
+    def _work(self) -> list[tuple[str, str]]:
+        """Return (product, finger set) in the order of work: as planned, or everything with everything."""
+        products = product_names()
         if self._values["cross_check"]:
-            for finger_set in self._values["finger_sets"]:
-                for product in self._controller.products:
-                    yield product, finger_set
-        else:
-            yield from self._controller.plan()
+            return [(product, finger_set) for finger_set in self._values["finger_sets"] for product in products]
+        plan = self._cell.plan(products, [1] * len(products))
+        self._log.info(f"plan: {plan.swaps} swaps, sets that the mix can do without: {list(plan.redundant_sets)}")
+        return [(step.product, step.finger_set) for step in plan.steps]
 
     def _move(self, pulled_length: float, speed: float) -> None:
         goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[pulled_length], speed=speed)
@@ -186,16 +244,16 @@ def main(args: Sequence[str] | None = None) -> int:
     node = Node("shift")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    hands = Hands()
     try:
-        shift = Shift(node, executor)
-        record = shift.run()
-        record.save(Path(node.get_parameter("out").value) / "shift.json")
-    except (ShiftError, StartupError) as error:
+        Shift(node, executor, hands).run()
+    except (ShiftError, CellError, StartupError) as error:
         print(f"[shift] {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 130
     finally:
+        hands.close()
         executor.shutdown(timeout_sec=2.0)
         node.destroy_node()
         rclpy.try_shutdown()

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From messages to the values of the shift's record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from softgrip_demo.record import FrictionPoint, FrictionResult, ShapeView
+
+VERDICTS = {0: "usable", 1: "repeat points", 2: "do not use"}
+
+
+def friction_result(result: Any) -> FrictionResult:
+    """Return a CalibrateFriction result as the record holds it."""
+    model = result.model
+    return FrictionResult(
+        id=model.id,
+        law=model.law,
+        k_reading=model.k_reading,
+        coefficients=dict(zip(model.coefficient_names, (float(c) for c in model.coefficients), strict=True)),
+        radius_mm=1000.0 * (model.cable_radius + model.surface_radius),
+        average_error=model.average_error,
+        maximum_error=model.maximum_error,
+        r_squared=model.r_squared,
+        verdict=VERDICTS.get(model.verdict, f"unknown verdict {model.verdict}"),
+        points=tuple(
+            FrictionPoint(sample.angle, sample.tension_high, sample.tension_low)
+            for sample in result.samples
+            if sample.verdict == sample.ACCEPTED
+        ),
+    )
+
+
+def shape_view(shapes: list[Any]) -> ShapeView | None:
+    """Return the last shape of a closing and the rate at which they came; None when there were fewer than two."""
+    if len(shapes) < 2:
+        return None
+    stamps = [shape.header.stamp.sec + shape.header.stamp.nanosec * 1e-9 for shape in shapes]
+    last = shapes[-1]
+    vertices = [float(value) for value in last.vertices]
+    faces = [int(value) for value in last.faces]
+    return ShapeView(
+        hexahedra=int(last.hexahedra),
+        rate=(len(shapes) - 1) / (stamps[-1] - stamps[0]),
+        converged=bool(last.converged),
+        pulled_length=float(last.pulled_length),
+        vertices=tuple(zip(vertices[0::3], vertices[1::3], vertices[2::3], strict=True)),
+        faces=tuple(zip(faces[0::4], faces[1::4], faces[2::4], faces[3::4], strict=True)),
+    )

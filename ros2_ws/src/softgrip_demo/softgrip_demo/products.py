@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the operator of the demo knows: products, Table 4.2, and which printed finger goes into which slot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.passports import read_passports
+from softgrip_demo.errors import ShiftError
+from softgrip_model import profile
+from softgrip_model.profile import FingerDesign
+
+
+def product_names() -> list[str]:
+    """Return the products of Tables 4.1 and 4.2."""
+    return list(read_catalogue().products)
+
+
+def expected_outcome(product: str, finger_set: str) -> str:
+    """Return what Table 4.2 says: "success", "partial" or "failure"."""
+    return str(read_catalogue().products[product].marks[finger_set])
+
+
+def serials_of(finger_set: str, slots: Sequence[str]) -> list[str]:
+    """Return the first printed finger of a set for every slot.
+
+    Raises:
+        ShiftError: no such finger was printed.
+    """
+    passports = read_passports()
+    serials = []
+    for slot in slots:
+        fitting = sorted(s for s, p in passports.items() if p.profile == finger_set and p.finger == slot)
+        if not fitting:
+            raise ShiftError(f"expected a printed {finger_set} finger for slot {slot}, found none in the passports")
+        serials.append(fitting[0])
+    return serials
+
+
+def finger_design(folder: Path, finger_set: str, finger: str) -> FingerDesign:
+    """Return the design of one finger from a folder of profiles."""
+    return profile.load(folder / f"{finger_set}.yaml").finger(finger)
