@@ -264,13 +264,13 @@ class DynamixelBackend:
         current = servo.ampere(reg.PRESENT_CURRENT.decode(reply.data[0:2]))
         velocity = servo.speed_of(reg.PRESENT_VELOCITY.decode(reply.data[2:6]))
         position = servo.length(reg.PRESENT_POSITION.decode(reply.data[6:10]))
-        tension, stddev = servo.torque.tension(current, velocity, servo.spool.radius)
+        pull, stddev = servo.torque.pull(current, velocity, servo.spool.radius)
         faults = tuple(name for bit, name in _FAULT_NAMES.items() if live.hardware_error & bit)
         if live.watchdog_tripped:
             faults += ("bus_watchdog",)
             live.watchdog_tripped = False
         return DriveReading(
-            time.monotonic(), position, velocity, tension, stddev, current,
+            time.monotonic(), position, velocity, max(0.0, pull), stddev, pull, current,
             live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
             live.powered, live.mark, faults, live.hardware_error,
         )  # fmt: skip

@@ -35,7 +35,8 @@ class DriveReading:
         time: [s] monotonic clock, when the answer came.
         position: [m] of tendon wound in, + pulls, from the device's own origin (not from the homed zero).
         velocity: [m/s] + pulls.
-        tension, tension_stddev: [N] estimate and its uncertainty.
+        tension, tension_stddev: [N] estimate, never negative, and its uncertainty.
+        pull: [N] the same estimate with its sign; below zero the friction of the gears is over-estimated.
         current: [A] + pulls; NaN where the device has none.
         temperature: [degC]; voltage: [V]; NaN until read once.
         powered: the device holds or moves the tendon; None until known.
@@ -50,6 +51,7 @@ class DriveReading:
     velocity: float
     tension: float
     tension_stddev: float
+    pull: float
     current: float = math.nan
     temperature: float = math.nan
     voltage: float = math.nan

@@ -86,6 +86,7 @@ class _Memory:
     fault: str = ""
     fault_reason: str = ""
     restoring: bool = False
+    trim: float = 0.0
     warnings: dict[str, str] = field(default_factory=dict)
 
 
@@ -97,6 +98,10 @@ class Drive:
         limits: what it may do.
         continuous_tension: [N] that it may hold for ever.
     """
+
+    #: [1/s] and [m] of the integral correction of the position
+    TRIM_RATE = 6.0
+    MAX_TRIM = 3e-3
 
     def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float) -> None:
         self.tendon = tendon
@@ -169,6 +174,11 @@ class Drive:
         return self._m.zero if self._m.zero is not None else self._m.origin
 
     @property
+    def session_mark(self) -> int | None:
+        """Mark in the device's volatile memory, None until read."""
+        return None if self._m.reading is None else self._m.reading.session_mark
+
+    @property
     def job(self) -> int:
         """Number of the last motion asked for; its outcome is None until it has ended."""
         return self._m.job
@@ -232,6 +242,11 @@ class Drive:
         self._m.motion = None
         return DriveActions(power=False)
 
+    def restore_begun(self) -> None:
+        """Take note that the device is set up again; it holds afterwards."""
+        self._m.restoring = True
+        self.powered = True
+
     def restored(self, *, success: bool) -> DriveActions:
         """Go on after the device was set up again: take hold where it stands now, without a zero."""
         self._m.restoring = False
@@ -286,6 +301,7 @@ class Drive:
     def _hold_here(self) -> None:
         assert self._m.reading is not None
         here = self._m.reading.position - self._frame
+        self._m.trim = 0.0
         self._m.motion = Hold(here, self.limits.tension_hold)
 
     # --- a step ----------------------------------------------------------------------------------------------------
@@ -313,7 +329,7 @@ class Drive:
         if m.fault and FAULTS[m.fault].reaction is Reaction.LET_GO:
             return self.switch_off()
         step = m.motion.step(view)
-        setpoint = Setpoint(step.length + self._frame, step.tension_limit)
+        setpoint = Setpoint(step.length + self._frame + self._trim(step, view), step.tension_limit)
         if step.outcome is not None:
             self._finish(step)
         return DriveActions(setpoint=setpoint)
@@ -399,6 +415,16 @@ class Drive:
         if self.homed and self._slack.step(view.now, view.length, view.tension, pulling=motion.winding_in):
             self.set_fault("tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length")
 
+    def _trim(self, step: Step, view: View) -> float:
+        """Correct what the servo's proportional position control leaves over under load; frozen at the tension limit."""
+        m = self._m
+        error = step.length - view.length
+        if m.motion is not None and m.motion.state is DriveState.HOMING:
+            m.trim = 0.0
+        elif view.tension < 0.9 * step.tension_limit and abs(error) < self.limits.lead:
+            m.trim = max(-self.MAX_TRIM, min(self.MAX_TRIM, m.trim + self.TRIM_RATE * error * view.dt))
+        return m.trim
+
     def _finish(self, step: Step) -> None:
         m = self._m
         m.outcome, m.reason = step.outcome, step.reason
@@ -415,4 +441,4 @@ class Drive:
         m.motion = Hold(step.length, step.tension_limit)
 
     def _view(self, reading: DriveReading, now: float, dt: float, cap: float) -> View:
-        return View(now, dt, reading.position - self._frame, reading.velocity, self._m.tension, cap)
+        return View(now, dt, reading.position - self._frame, reading.velocity, self._m.tension, reading.pull, cap)

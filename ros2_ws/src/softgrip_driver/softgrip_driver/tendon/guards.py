@@ -60,10 +60,15 @@ class JumpGuard:
 
 
 class BreakGuard:
-    """Tells a broken tendon: tension that was there and vanished without being let out."""
+    """Tells a broken tendon: tension that was there for a while and vanished without being let out.
+
+    The tension before is a median, because acceleration of the motor passes for tension for a moment.
+    """
 
     #: [s] how far back the tension before is looked for
     WINDOW = 0.25
+    #: [s] of it that must have been seen
+    LEAST = 0.12
     #: the rest of the tension that still counts as vanished
     REST = 0.25
 
@@ -81,19 +86,21 @@ class BreakGuard:
     def step(self, now: float, tension: float) -> bool:
         """Return whether the tendon is broken, given its tension [N] at a time [s]."""
         if self._vanished_at is not None:
-            if tension > max(self._limits.tension_slack, self.REST * self._before):
+            if not self._gone(tension):
                 self._vanished_at = None
-            elif now - self._vanished_at >= self._limits.break_confirm:
-                return True
-        else:
-            while self._recent and now - self._recent[0][0] > self.WINDOW:
-                self._recent.popleft()
-            self._before = max((t for _, t in self._recent), default=0.0)
-            gone = tension <= max(self._limits.tension_slack, self.REST * self._before)
-            if self._before >= self._limits.break_drop_from and gone:
+            return self._vanished_at is not None and now - self._vanished_at >= self._limits.break_confirm
+        while self._recent and now - self._recent[0][0] > self.WINDOW:
+            self._recent.popleft()
+        if self._recent and now - self._recent[0][0] >= self.LEAST:
+            self._before = median(t for _, t in self._recent)
+            if self._before >= self._limits.break_drop_from and self._gone(tension):
                 self._vanished_at = now
-            self._recent.append((now, tension))
+                return False
+        self._recent.append((now, tension))
         return False
+
+    def _gone(self, tension: float) -> bool:
+        return tension <= max(self._limits.tension_slack, self.REST * self._before)
 
 
 class SlackGuard:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find the zero of the pulled length: where the tendon of the straight finger just becomes taut.
 
-Let out until slack, wind in slowly against a small tension until the drive stands, and go back by the stretch that this
-tension caused. The last step needs the compliance, which is the slope of length over tension while winding in.
+Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
+the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum, auto
 
 import numpy as np
@@ -14,6 +15,11 @@ import numpy as np
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
 from softgrip_driver.tendon.profile import SpeedProfile
+
+#: fewest samples for a knee
+MIN_SAMPLES = 8
+#: [m] resolution of the knee
+KNEE_STEP = 1e-4
 
 
 class _Phase(Enum):
@@ -34,10 +40,10 @@ class Homing:
     STANDING = 1e-3
     #: share of the homing tension that counts as there
     TAUT = 0.7
-    #: share of the homing tension from which samples enter the compliance
-    RISING = 0.3
-    #: [m] largest stretch that is believed
-    MAX_STRETCH = 3e-3
+    #: share of the homing tension from which the device's own limit may act
+    SATURATED = 0.9
+    #: [m] of winding in that are left out, while the motor gets up to speed
+    RUN_UP = 1e-3
 
     state = DriveState.HOMING
     winding_in = False
@@ -50,7 +56,7 @@ class Homing:
         self._phase = _Phase.LET_OUT
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
-        self._rise: list[tuple[float, float]] = []
+        self._samples: list[tuple[float, float]] = []
         self.zero: float | None = None
 
     def step(self, view: View) -> Step:
@@ -77,15 +83,17 @@ class Homing:
         end = self._start - limits.slack_travel + limits.homing_travel
         if self._profile.position - view.length < limits.lead:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
-        if view.speed > self.STANDING and self.RISING * tension <= view.tension:
-            self._rise.append((view.tension, view.length))
+        running = view.speed > self.STANDING and view.length > self._start - limits.slack_travel + self.RUN_UP
+        # At the limit the device holds the current constant: such samples say nothing about the rise.
+        if running and view.pull < self.SATURATED * tension:
+            self._samples.append((view.length, view.pull))
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
         if not taut:
             self._taut_since = None
         elif self._taut_since is None:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
-            self.zero = view.length - self._stretch(view.tension)
+            self.zero = knee(self._samples, view.length)
             self._profile = SpeedProfile(view.length)
             self._phase = _Phase.GO_TO_ZERO
         if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
@@ -98,19 +106,29 @@ class Homing:
         assert self.zero is not None
         limits = self._limits
         self._profile.step(self.zero, limits.homing_speed, limits.acceleration, view.dt)
-        if self._profile.position == self.zero:
+        if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
             return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
         return Step(self._profile.position, limits.tension_hold)
 
-    def _stretch(self, tension: float) -> float:
-        """Return how far the homing tension has pulled beyond the zero [m]."""
-        if len(self._rise) < 4:
-            return 0.0
-        tensions, lengths = np.array(self._rise).T
-        if float(np.ptp(tensions)) < 0.2 * self._limits.homing_tension:
-            return 0.0
-        compliance = float(np.polyfit(tensions, lengths, 1)[0])
-        return min(max(0.0, compliance * tension), self.MAX_STRETCH)
-
     def _failed(self, view: View, reason: str) -> Step:
         return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")
+
+
+def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
+    """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
+
+    Args:
+        samples: (length [m], force [N]) while winding in at a steady speed.
+        end: [m] where the drive stood in the end; returned when the samples show no rise.
+    """
+    if len(samples) < MIN_SAMPLES:
+        return end
+    x, force = np.array(samples).T
+    best, best_cost = end, float(((force - force.mean()) ** 2).sum())
+    for x0 in np.arange(x.min(), end, KNEE_STEP):
+        design = np.column_stack((np.ones_like(x), np.maximum(0.0, x - x0)))
+        solution, _, rank, _ = np.linalg.lstsq(design, force, rcond=None)
+        cost = float(((force - design @ solution) ** 2).sum())
+        if rank == 2 and solution[1] > 0.0 and cost < best_cost:
+            best, best_cost = float(x0), cost
+    return best

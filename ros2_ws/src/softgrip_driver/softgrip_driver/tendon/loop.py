@@ -18,6 +18,9 @@ from softgrip_driver.tendon.gripper import GripperController
 
 Result = TypeVar("Result")
 
+#: after these the device may have lost its volatile settings, or holds an error until it restarts
+FAULTS_OF_THE_DEVICE = frozenset({"rebooted", "overload", "overheated", "electrical_shock", "encoder_fault"})
+
 
 @dataclass(frozen=True)
 class LoopSnapshot:
@@ -148,9 +151,13 @@ class BusLoop:
         """Stop everything now; returns when it is done."""
         self.call(lambda controller, _: self._act(controller.stop_emergency()))
 
-    def set_up_again(self, tendon: str, timeout: float = 1.0) -> None:
-        """Begin to reboot a device and set it up again; it holds when it has finished."""
-        self.call(lambda _controller, _now: self._restores.setdefault(tendon, self._backend.restore(tendon)), timeout)
+    def reset(self, *, power: bool) -> str:
+        """Leave the emergency stop and latched faults; say what happens now.
+
+        A drive whose device may have lost its settings is set up again; those that can be are taken hold of again when
+        ``power`` is set. Nothing moves.
+        """
+        return self.call(lambda controller, _: self._reset(controller, power=power))
 
     @property
     def snapshot(self) -> LoopSnapshot | None:
@@ -269,10 +276,21 @@ class BusLoop:
 
     def _power_all(self, controller: GripperController, *, on: bool) -> None:
         for drive in controller.drives.values():
-            if on and drive.ready and not drive.powered:
+            if on and drive.ready and not drive.powered and drive.tendon not in self._restores:
                 self._act({drive.tendon: drive.switch_on()})
             elif not on:
                 self._act({drive.tendon: drive.switch_off()})
+
+    def _reset(self, controller: GripperController, *, power: bool) -> str:
+        affected = [drive for drive in controller.drives.values() if FAULTS_OF_THE_DEVICE & {drive.fault}]
+        controller.reset()
+        for drive in affected:
+            drive.restore_begun()
+            self._restores[drive.tendon] = self._backend.restore(drive.tendon)
+        if power:
+            self._power_all(controller, on=True)
+        names = ", ".join(drive.tendon for drive in affected)
+        return f"reset; set up again, home afterwards: {names}" if names else "reset"
 
     def _restore_a_step(self, readings: Mapping[str, DriveReading]) -> None:
         for tendon, steps in list(self._restores.items()):

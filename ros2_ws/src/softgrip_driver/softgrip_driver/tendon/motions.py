@@ -47,6 +47,7 @@ class View:
         now, dt: [s] monotonic time and the time since the last step.
         length, speed: [m], [m/s] pulled.
         tension: [N] median of three.
+        pull: [N] single estimate with its sign.
         tension_cap: [N] the most that the guards allow now.
     """
 
@@ -55,6 +56,7 @@ class View:
     length: float
     speed: float
     tension: float
+    pull: float
     tension_cap: float
 
 
@@ -118,6 +120,8 @@ class MoveToLength:
 
     #: share of the limit at which the tension counts as met: the servo itself holds it there and gets no closer
     MET = 0.95
+    #: [m/s] below which the drive counts as arrived
+    SETTLED_SPEED = 3e-3
 
     def __init__(
         self,
@@ -159,7 +163,8 @@ class MoveToLength:
                 view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
                 f"{self._target * 1e3:.2f} mm, at {view.length * 1e3:.2f} mm",
             )  # fmt: skip
-        if at_target and abs(view.length - self._target) <= self._limits.position_tolerance:
+        close = abs(view.length - self._target) <= self._limits.position_tolerance
+        if at_target and close and abs(view.speed) <= self.SETTLED_SPEED:
             return Step(setpoint, cap, Outcome.REACHED, f"at {view.length * 1e3:.2f} mm with {view.tension:.1f} N")
         if self._stall.step(view.now, view.length, moving=blocked or at_target):
             return self._stalled(view, cap)

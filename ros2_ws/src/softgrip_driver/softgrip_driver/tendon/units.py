@@ -59,15 +59,18 @@ class TorqueModel:
     #: [m/s] below this the gears may stand, and friction may act either way
     STANDING_SPEED = 5e-4
 
-    def tension(self, current: float, speed: float, radius: float) -> tuple[float, float]:
-        """Return (tension [N], standard deviation [N]) at a current [A, + pulls] and tendon speed [m/s, + pulls]."""
+    def pull(self, current: float, speed: float, radius: float) -> tuple[float, float]:
+        """Return (force [N], standard deviation [N]) at a current [A, + pulls] and tendon speed [m/s, + pulls].
+
+        A tendon cannot push: a force below zero is an error of the model, and the tension is zero then.
+        """
         force_per_ampere = self.torque_per_ampere / radius
         standing = abs(speed) < self.STANDING_SPEED
         friction = 0.0 if standing else math.copysign(self.friction_current, speed)
-        tension = max(0.0, force_per_ampere * (current - friction))
+        force = force_per_ampere * (current - friction)
         # Standing gears can hide any force within +- friction: a uniform distribution of that half width.
         hidden = force_per_ampere * self.friction_current * (1.0 / math.sqrt(3.0) if standing else 0.3)
-        return tension, math.hypot(self.relative_stddev * tension, hidden)
+        return force, math.hypot(self.relative_stddev * force, hidden)
 
     def current(self, tension: float, radius: float) -> float:
         """Return the current [A] at which a winding drive reaches a tension [N]."""

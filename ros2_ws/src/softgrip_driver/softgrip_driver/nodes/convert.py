@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between this package's values and messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory
+
+from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.tendon.drive import DriveSnapshot
+from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
+from softgrip_driver.tendon.loop import LoopSnapshot
+from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_interfaces.action import MoveTendon
+from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
+
+
+def to_joint_state(drives: Sequence[DriveSnapshot], stamp: Time) -> JointState:
+    """Return tendon/state: pulled lengths [m], speeds [m/s], tensions [N]."""
+    return JointState(
+        header=Header(stamp=stamp),
+        name=[drive.tendon for drive in drives],
+        position=[float(drive.length) for drive in drives],
+        velocity=[float(drive.speed) for drive in drives],
+        effort=[float(drive.tension) for drive in drives],
+    )
+
+
+def to_status(snapshot: LoopSnapshot, stamp: Time) -> TendonStatusArray:
+    """Return tendon/status."""
+    return TendonStatusArray(
+        header=Header(stamp=stamp),
+        tendons=[_to_tendon_status(drive) for drive in snapshot.drives],
+        loop_rate=float(snapshot.rate),
+        loop_jitter_p99=float(snapshot.jitter_p99),
+        missed_cycles=int(snapshot.missed_cycles),
+        estop=bool(snapshot.estop),
+    )
+
+
+def _to_tendon_status(drive: DriveSnapshot) -> TendonStatus:
+    return TendonStatus(
+        tendon=drive.tendon,
+        state=int(drive.state),
+        homed=bool(drive.homed),
+        fault=drive.fault,
+        reason=drive.fault_reason or "; ".join(drive.warnings),
+        current=float(drive.current),
+        temperature=float(drive.temperature),
+        voltage=float(drive.voltage),
+        tension_stddev=float(drive.tension_stddev),
+        lost_replies=int(drive.lost_replies),
+        hardware_error=int(drive.hardware_error),
+    )
+
+
+def from_move_goal(goal: MoveTendon.Goal) -> MoveRequest:
+    """Return the request of an action goal.
+
+    Raises:
+        ConfigurationError: a mode that there is not.
+    """
+    try:
+        mode = MoveMode(goal.mode)
+    except ValueError as error:
+        raise ConfigurationError(
+            f"mode: expected {[f'{m.value} {m.name}' for m in MoveMode]}, found {goal.mode}"
+        ) from error
+    return MoveRequest(list(goal.tendons), mode, list(goal.targets), goal.speed, goal.tension_limit)
+
+
+def to_move_feedback(drives: Sequence[DriveSnapshot]) -> MoveTendon.Feedback:
+    """Return lengths [m] and tensions [N] of a move under way."""
+    return MoveTendon.Feedback(
+        tendons=[drive.tendon for drive in drives],
+        pulled_lengths=[float(drive.length) for drive in drives],
+        tensions=[float(drive.tension) for drive in drives],
+    )
+
+
+def to_move_result(outcome: int, reason: str, drives: Sequence[DriveSnapshot]) -> MoveTendon.Result:
+    """Return how a move ended."""
+    return MoveTendon.Result(
+        outcome=int(outcome),
+        reason=reason,
+        tendons=[drive.tendon for drive in drives],
+        pulled_lengths=[float(drive.length) for drive in drives],
+        tensions=[float(drive.tension) for drive in drives],
+    )
+
+
+def from_trajectory(message: JointTrajectory, travel: Mapping[str, float]) -> dict[str, Trajectory]:
+    """Return one trajectory for each tendon named.
+
+    Args:
+        message: pulled lengths [m], optionally speeds [m/s].
+        travel: longest pulled length [m] by tendon.
+
+    Raises:
+        ConfigurationError: unknown tendons or points that do not fit.
+    """
+    names = list(message.joint_names)
+    unknown = [name for name in names if name not in travel]
+    if not names or unknown:
+        raise ConfigurationError(f"trajectory: expected tendons out of {sorted(travel)}, found {names}")
+    counts = {len(point.positions) for point in message.points} | {len(names)}
+    if len(counts) > 1:
+        raise ConfigurationError(
+            f"trajectory: expected {len(names)} positions in every point, found {sorted(counts - {len(names)})}"
+        )
+    times = [point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in message.points]
+    with_speeds = bool(message.points) and all(len(point.velocities) == len(names) for point in message.points)
+    return {
+        name: Trajectory.checked(
+            times,
+            [point.positions[index] for point in message.points],
+            [point.velocities[index] for point in message.points] if with_speeds else [],
+            travel[name],
+        )
+        for index, name in enumerate(names)
+    }

@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: Apache-2.0
+"""tendon_driver: the tendon servos as a lifecycle node. Configured = connected and identified, active = may move."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from softgrip_driver.configuration import DriverConfiguration, checked_configuration
+from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.errors import ConfigurationError, DriverError
+from softgrip_driver.nodes import convert
+from softgrip_driver.nodes.tendon_health import report_health
+from softgrip_driver.nodes.tendon_parameters import PARAMETERS
+from softgrip_driver.tendon.gripper import GripperController, Ticket
+from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
+from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.session import ZeroKeeper
+from softgrip_driver.tendon.zero_store import ZeroStore
+from softgrip_interfaces.action import MoveTendon
+from softgrip_interfaces.msg import TendonStatusArray
+from softgrip_nodekit import RELIABLE, SENSOR, Diagnostics, StartupError, run, to_time_message
+
+#: [s] for every drive to answer for the first time
+FIRST_READING = 2.0
+#: [s] between feedback messages of a move
+FEEDBACK_PERIOD = 0.05
+#: [s] a move may take beyond the time its way needs
+MOVE_GRACE = 10.0
+#: [s] after which a thread that computes gives way to the bus thread; Python's default of 5 ms is a control period
+SWITCH_INTERVAL = 0.0005
+
+
+class TendonDriver(LifecycleNode):
+    """Translates between messages and the bus loop; decides nothing."""
+
+    def __init__(self) -> None:
+        super().__init__("tendon_driver")
+        values = PARAMETERS.declare(self)
+        try:
+            self._configuration: DriverConfiguration = checked_configuration(values)
+        except ConfigurationError as error:
+            raise StartupError(str(error)) from error
+        #: why a transition failed; read by softgrip_nodekit.run
+        self.startup_problem = ""
+        self._status_period = 1.0 / values["status_rate"]
+        self._home_on_activate: bool = values["home_on_activate"]
+        self._backend: DynamixelBackend | None = None
+        self._loop: BusLoop | None = None
+        self._keeper: ZeroKeeper | None = None
+        self._publishing: threading.Thread | None = None
+        self._active = False
+        self._diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
+        self._state_publisher = self.create_publisher(JointState, "tendon/state", SENSOR)
+        self._status_publisher = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
+        self._make_servers()
+
+    def _make_servers(self) -> None:
+        # Homing, release and moves wait for the hardware: they may overlap each other and must never delay an estop.
+        waiting = ReentrantCallbackGroup()
+        urgent = MutuallyExclusiveCallbackGroup()
+        self.create_service(Trigger, "tendon/home", self._on_home, callback_group=waiting)
+        self.create_service(Trigger, "tendon/release", self._on_release, callback_group=waiting)
+        self.create_service(Trigger, "estop", self._on_estop, callback_group=urgent)
+        self.create_service(Trigger, "estop_reset", self._on_estop_reset, callback_group=waiting)
+        self.create_subscription(
+            JointTrajectory, "tendon/trajectory", self._on_trajectory, RELIABLE, callback_group=urgent
+        )
+        self._action = ActionServer(
+            self,
+            MoveTendon,
+            "tendon/move",
+            execute_callback=self._execute_move,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=waiting,
+        )
+
+    # --- lifecycle -------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the port, identify the servos, check and set them up; torque stays off."""
+        del state
+        configuration = self._configuration
+        backend = configuration.backend()
+        try:
+            identities = backend.connect()
+        except DriverError as error:
+            return self._failed(str(error))
+        for identity in identities:
+            self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
+            for difference in identity.differences:
+                self.get_logger().warning(f"tendon '{identity.tendon}': corrected {difference}")
+        loop = BusLoop(
+            backend, GripperController(configuration.limits, configuration.policies), configuration.loop_rate
+        )
+        loop.start()
+        self._backend, self._loop = backend, loop
+        spools = {servo.tendon: servo.spool for servo in configuration.servos}
+        self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, spools)
+        if loop.wait_for(lambda seen: all(drive.time > 0.0 for drive in seen.drives), FIRST_READING) is None:
+            self._disconnect()
+            return self._failed("a servo that answered at first gives no readings; check cable and supply")
+        self._publishing = threading.Thread(target=self._publish_cycles, args=(loop,), name="publish", daemon=True)
+        self._publishing.start()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Recall zeros that still hold, take hold of the tendons, home where asked to."""
+        loop, keeper = self._loop, self._keeper
+        if loop is None or keeper is None:
+            return self._failed("not configured")
+        try:
+            recalled = keeper.recall(loop)
+            loop.power(on=True)
+        except (DriverError, TimeoutError) as error:
+            return self._failed(str(error))
+        self._active = True
+        for one in recalled:
+            text = f"tendon '{one.tendon}': {one.reason}"
+            self.get_logger().info(text if one.valid else f"{text}; call tendon/home")
+        unhomed = [one.tendon for one in recalled if not one.valid]
+        if unhomed and self._home_on_activate:
+            success, message = self._home(unhomed)
+            if not success:
+                return self._failed(message)
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the tendons; the readings go on."""
+        self._active = False
+        if self._loop is not None and self._loop.running:
+            self._loop.power(on=False)
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the port."""
+        del state
+        self._disconnect()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the hardware safe, from any state."""
+        del state
+        self._disconnect()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the hardware safe; configure again afterwards."""
+        return self.on_shutdown(state)
+
+    def close(self) -> None:
+        """Leave the hardware safe; called on every exit path of the process."""
+        self._disconnect()
+
+    def _failed(self, problem: str) -> TransitionCallbackReturn:
+        self.startup_problem = problem
+        self.get_logger().error(problem)
+        return TransitionCallbackReturn.FAILURE
+
+    def _disconnect(self) -> None:
+        self._active = False
+        if self._loop is not None:
+            self._loop.stop()
+            self._loop = None
+        if self._backend is not None:
+            self._backend.disconnect()
+            self._backend = None
+        if self._publishing is not None:
+            self._publishing.join(2.0)
+            self._publishing = None
+
+    # --- out -------------------------------------------------------------------------------------------------------
+
+    def _publish_cycles(self, loop: BusLoop) -> None:
+        """Publish every cycle from a thread of its own, so that middleware never delays the bus."""
+        sequence, status_due, health_due = 0, 0.0, 0.0
+        while loop.running:
+            for snapshot in loop.since(sequence, 0.5):
+                sequence = snapshot.sequence
+                stamp = self._stamp(snapshot)
+                if not snapshot.port_lost:
+                    self._state_publisher.publish(convert.to_joint_state(snapshot.drives, stamp))
+                if snapshot.time >= status_due:
+                    status_due = snapshot.time + self._status_period
+                    self._status_publisher.publish(convert.to_status(snapshot, stamp))
+                if snapshot.time >= health_due:
+                    health_due = snapshot.time + 0.5
+                    self._report(snapshot)
+        if loop.failure is not None:
+            self.get_logger().fatal(f"the bus loop has ended, torque is off: {loop.failure!r}")
+
+    def _report(self, snapshot: LoopSnapshot) -> None:
+        backend = self._backend
+        if backend is not None:
+            report_health(self._diagnostics, snapshot, backend.bus.counters, self._configuration.loop_rate)
+
+    def _stamp(self, snapshot: LoopSnapshot) -> Time:
+        """Return the node clock's time of a monotonic time."""
+        age = time.monotonic() - snapshot.time
+        return to_time_message(self.get_clock().now().nanoseconds - int(age * 1e9))
+
+    # --- in --------------------------------------------------------------------------------------------------------
+
+    def _on_home(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+        response.success, response.message = self._home([])
+        return response
+
+    def _home(self, tendons: Sequence[str]) -> tuple[bool, str]:
+        def home(loop: BusLoop) -> tuple[bool, str]:
+            ticket = loop.call(lambda controller, now: controller.home(now, tendons))
+            outcome, reason = self._wait(loop, ticket, self._homing_timeout())
+            if outcome is Outcome.REACHED and self._keeper is not None:
+                self._keeper.keep(loop, datetime.now(UTC).isoformat(timespec="seconds"))
+            return outcome is Outcome.REACHED, reason
+
+        return self._with_loop(home)
+
+    def _on_release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+
+        def release(loop: BusLoop) -> tuple[bool, str]:
+            ticket = loop.call(lambda controller, now: controller.release(now))
+            limits = next(iter(self._configuration.limits.values()))
+            outcome, reason = self._wait(loop, ticket, limits.travel / limits.release_speed + MOVE_GRACE)
+            return outcome is Outcome.REACHED, reason
+
+        response.success, response.message = self._with_loop(release)
+        return response
+
+    def _on_estop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+
+        def stop(loop: BusLoop) -> tuple[bool, str]:
+            loop.stop_emergency()
+            return True, f"stopped ({self._configuration.policies.estop.name.lower()}); estop_reset returns"
+
+        response.success, response.message = self._with_loop(stop)
+        return response
+
+    def _on_estop_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+
+        def reset(loop: BusLoop) -> tuple[bool, str]:
+            return True, loop.reset(power=self._active)
+
+        response.success, response.message = self._with_loop(reset)
+        return response
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        travel = {name: limits.travel for name, limits in self._configuration.limits.items()}
+
+        def follow(loop: BusLoop) -> tuple[bool, str]:
+            trajectories = convert.from_trajectory(message, travel)
+            ticket = loop.call(lambda controller, now: controller.follow(trajectories, now))
+            return not ticket.refusal, ticket.refusal
+
+        accepted, reason = self._with_loop(follow)
+        if not accepted:
+            self.get_logger().warning(f"trajectory refused: {reason}", throttle_duration_sec=1.0)
+
+    def _on_goal(self, goal: MoveTendon.Goal) -> GoalResponse:
+        # Refusals are told in the result, with their reason; a rejected goal could not say why.
+        del goal
+        return GoalResponse.ACCEPT
+
+    def _execute_move(self, handle: ServerGoalHandle) -> MoveTendon.Result:
+        loop = self._loop
+        if loop is None or not self._active:
+            return self._end(handle, Outcome.REFUSED, "the driver is not active", ())
+        try:
+            request = convert.from_move_goal(handle.request)
+            ticket = loop.call(lambda controller, now: controller.move(request, now))
+            outcome, reason = self._wait(loop, ticket, self._move_timeout(request.speed), handle)
+        except (DriverError, TimeoutError) as error:
+            return self._end(handle, Outcome.REFUSED, str(error), ())
+        return self._end(handle, outcome, reason, tuple(ticket.jobs))
+
+    def _end(
+        self, handle: ServerGoalHandle, outcome: Outcome, reason: str, tendons: Sequence[str]
+    ) -> MoveTendon.Result:
+        if outcome is Outcome.CANCELLED and handle.is_cancel_requested:
+            handle.canceled()
+        elif outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}:
+            handle.succeed()
+        else:
+            handle.abort()
+        snapshot = self._loop.snapshot if self._loop is not None else None
+        drives = [] if snapshot is None else [drive for drive in snapshot.drives if drive.tendon in tendons]
+        return convert.to_move_result(outcome, reason, drives)
+
+    # --- waiting ---------------------------------------------------------------------------------------------------
+
+    def _wait(
+        self, loop: BusLoop, ticket: Ticket, timeout: float, handle: ServerGoalHandle | None = None
+    ) -> tuple[Outcome, str]:
+        """Wait for the end of a request, cycle by cycle; with an action's handle also give feedback and heed cancel."""
+        deadline = time.monotonic() + timeout
+        sequence, feedback_due, cancelled = 0, 0.0, False
+        while True:
+            outcome, reason = loop.call(lambda controller, _: controller.result(ticket))
+            if outcome is not None:
+                return (Outcome.CANCELLED, "cancelled; it holds where it is") if cancelled else (outcome, reason)
+            now = time.monotonic()
+            if now > deadline:
+                loop.call(lambda controller, at: controller.cancel(ticket, at))
+                return Outcome.TIMEOUT, f"not done within {timeout:.1f} s; it holds where it is"
+            if handle is not None and handle.is_cancel_requested and not cancelled:
+                cancelled = True
+                loop.call(lambda controller, at: controller.cancel(ticket, at))
+                continue
+            for snapshot in loop.since(sequence, 0.5):
+                sequence = snapshot.sequence
+                if handle is not None and snapshot.time >= feedback_due:
+                    feedback_due = snapshot.time + FEEDBACK_PERIOD
+                    drives = [drive for drive in snapshot.drives if drive.tendon in ticket.jobs]
+                    handle.publish_feedback(convert.to_move_feedback(drives))
+
+    def _with_loop(self, action: Any) -> tuple[bool, str]:
+        loop = self._loop
+        if loop is None:
+            return False, "not connected; configure and activate the driver"
+        try:
+            success, message = action(loop)
+        except (DriverError, TimeoutError) as error:
+            return False, str(error) or repr(error)
+        return success, message
+
+    def _homing_timeout(self) -> float:
+        return max(limits.homing_timeout for limits in self._configuration.limits.values()) + MOVE_GRACE
+
+    def _move_timeout(self, speed: float) -> float:
+        limits = next(iter(self._configuration.limits.values()))
+        return limits.travel / (speed or limits.speed) + MOVE_GRACE
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    return run(TendonDriver, args, threads=6)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameter table of tendon_driver."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from softgrip_driver.configuration import LIMIT_PARAMETERS
+from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_nodekit import Parameter, ParameterTable
+
+_LIMIT_TEXTS: dict[str, tuple[str, str, float, float]] = {
+    "travel": ("longest pulled length", "m", 0.001, 1.0),
+    "speed": ("fastest motion, and the default of a move", "m/s", 0.001, 0.5),
+    "acceleration": ("of the setpoint", "m/s^2", 0.01, 20.0),
+    "release_speed": ("of a slow release", "m/s", 0.001, 0.1),
+    "tension_soft": ("largest tension a request may ask for, and the default limit", "N", 0.1, 500.0),
+    "tension_hard": ("above it a drive stops and the fault stays", "N", 0.1, 500.0),
+    "tension_slack": ("below it a tendon counts as slack", "N", 0.01, 20.0),
+    "tension_hold": ("largest tension while holding after a fault or a command time-out", "N", 0.1, 500.0),
+    "slack_travel": ("pulling without tension before a tendon counts as slack; let out before homing", "m", 1e-4, 0.1),
+    "break_drop_from": ("a tension at least this high that vanishes means a broken tendon", "N", 0.1, 100.0),
+    "break_confirm": ("how long it must stay away", "s", 0.005, 1.0),
+    "stall_time": ("without motion before a move counts as stalled", "s", 0.02, 10.0),
+    "lead": ("the setpoint may run ahead of the drive", "m", 1e-4, 0.05),
+    "position_tolerance": ("within which a target counts as reached", "m", 1e-5, 0.01),
+    "tension_tolerance": ("within which a tension counts as reached, relative", "", 0.01, 0.5),
+    "temperature_limit": ("of the servo; derated from 15 below it, stopped 5 below it", "degC", 30.0, 100.0),
+    "no_reply": ("without an answer before a drive counts as lost", "s", 0.01, 10.0),
+    "homing_tension": ("at which a tendon counts as taut", "N", 0.1, 50.0),
+    "homing_speed": ("of homing", "m/s", 0.001, 0.05),
+    "homing_travel": ("wound in at most while homing", "m", 0.001, 0.5),
+    "homing_timeout": ("for homing", "s", 1.0, 120.0),
+}
+
+_LIMITS = TendonLimits()
+
+#: parameters of tendon_driver
+PARAMETERS = ParameterTable(
+    Parameter("autostart", True, "configure and activate at start"),
+    Parameter("port", "/dev/ttyUSB0", "serial port of the servo bus"),
+    Parameter("baud", 1_000_000, "of the servo bus", "1/s", choices=tuple(BAUD_CODES)),
+    Parameter("reply_margin_s", 0.004, "for a reply beyond the time its bytes need", "s", 0.0005, 0.1),
+    Parameter("loop_rate", 100.0, "of the control loop", "Hz", 10.0, 500.0),
+    Parameter("bus_watchdog_s", 0.08, "silence after which a servo stops by itself; 0 = off", "s", 0.0, 2.54),
+    Parameter("write_eeprom", True, "correct persistent settings of the servos that differ; false = refuse to start"),
+    Parameter("operating_mode", 5, "5 current-based position, 4 extended position", choices=(4, 5)),
+    Parameter("tendons", ["index", "middle", "thumb"], "names, in order"),
+    Parameter("servo_ids", [1, 2, 3], "ID of each tendon's servo", "", 0, 252),
+    Parameter("servo_models", ["XL330-M288"], "model of each tendon's servo", choices=tuple(MODELS)),
+    Parameter("directions", [1], "+1 where a positive rotation pulls, else -1", choices=(-1, 1)),
+    Parameter("spool_radii_m", [0.010], "spool radius to the middle of the tendon", "m", 1e-3, 0.1),
+    Parameter("torque_per_ampere_nm_a", [0.0], "measured by calibrate_tension; 0 = data sheet", "N m/A", 0.0, 100.0),
+    Parameter("friction_currents_a", [0.0], "measured by calibrate_tension", "A", 0.0, 5.0),
+    Parameter("tension_stddev_share", [0.15], "uncertainty of the torque constant, relative", "", 0.0, 1.0),
+    Parameter("continuous_tension_n", 20.0, "what a drive may hold for ever", "N", 0.1, 500.0),
+    Parameter("zero_file", "", "where homed zeros are kept; empty = nowhere"),
+    Parameter("home_on_activate", False, "home every tendon whose zero does not hold when activated"),
+    Parameter(
+        "estop_policy", "let_go", "what estop does: let_go = torque off, hold = stay", choices=("let_go", "hold")
+    ),
+    Parameter(
+        "command_timeout_s", 0.0, "without a command until a hold reduces its tension; 0 = never", "s", 0.0, 3600.0
+    ),
+    Parameter("release_after_s", 30.0, "after that until it releases slowly", "s", 0.0, 3600.0),
+    Parameter("status_rate", 20.0, "of tendon/status", "Hz", 1.0, 100.0),
+    *(
+        Parameter(LIMIT_PARAMETERS[field.name], getattr(_LIMITS, field.name), *_LIMIT_TEXTS[field.name])
+        for field in fields(TendonLimits)
+    ),
+)
