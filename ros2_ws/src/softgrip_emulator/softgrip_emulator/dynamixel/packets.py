@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamixel Protocol 2.0 packets as a servo sees them: bytes to instructions, status to bytes. Pure, no state but a buffer.
+"""Dynamixel Protocol 2.0 packets as a servo sees them: bytes to instructions, status to bytes.
 
 Source: ROBOTIS e-manual, docs/en/dxl/protocol2.md. Layout::
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.packets import StatusError
-from softgrip_emulator.dynamixel.table import LIMITED_BY, EEPROM_END, Item, ServoModel
+from softgrip_emulator.dynamixel.table import EEPROM_END, LIMITED_BY, Item, ServoModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One X-series servo: executes instructions on its registers and behaves as its firmware does.
 
-Behaviours beyond the plain table are those of the e-manual and of users' reports: mode changes reset gains and goals, the
-turn count is lost with power, shutdown, bus watchdog, silence while rebooting.
+Behaviours beyond the plain table are those of the e-manual and of users' reports: mode changes reset gains and goals,
+the turn count is lost with power, shutdown, bus watchdog, silence while rebooting.
 """
 
 from __future__ import annotations

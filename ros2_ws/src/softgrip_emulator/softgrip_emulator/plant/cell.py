@@ -14,13 +14,16 @@ from softgrip_emulator.dynamixel.servo import Servo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank
+from softgrip_emulator.plant.grasp import Grasp
 from softgrip_emulator.plant.motor import Motor
+from softgrip_emulator.plant.products import product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
+
     from softgrip_model.profile import Profile
 
     Array = NDArray[np.float64]
@@ -33,8 +36,9 @@ REST_STEP_S: Final = 0.004
 """Step while nothing moves; the joints' implicit step and the motors are stable and exact enough there."""
 _REST_AFTER_S: Final = 0.3
 _REST_SPEED_RAD_S: Final = 1e-3
+_MAX_OFFSET_M: Final = 0.1
 _MAX_LAG_S: Final = 0.25
-"""Further behind the clock than this, the plant lets time pass unlived instead of taking the processor from the others."""
+"""Further behind the clock than this, the plant skips time instead of taking the processor from the others."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,8 @@ class CellPlant:
             radius = place.spool_radius_m * rng.normal(1.0, 0.003)
             self.servos.append(servo)
             self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
+        self.grasp = Grasp(self.slots)
+        self._crate = np.random.default_rng([seed, 0x5052])
         self.mounted: list[FingerTruth | None] = [None] * len(self.places)
         self.now_s = 0.0
         self.lost_time_s = 0.0
@@ -136,15 +142,29 @@ class CellPlant:
                 self.disturbances.extra_slack_m.pop(self.slots[index], None)
             self._rebuild(keep=[i for i in range(len(self.slots)) if i not in drawn])
 
+    def place(self, name: str, offset_m: float = 0.0) -> None:
+        """Present the next item of a product to the fingers; an empty name takes it away.
+
+        Raises:
+            EmulatorError: no such product, or an offset beyond the palm.
+        """
+        if not abs(offset_m) <= _MAX_OFFSET_M:
+            raise EmulatorError(
+                f"place: expected an offset within {_MAX_OFFSET_M} m of the grasp's middle, found {offset_m}"
+            )
+        kind = product(name) if name else None
+        with self.lock:
+            item = None if kind is None else kind.copy_of(self._crate)
+            self.grasp.place(item, next((f.profile for f in self.mounted if f is not None), ""), offset_m)
+            self._calm_s = 0.0
+
     def _draw(self, slot: str, serial: str, profile: str) -> FingerTruth:
         if profile not in self.profiles:
             raise EmulatorError(f"mount: expected a profile of {sorted(self.profiles)}, found '{profile}'")
         described = self.profiles[profile]
         if slot not in described.slots:
             raise EmulatorError(f"mount: profile '{profile}' has no finger for '{slot}', it has {described.slots}")
-        return draw_finger(
-            described.finger(slot), described.material, profile=profile, serial=serial, seed=self.seed
-        )
+        return draw_finger(described.finger(slot), described.material, profile=profile, serial=serial, seed=self.seed)
 
     def _rebuild(self, keep: Sequence[int]) -> None:
         """New bank for the mounted fingers; those in `keep` stay as they are, the others start straight and loose."""
@@ -171,7 +191,7 @@ class CellPlant:
     # -- time ------------------------------------------------------------------------------------------------------
 
     def advance_to(self, now_s: float) -> None:
-        """Live until `now_s` [s]. Each step holds the lock by itself, so that the bus is never kept waiting for long."""
+        """Live until `now_s` [s]. Each step takes the lock by itself: the bus is never kept waiting long."""
         if now_s - self.now_s > _MAX_LAG_S:
             with self.lock:
                 skipped = now_s - self.now_s - STEP_S
@@ -198,13 +218,18 @@ class CellPlant:
                     motor.shaft.velocity_rad_s = 0.0
                 moving = moving or abs(motor.shaft.velocity_rad_s) > _REST_SPEED_RAD_S
             self._apply_disturbances()
-            self.bank.step(self.wound_m(), dt_s)
+            wound_m = self.wound_m()
+            self.bank.step(wound_m, dt_s, self.grasp.load(self.bank, wound_m, dt_s))
             self._calm_s = 0.0 if moving else self._calm_s + dt_s
 
     def wound_m(self) -> Array:
         """Cable each spool has wound since its finger was mounted [m]."""
         turned = np.array([motor.spool_radius_m * motor.shaft.angle_rad for motor in self.motors])
         return turned - self._wound_zero
+
+    def taken_slack_m(self) -> Array:
+        """Cable each spool winds before its tendon is taut on the straight finger [m]."""
+        return self.bank.slack_m
 
     def _supply_v(self) -> float:
         drawn_a = sum(abs(servo.shaft.duty * servo.shaft.current_a) for servo in self.servos)

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All mounted fingers stepped together: joints, tendon, friction with memory. Arrays are (finger F, joint J, ...), SI units.
+"""All mounted fingers stepped together: joints, tendon, friction with memory.
+
+Arrays are (finger F, joint J, ...), SI units.
 
 Motion is overdamped (a finger of soft TPU weighs ten grams), so joints follow first-order equations; they are stepped
-linearly implicit because tendon, groove stops and contacts are stiff. Friction at each routing contact carries a bristle
-state s in -1..1: T(after) = T(before) exp(-s mu phi). It turns round over a short cable travel (Dahl), which gives hysteresis;
-a coefficient that falls with speed gives stick-slip.
+linearly implicit because tendon, groove stops and contacts are stiff. Friction at each routing contact carries a
+bristle state s in -1..1: T(after) = T(before) exp(-s mu phi). It turns round over a short cable travel (Dahl), which
+gives hysteresis; a coefficient that falls with speed gives stick-slip.
 """
 
 from __future__ import annotations
@@ -85,6 +87,7 @@ class FingerBank:
         self.friction_scale = 1.0
 
         self.q = np.zeros((count, joints))
+        self.joint_speed = np.zeros((count, joints))
         self._relaxed = np.zeros((count, joints))
         self._bristle = np.zeros((count, 2 * joints))
         self._slid_from = self._distal_cable(np.zeros((count, joints)), np.zeros((count, 2 * joints)), self._c0)
@@ -143,7 +146,7 @@ class FingerBank:
         return wrap
 
     def _distal_cable(self, q: Array, span_tension: Array, c: Array) -> Array:
-        """Unstretched cable beyond each contact [m], (F, 2J): what decreases as cable is pulled out past the contact."""
+        """Unstretched cable beyond each contact [m], (F, 2J): less of it means cable came out past the contact."""
         del q
         path = np.empty_like(span_tension)
         path[:, 0::2] = c
@@ -195,7 +198,9 @@ class FingerBank:
             matrix = matrix + load[1]
         matrix = matrix + diagonal[:, :, None] * self._eye
         change = np.linalg.solve(matrix, torque[:, :, None])[:, :, 0]
-        self.q = q + np.clip(change, -0.05, 0.05)
+        change = np.clip(change, -0.05, 0.05)
+        self.q = q + change
+        self.joint_speed = change / dt_s
         self._relaxed += (self._creep_share * elastic - self._relaxed) * (self._creep_rate * dt_s)
         self.tension_n = tension
         self.span_tension_n = tension[:, None] * ratio
@@ -221,11 +226,15 @@ class FingerBank:
 
     # -- where the links are ---------------------------------------------------------------------------------------
 
-    def chain(self) -> tuple[Array, Array]:
-        """Joints and tip in each finger's base frame [m], (F, J+1, 2), and direction angles of the links [rad], (F, J)."""
-        heading = np.cumsum(self.q, axis=1)
+    def chain(self, q: Array | None = None) -> tuple[Array, Array]:
+        """Joints and tip in each finger's base frame [m], (F, J+1, 2), and direction angles of the links [rad], (F, J).
+
+        Args:
+            q: joint angles (F, J) [rad]; the present ones when not given.
+        """
+        heading = np.cumsum(self.q if q is None else q, axis=1)
         steps = self.link_m[:, :, None] * np.stack([np.cos(heading), -np.sin(heading)], axis=2)
-        points = np.zeros((len(self.q), self.joints + 1, 2))
+        points = np.zeros((len(heading), self.joints + 1, 2))
         np.cumsum(steps, axis=1, out=points[:, 1:])
         return points, heading
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the finger's cable does on printed TPU, in the finger's own law: the same material pair as on the rig, seen otherwise.
+"""What the cable does on printed TPU, in the finger's own law: the rig's material pair, seen otherwise.
 
-The rig's cable follows the law of rig/truth.py. A finger is printed from the same material and strung with the same cable,
-but its law here is another: a coefficient that falls with tension as a power law, plus a bite at each edge. The two agree
-where they are fitted to each other and nowhere exactly.
+The rig's cable follows the law of rig/truth.py. A finger is printed from the same material and strung with the same
+cable, but its law here is another: a coefficient that falls with tension as a power law, plus a bite at each edge.
+The two agree where they are fitted to each other and nowhere exactly.
 """
 
 from __future__ import annotations

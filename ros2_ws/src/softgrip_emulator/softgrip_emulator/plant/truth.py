@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One printed finger as it really came out: the design plus what printing, cable and wear made of it, from a seed.
 
-The predictor never sees these numbers. Nothing here is its friction law: friction is a capstan whose coefficient falls with
-tension as a power law, rises at low sliding speed (Stribeck) and scatters from contact to contact.
+The predictor never sees these numbers. Nothing here is its friction law: friction is a capstan whose coefficient
+falls with tension as a power law, rises at low sliding speed (Stribeck) and scatters from contact to contact.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from softgrip_emulator.plant.surface import surface_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
     from softgrip_model.profile import FingerDesign, Material
 
 
@@ -79,11 +80,18 @@ def draw_finger(design: FingerDesign, material: Material, *, profile: str, seria
     # A batch prints a little stiffer or softer than the data sheet, each joint scatters around that.
     stiffness = rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, joints)
     half = thickness / 2.0
-    moment = 2.0 * width * stiffness * np.stack([
-        material.modulus_constant_pa * half**3 / 3.0 / length,
-        material.modulus_linear_pa * half**4 / 8.0 / length**2,
-        material.modulus_quadratic_pa * half**5 / 15.0 / length**3,
-    ])
+    moment = (
+        2.0
+        * width
+        * stiffness
+        * np.stack(
+            [
+                material.modulus_constant_pa * half**3 / 3.0 / length,
+                material.modulus_linear_pa * half**4 / 8.0 / length**2,
+                material.modulus_quadratic_pa * half**5 / 15.0 / length**3,
+            ]
+        )
+    )
     radii = np.array(design.routing_radii_m) + rng.normal(0.0, 0.05e-3, 2 * joints)
     return FingerTruth(
         profile=profile,

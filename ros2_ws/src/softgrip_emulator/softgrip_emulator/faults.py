@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that can be made to go wrong, by name: at once, for a while, at a time, or at random from a seed."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from softgrip_emulator.dynamixel.servo import HardwareError
+from softgrip_emulator.errors import EmulatorError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from softgrip_emulator.cell import EmulatedCell
+
+    Undo = Callable[[], None]
+    Cause = Callable[..., Undo]
+
+
+@dataclass(frozen=True)
+class ScheduledFault:
+    """One row of a fault plan: what, on what, when and how long.
+
+    Attributes:
+        at_s: cell time [s].
+        duration_s: 0 = until cleared.
+    """
+
+    fault: str
+    at_s: float
+    target: str = ""
+    duration_s: float = 0.0
+    arguments: Mapping[str, Any] | None = None
+
+
+@dataclass
+class _Active:
+    label: str
+    undo: Undo
+    until_s: float | None
+
+
+def read_plan(text: str) -> list[ScheduledFault]:
+    """A fault plan from YAML: a list of mappings `{fault, at_s, target, duration_s, arguments}`, or `random: {...}`.
+
+    `random: {seed: 1, count: 10, within_s: 60, longest_s: 2, faults: [names]}` draws a plan.
+
+    Raises:
+        EmulatorError: not such a list.
+    """
+    try:
+        data = yaml.safe_load(text) or []
+        if isinstance(data, dict) and set(data) == {"random"}:
+            return random_plan(**data["random"])
+        return sorted((ScheduledFault(**row) for row in data), key=lambda row: row.at_s)
+    except (yaml.YAMLError, TypeError, ValueError) as error:
+        raise EmulatorError(
+            "fault plan: expected a YAML list of {fault, at_s, target, duration_s, arguments} or a mapping 'random' of "
+            f"{{seed, count, within_s, longest_s, faults}}, found: {error}"
+        ) from error
+
+
+def random_plan(
+    seed: int, count: int = 10, within_s: float = 60.0, longest_s: float = 2.0, faults: Sequence[str] = ()
+) -> list[ScheduledFault]:
+    """Faults at random times from a seed; the same seed gives the same plan."""
+    rng = np.random.default_rng([seed, 0x464C])
+    names = list(faults) or sorted(BUS_FAULTS)
+    rows = [
+        ScheduledFault(
+            fault=names[int(rng.integers(len(names)))],
+            at_s=float(rng.uniform(0.0, within_s)),
+            duration_s=float(rng.uniform(0.05, longest_s)),
+        )
+        for _ in range(count)
+    ]
+    return sorted(rows, key=lambda row: row.at_s)
+
+
+class FaultBoard:
+    """Injects and clears faults on one cell."""
+
+    def __init__(self, cell: EmulatedCell) -> None:
+        self._cell = cell
+        self._lock = threading.RLock()
+        self._active: list[_Active] = []
+        self._plan: list[ScheduledFault] = []
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of all faults."""
+        return tuple(sorted([*BUS_FAULTS, *CAMERA_FAULTS, *self._cell.rig.faults]))
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Labels (`name` or `name@target`) of the faults that are on."""
+        return tuple(fault.label for fault in self._active)
+
+    def inject(
+        self, fault: str, target: str = "", duration_s: float = 0.0, arguments: Mapping[str, Any] | None = None
+    ) -> None:
+        """Make something go wrong.
+
+        Args:
+            fault: one of `known`, or "clear" (all, or those on `target`, or the one named by `target`).
+            target: tendon or servo ID for faults of one drive; empty = the first.
+            duration_s: 0 = until cleared.
+            arguments: fault-specific numbers; see the functions below.
+
+        Raises:
+            EmulatorError: no such fault, target or argument.
+        """
+        if fault == "clear":
+            self.clear(target)
+            return
+        if not duration_s >= 0.0:
+            raise EmulatorError(f"fault '{fault}': expected a duration of 0 or more seconds, found {duration_s}")
+        with self._lock:
+            undo, label = self._cause(fault, target, dict(arguments or {}))
+            until_s = self._cell.clock.now_s() + duration_s if duration_s > 0.0 else None
+            self._active.append(_Active(label, undo, until_s))
+
+    def clear(self, which: str = "") -> None:
+        """End all faults, or those of one name, target or label."""
+        with self._lock:
+            ending = [f for f in self._active if not which or which in {f.label, *f.label.split("@")}]
+            self._active = [f for f in self._active if f not in ending]
+            for fault in reversed(ending):
+                fault.undo()
+
+    def follow(self, plan: Sequence[ScheduledFault]) -> None:
+        """Inject these at their times (cell time [s]).
+
+        Raises:
+            EmulatorError: a row names no known fault.
+        """
+        for row in plan:
+            if row.fault not in self.known:
+                raise EmulatorError(f"fault plan: expected names of {list(self.known)}, found '{row.fault}'")
+        with self._lock:
+            self._plan = sorted(plan, key=lambda row: row.at_s)
+
+    def tick(self, now_s: float) -> None:
+        """Start what is due and end what is over; called by the cell's thread."""
+        if not self._plan and not self._active:
+            return
+        with self._lock:
+            while self._plan and self._plan[0].at_s <= now_s:
+                row = self._plan.pop(0)
+                self.inject(row.fault, row.target, row.duration_s, row.arguments)
+            over = [f for f in self._active if f.until_s is not None and f.until_s <= now_s]
+            self._active = [f for f in self._active if f not in over]
+            for fault in reversed(over):
+                fault.undo()
+
+    def _cause(self, fault: str, target: str, arguments: dict[str, Any]) -> tuple[Undo, str]:
+        cell = self._cell
+        label = f"{fault}@{target}" if target else fault
+        if fault in cell.rig.faults:
+            cell.rig.inject(fault, **arguments)
+            return lambda: cell.rig.clear(fault), label
+        cause = BUS_FAULTS.get(fault) or CAMERA_FAULTS.get(fault)
+        if cause is None:
+            raise EmulatorError(f"fault: expected one of {list(self.known)} or 'clear', found '{fault}'")
+        if "slot" in inspect.signature(cause).parameters:
+            arguments["slot"] = self._slot(target)
+            label = f"{fault}@{arguments['slot']}"
+        elif target:
+            raise EmulatorError(f"fault '{fault}': expected no target, it concerns the whole bus or camera")
+        try:
+            return cause(cell, **arguments), label
+        except (TypeError, ValueError) as error:
+            known = [name for name in inspect.signature(cause).parameters if name not in {"cell", "slot"}]
+            raise EmulatorError(f"fault '{fault}': expected arguments of {known}, found: {error}") from error
+
+    def _slot(self, target: str) -> str:
+        plant = self._cell.plant
+        if not target:
+            return plant.slots[0]
+        if target.isdigit():
+            for place, servo in zip(plant.places, plant.servos, strict=True):
+                if servo.device_id == int(target):
+                    return place.slot
+        plant.index(target)
+        return target
+
+
+# -- the causes: each starts a fault and returns what ends it ---------------------------------------------------------
+
+
+def _set(thing: object, **values: Any) -> Undo:
+    before = {name: getattr(thing, name) for name in values}
+    for name, value in values.items():
+        setattr(thing, name, value)
+
+    def undo() -> None:
+        for name, value in before.items():
+            setattr(thing, name, value)
+
+    return undo
+
+
+def _bytes_lost(cell: EmulatedCell, share: float = 0.02) -> Undo:
+    return _set(cell.bus_wire.faults, lost=float(share))
+
+
+def _bytes_flipped(cell: EmulatedCell, share: float = 0.02) -> Undo:
+    return _set(cell.bus_wire.faults, flipped=float(share))
+
+
+def _bytes_duplicated(cell: EmulatedCell, share: float = 0.02) -> Undo:
+    return _set(cell.bus_wire.faults, duplicated=float(share))
+
+
+def _bytes_delayed(cell: EmulatedCell, delay_s: float = 0.05, share: float = 1.0) -> Undo:
+    return _set(cell.bus_wire.faults, delay_s=float(delay_s), delayed=float(share))
+
+
+def _crc_error(cell: EmulatedCell, share: float = 1.0) -> Undo:
+    return _set(cell.bus_wire.faults, spoiled=float(share))
+
+
+def _bus_dead(cell: EmulatedCell) -> Undo:
+    return _set(cell.bus_wire.faults, dead=True)
+
+
+def _unplugged(cell: EmulatedCell) -> Undo:
+    cell.bus_port.unplug()
+    return cell.bus_port.plug
+
+
+def _servo_silent(cell: EmulatedCell, slot: str) -> Undo:
+    return _set(cell.plant.servos[cell.plant.index(slot)], silenced=True)
+
+
+def _alert(cell: EmulatedCell, slot: str, bits: int = HardwareError.ELECTRICAL_SHOCK) -> Undo:
+    # The bits stay until the servo is rebooted, as on the real one.
+    return _set(cell.plant.servos[cell.plant.index(slot)], forced_error_bits=int(bits))
+
+
+def _overload(cell: EmulatedCell, slot: str) -> Undo:
+    return _alert(cell, slot, HardwareError.OVERLOAD)
+
+
+def _overheating(cell: EmulatedCell, slot: str, temperature_c: float = 71.0) -> Undo:
+    shaft = cell.plant.servos[cell.plant.index(slot)].shaft
+    with cell.plant.lock:
+        shaft.temperature_c = float(temperature_c)
+    # A motor that was heated cools by itself.
+    return lambda: None
+
+
+def _heating(cell: EmulatedCell, slot: str, power_w: float = 6.0) -> Undo:
+    cell.plant.disturbances.extra_heat_w[slot] = float(power_w)
+    return lambda: cell.plant.disturbances.extra_heat_w.pop(slot, None) and None
+
+
+def _brown_out(cell: EmulatedCell, voltage_v: float = 2.5) -> Undo:
+    return _set(cell.plant.disturbances, supply_v=float(voltage_v))
+
+
+def _silent_reboot(cell: EmulatedCell, slot: str) -> Undo:
+    with cell.plant.lock:
+        cell.plant.servos[cell.plant.index(slot)].lose_power(cell.plant.now_s)
+    return lambda: None
+
+
+def _wrong_baud(cell: EmulatedCell, slot: str, register: int = 1) -> Undo:
+    registers = cell.plant.servos[cell.plant.index(slot)].registers
+    before = registers.get("baud_rate")
+    registers.put("baud_rate", int(register))
+    return lambda: registers.put("baud_rate", before)
+
+
+def _position_glitch(cell: EmulatedCell, slot: str, pulses: int = -4095) -> Undo:
+    return _set(cell.plant.servos[cell.plant.index(slot)], position_glitch_pulses=int(pulses))
+
+
+def _tendon_break(cell: EmulatedCell, slot: str) -> Undo:
+    broken = cell.plant.disturbances.broken_tendons
+    broken.add(slot)
+    return lambda: broken.discard(slot)
+
+
+def _slack(cell: EmulatedCell, slot: str, length_m: float = 0.010) -> Undo:
+    slack = cell.plant.disturbances.extra_slack_m
+    slack[slot] = float(length_m)
+    return lambda: slack.pop(slot, None) and None
+
+
+def _jammed(cell: EmulatedCell, slot: str) -> Undo:
+    jammed = cell.plant.disturbances.jammed
+    jammed.add(slot)
+    return lambda: jammed.discard(slot)
+
+
+def _camera_frozen(cell: EmulatedCell) -> Undo:
+    return _set(cell.camera.faults, frozen=True)
+
+
+def _camera_dropped(cell: EmulatedCell, share: float = 0.5) -> Undo:
+    return _set(cell.camera.faults, drop_share=float(share))
+
+
+def _camera_dark(cell: EmulatedCell, gain: float = 0.08) -> Undo:
+    return _set(cell.camera.faults, gain=float(gain))
+
+
+def _camera_overexposed(cell: EmulatedCell, gain: float = 3.0) -> Undo:
+    return _set(cell.camera.faults, gain=float(gain))
+
+
+BUS_FAULTS: dict[str, Cause] = {
+    "bytes_lost": _bytes_lost,
+    "bytes_flipped": _bytes_flipped,
+    "bytes_duplicated": _bytes_duplicated,
+    "bytes_delayed": _bytes_delayed,
+    "crc_error": _crc_error,
+    "bus_dead": _bus_dead,
+    "bus_unplugged": _unplugged,
+    "servo_silent": _servo_silent,
+    "alert": _alert,
+    "overload": _overload,
+    "overheating": _overheating,
+    "heating": _heating,
+    "brown_out": _brown_out,
+    "silent_reboot": _silent_reboot,
+    "wrong_baud": _wrong_baud,
+    "position_glitch": _position_glitch,
+    "tendon_break": _tendon_break,
+    "slack": _slack,
+    "spool_jammed": _jammed,
+}
+"""Faults of servos, their bus and the tendons."""
+
+CAMERA_FAULTS: dict[str, Cause] = {
+    "camera_frozen": _camera_frozen,
+    "camera_dropped": _camera_dropped,
+    "camera_dark": _camera_dark,
+    "camera_overexposed": _camera_overexposed,
+}
+"""Faults of the camera."""

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between the cell's values and messages: the only place of this package where one becomes the other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import yaml
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from std_msgs.msg import Header
+
+from softgrip_emulator.cell import FingerReading, Truth
+from softgrip_emulator.errors import EmulatorError
+from softgrip_interfaces.msg import EmulatorTruth, FingerState
+
+
+def to_truth_message(truth: Truth, stamp: Time) -> EmulatorTruth:
+    """The truth as a message."""
+    message = EmulatorTruth()
+    message.header = Header(stamp=stamp, frame_id="")
+    message.fingers = [_to_finger_state(finger, stamp) for finger in truth.fingers]
+    message.product = truth.grasp.product
+    message.touching = bool(truth.grasp.touching)
+    message.held = bool(truth.grasp.held)
+    message.slipped = bool(truth.grasp.slipped)
+    message.crushed = bool(truth.grasp.crushed)
+    message.contact_forces = [float(force) for force in truth.grasp.contact_forces_n]
+    message.active_faults = list(truth.active_faults)
+    return message
+
+
+def _to_finger_state(finger: FingerReading, stamp: Time) -> FingerState:
+    message = FingerState()
+    message.header = Header(stamp=stamp, frame_id=f"{finger.slot}_base")
+    message.finger = finger.slot
+    message.profile = finger.profile
+    message.pulled_length = float(finger.pulled_length_m)
+    message.tension = float(finger.tension_n)
+    message.joint_angles = [float(angle) for angle in finger.joint_angles_rad]
+    message.tip = Point(x=float(finger.tip_m[0]), y=float(finger.tip_m[1]), z=0.0)
+    message.tip_stddev = [math.nan, math.nan]
+    message.contact_tensions = [float(tension) for tension in finger.span_tensions_n]
+    message.validity = FingerState.OK
+    return message
+
+
+def to_fault_arguments(text: str) -> dict[str, Any]:
+    """Arguments of a fault from the request's YAML.
+
+    Raises:
+        EmulatorError: not a mapping.
+    """
+    try:
+        data = yaml.safe_load(text) if text.strip() else {}
+    except yaml.YAMLError as error:
+        raise EmulatorError(f"arguments: expected a YAML mapping, found: {error}") from error
+    if not isinstance(data, dict):
+        raise EmulatorError(f"arguments: expected a YAML mapping, found {data!r}")
+    return data

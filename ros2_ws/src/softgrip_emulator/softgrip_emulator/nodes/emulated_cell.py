@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated cell as a node: makes the wires, offers a person's hands as services, publishes the truth."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.node import Node
+
+from softgrip_emulator.cell import CameraSettings, EmulatedCell
+from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
+from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.faults import read_plan
+from softgrip_emulator.nodes import convert
+from softgrip_emulator.plant.cell import ServoPlace, Supply
+from softgrip_interfaces.msg import EmulatorTruth
+from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
+from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_nodekit import SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+
+PARAMETERS = ParameterTable(
+    Parameter("wire_dir", "/tmp/softgrip", "folder where servos, stand, gauge and the camera's files appear"),  # noqa: S108  a default for one user; the launch file gives a folder of its own
+    Parameter(
+        "seed", 1, "of everything the emulated cell draws: fingers, friction, products, camera", "", 0, 2**31 - 1
+    ),
+    Parameter("time_scale", 1.0, "how much faster than real time the friction rig lives", "", 0.1, 1000.0),
+    Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
+    Parameter("fingers", ["index", "middle", "thumb"], "slots, each with a servo"),
+    Parameter(
+        "mounted_profiles", ["power", "power", "power"], "profile of the finger in each slot at start, '' = empty"
+    ),
+    Parameter("mounted_serials", ["PW-I-01", "PW-M-01", "PW-T-01"], "serial of the finger in each slot at start"),
+    Parameter("servo_ids", [1, 2, 3], "ID of the servo of each slot", "", 0, 252),
+    Parameter("servo_model", "xl330_m288", "model of all servos", choices=tuple(available_models())),
+    Parameter("servo_baud", 1_000_000, "speed the servos listen at", "bit/s", choices=tuple(BAUD_OF_REGISTER.values())),
+    Parameter("servo_return_delay_us", 500, "return delay set in the servos", "us", 0, 508),
+    Parameter("spool_radius_m", 0.010, "of every spool as designed; the true ones scatter by 0.3 %", "m", 0.002, 0.05),
+    Parameter("supply_v", 0.0, "supply of the servos; 0 = nominal for the model", "V", 0.0, 24.0),
+    Parameter("camera_width", 640, "of the camera's frames", "px", 160, 1920),
+    Parameter("camera_height", 480, "of the camera's frames", "px", 120, 1080),
+    Parameter("camera_fps", 30.0, "frames a second", "Hz", 1.0, 120.0),
+    Parameter("camera_port", 0, "TCP port of the stream on 127.0.0.1, 0 = a free one (see camera.url)", "", 0, 65535),
+    Parameter("jpeg_quality", 88, "of the stream", "%", 10, 100),
+    Parameter("fault_plan", "", "YAML file with faults at times or at random; empty = none"),
+    Parameter("truth_rate", 30.0, "of emulator/truth", "Hz", 0.1, 200.0),
+)
+
+
+class EmulatedCellNode(Node):
+    """Translates between services and an `EmulatedCell`."""
+
+    def __init__(self) -> None:
+        super().__init__("emulated_cell")
+        values = PARAMETERS.declare(self)
+        self._cell: EmulatedCell | None = None
+        self._cell = cell = _open_cell(values)
+        self._diagnostics = Diagnostics(self, "emulated")
+        self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
+        # The wires exist by now: whoever waits for these services may open them at once.
+        self.create_service(MountFingers, "emulator/mount", self._on_mount)
+        self.create_service(PlaceObject, "emulator/place_object", self._on_place)
+        self.create_service(InjectFault, "emulator/inject_fault", self._on_fault)
+        self.create_service(SetRig, "emulator/set_rig", self._on_rig)
+        self.create_timer(1.0 / values["truth_rate"], self._publish_truth)
+        self.create_timer(1.0, self._report)
+        self.get_logger().info(f"wires in {cell.wire_dir}, camera at {cell.stream_url}")
+
+    @property
+    def cell(self) -> EmulatedCell:
+        """The cell; there is one from construction to `close`."""
+        assert self._cell is not None
+        return self._cell
+
+    def _on_mount(self, request: Any, response: Any) -> Any:
+        return _answer(response, lambda: self._mount(request))
+
+    def _mount(self, request: Any) -> str:
+        self.cell.plant.mount(request.fingers, request.serials, request.profiles)
+        mounted = [f"{f.serial} ({f.profile})" if f else "empty" for f in self.cell.plant.mounted]
+        return "mounted: " + ", ".join(mounted)
+
+    def _on_place(self, request: Any, response: Any) -> Any:
+        return _answer(response, lambda: self._place(request))
+
+    def _place(self, request: Any) -> str:
+        self.cell.plant.place(request.product, request.offset)
+        return f"{request.product} between the fingers" if request.product else "nothing between the fingers"
+
+    def _on_fault(self, request: Any, response: Any) -> Any:
+        _answer(response, lambda: self._inject(request))
+        response.active = list(self.cell.faults.active)
+        return response
+
+    def _inject(self, request: Any) -> str:
+        arguments = convert.to_fault_arguments(request.arguments)
+        self.cell.faults.inject(request.fault, request.target, request.duration, arguments)
+        return f"{request.fault}: done"
+
+    def _on_rig(self, request: Any, response: Any) -> Any:
+        return _answer(response, lambda: self._set_rig(request))
+
+    def _set_rig(self, request: Any) -> str:
+        self.cell.rig.set(request.angle, request.load)
+        return f"angle {request.angle:.3f} rad, load {request.load:.3f} kg"
+
+    def _publish_truth(self) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._truth.publish(convert.to_truth_message(self.cell.truth(), stamp))
+
+    def _report(self) -> None:
+        plant = self.cell.plant
+        values = {
+            "packets": self.cell.chain.packets_seen,
+            "frames": self.cell.camera.frames_taken,
+            "lost_time_s": f"{plant.lost_time_s:.3f}",
+            "faults": ", ".join(self.cell.faults.active) or "none",
+        }
+        if plant.lost_time_s > 1.0:
+            message = (
+                "the plant lost time: expected a free share of a processor, found none; emulated motion was skipped"
+            )
+            self._diagnostics.set("plant", Health.WARN, message, values)
+        else:
+            self._diagnostics.set("plant", Health.OK, "keeps up with its clock", values)
+
+    def close(self) -> None:
+        """Take the wires away."""
+        if self._cell is not None:
+            self._cell.close()
+
+
+def _answer(response: Any, act: Callable[[], str]) -> Any:
+    try:
+        response.message, response.success = act(), True
+    except EmulatorError as error:
+        response.message, response.success = str(error), False
+    return response
+
+
+def _open_cell(values: dict[str, Any]) -> EmulatedCell:
+    try:
+        cell = EmulatedCell(
+            _profiles(values["profiles_directory"]),
+            Path(values["wire_dir"]),
+            seed=values["seed"],
+            rig_time_scale=values["time_scale"],
+            chain=_chain(values),
+            supply=_supply(values),
+            camera=CameraSettings(
+                values["camera_width"],
+                values["camera_height"],
+                values["camera_fps"],
+                values["camera_port"],
+                values["jpeg_quality"],
+            ),
+        )
+        cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
+        if values["fault_plan"]:
+            cell.faults.follow(read_plan(Path(values["fault_plan"]).read_text(encoding="utf-8")))
+        return cell.open()
+    except (EmulatorError, OSError) as error:
+        raise StartupError(str(error)) from error
+
+
+def _profiles(directory: str) -> dict[str, Profile]:
+    try:
+        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
+        return load_directory(folder)
+    except (ProfileError, PackageNotFoundError) as error:
+        raise StartupError(str(error)) from error
+
+
+def _chain(values: dict[str, Any]) -> list[ServoPlace]:
+    slots, ids = values["fingers"], values["servo_ids"]
+    if len(slots) != len(ids):
+        raise EmulatorError(f"parameter 'servo_ids': expected one for each of {slots}, found {ids}")
+    return [
+        ServoPlace(
+            slot,
+            device_id,
+            values["servo_model"],
+            values["servo_baud"],
+            values["servo_return_delay_us"],
+            values["spool_radius_m"],
+        )
+        for slot, device_id in zip(slots, ids, strict=True)
+    ]
+
+
+def _supply(values: dict[str, Any]) -> Supply:
+    return Supply(values["supply_v"] or load_model(values["servo_model"]).motor.nominal_voltage_v)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(EmulatedCellNode, args))
+
+
+if __name__ == "__main__":
+    main()

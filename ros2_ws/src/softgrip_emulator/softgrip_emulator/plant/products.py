@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The products and the hand's geometry as data (plant/data), and one copy of a product as it really is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import yaml
+
+from softgrip_emulator.errors import EmulatorError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_DATA: Final = Path(__file__).parent / "data"
+
+
+@dataclass(frozen=True)
+class Product:
+    """One product in the grasp plane; units are in the names (data/products.yaml explains them)."""
+
+    name: str
+    width_m: float
+    height_m: float
+    length_m: float
+    corner_m: float
+    mass_kg: float
+    friction: float
+    stiffness_n_per_m: float
+    crush_n: float
+    stem_above_table_m: float = 0.0
+
+    @property
+    def round_in_length(self) -> bool:
+        """Whether it is a ball rather than a bar: then it gets thinner away from its middle."""
+        return self.length_m < 1.6 * self.width_m and self.corner_m > 0.3 * self.width_m
+
+    def copy_of(self, rng: np.random.Generator) -> Product:
+        """Another item from the same crate: a few per cent larger or smaller, heavier or lighter, drier or moister."""
+        size = rng.normal(1.0, 0.03)
+        return replace(
+            self,
+            width_m=self.width_m * size,
+            height_m=self.height_m * size,
+            length_m=self.length_m * size,
+            corner_m=self.corner_m * size,
+            mass_kg=self.mass_kg * size**3 * rng.normal(1.0, 0.02),
+            friction=self.friction * rng.normal(1.0, 0.06),
+            stiffness_n_per_m=self.stiffness_n_per_m * rng.normal(1.0, 0.10),
+            crush_n=self.crush_n * rng.normal(1.0, 0.08),
+        )
+
+
+@dataclass(frozen=True)
+class SlotPlace:
+    """Where a finger starts: side +1 = fingers, -1 = thumb; `across_m` is the place out of the grasp plane."""
+
+    side: int
+    along_m: float
+    out_m: float
+    rest_angle_rad: float
+    across_m: float
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Geometry of palm and approach (data/hand.yaml explains it)."""
+
+    palm_m: float
+    pitch_m: float
+    finger_width_m: float
+    slots: dict[str, SlotPlace]
+    approach_m: dict[str, float]
+    approach_default_m: float
+    along_m: dict[str, float]
+    clearance_m: float
+    table_m: float
+
+    def presented_at(self, product: Product, profile: str) -> tuple[float, float]:
+        """Centre of a product (along, out) [m] when the arm has gone down with a finger set."""
+        depth = self.approach_m.get(profile, self.approach_default_m)
+        depth = max(depth, self.palm_m + self.clearance_m + product.height_m / 2.0)
+        lowest = self.table_m - max(product.height_m / 2.0, product.stem_above_table_m)
+        if product.height_m / 2.0 + self.clearance_m < lowest:
+            depth = min(depth, lowest)
+        return self.along_m.get(profile, 0.0), depth
+
+
+@cache
+def products() -> dict[str, Product]:
+    """All products by name."""
+    rows = yaml.safe_load((_DATA / "products.yaml").read_text(encoding="utf-8"))
+    return {name: Product(name=name, **row) for name, row in rows.items()}
+
+
+def product(name: str) -> Product:
+    """One product.
+
+    Raises:
+        EmulatorError: no such product.
+    """
+    known = products()
+    if name not in known:
+        raise EmulatorError(f"product: expected one of {sorted(known)}, found '{name}'")
+    return known[name]
+
+
+@cache
+def hand() -> Hand:
+    """The hand of the cell."""
+    data = yaml.safe_load((_DATA / "hand.yaml").read_text(encoding="utf-8"))
+    data["slots"] = {name: SlotPlace(**row) for name, row in data["slots"].items()}
+    return Hand(**data)
