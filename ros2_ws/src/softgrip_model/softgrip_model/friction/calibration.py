@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
+
+import numpy as np
 
 from softgrip_model.friction.assess import Assessment, Limits, assess
 from softgrip_model.friction.fit import Fit, Loss, fit
@@ -50,6 +53,7 @@ def calibrate(
     k_reading: KReading = KReading.PRINTED,
     loss: Loss = Loss.RELATIVE,
     limits: Limits | None = None,
+    common_stddev: float = 0.0,
     fitted_at: datetime | None = None,
 ) -> Calibration:
     """Fit, judge and record.
@@ -61,13 +65,17 @@ def calibrate(
         k_reading: reading of K in Eq 3.8.
         loss: residuals of ln Rf or of Rf.
         limits: what a usable model must keep.
+        common_stddev: relative error that all points share [1] (gauge gain, guide pulley); no scatter shows it, so
+            it is added to the covariance.
         fitted_at: default now.
 
     Raises:
         DataError: the points cannot carry a fit.
         LawError: the radii are not positive.
     """
-    found = fit(points, law, radius_mm=pair.radius_mm, k_reading=k_reading, loss=loss)
+    found = _with_common_error(
+        fit(points, law, radius_mm=pair.radius_mm, k_reading=k_reading, loss=loss), common_stddev
+    )
     judged = assess(found, limits)
     when = (fitted_at or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     model = FrictionModel(
@@ -92,3 +100,11 @@ def calibrate(
         notes=points.warnings,
     )
     return Calibration(found, judged, model)
+
+
+def _with_common_error(found: Fit, common_stddev: float) -> Fit:
+    """Add what shifts all ln Rf together: the coefficients answer it by J^+ 1 (for the Matte law, by epsilon alone)."""
+    if found.covariance is None or common_stddev == 0.0:
+        return found
+    answer = np.linalg.lstsq(found.slopes, np.ones(len(found.points)), rcond=None)[0]
+    return dataclasses.replace(found, covariance=found.covariance + common_stddev**2 * np.outer(answer, answer))

@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: Apache-2.0
+"""friction_rig: measures cable friction with a person's help, and says which friction model is active.
+
+Configured: both devices are connected and identified. Active: the stage may move. On every way out the stage is
+stopped.
+"""
+
+from __future__ import annotations
+
+import threading
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from softgrip_driver.errors import DriverError, NoReplyError, PortLostError
+from softgrip_driver.nodes import convert_friction as convert
+from softgrip_driver.nodes.rig_parameters import PARAMETERS, measurement_settings
+from softgrip_driver.rig.bench import Bench
+from softgrip_driver.rig.build import make_gauge, make_stage
+from softgrip_driver.rig.clock import ScaledClock
+from softgrip_driver.rig.errors import StoppedError
+from softgrip_driver.rig.procedure import JudgedPoint, Operator, Outcome, Procedure, Step
+from softgrip_driver.rig.pull import Sample
+from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
+from softgrip_driver.rig.slide import Verdict
+from softgrip_interfaces.action import CalibrateFriction
+from softgrip_interfaces.msg import FrictionModel, FrictionSample
+from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
+from softgrip_model.friction.errors import FrictionError
+from softgrip_model.friction.record import Verdict as ModelVerdict
+from softgrip_model.friction.store import ModelStore
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, StartupError, run
+
+#: [s] between looks at idle devices.
+_IDLE_PERIOD = 0.5
+
+
+class FrictionRig(LifecycleNode):
+    """The node; measuring runs in the action's thread, everything else in the others."""
+
+    def __init__(self) -> None:
+        super().__init__("friction_rig")
+        self._values = PARAMETERS.declare(self)
+        self._diagnostics = Diagnostics(self)
+        self._folder = Path(self._values["model_dir"]).expanduser()
+        self.startup_problem = ""
+        self._bench: Bench | None = None
+        self._active = False
+        self._session: _Session | None = None
+        self._session_lock = threading.Lock()
+
+        self._wrench = self.create_publisher(WrenchStamped, "load_cell/wrench", SENSOR)
+        self._stage_state = self.create_publisher(JointState, "rig/stage", SENSOR)
+        self._samples = self.create_publisher(FrictionSample, "rig/sample", RELIABLE)
+        self._friction_active = self.create_publisher(FrictionModel, "friction/active", LATCHED)
+        services = MutuallyExclusiveCallbackGroup()
+        self.create_service(Trigger, "rig/confirm", self._on_confirm, callback_group=services)
+        self.create_service(ActivateFrictionModel, "friction/activate", self._on_activate, callback_group=services)
+        self.create_service(ListFrictionModels, "friction/list", self._on_list, callback_group=services)
+        self._action = ActionServer(
+            self,
+            CalibrateFriction,
+            "rig/calibrate",
+            execute_callback=self._on_calibrate,
+            # Accepted always: only a result can carry the reason why not.
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=self._on_cancel,
+            callback_group=ReentrantCallbackGroup(),
+        )
+        self.create_timer(_IDLE_PERIOD, self._look, callback_group=MutuallyExclusiveCallbackGroup())
+        self._open_store()
+
+    def _open_store(self) -> None:
+        try:
+            self._store = ModelStore(self._folder)
+            model_id = self._store.active or self._values["initial_model"]
+            self._friction_active.publish(convert.model_message(self._store.get(model_id)))
+        except (FrictionError, OSError) as error:
+            raise StartupError(f"model_dir {self._folder}: {error}") from error
+        self._active_id = model_id
+
+    # -- lifecycle ---------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Connect and identify both devices."""
+        values = self._values
+        try:
+            self._bench = Bench(
+                make_stage(values["stage"], values["stage_port"]), make_gauge(values["gauge"], values["gauge_port"])
+            )
+            identities = self._bench.open()
+        except DriverError as error:
+            self._bench = None
+            self.startup_problem = str(error)
+            self._diagnostics.set("rig", Health.ERROR, str(error))
+            return TransitionCallbackReturn.FAILURE
+        for identity in identities:
+            self.get_logger().info(f"connected: {identity.model}")
+            for warning in identity.warnings:
+                self.get_logger().warning(f"{identity.model}: {warning}")
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Allow motion."""
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop."""
+        self._halt()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Disconnect."""
+        self.close()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and disconnect."""
+        self.close()
+        return super().on_shutdown(state)
+
+    def close(self) -> None:
+        """Stop the stage and disconnect; called on every exit path."""
+        self._halt()
+        bench, self._bench = self._bench, None
+        if bench is not None:
+            bench.close()
+
+    def _halt(self) -> None:
+        self._active = False
+        with self._session_lock:
+            session = self._session
+        if session is not None:
+            session.stop()
+            session.ended.wait(timeout=2.0)
+
+    # -- measuring ---------------------------------------------------------------------------------------------------
+
+    def _on_calibrate(self, goal_handle: Any) -> Any:
+        result = CalibrateFriction.Result()
+        session = _Session(self, goal_handle, ScaledClock(self._values["time_scale"]))
+        try:
+            outcome = self._measure(session, goal_handle.request)
+            self._keep(outcome, goal_handle.request, result)
+            goal_handle.succeed()
+            result.outcome = CalibrateFriction.Result.SUCCEEDED
+        except StoppedError as error:
+            cancelled = goal_handle.is_cancel_requested
+            result.outcome = CalibrateFriction.Result.CANCELLED
+            result.reason = f"{error}; accepted points are kept: resume the plan to go on"
+            (goal_handle.canceled if cancelled else goal_handle.abort)()
+        except (DriverError, FrictionError) as error:
+            result.outcome = CalibrateFriction.Result.FAILED
+            result.reason = "; ".join([str(error), *getattr(error, "__notes__", [])])
+            self._diagnostics.set("plan", Health.ERROR, result.reason)
+            goal_handle.abort()
+        finally:
+            session.ended.set()
+        result.samples = list(session.accepted.values())
+        return result
+
+    def _measure(self, session: _Session, goal: Any) -> Outcome:
+        bench = self._bench
+        if bench is None or not self._active:
+            raise DriverError("expected friction_rig to be active, found it is not; configure and activate it first")
+        pulley = read_pulley(self._folder) or Pulley(1.0, self._values["pulley_stddev"])
+        settings = measurement_settings(self._values, pulley.ratio, pulley.stddev)
+        with bench.measuring():
+            with self._session_lock:
+                self._session = session
+            self._diagnostics.set("plan", Health.OK, "measuring")
+            try:
+                procedure = Procedure(
+                    bench.stage, bench.gauge, session, session.clock, settings, self._folder / "plans"
+                )
+                return procedure.run(convert.request_of(goal), resume=bool(goal.resume))
+            finally:
+                with self._session_lock:
+                    self._session = None
+
+    def _keep(self, outcome: Outcome, goal: Any, result: Any) -> None:
+        if outcome.calibration is None:
+            write_pulley(self._folder, Pulley(outcome.pulley_ratio, outcome.pulley_stddev))
+            result.reason = f"guide pulley: T1/T2 = {outcome.pulley_ratio:.4f}, taken out of every later point"
+            return
+        model = outcome.calibration.model
+        self._store.add(model)
+        result.model = convert.model_message(model)
+        result.reason = model.reason
+        usable = model.verdict is ModelVerdict.USABLE
+        self._diagnostics.set("plan", Health.OK if usable else Health.WARN, f"{model.verdict}: {model.reason}")
+        if usable and goal.activate:
+            self._make_active(model.id)
+
+    def _on_cancel(self, _: Any) -> CancelResponse:
+        with self._session_lock:
+            session = self._session
+        if session is not None:
+            session.stop()
+        return CancelResponse.ACCEPT
+
+    def _on_confirm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._session_lock:
+            session = self._session
+        response.success = session is not None and session.confirm()
+        response.message = "" if response.success else "nothing to confirm: no step is waiting"
+        return response
+
+    def publish_sample(self, sample: Sample) -> None:
+        """Publish a raw reading."""
+        stamp = self.get_clock().now().to_msg()
+        frame = self._values["gauge_frame"]
+        self._wrench.publish(convert.wrench_message(sample, stamp, frame))
+        self._stage_state.publish(convert.stage_message(sample, stamp, frame))
+
+    def publish_point(self, judged: JudgedPoint) -> FrictionSample:
+        """Publish one attempt at one point."""
+        message = convert.sample_message(judged, self.get_clock().now().to_msg())
+        self._samples.publish(message)
+        return message
+
+    def _look(self) -> None:
+        """Watch idle devices: publish the tension, say who is missing, take up who is plugged in again."""
+        bench = self._bench
+        if bench is None:
+            return
+        try:
+            sample = bench.look(self.get_clock().now().nanoseconds * 1e-9)
+        except (PortLostError, NoReplyError) as error:
+            self._diagnostics.set("rig", Health.ERROR, str(error))
+            self._take_up(bench)
+        except DriverError as error:
+            self._diagnostics.set("rig", Health.WARN, str(error))
+        else:
+            self._diagnostics.set("rig", Health.OK, "connected" if self._active else "connected, not active")
+            if sample is not None:
+                self.publish_sample(sample)
+
+    def _take_up(self, bench: Bench) -> None:
+        try:
+            bench.reopen()
+        except DriverError as error:
+            self.get_logger().debug(f"still missing: {error}")
+
+    # -- models ------------------------------------------------------------------------------------------------------
+
+    def _make_active(self, model_id: str) -> None:
+        model = self._store.activate(model_id)
+        self._active_id = model_id
+        self._friction_active.publish(convert.model_message(model))
+
+    def _on_activate(
+        self, request: ActivateFrictionModel.Request, response: ActivateFrictionModel.Response
+    ) -> ActivateFrictionModel.Response:
+        try:
+            self._make_active(request.id)
+        except (FrictionError, OSError) as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success = True
+            response.message = f"friction model '{request.id}' is active"
+        return response
+
+    def _on_list(
+        self, _: ListFrictionModels.Request, response: ListFrictionModels.Response
+    ) -> ListFrictionModels.Response:
+        models, problems = self._store.readable()
+        now = datetime.now(UTC)
+        response.models = [convert.model_message(model) for model in models]
+        response.ages = [float(model.age(now)) for model in models]
+        response.active = self._active_id
+        response.success = True
+        response.message = "; ".join(problems)
+        return response
+
+
+class _Session(Operator):
+    """One running plan: between the procedure's questions and the action's client."""
+
+    def __init__(self, node: FrictionRig, goal_handle: Any, clock: ScaledClock) -> None:
+        self.clock = clock
+        self.ended = threading.Event()
+        self.accepted: dict[int, FrictionSample] = {}
+        self._node = node
+        self._goal_handle = goal_handle
+        self._waiting = False
+        self._answer = threading.Condition()
+
+    def tell(self, step: Step) -> None:
+        self._goal_handle.publish_feedback(convert.feedback_message(step))
+
+    def confirmed(self, step: Step) -> None:
+        with self._answer:
+            self._waiting = True
+            self.tell(step)
+            self._answer.wait_for(lambda: not self._waiting or self.clock.stopped)
+        if self.clock.stopped:
+            raise StoppedError("the measurement was stopped")
+
+    def judged(self, point: JudgedPoint) -> None:
+        message = self._node.publish_point(point)
+        if point.slide.verdict is Verdict.ACCEPTED:
+            self.accepted[point.index] = message
+        else:
+            self.accepted.pop(point.index, None)
+
+    def sampled(self, sample: Sample) -> None:
+        self._node.publish_sample(sample)
+
+    def confirm(self) -> bool:
+        """Take the person's confirmation; False when nothing waits for it."""
+        with self._answer:
+            waited, self._waiting = self._waiting, False
+            self._answer.notify_all()
+        return waited
+
+    def stop(self) -> None:
+        """End all waits; the procedure stops the stage."""
+        self.clock.stop()
+        with self._answer:
+            self._answer.notify_all()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(FrictionRig, args, threads=4)

@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guided measurement: asks for a setting, pulls, judges, repeats what fails, keeps every accepted point, fits."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import IntEnum
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError
+from softgrip_driver.rig.devices import Gauge, Stage
+from softgrip_driver.rig.errors import UnitChangedError
+from softgrip_driver.rig.journal import Journal, Measured, Request
+from softgrip_driver.rig.plan import ADAPTIVE, PULLEY, Point, next_point, points_of
+from softgrip_driver.rig.pull import PullSettings, RigClock, Sample, record_pull
+from softgrip_driver.rig.slide import Slide, SlideSettings, Verdict, analyse
+from softgrip_model.friction.assess import Limits
+from softgrip_model.friction.calibration import Calibration, Pair, calibrate
+from softgrip_model.friction.laws import GRAVITY, Law
+from softgrip_model.friction.measurements import Measurements, measurements
+
+
+class Phase(IntEnum):
+    """Where the measurement is; numbers as in CalibrateFriction's feedback."""
+
+    SET_UP = 0
+    CHECKING = 1
+    PULLING = 2
+    ACCEPTED = 3
+    REPEATING = 4
+
+
+@dataclass(frozen=True)
+class Step:
+    """What the person is told: phase, which point of how many, its setting, and the instruction in words."""
+
+    phase: Phase
+    index: int
+    total: int
+    point: Point
+    instruction: str
+
+
+@dataclass(frozen=True)
+class JudgedPoint:
+    """One attempt at one point, accepted or not."""
+
+    plan_id: str
+    index: int
+    point: Point
+    slide: Slide
+    speed: float
+
+
+class Operator(Protocol):
+    """The person at the rig, and whoever listens."""
+
+    def tell(self, step: Step) -> None:
+        """Show a step."""
+        ...
+
+    def confirmed(self, step: Step) -> None:
+        """Show a step that asks for something; return when the person has done it.
+
+        Raises:
+            StoppedError: the measurement is to stop.
+        """
+        ...
+
+    def judged(self, point: JudgedPoint) -> None:
+        """Take note of an attempt."""
+        ...
+
+    def sampled(self, sample: Sample) -> None:
+        """Take note of a raw reading."""
+        ...
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to measure.
+
+    Attributes:
+        pull, slide: of one pull. limits: of the model.
+        attempts: at one point before the plan fails.
+        recheck_rounds: how often points that the others contradict are measured again at the end.
+        recheck_significance: of the outlier test that asks for it.
+        pulley_ratio: tension ratio over the guide pulley [1], 1 when never calibrated.
+        common_stddev: relative error that all points share [1]: of the pulley ratio and the gauge's gain.
+        zero_drift_limit: [N] of the gauge over the plan.
+        adaptive_interval: the adaptive plan stops when the widest 95 % interval is below it [1].
+        adaptive_most: points it may take.
+    """
+
+    pull: PullSettings = field(default_factory=PullSettings)
+    slide: SlideSettings = field(default_factory=SlideSettings)
+    limits: Limits = field(default_factory=Limits)
+    attempts: int = 3
+    recheck_rounds: int = 2
+    recheck_significance: float = 0.05
+    pulley_ratio: float = 1.0
+    common_stddev: float = 0.01
+    zero_drift_limit: float = 0.05
+    adaptive_interval: float = 0.03
+    adaptive_most: int = 20
+
+
+#: [1] three weights cannot tell the pulley's ratio better than the weights themselves are known.
+LEAST_PULLEY_STDDEV = 0.002
+
+
+class PlanFailedError(DriverError):
+    """A plan came to no model; says which point and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a plan gave.
+
+    Attributes:
+        plan_id: its record's name. calibration: fit, assessment, model; None for a pulley plan.
+        points: those used. pulley_ratio, pulley_stddev: of a pulley plan [1], else those used.
+    """
+
+    plan_id: str
+    calibration: Calibration | None
+    points: tuple[Measured, ...]
+    pulley_ratio: float
+    pulley_stddev: float
+
+
+class Procedure:
+    """One plan on one rig.
+
+    Args:
+        stage, gauge: opened. operator: who sets and hangs. clock: rig time and the wish to stop.
+        settings: how. folder: where plans are recorded.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        gauge: Gauge,
+        operator: Operator,
+        clock: RigClock,
+        settings: Settings,
+        folder: Path,
+    ) -> None:
+        self._stage, self._gauge = stage, gauge
+        self._operator, self._clock = operator, clock
+        self._settings, self._folder = settings, folder
+
+    def run(self, request: Request, *, resume: bool = False) -> Outcome:
+        """Measure a plan and fit its model.
+
+        Args:
+            request: what to measure; when resuming, the broken plan's own request counts.
+            resume: continue the newest plan that never came to its end.
+
+        Raises:
+            PlanFailedError: a point failed too often, or there is nothing to resume.
+            StoppedError: stopped by request; accepted points are kept and can be resumed.
+            DriverError: a device failed for good; likewise.
+        """
+        journal = self._resumed() if resume else self._begun(request)
+        points = dict(enumerate(points_of(journal.request.plan, journal.request.angles, journal.request.loads)))
+        # An adaptive plan's own points lie beyond its first ones.
+        points |= {i: Point(m.angle, m.load) for i, m in journal.points.items()}
+        self._zero(points, journal)
+        for index in sorted(points):
+            if index not in journal.points:
+                self._measure(journal, index, points)
+        if journal.request.plan == PULLEY:
+            return self._pulley_outcome(journal)
+        calibration = self._recheck(journal, points)
+        while journal.request.plan == ADAPTIVE and self._more_wanted(calibration):
+            index = len(points)
+            points[index] = next_point(calibration)
+            self._measure(journal, index, points)
+            calibration = self._recheck(journal, points)
+        self._check_zero(points, journal)
+        journal.finish(str(calibration.assessment.verdict))
+        settings = self._settings
+        return Outcome(journal.plan_id, calibration, _in_order(journal), settings.pulley_ratio, settings.common_stddev)
+
+    # -- one point -------------------------------------------------------------------------------------------------
+
+    def _measure(self, journal: Journal, index: int, points: dict[int, Point]) -> Slide:
+        point, total = points[index], len(points)
+        why = ""
+        for attempt in range(1, self._settings.attempts + 1):
+            again = f"Again ({why}): " if why else ""
+            self._operator.confirmed(Step(Phase.SET_UP, index, total, point, again + _instruction(point)))
+            slide = self._attempt(index, total, point)
+            if slide.verdict is Verdict.ACCEPTED:
+                doubt = self._doubt(journal, point, slide) if attempt == 1 else ""
+                if doubt:
+                    slide = dataclasses.replace(slide, verdict=Verdict.REPEAT, reason=doubt)
+            self._operator.judged(JudgedPoint(journal.plan_id, index, point, slide, self._settings.pull.speed))
+            if slide.verdict is Verdict.ACCEPTED:
+                journal.accept(Measured(index, point.angle, point.load, slide.tension_low, slide.tension_high))
+                text = f"{point}: T1/T2 = {slide.ratio:.3f}"
+                self._operator.tell(Step(Phase.ACCEPTED, index, total, point, text))
+                return slide
+            why = slide.reason
+            self._operator.tell(Step(Phase.REPEATING, index, total, point, why))
+        raise PlanFailedError(
+            f"point {index + 1} of {total} ({point}) failed {self._settings.attempts} times, last: {why}; "
+            "put it right and resume the plan"
+        )
+
+    def _attempt(self, index: int, total: int, point: Point) -> Slide:
+        """Pull once. What a panel or a wire did wrong costs the attempt, not the plan."""
+        self._operator.tell(Step(Phase.CHECKING, index, total, point, "checking the weight at rest, then pulling"))
+        try:
+            self._stage.zero()
+            self._operator.tell(Step(Phase.PULLING, index, total, point, "pulling"))
+            trace = record_pull(self._stage, self._gauge, self._settings.pull, self._clock, self._operator.sampled)
+        except (UnitChangedError, CorruptReplyError, NoReplyError) as error:
+            return _unmeasured(point, str(error))
+        return analyse(trace, point.angle, point.load, self._settings.slide, self._settings.pulley_ratio)
+
+    def _doubt(self, journal: Journal, point: Point, slide: Slide) -> str:
+        """Friction grows with the angle: a point that falls clearly below a smaller angle's has the wrong angle."""
+        for other in journal.points.values():
+            same_load = math.isclose(other.load, point.load, rel_tol=1e-6)
+            if not same_load or other.angle >= point.angle - np.radians(5.0):
+                continue
+            if slide.ratio < 0.96 * other.tension_high / other.tension_low:
+                return (
+                    f"T1/T2 = {slide.ratio:.3f} is below the {other.tension_high / other.tension_low:.3f} found at "
+                    f"{np.degrees(other.angle):g} deg: check the angle"
+                )
+        return ""
+
+    # -- zero ------------------------------------------------------------------------------------------------------
+
+    def _zero(self, points: dict[int, Point], journal: Journal) -> None:
+        first = next((points[i] for i in sorted(points) if i not in journal.points), points[0])
+        off = Point(first.angle, 0.0)
+        text = "Take the weight off and leave the cable slack: the gauge is set to zero."
+        self._operator.confirmed(Step(Phase.SET_UP, 0, len(points), off, text))
+        self._gauge.tare()
+
+    def _check_zero(self, points: dict[int, Point], journal: Journal) -> None:
+        off = Point(points[max(points)].angle, 0.0)
+        text = "Take the weight off and leave the cable slack: the gauge's zero is checked."
+        self._operator.confirmed(Step(Phase.SET_UP, len(points) - 1, len(points), off, text))
+        drift = float(np.median([self._gauge.tension() for _ in range(5)]))
+        if abs(drift) > self._settings.zero_drift_limit:
+            for index in list(journal.points):
+                journal.withdraw(index, "the gauge's zero drifted")
+            journal.finish("zero drift")
+            raise PlanFailedError(
+                f"the gauge's zero drifted by {drift:+.3f} N over the plan "
+                f"(limit {self._settings.zero_drift_limit:g} N): no point can be trusted; "
+                "let the gauge warm up, check that the weight was off, and measure again"
+            )
+
+    # -- the whole -------------------------------------------------------------------------------------------------
+
+    def _recheck(self, journal: Journal, points: dict[int, Point]) -> Calibration:
+        """Fit; measure again what the other points contradict, and believe what two measurements agree on."""
+        checked: set[int] = set()
+        wary = dataclasses.replace(self._settings.limits, significance=self._settings.recheck_significance)
+        for _ in range(self._settings.recheck_rounds):
+            calibration = self._fit(journal, wary)
+            order = sorted(journal.points)
+            suspects = [order[i] for i in calibration.assessment.outliers if order[i] not in checked]
+            if not suspects:
+                break
+            for index in suspects:
+                checked.add(index)
+                journal.withdraw(index, "contradicted by the other points")
+                self._measure(journal, index, points)
+        return self._fit(journal, self._settings.limits)
+
+    def _fit(self, journal: Journal, limits: Limits) -> Calibration:
+        request = journal.request
+        pair = Pair(request.cable, request.surface, request.cable_radius, request.surface_radius)
+        return calibrate(
+            _measurements(journal), pair, Law(request.law), limits=limits, common_stddev=self._settings.common_stddev
+        )
+
+    def _more_wanted(self, calibration: Calibration) -> bool:
+        enough = calibration.assessment.widest_interval <= self._settings.adaptive_interval
+        return not enough and len(calibration.fit.points) < self._settings.adaptive_most
+
+    def _pulley_outcome(self, journal: Journal) -> Outcome:
+        points = _in_order(journal)
+        # Taken out of the measured tensions already: put back what the settings assumed.
+        ratios = [p.tension_high / p.tension_low * self._settings.pulley_ratio for p in points]
+        journal.finish("pulley")
+        stddev = float(np.std(ratios, ddof=1) / math.sqrt(len(ratios)))
+        return Outcome(journal.plan_id, None, points, float(np.mean(ratios)), max(stddev, LEAST_PULLEY_STDDEV))
+
+    def _begun(self, request: Request) -> Journal:
+        points_of(request.plan, request.angles, request.loads)
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+        return Journal.begin(self._folder, f"{stamp}-{request.plan}", request)
+
+    def _resumed(self) -> Journal:
+        journal = Journal.last_broken(self._folder)
+        if journal is None:
+            raise PlanFailedError(f"resume: expected a broken plan in {self._folder}, found none; start a new one")
+        return journal
+
+
+def _instruction(point: Point) -> str:
+    if point.angle == 0.0:
+        return f"Lead the cable past the surface, over the pulley alone, and hang {point.load * 1e3:g} g."
+    return f"Set the wrap angle to {np.degrees(point.angle):g} deg and hang {point.load * 1e3:g} g."
+
+
+def _unmeasured(point: Point, reason: str) -> Slide:
+    nan = math.nan
+    return Slide(point.load * GRAVITY, nan, nan, nan, nan, nan, nan, Verdict.REPEAT, reason)
+
+
+def _in_order(journal: Journal) -> tuple[Measured, ...]:
+    return tuple(journal.points[i] for i in sorted(journal.points))
+
+
+def _measurements(journal: Journal) -> Measurements:
+    points = _in_order(journal)
+    return measurements(
+        [p.angle for p in points],
+        [p.tension_low for p in points],
+        [p.tension_high for p in points],
+        labels=[f"{np.degrees(p.angle):g} deg, {p.load * 1e3:g} g" for p in points],
+        source=f"rig plan {journal.plan_id}",
+    )

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a force trace to T1: find the steady sliding, tell stick-slip from drift, check that the right weight hangs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softgrip_driver.rig.pull import Stroke, Trace
+from softgrip_model.friction.laws import GRAVITY
+
+Array = NDArray[np.float64]
+
+#: T1 may fall below T2 by the gauge's noise, not by more.
+LOWEST_RATIO = 0.97
+
+
+class Verdict(IntEnum):
+    """What to do with a point; numbers as in FrictionSample."""
+
+    ACCEPTED = 0
+    REPEAT = 1
+    REJECTED = 2
+
+
+@dataclass(frozen=True)
+class SlideSettings:
+    """When a slide counts as steady, and the right weight as hung.
+
+    Attributes:
+        settle: [m] left out after the force first reaches its plateau. shortest_window: [m].
+        drift_limit: change of T1 over the window, relative to T1. stick_slip_limit: peak-to-peak, relative to T1.
+        load_tolerance: of the hung weight found from pulling and letting back, relative.
+        highest_log_ratio: (a, b): no cable has ln Rf above a + b angle; twine on TPU has 0.21 + 0.34 angle at 2 N.
+        fewest_samples: in the window.
+    """
+
+    settle: float = 0.7e-3
+    shortest_window: float = 3e-3
+    drift_limit: float = 0.02
+    stick_slip_limit: float = 0.15
+    load_tolerance: float = 0.12
+    highest_log_ratio: tuple[float, float] = (0.35, 0.45)
+    fewest_samples: int = 25
+
+
+@dataclass(frozen=True)
+class Slide:
+    """What one pull says.
+
+    Attributes:
+        tension_low: T2 [N] of the asked weight. tension_high: T1 [N], mean over the window, pulley taken out.
+        stddev: [N] within the window, drift removed. stick_slip: [N] peak to peak. drift: [N/m] over travel.
+        window_start, window_end: [m].
+        verdict, reason: may it be used.
+    """
+
+    tension_low: float
+    tension_high: float
+    stddev: float
+    stick_slip: float
+    drift: float
+    window_start: float
+    window_end: float
+    verdict: Verdict
+    reason: str
+
+    @property
+    def ratio(self) -> float:
+        """Rf = T1/T2."""
+        return self.tension_high / self.tension_low
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """What the checks look at: trace, provisional slide, window at the gauge, largest believable Rf at this angle."""
+
+    trace: Trace
+    slide: Slide
+    tension: Array
+    highest_ratio: float
+    settings: SlideSettings
+
+    @property
+    def mean(self) -> float:
+        return float(self.tension.mean())
+
+
+def analyse(
+    trace: Trace, angle: float, load: float, settings: SlideSettings | None = None, pulley_ratio: float = 1.0
+) -> Slide:
+    """Judge one pull.
+
+    Args:
+        trace: of the pull.
+        angle: asked wrap angle [rad].
+        load: asked mass [kg].
+        settings: limits.
+        pulley_ratio: tension ratio over the guide pulley [1], from its own calibration.
+    """
+    settings = settings or SlideSettings()
+    window = _steady_window(trace.pull, settings)
+    travel, tension = trace.pull.travel[window], trace.pull.tension[window]
+    if len(tension) < 3 or np.ptp(travel) <= 0.0:
+        return _without_window(load * GRAVITY)
+    mean = float(tension.mean())
+    slope = float(np.polyfit(travel - travel.mean(), tension, 1)[0])
+    residual = tension - mean - slope * (travel - travel.mean())
+    slide = Slide(
+        tension_low=load * GRAVITY,
+        tension_high=mean / pulley_ratio,
+        stddev=float(residual.std()),
+        stick_slip=float(np.subtract(*np.percentile(_fast_part(travel, residual), [99.0, 1.0]))),
+        drift=slope,
+        window_start=float(travel[0]),
+        window_end=float(travel[-1]),
+        verdict=Verdict.ACCEPTED,
+        reason="",
+    )
+    highest = math.exp(settings.highest_log_ratio[0] + settings.highest_log_ratio[1] * angle)
+    evidence = _Evidence(trace, slide, tension, highest, settings)
+    for check in _CHECKS:
+        found = check(evidence)
+        if found is not None:
+            return dataclasses.replace(slide, verdict=found[0], reason=found[1])
+    return slide
+
+
+def _without_window(tension_low: float) -> Slide:
+    nan = math.nan
+    reason = "no steady sliding found: the force did not settle; lengthen the stroke or check the cable"
+    return Slide(tension_low, nan, nan, nan, nan, nan, nan, Verdict.REPEAT, reason)
+
+
+def _steady_window(pull: Stroke, settings: SlideSettings) -> slice:
+    """The rest of the stroke after the force has first come up to its plateau and a settling way has passed."""
+    late = pull.travel >= pull.travel[0] + 0.6 * (pull.travel[-1] - pull.travel[0])
+    plateau = float(np.median(pull.tension[late]))
+    reached = np.flatnonzero(pull.tension >= plateau)
+    if not len(reached):
+        return slice(0, 0)
+    start = int(np.searchsorted(pull.travel, pull.travel[reached[0]] + settings.settle))
+    return slice(start, len(pull))
+
+
+def _fast_part(travel: Array, residual: Array) -> Array:
+    """What is left without a running mean over a millimetre: the saw-tooth, not the surface's waves."""
+    per_millimetre = max(3, round(len(travel) * 1e-3 / max(float(np.ptp(travel)), 1e-9)))
+    if per_millimetre >= len(residual):
+        return residual
+    kernel = np.ones(per_millimetre)
+    mean = np.convolve(residual, kernel, "same") / np.convolve(np.ones(len(residual)), kernel, "same")
+    return residual - mean
+
+
+_Found = tuple[Verdict, str] | None
+
+
+def _stuck(e: _Evidence) -> _Found:
+    if np.ptp(e.trace.pull.tension) > 0.0:
+        return None
+    return Verdict.REJECTED, (
+        f"the gauge read {e.mean:.2f} N {len(e.trace.pull)} times without any noise: its reading is stuck; restart it"
+    )
+
+
+def _static_load(e: _Evidence) -> _Found:
+    static = float(np.median(e.trace.rest.tension))
+    lowest = e.slide.tension_low / e.highest_ratio / (1.0 + e.settings.load_tolerance)
+    highest = e.slide.tension_low * e.highest_ratio
+    if lowest <= static <= highest:
+        return None
+    return Verdict.REJECTED, (
+        f"before motion: expected {lowest:.2f} .. {highest:.2f} N for {_grams(e.slide.tension_low)} hung, "
+        f"found {static:.2f} N; hang the weight that was asked for"
+    )
+
+
+def _window_long_enough(e: _Evidence) -> _Found:
+    length = e.slide.window_end - e.slide.window_start
+    if length >= e.settings.shortest_window and len(e.tension) >= e.settings.fewest_samples:
+        return None
+    return Verdict.REPEAT, (
+        f"expected {e.settings.shortest_window * 1e3:g} mm of steady sliding, found {length * 1e3:.1f} mm with "
+        f"{len(e.tension)} samples; lengthen the stroke or check the cable"
+    )
+
+
+def _steady(e: _Evidence) -> _Found:
+    length = e.slide.window_end - e.slide.window_start
+    change = abs(e.slide.drift) * length / e.mean if e.mean > 0.0 else math.inf
+    if change > e.settings.drift_limit:
+        return Verdict.REPEAT, (
+            f"T1 drifts by {change:.1%} over the window (limit {e.settings.drift_limit:.0%}); "
+            "let the gauge warm up, check that the cable runs freely"
+        )
+    if e.slide.stick_slip > e.settings.stick_slip_limit * e.mean:
+        return Verdict.REPEAT, (
+            f"stick-slip of {e.slide.stick_slip / e.mean:.1%} (limit {e.settings.stick_slip_limit:.0%}); "
+            "pull slower, check the cable"
+        )
+    return None
+
+
+def _sliding_load(e: _Evidence) -> _Found:
+    """Pulling gives T2 Rf, letting back about T2 / Rf: their geometric mean is the hung weight, whatever Rf is."""
+    release = e.trace.release
+    late = release.travel <= release.travel[-1] + 0.3 * (release.travel[0] - release.travel[-1])
+    back = float(np.median(release.tension[late]))
+    if back <= 0.0:
+        return Verdict.REPEAT, f"expected tension going back, found {back:.2f} N; check the weight and the tare"
+    hung = math.sqrt(e.mean * back)
+    if abs(hung / e.slide.tension_low - 1.0) <= e.settings.load_tolerance:
+        return None
+    return Verdict.REJECTED, (
+        f"expected {_grams(e.slide.tension_low)} hung, found about {_grams(hung)} (pulling {e.mean:.2f} N, "
+        f"letting back {back:.2f} N); hang the weight that was asked for"
+    )
+
+
+def _believable(e: _Evidence) -> _Found:
+    if LOWEST_RATIO <= e.slide.ratio <= e.highest_ratio:
+        return None
+    return Verdict.REPEAT, (
+        f"expected T1/T2 within {LOWEST_RATIO} .. {e.highest_ratio:.2f}, found {e.slide.ratio:.3f}; "
+        "check the angle, the weight and the tare"
+    )
+
+
+_CHECKS: tuple[Callable[[_Evidence], _Found], ...] = (
+    _stuck,
+    _static_load,
+    _window_long_enough,
+    _steady,
+    _sliding_load,
+    _believable,
+)
+
+
+def _grams(newtons: float) -> str:
+    return f"{newtons / GRAVITY * 1e3:.0f} g"
