@@ -306,9 +306,7 @@ class Cell:
         for slot in self._slots:
             document = self._journal.reference(slot.serial)
             if document is None:
-                raise RefusedError(
-                    f"slot {slot.name}: the free motion was never checked; run cell/swap to do so"
-                )
+                raise RefusedError(f"slot {slot.name}: the free motion was never checked; run cell/swap to do so")
             references.append(FreeReference.from_document(document))
         return tuple(references)
 

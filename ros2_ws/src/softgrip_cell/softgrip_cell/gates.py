@@ -107,7 +107,7 @@ def check_friction(
 
 
 def mounted_set(slots: Sequence[Slot], finger_sets: Sequence[FingerSet]) -> FingerSet | None:
-    """Return the set whose profile is in every slot, None when mixed, empty or unknown."""
+    """Return the set whose profile is in every slot, None when mixed or unknown."""
     if any(slot.state not in (SlotState.TO_BE_VERIFIED, SlotState.VERIFIED) for slot in slots):
         return None
     profiles = {slot.profile for slot in slots}

@@ -96,12 +96,12 @@ def test_wrong_catalogues_are_refused_with_the_place(change, expected: str, tmp_
 def test_what_is_no_catalogue_at_all_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "noise.yaml"
     path.write_bytes(content)
-    with pytest.raises(CatalogueError, match="noise.yaml"):
+    with pytest.raises(CatalogueError, match=r"noise\.yaml"):
         read_catalogue(path)
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(CatalogueError, match="absent.yaml: cannot be read"):
+    with pytest.raises(CatalogueError, match=r"absent\.yaml: cannot be read"):
         read_catalogue(tmp_path / "absent.yaml")
 
 

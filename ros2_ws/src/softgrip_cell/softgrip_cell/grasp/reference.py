@@ -2,7 +2,7 @@
 """How one mounted finger differs from its prediction when it closes on nothing, learned from the check after a swap.
 
 The predictor knows the profile; this finger is a printed piece of it. Its stiffness and the motor's torque constant are
-off by some per cent, which would drown a light contact. The difference is smooth in the pulled length: a table mends it.
+off by some per cent, which would drown a light contact. The difference is smooth in the pulled length: a table will do.
 """
 
 from __future__ import annotations

@@ -29,7 +29,6 @@ from softgrip_interfaces.msg import (
 
 _SLOT_STATES = {
     SlotState.UNKNOWN: MountedFinger.UNKNOWN,
-    SlotState.EMPTY: MountedFinger.EMPTY,
     SlotState.TO_BE_VERIFIED: MountedFinger.TO_BE_VERIFIED,
     SlotState.VERIFIED: MountedFinger.VERIFIED,
 }

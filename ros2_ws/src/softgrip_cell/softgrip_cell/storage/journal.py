@@ -25,7 +25,6 @@ class SlotState(StrEnum):
     """How sure the cell is of what sits in a slot (softgrip_interfaces/MountedFinger)."""
 
     UNKNOWN = "unknown"
-    EMPTY = "empty"
     TO_BE_VERIFIED = "to be verified"
     VERIFIED = "verified"
 
@@ -134,7 +133,7 @@ class Journal:
             connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
 
     def park_fingers(self, step: str) -> None:
-        """A person says that the fingers are out and back in the store."""
+        """A person says that the fingers are out and back in the store; what goes in next nobody knows yet."""
         with self._database.write() as connection:
             self._set_step(connection, step)
             out = list(connection.execute(select(SLOT.c.serial).where(SLOT.c.serial != "")).scalars())
@@ -143,7 +142,7 @@ class Journal:
                 .where(PASSPORT.c.serial.in_(out), PASSPORT.c.state == FingerState.UNKNOWN.value)
                 .values(state=FingerState.STORE.value, version=PASSPORT.c.version + 1)
             )
-            connection.execute(update(SLOT).values(state=SlotState.EMPTY.value, serial=""))
+            connection.execute(update(SLOT).values(serial=""))
             self._audit(connection, "park", ", ".join(out) or "nothing", None)
 
     def read_in(self, step: str, serials: Sequence[str]) -> None:
@@ -219,7 +218,7 @@ class Journal:
                     .where(PASSPORT.c.serial == serial)
                     .values(state=state.value, version=PASSPORT.c.version + 1)
                 )
-            connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
+            connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value, serial=""))
             self._audit(connection, "distrust", ", ".join(worn), None)
 
     def finish_grasp(

@@ -200,7 +200,7 @@ class SwapSequence:
                 raise RefusedError(f"slot {slot.name}: finger '{serial}' has no passport; enter one before mounting it")
             if passport.profile != self.finger_set.profile or passport.finger != slot.name:
                 raise RefusedError(
-                    f"slot {slot.name}: expected a {slot.name} finger of profile '{self.finger_set.profile}', found "
+                    f"slot {slot.name}: expected its finger of profile '{self.finger_set.profile}', found "
                     f"{serial}: {passport.finger} finger of '{passport.profile}'"
                 )
             objection = passport.objection()

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A synthetic closing with noise from a seed, and empty databases of both kinds."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import random
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psycopg
+import pytest
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.values import Close, GraspTask, Hold, Open, Step
+from softgrip_cell.observation import FreeMotion, Pair, TendonSample
+
+SLOTS = ("index", "middle", "thumb")
+_DATABASES = itertools.count()
+PERIOD_NS = 5_000_000  # 200 Hz
+
+
+def free_tension(pulled_m: float) -> float:
+    """A finger like a spring with some friction: 0.8 N/mm and a little more than linear."""
+    mm = pulled_m * 1e3
+    return 0.4 * mm + 0.02 * mm * mm
+
+
+def tip(pulled_m: float) -> tuple[float, float]:
+    """A tip on a circle of 60 mm whose angle grows by 80 degrees per 20 mm: 4.19 m of path per m pulled."""
+    angle = math.radians(4.0e3 * pulled_m)
+    return (0.060 * math.cos(angle), -0.060 * math.sin(angle))
+
+
+@dataclass
+class Bench:
+    """Three fingers, a driver that obeys at once, and an object that is a spring from a pulled length on.
+
+    Attributes:
+        contact_m: pulled length at which each finger touches; infinity for none.
+        stiffness_n_per_m: excess tension per pulled length beyond the contact.
+        gain: this finger's tension over the predicted one.
+        grip: factor on the excess as a function of time since the hold began [s]: what slipping looks like.
+    """
+
+    contact_m: tuple[float, float, float] = (math.inf, math.inf, math.inf)
+    stiffness_n_per_m: float = 2000.0
+    gain: float = 1.12
+    noise_n: float = 0.08
+    grip: Callable[[float], float] = lambda _: 1.0
+    seed: int = 1
+    broken: frozenset[int] = frozenset()
+    pulled_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    now_ns: int = 1_000_000_000
+
+    def __post_init__(self) -> None:
+        self._rng = random.Random(self.seed)
+        self._goal = Close((), 0.0, 0.0, 0.0)
+        self._held_ns: int | None = None
+        self.commands: list[object] = []
+        self.peak_excess_n = 0.0
+
+    def obey(self, step: Step) -> None:
+        command = step.command
+        if command is None:
+            return
+        self.commands.append(command)
+        if isinstance(command, Open):
+            self.pulled_m = [0.0, 0.0, 0.0]
+        elif isinstance(command, Hold):
+            self._goal = Close((), 0.0, 0.0, 0.0)
+            self._held_ns = self._held_ns or self.now_ns
+        else:
+            self._goal = command
+
+    def pair(self) -> Pair:
+        """Advance by one period and look."""
+        self.now_ns += PERIOD_NS
+        for slot in self._goal.slots:
+            travel = self._goal.speed_m_per_s * PERIOD_NS * 1e-9
+            self.pulled_m[slot] = min(self._goal.target_m, self.pulled_m[slot] + travel)
+        held_s = 0.0 if self._held_ns is None else (self.now_ns - self._held_ns) * 1e-9
+        tensions = []
+        for slot, pulled in enumerate(self.pulled_m):
+            excess = max(0.0, pulled - self.contact_m[slot]) * self.stiffness_n_per_m * self.grip(held_s)
+            self.peak_excess_n = max(self.peak_excess_n, excess)
+            true_n = self.gain * free_tension(pulled) + excess
+            tensions.append(0.0 if slot in self.broken else true_n + self._rng.gauss(0.0, self.noise_n))
+        sample = TendonSample(self.now_ns, tuple(self.pulled_m), tuple(tensions))
+        return Pair(sample, predict(sample))
+
+
+def predict(sample: TendonSample) -> FreeMotion:
+    return FreeMotion(
+        stamp_ns=sample.stamp_ns,
+        pulled_m=sample.pulled_m,
+        tension_n=tuple(free_tension(pulled) for pulled in sample.pulled_m),
+        tip_m=tuple(tip(pulled) for pulled in sample.pulled_m),
+        friction_model="synthetic",
+    )
+
+
+def reference(gain: float = 1.12, noise_n: float = 0.08) -> FreeReference:
+    rows = tuple(i * 1e-3 for i in range(21))
+    return FreeReference(
+        pulled_m=rows,
+        offset_n=tuple((gain - 1.0) * free_tension(row) for row in rows),
+        tension_n=tuple(gain * free_tension(row) for row in rows),
+        stddev_n=noise_n,
+        friction_model="synthetic",
+    )
+
+
+@pytest.fixture
+def bench() -> type[Bench]:
+    """The class of the synthetic bench."""
+    return Bench
+
+
+@pytest.fixture
+def task() -> Callable[..., GraspTask]:
+    """Make a task for a product of the shipped catalogue."""
+
+    def make(product: str = "egg", *, confirm_lift: bool = False) -> GraspTask:
+        return GraspTask(read_catalogue().products[product], SLOTS, (reference(),) * 3, 2, confirm_lift)
+
+    return make
+
+
+@pytest.fixture
+def run() -> Callable[..., Iterator[Step]]:
+    """Drive a sequence with a bench until a verdict or a deadline of the bench's own time."""
+
+    def drive(
+        sequence: GraspSequence, bench: Bench, limit_s: float = 30.0, settings: GraspSettings | None = None
+    ) -> Iterator[Step]:
+        step = sequence.start()
+        bench.obey(step)
+        yield step
+        end_ns = bench.now_ns + int(limit_s * 1e9)
+        while step.verdict is None and bench.now_ns < end_ns:
+            step = sequence.observe(bench.pair())
+            bench.obey(step)
+            yield step
+
+    return drive
+
+
+@pytest.fixture(scope="session")
+def postgres_base(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """URL prefix of a PostgreSQL of our own on a Unix socket; skips where none is installed."""
+    programs = sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
+    if not programs:
+        pytest.skip("no PostgreSQL in /usr/lib/postgresql; apt install postgresql")
+    folder = Path(tempfile.mkdtemp(prefix="softgrip-pg-", dir="/tmp"))  # a socket path has to be short
+    # PostgreSQL refuses to run as root.
+    user = "postgres" if os.geteuid() == 0 else None
+    if user is not None:
+        shutil.chown(folder, user)
+    socket = f"-c listen_addresses='' -c unix_socket_directories={folder} -c fsync=off"
+
+    def server(*arguments: str) -> None:
+        subprocess.run([*map(str, arguments)], check=True, capture_output=True, user=user, cwd="/", timeout=60)
+
+    data = folder / "data"
+    server(str(programs[0] / "initdb"), "-D", str(data), "-U", "softgrip", "-A", "trust", "--no-sync")
+    log = str(folder / "log")
+    server(str(programs[0] / "pg_ctl"), "-D", str(data), "-o", socket, "-l", log, "-w", "start")
+    try:
+        yield f"postgresql://softgrip@/{{name}}?host={folder}"
+    finally:
+        server(str(programs[0] / "pg_ctl"), "-D", str(data), "-m", "immediate", "-w", "stop")
+        shutil.rmtree(folder)
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    """URL of an empty database, once in SQLite and once in PostgreSQL."""
+    if request.param == "sqlite":
+        yield f"sqlite:///{tmp_path}/cell.db"
+        return
+    base: str = request.getfixturevalue("postgres_base")
+    name = f"cell_{os.getpid()}_{next(_DATABASES)}"
+    with psycopg.connect(base.format(name="postgres"), autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name} TEMPLATE template0")
+    yield base.format(name=name)

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cell's memory on SQLite and PostgreSQL: versions, conflicts, audit, recovery, unusable databases."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from sqlalchemy import update
+
+from softgrip_cell.catalogue_file import catalogue_text, read_catalogue
+from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
+from softgrip_cell.outcomes import Tally
+from softgrip_cell.passports import FingerState, read_passports
+from softgrip_cell.storage import Database, Journal, Library, SlotState
+from softgrip_cell.storage.schema import META
+
+SLOTS = ("index", "middle", "thumb")
+POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
+
+
+HOLD_THE_CELL = """
+import sys, time
+from softgrip_cell.storage import Database
+database = Database(sys.argv[1], exclusive=True)
+print('open', flush=True)
+time.sleep(60)
+"""
+
+
+class Clock:
+    """Counts seconds from a fixed day, 2026-11-21 10:00 UTC."""
+
+    def __init__(self) -> None:
+        self.now_ns = 1_795_255_200 * 1_000_000_000
+
+    def __call__(self) -> int:
+        self.now_ns += 1_000_000_000
+        return self.now_ns
+
+
+@pytest.fixture
+def database(database_url: str) -> Iterator[Database]:
+    with Database(database_url, exclusive=True) as opened:
+        yield opened
+
+
+@pytest.fixture
+def library(database: Database) -> Library:
+    made = Library(database, Clock())
+    made.import_catalogue(read_catalogue(), "test")
+    made.import_passports(read_passports().values(), "test")
+    return made
+
+
+@pytest.fixture
+def journal(database: Database, library: Library) -> Journal:
+    made = Journal(database, SLOTS, Clock())
+    made.recover()
+    return made
+
+
+def mount(journal: Journal, serials: tuple[str, ...] = POWER, *, verify: bool = True) -> None:
+    journal.begin("swap", "power", "release")
+    journal.forget_slots("open_palm")
+    journal.park_fingers("insert")
+    journal.read_in("close_palm", serials)
+    if verify:
+        journal.finish_swap("power", "SUCCEEDED", "ok", 42.0, changed=True, references={s: {"x": 1} for s in serials})
+
+
+def test_catalogue_goes_in_and_comes_out_the_same(library: Library) -> None:
+    assert library.catalogue() == read_catalogue()
+    assert list(library.catalogue().products) == list(read_catalogue().products)
+
+
+def test_importing_twice_writes_nothing(library: Library) -> None:
+    assert library.import_catalogue(read_catalogue(), "test") == []
+    assert library.import_passports(read_passports().values(), "test") == []
+
+
+def test_every_change_is_a_version_with_its_author(library: Library) -> None:
+    egg = library.catalogue().products["egg"]
+    saved = library.save_product(replace(egg, mass_kg=0.065), "Ada")
+    assert saved.version == 2
+    assert library.catalogue().products["egg"].mass_kg == pytest.approx(0.065)
+    history = library.product_history("egg")
+    assert [(version, who) for version, who, _, _ in history] == [(1, "test"), (2, "Ada")]
+    assert history[0][3]["mass_kg"] == pytest.approx(0.060)
+    newest = library.audit()[0]
+    assert (newest.who, newest.action, newest.subject, newest.detail) == ("Ada", "save product", "egg", {"version": 2})
+
+
+def test_an_edit_made_meanwhile_is_never_overwritten(library: Library) -> None:
+    read_before = library.catalogue().products["egg"]
+    library.save_product(replace(read_before, mass_kg=0.065), "Ada")
+    with pytest.raises(ConflictError, match="expected version 1 in the database, found 2 written by Ada"):
+        library.save_product(replace(read_before, mass_kg=0.070), "Bob")
+    assert library.catalogue().products["egg"].mass_kg == pytest.approx(0.065)
+
+
+def test_a_file_exported_before_an_edit_is_refused_whole(library: Library, tmp_path: Path) -> None:
+    path = tmp_path / "export.yaml"
+    path.write_text(catalogue_text(library.catalogue()).replace("mass_kg: 0.2", "mass_kg: 0.25"))
+    library.save_product(replace(library.catalogue().products["orange"], mass_kg=0.21), "Ada")
+    edited = read_catalogue(path)
+    edited.products["apple"] = replace(edited.products["apple"], mass_kg=0.19)  # type: ignore[index]  # a dict in fact
+    with pytest.raises(ConflictError, match="'orange'"):
+        library.import_catalogue(edited, "Bob")
+    assert library.catalogue().products["apple"].mass_kg == pytest.approx(0.18), "half of the file was written"
+
+
+def test_a_passport_changed_meanwhile_is_never_overwritten(library: Library) -> None:
+    finger = library.passports()["PW-I-01"]
+    library.set_finger_state("PW-I-01", FingerState.WORN, "Ada")
+    with pytest.raises(ConflictError):
+        library.save_passport(replace(finger, cycles=7), "Bob")
+    assert library.passports()["PW-I-01"].state is FingerState.WORN
+    with pytest.raises(RefusedError, match="known finger"):
+        library.set_finger_state("PW-X-99", FingerState.WORN, "Ada")
+
+
+def test_a_verified_set_is_to_be_verified_after_a_restart(database: Database, journal: Journal) -> None:
+    mount(journal)
+    assert {slot.state for slot in journal.slots()} == {SlotState.VERIFIED}
+    again = Journal(database, SLOTS, Clock())
+    assert again.recover() is None
+    assert [(slot.state, slot.serial, slot.profile) for slot in again.slots()] == [
+        (SlotState.TO_BE_VERIFIED, serial, "power") for serial in POWER
+    ]
+
+
+@pytest.mark.parametrize(
+    ("steps", "slots", "fingers"),
+    [
+        (1, SlotState.TO_BE_VERIFIED, FingerState.MOUNTED),  # begun, nobody has touched anything
+        (2, SlotState.UNKNOWN, FingerState.UNKNOWN),  # the palm may be open
+        (3, SlotState.UNKNOWN, FingerState.STORE),  # parked; what is being inserted is not known
+        (4, SlotState.TO_BE_VERIFIED, FingerState.STORE),  # the new ones were read in
+    ],
+)
+def test_a_kill_in_a_swap_leaves_the_truth_or_unknown(
+    database: Database, library: Library, journal: Journal, steps: int, slots: SlotState, fingers: FingerState
+) -> None:
+    mount(journal)
+    journal.begin("swap", "pinch", "release")
+    if steps > 1:
+        journal.forget_slots("open_palm")
+    if steps > 2:
+        journal.park_fingers("insert")
+    if steps > 3:
+        journal.read_in("close_palm", ("PI-I-01", "PI-M-01", "PI-T-01"))
+    again = Journal(database, SLOTS, Clock())
+    cut = again.recover()
+    assert cut is not None
+    assert (cut.kind, cut.subject) == ("swap", "pinch")
+    assert {slot.state for slot in again.slots()} == {slots}
+    assert {library.passports()[serial].state for serial in POWER} == {fingers}
+    assert again.recover() is None
+
+
+def test_outcomes_are_tallied_and_cycles_counted(library: Library, journal: Journal) -> None:
+    mount(journal)
+    for outcome in ("GRIPPED", "GRIPPED", "EMPTY", "SLIPPED", "ABORTED", "TENDON_FAULT"):
+        journal.begin("grasp", "egg", "power")
+        journal.finish_grasp("egg", 1, "power", outcome, "reason", 2.0)
+    assert journal.tallies() == {("egg", "power"): Tally(gripped=2, failed=2)}
+    counts = journal.counts()
+    assert sum(counts.outcomes.values()) == 6
+    assert (counts.swaps, counts.mean_swap_s) == (1, pytest.approx(42.0))
+    assert library.passports()["PW-I-01"].cycles == 1 + 6  # the check of the swap and six grasps
+
+
+def test_a_distrusted_finger_does_not_come_back_by_being_parked(library: Library, journal: Journal) -> None:
+    mount(journal, verify=False)
+    journal.distrust()
+    assert {slot.state for slot in journal.slots()} == {SlotState.UNKNOWN}
+    journal.begin("swap", "power", "release")
+    journal.forget_slots("open_palm")
+    journal.park_fingers("insert")
+    assert library.passports()["PW-I-01"].state is FingerState.UNKNOWN
+
+
+def test_two_managers_on_one_cell_are_refused(database_url: str, database: Database) -> None:
+    with pytest.raises(OccupiedError, match="another grasp_mix_manager runs this cell"):
+        Database(database_url, exclusive=True)
+    Database(database_url).close()  # a tool may read beside it
+
+
+def test_the_cell_is_free_again_after_kill_9(database_url: str) -> None:
+    holder = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            HOLD_THE_CELL,
+            database_url,
+        ],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "open\n"
+    with pytest.raises(OccupiedError):
+        Database(database_url, exclusive=True)
+    holder.kill()
+    holder.communicate()
+    _until(lambda: _opens(database_url))
+
+
+def test_a_newer_schema_is_refused(database_url: str) -> None:
+    with Database(database_url) as opened, opened.write() as connection:
+        connection.execute(update(META).values(value="99"))
+    with pytest.raises(StorageError, match="expected schema 1, found 99"):
+        Database(database_url)
+
+
+def test_a_locked_database_is_a_refusal_and_nothing_is_written(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/cell.db"
+    with Database(url) as opened:
+        library = Library(opened, Clock())
+        library.import_catalogue(read_catalogue(), "test")
+        other = sqlite3.connect(tmp_path / "cell.db", isolation_level=None)
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StorageError, match="database is locked; nothing was written"):
+            library.save_product(replace(read_catalogue().products["egg"], mass_kg=0.07), "Ada")
+        other.execute("ROLLBACK")
+        other.close()
+        assert library.catalogue().products["egg"].version == 1
+
+
+def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
+    blocker = tmp_path / "file"
+    blocker.write_text("not a folder")
+    with pytest.raises(StorageError, match="expected to be able to create it"):
+        Database(f"sqlite:///{blocker}/sub/cell.db")
+
+
+def test_a_read_only_database_is_named_and_nothing_is_written(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/cell.db"
+    with Database(url) as opened:
+        library = Library(opened, Clock())
+        with opened.read() as connection:
+            connection.exec_driver_sql("PRAGMA query_only=ON")  # what a read-only file system answers, for root as well
+        with pytest.raises(StorageError, match="attempt to write a readonly database; nothing was written"):
+            library.import_catalogue(read_catalogue(), "test")
+
+
+def test_a_folder_in_place_of_the_database_is_named(tmp_path: Path) -> None:
+    (tmp_path / "cell.db").mkdir()
+    with pytest.raises(StorageError, match="unable to open database file"):
+        Database(f"sqlite:///{tmp_path}/cell.db")
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("nonsense", "expected sqlite:///path or postgresql://user@host/name, found 'nonsense'"),
+        ("oracle://x", "expected sqlite or postgresql, found 'oracle'"),
+        ("postgresql://nobody@127.0.0.1:9/none", "expected to be able to use it"),
+    ],
+)
+def test_urls_that_lead_nowhere(url: str, expected: str) -> None:
+    with pytest.raises(StorageError, match=expected):
+        Database(url)
+
+
+def test_a_file_that_is_no_database(tmp_path: Path) -> None:
+    (tmp_path / "cell.db").write_bytes(b"this is not a database, it is a letter" * 100)
+    with pytest.raises(StorageError, match="file is not a database"):
+        Database(f"sqlite:///{tmp_path}/cell.db")
+
+
+def _opens(url: str) -> bool:
+    try:
+        Database(url, exclusive=True).close()
+    except OccupiedError:
+        return False
+    return True
+
+
+def _until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "condition did not come true"
+        time.sleep(0.02)

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guided swap and the check by an empty closing."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.errors import RefusedError
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.observation import FreeMotion, Pair, SeenTip, TendonSample
+from softgrip_cell.passports import FingerState, read_passports
+from softgrip_cell.storage import Slot, SlotState
+from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding
+from softgrip_cell.swap.sequence import Remember, SwapSequence, SwapStep
+
+SETS = read_catalogue().finger_sets
+EMPTY_HAND = tuple(Slot(name) for name in ("index", "middle", "thumb"))
+POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
+PINCH = ("PI-I-01", "PI-M-01", "PI-T-01")
+
+
+def mounted(serials=POWER, profile: str = "power", state: SlotState = SlotState.VERIFIED) -> tuple[Slot, ...]:
+    return tuple(Slot(slot.name, state, serial, profile) for slot, serial in zip(EMPTY_HAND, serials, strict=True))
+
+
+def test_a_swap_goes_through_its_steps_and_writes_before_it_acts() -> None:
+    sequence = SwapSequence(SETS["pinch"], mounted(), read_passports())
+    turns = [sequence.start(), sequence.released()]
+    turns.append(sequence.confirm("open_palm"))
+    turns.append(sequence.confirm("remove"))
+    turns.append(sequence.confirm("insert", PINCH))
+    turns.append(sequence.confirm("close_palm"))
+    turns.append(sequence.homed())
+    assert [(turn.step, turn.remember) for turn in turns] == [
+        (SwapStep.RELEASE, Remember.NOTHING),
+        (SwapStep.OPEN_PALM, Remember.FORGET_SLOTS),
+        (SwapStep.REMOVE, Remember.NOTHING),
+        (SwapStep.INSERT, Remember.PARK_FINGERS),
+        (SwapStep.CLOSE_PALM, Remember.READ_IN),
+        (SwapStep.HOME, Remember.NOTHING),
+        (SwapStep.VERIFY, Remember.NOTHING),
+    ]
+    assert [turn.confirmation for turn in turns] == [False, True, True, True, True, False, False]
+    assert "take out PW-I-01 from index" in turns[2].instruction
+    assert "PI-T-01 into thumb" in turns[3].instruction
+    assert turns[4].serials == PINCH
+
+
+def test_fingers_that_are_in_already_are_only_checked() -> None:
+    sequence = SwapSequence(SETS["power"], mounted(state=SlotState.TO_BE_VERIFIED), read_passports())
+    assert sequence.only_check
+    assert sequence.released().step is SwapStep.HOME
+    assert sequence.serials == POWER
+
+
+@pytest.mark.parametrize(
+    ("slots", "wanted"),
+    [
+        (EMPTY_HAND, ()),
+        (mounted(state=SlotState.UNKNOWN), ()),
+        (mounted(PINCH, "pinch"), ()),
+        (mounted(), ("PW-I-02", "PW-M-02", "PW-T-02")),
+    ],
+)
+def test_anything_less_certain_is_a_whole_swap(slots, wanted) -> None:
+    assert not SwapSequence(SETS["power"], slots, read_passports(), wanted).only_check
+
+
+def test_the_least_used_fingers_are_proposed() -> None:
+    passports = read_passports()
+    passports["PI-I-01"] = replace(passports["PI-I-01"], cycles=900)
+    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, passports)
+    sequence.start()
+    sequence.released()
+    sequence.confirm("open_palm")
+    assert "PI-I-02 into index, PI-M-01 into middle" in sequence.confirm("remove").instruction
+
+
+@pytest.mark.parametrize(
+    ("serials", "expected"),
+    [
+        (("PI-I-01", "PI-M-01"), "expected one serial per slot .index, middle, thumb., found 2"),
+        ((), "found 0"),
+        (("PI-I-01", "PI-M-01", "PX-T-07"), "slot thumb: finger 'PX-T-07' has no passport"),
+        (
+            ("PW-I-01", "PI-M-01", "PI-T-01"),
+            "expected its finger of profile 'pinch', found PW-I-01: index finger of",
+        ),
+        (("PI-M-01", "PI-I-01", "PI-T-01"), "slot index: expected its finger"),
+        (("PI-I-01", "PI-M-02", "PI-T-01"), "PI-M-02 is worn"),
+        (("PI-I-01", "PI-M-01", "PI-T-02"), "PI-T-02 has closed 25000 times, its limit is 25000"),
+    ],
+)
+def test_wrong_worn_and_unknown_fingers_are_refused_when_read_in(serials, expected: str) -> None:
+    passports = read_passports()
+    passports["PI-M-02"] = replace(passports["PI-M-02"], state=FingerState.WORN)
+    passports["PI-T-02"] = replace(passports["PI-T-02"], cycles=25_000)
+    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, passports)
+    sequence.start()
+    sequence.released()
+    sequence.confirm("open_palm")
+    sequence.confirm("remove")
+    with pytest.raises(RefusedError, match=expected):
+        sequence.confirm("insert", serials)
+    assert sequence.step is SwapStep.INSERT, "the step goes on waiting"
+    assert sequence.confirm("insert", PINCH).step is SwapStep.CLOSE_PALM
+
+
+@pytest.mark.parametrize("state", [FingerState.WORN, FingerState.RETIRED, FingerState.UNKNOWN])
+def test_a_set_without_usable_fingers_is_refused_at_once(state: FingerState) -> None:
+    passports = {
+        serial: replace(passport, state=state) if passport.finger == "thumb" else passport
+        for serial, passport in read_passports().items()
+    }
+    with pytest.raises(RefusedError, match="no usable thumb finger of profile 'hook'"):
+        SwapSequence(SETS["hook"], EMPTY_HAND, passports)
+
+
+def test_confirmations_out_of_turn_are_refused() -> None:
+    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, read_passports())
+    with pytest.raises(RefusedError, match="no step waits"):
+        sequence.confirm("open_palm")
+    sequence.released()
+    with pytest.raises(RefusedError, match="expected a confirmation of step 'open_palm', found 'insert'"):
+        sequence.confirm("insert", PINCH)
+
+
+def test_every_step_names_the_condition_it_leaves_when_cancelled() -> None:
+    sequence = SwapSequence(SETS["pinch"], mounted(), read_passports())
+    said = [sequence.safe_condition()]
+    sequence.released()
+    for step, serials in (("open_palm", ()), ("remove", ()), ("insert", PINCH), ("close_palm", ())):
+        said.append(sequence.safe_condition())
+        sequence.confirm(step, serials)
+    said.append(sequence.safe_condition())
+    assert said[0] == "tendons slack, fingers as before but to be verified"
+    assert said[3] == "tendons slack, palm open, slots unknown: run the swap again before any grasp"
+    assert said[-1] == "tendons released, fingers to be verified before any grasp"
+
+
+# --- the check -----------------------------------------------------------------------------------------------------
+
+SETTINGS = CheckSettings()
+
+
+def closing(
+    gain: float = 1.0, noise_n: float = 0.1, tip_off_m: float = 0.0, reach_m: float = 0.016, seed: int = 0, broken=()
+) -> EmptyClosing:
+    """Close three equal fingers: predicted tension 0.8 N/mm, tip on a straight line."""
+    rng = random.Random(seed)
+    check = EmptyClosing(("index", "middle", "thumb"), SETTINGS)
+    for i in range(200):
+        pulled = reach_m * i / 199
+        predicted = 800.0 * pulled
+        tension = tuple(0.05 if s in broken else gain * predicted + rng.gauss(0.0, noise_n) for s in range(3))
+        stamp = i * 5_000_000
+        tip = (0.1 - 2.0 * pulled, -3.0 * pulled)
+        sample = TendonSample(stamp, (pulled,) * 3, tension)
+        check.observe(Pair(sample, FreeMotion(stamp, (pulled,) * 3, (predicted,) * 3, (tip,) * 3, "fm")))
+        if i % 6 == 0:
+            check.see(SeenTip(stamp, "index", (tip[0] + tip_off_m, tip[1]), 0.0003))
+    return check
+
+
+@pytest.mark.parametrize("gain", [0.85, 1.0, 1.15])
+def test_a_finger_inside_the_interval_is_good_and_teaches_its_free_motion(gain: float) -> None:
+    results = closing(gain=gain, noise_n=0.1).judge()
+    for result in results.values():
+        assert result.finding is Finding.GOOD
+        assert result.tension_ratio == pytest.approx(gain, abs=0.02)
+        assert result.reference is not None
+        assert result.reference.offset(0.010) == pytest.approx((gain - 1.0) * 8.0, abs=0.1)
+        assert result.reference.tension(0.010) == pytest.approx(gain * 8.0, abs=0.15)
+        assert result.reference.stddev_n == pytest.approx(0.1, rel=0.4)
+        assert FreeReference.from_document(result.reference.document()) == result.reference
+    assert "fingertip within 0.0 mm" in results["index"].reason
+    assert "not seen by the camera" in results["thumb"].reason
+
+
+@pytest.mark.parametrize("gain", [0.6, 1.4, 2.0])
+def test_a_tension_outside_the_interval_is_refused(gain: float) -> None:
+    assert {result.finding for result in closing(gain=gain).judge().values()} == {Finding.OFF}
+
+
+def test_a_tip_elsewhere_is_refused_even_with_the_right_tension() -> None:
+    results = closing(tip_off_m=0.012).judge()
+    assert results["index"].finding is Finding.OFF
+    assert "12.0 mm from the prediction, expected at most" in results["index"].reason
+    assert results["thumb"].finding is Finding.GOOD
+
+
+def test_a_broken_tendon_is_named() -> None:
+    results = closing(broken=(1,)).judge()
+    assert results["middle"].finding is Finding.BROKEN
+    assert results["index"].finding is Finding.GOOD
+
+
+def test_too_short_a_closing_proves_nothing() -> None:
+    result = closing(reach_m=0.008).judge()["index"]
+    assert result.finding is Finding.UNSEEN
+    assert "expected a closing to 16.0 mm" in result.reason
+
+
+def test_no_closing_at_all_proves_nothing() -> None:
+    result = EmptyClosing(("index",), SETTINGS).judge()["index"]
+    assert result.finding is Finding.UNSEEN
+    assert math.isnan(result.tension_ratio)
