@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who is there: the entities whose liveliness tokens are up, kept by each context."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from embedded_ros import wire
+from embedded_ros.wire import Entity, EntityKind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+_LOG = logging.getLogger(__name__)
+_QUERY_TIMEOUT_S = 5.0
+
+
+class Graph:
+    """The entities of a domain. Changes arrive on Zenoh's thread; readers take a snapshot."""
+
+    def __init__(self) -> None:
+        self._entities: dict[str, Entity] = {}
+        self._by_gid: dict[bytes, Entity] = {}
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
+        self._listeners: list[Callable[[Entity, bool], None]] = []
+        self._subscriber: object = None
+
+    def watch(self, session: zenoh.Session, domain: int) -> None:
+        """Fill from the tokens that are up, then follow changes."""
+        prefix = wire.liveliness_prefix(domain)
+        handler = zenoh.handlers.Callback(self._on_token, indirect=False)
+        self._subscriber = session.liveliness().declare_subscriber(prefix, handler, history=True)
+        for reply in session.liveliness().get(prefix, timeout=_QUERY_TIMEOUT_S):
+            if reply.ok is not None:
+                self.add(str(reply.ok.key_expr))
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self.add(key)
+        else:
+            self.remove(key)
+
+    def add(self, token: str) -> None:
+        """Take a token in; one that is no ROS 2 token is ignored."""
+        try:
+            entity = wire.decode_token(token)
+        except ValueError as error:
+            _LOG.debug("ignored liveliness token: %s", error)
+            return
+        with self._lock:
+            if token in self._entities:
+                return
+            self._entities[token] = entity
+            self._by_gid[wire.gid_of(token)] = entity
+            self._changed.notify_all()
+            listeners = list(self._listeners)
+        for listener in listeners:
+            listener(entity, True)
+
+    def remove(self, token: str) -> None:
+        """Drop a token that is gone."""
+        with self._lock:
+            entity = self._entities.pop(token, None)
+            if entity is None:
+                return
+            self._by_gid.pop(wire.gid_of(token), None)
+            self._changed.notify_all()
+            listeners = list(self._listeners)
+        for listener in listeners:
+            listener(entity, False)
+
+    def listen(self, listener: Callable[[Entity, bool], None]) -> None:
+        """Call ``listener(entity, appeared)`` on each change, on the thread that brought it."""
+        with self._lock:
+            self._listeners.append(listener)
+
+    def unlisten(self, listener: Callable[[Entity, bool], None]) -> None:
+        """Stop calling a listener."""
+        with self._lock:
+            if listener in self._listeners:
+                self._listeners.remove(listener)
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
+        """Wait until a condition on the graph holds; return whether it does."""
+        with self._changed:
+            return self._changed.wait_for(condition, timeout_s)
+
+    def snapshot(self, *kinds: EntityKind) -> list[Entity]:
+        """Return the entities of the given kinds, or all."""
+        with self._lock:
+            return [entity for entity in self._entities.values() if not kinds or entity.kind in kinds]
+
+    def endpoints(self, name: str, *kinds: EntityKind) -> list[Entity]:
+        """Return the endpoints on a fully qualified name."""
+        with self._lock:
+            return [entity for entity in self._entities.values() if entity.name == name and entity.kind in kinds]
+
+    def by_gid(self, gid: bytes) -> Entity | None:
+        """Return the endpoint with this gid, when its token has been seen."""
+        return self._by_gid.get(gid)
+
+
+def names_and_types(entities: Iterable[Entity]) -> list[tuple[str, list[str]]]:
+    """Return sorted (name, sorted types) of endpoints."""
+    found: dict[str, set[str]] = {}
+    for entity in entities:
+        found.setdefault(entity.name, set()).add(entity.ros_type)
+    return [(name, sorted(types)) for name, types in sorted(found.items())]
+
+
+def incompatible_policy(offered: wire.WireQos, requested: wire.WireQos) -> str | None:  # noqa: PLR0911  one policy each
+    """Return the first policy for which DDS would not match a publisher with a subscription (OMG DDS 1.4, 2.2.3)."""
+    if offered.durability == 2 and requested.durability == 1:
+        return "DURABILITY_QOS_POLICY"
+    if offered.deadline_ns > requested.deadline_ns:
+        return "DEADLINE_QOS_POLICY"
+    if offered.liveliness == 1 and requested.liveliness == 3:
+        return "LIVELINESS_QOS_POLICY"
+    if offered.lease_ns > requested.lease_ns:
+        return "LIVELINESS_QOS_POLICY"
+    if offered.reliability == 2 and requested.reliability == 1:
+        return "RELIABILITY_QOS_POLICY"
+    return None

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes Python classes from interface text, with the semantics of rosidl's generated ones."""
+
+from __future__ import annotations
+
+import array
+import copy
+import functools
+import os
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+import numpy as np
+
+from embedded_ros import cdr, field_check, type_hash
+from embedded_ros.cdr import ARRAY_CODES
+from embedded_ros.errors import UnknownInterfaceError
+from embedded_ros.interface_text import Field, FieldType, MessageText, parse_interface
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+_T = TypeVar("_T", bound="Message")
+KINDS = ("msg", "srv", "action")
+_ZERO = {"bool": False, "byte": b"\0", "float32": 0.0, "float64": 0.0, "string": "", "wstring": ""}
+
+
+def checks_fields() -> bool:
+    """Whether assignments are checked too, as ROS_PYTHON_CHECK_FIELDS=1 asks rosidl's classes to do."""
+    return os.environ.get("ROS_PYTHON_CHECK_FIELDS", "") == "1"
+
+
+class _Constants(type):
+    """Metaclass of messages: constants and defaults are read-only class attributes."""
+
+    _constants: dict[str, object]
+
+    def __setattr__(cls, name: str, value: object) -> None:
+        if name in cls.__dict__.get("_constants", {}):
+            raise AttributeError(f"{cls.__name__}.{name} is a constant")
+        super().__setattr__(name, value)
+
+    def __prepare__(name: str, bases: tuple[type, ...], **_: object) -> dict[str, object]:  # type: ignore[override]  # noqa: N805
+        return {}
+
+
+class Message(metaclass=_Constants):
+    """Base of all message classes; subclasses are made by :func:`make_message`."""
+
+    __slots__ = ("_check_fields",)
+    _TEXT: ClassVar[MessageText]
+    _fields_and_field_types: ClassVar[dict[str, str]] = {}
+    _constants: ClassVar[dict[str, object]] = {}
+    _lookup: ClassVar[Callable[[str], type[Message]]]
+    SLOT_TYPES: ClassVar[tuple[FieldType, ...]] = ()
+
+    def __init__(self, **kwargs: object) -> None:
+        for name, make in self._defaults():
+            if name in kwargs:
+                setattr(self, name, kwargs.pop(name))
+            else:
+                setattr(self, "_" + name, make())
+        if kwargs:
+            expected = ", ".join(self._fields_and_field_types)
+            raise AssertionError(
+                f"Invalid arguments passed to constructor: {', '.join(sorted(kwargs))}; fields are {expected}"
+            )
+
+    @classmethod
+    @functools.cache
+    def _defaults(cls) -> list[tuple[str, Callable[[], object]]]:
+        return [(field.name, _default_factory(field, cls)) for field in cls._TEXT.fields]
+
+    @classmethod
+    def _nested(cls, name: str) -> type[Message]:
+        return cls._lookup(name)
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """Return field names with their types as text."""
+        return copy.copy(cls._fields_and_field_types)
+
+    @classmethod
+    @functools.cache
+    def _serializer(cls) -> Callable[[Any], bytearray]:
+        return cdr.make_serializer(cls)
+
+    @classmethod
+    @functools.cache
+    def _deserializer(cls) -> Callable[[bytes], Any]:
+        return cdr.make_deserializer(cls)
+
+    @classmethod
+    @functools.cache
+    def type_hash(cls) -> str:
+        """Return the RIHS01 hash of the type."""
+        return type_hash.type_hash(cls._TEXT, cls._text_of)
+
+    @classmethod
+    def type_description(cls) -> dict[str, Any]:
+        """Return the REP-2016 description of the type and of all it refers to."""
+        return type_hash.full_description(cls._TEXT, cls._text_of)
+
+    @classmethod
+    def _text_of(cls, name: str) -> MessageText:
+        return cls._lookup(name)._TEXT
+
+    def __eq__(self, other: object) -> bool:
+        if other.__class__ is not self.__class__:
+            return False if isinstance(other, Message) else NotImplemented
+        return all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            if isinstance(getattr(self, name), np.ndarray)
+            else getattr(self, name) == getattr(other, name)
+            for name in self._fields_and_field_types
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # mutable values, as in rosidl
+
+    def __repr__(self) -> str:
+        def text(value: object) -> str:
+            return repr(value.tolist()) if isinstance(value, array.array) else repr(value)
+
+        package, kind, _ = self._TEXT.name.split("/")
+        fields = ", ".join(f"{name}={text(getattr(self, name))}" for name in self._fields_and_field_types)
+        return f"{package}.{kind}.{type(self).__name__}({fields})"
+
+    def __copy__(self) -> Self:
+        twin: Self = object.__new__(type(self))
+        for name in self._fields_and_field_types:
+            setattr(twin, "_" + name, getattr(self, name))
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        twin: Self = object.__new__(type(self))
+        for name in self._fields_and_field_types:
+            setattr(twin, "_" + name, copy.deepcopy(getattr(self, name), memo))
+        return twin
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _rebuild, (type(self)._TEXT.name, bytes(serialize(self)))
+
+
+def _rebuild(name: str, data: bytes) -> Message:
+    from embedded_ros.registry import registry  # noqa: PLC0415  only unpickling needs it
+
+    return deserialize(data, registry().message(name))
+
+
+def serialize(message: Message) -> bytearray:
+    """Return the CDR of a message with its 4-byte header.
+
+    Raises:
+        TypeError, ValueError: a field holds what ROS 2 would abort the process for; names field, expected and found.
+    """
+    try:
+        return message._serializer()(message)
+    except Exception:
+        field_check.explain(message)
+        raise
+
+
+def deserialize(data: bytes, kind: type[_T]) -> _T:
+    """Return the message of class ``kind`` that ``data`` (CDR with header) holds."""
+    result: _T = kind._deserializer()(data)
+    return result
+
+
+def _default_factory(field: Field, owner: type[Message]) -> Callable[[], object]:  # noqa: PLR0911  one per kind of field
+    kind, default = field.type, field.default
+    if kind.array and kind.base in ARRAY_CODES:
+        code = ARRAY_CODES[kind.base]
+        if kind.array == "fixed":
+            values = np.zeros(kind.size, code) if default is None else np.array(default, code)
+            return values.copy
+        start = array.array(code, default or [])  # type: ignore[arg-type]
+        return lambda: start[:]
+    if kind.array:
+        if default is not None:
+            return lambda: list(default)  # type: ignore[call-overload]
+        if kind.array != "fixed":
+            return list
+        make = _default_factory(Field(field.name, kind.element), owner)
+        return lambda: [make() for _ in range(kind.size)]
+    if kind.primitive:
+        value = _ZERO.get(kind.base, 0) if default is None else default
+        return lambda: value
+    nested = owner._nested(kind.base)
+    return nested
+
+
+def _property(field: Field) -> property:
+    """Return the property of a field that needs conversion or a check on assignment."""
+    slot, kind = "_" + field.name, field.type
+    code = ARRAY_CODES.get(kind.base, "") if kind.array else ""
+
+    def get(self: Message) -> object:
+        return getattr(self, slot)
+
+    def put(self: Message, value: Any) -> None:
+        if checks_fields():
+            field_check.check_assignment(self, field, value)
+        if code and kind.array == "fixed":
+            value = np.array(value, dtype=code)
+        elif code and not (isinstance(value, array.array) and value.typecode == code):
+            value = array.array(code, value.tobytes() if _same_dtype(value, code) else value)
+        setattr(self, slot, value)
+
+    return property(get, put, doc=f"Field '{field.name}' of type {kind}.")
+
+
+def _same_dtype(value: object, code: str) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype == np.dtype(code)
+
+
+def make_message(text: MessageText, lookup: Callable[[str], type[Message]]) -> type[Message]:
+    """Make the class of a parsed message.
+
+    Args:
+        text: the parsed definition.
+        lookup: gives the class of ``pkg/msg/Name``; asked when the class is first used, so order does not matter.
+    """
+    package, kind, name = text.name.split("/")
+    constants = {constant: value for constant, _, value in text.constants}
+    for field in text.fields:
+        if field.default is not None:
+            constants[f"{field.name.upper()}__DEFAULT"] = field.default
+    body: dict[str, Any] = {
+        "__slots__": tuple("_" + field.name for field in text.fields),
+        "__module__": f"{package}.{kind}",
+        "__qualname__": name,
+        "__doc__": f"{text.name}.",
+        "_TEXT": text,
+        "_lookup": staticmethod(lookup),
+        "_fields_and_field_types": {field.name: str(field.type) for field in text.fields},
+        "SLOT_TYPES": tuple(field.type for field in text.fields),
+        **constants,
+    }
+    made: type[Message] = _Constants(name, (Message,), body)
+    for field in text.fields:
+        plain = not (field.type.array and field.type.base in ARRAY_CODES) and not checks_fields()
+        # A plain field is the slot itself under its public name: no Python code runs on access.
+        setattr(made, field.name, made.__dict__["_" + field.name] if plain else _property(field))
+    made._constants = constants
+    return made
+
+
+def parse_file(path: Path, package: str, kind: str) -> list[MessageText]:
+    """Parse a file; a missing one is an unknown interface."""
+    if not path.is_file():
+        raise UnknownInterfaceError(f"{package}/{kind}/{path.stem} is not defined: expected the file {path}")
+    return parse_interface(path, package, kind)

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opens the Zenoh session of a context, and lets any process host the router that sessions meet at."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import socket
+import threading
+from typing import Any
+
+import zenoh
+
+from embedded_ros.errors import WireError
+
+ROUTER_PORT = 7447
+PORT_VARIABLE = "EMBEDDED_ROUTER_PORT"
+OVERRIDE_VARIABLE = "ZENOH_CONFIG_OVERRIDE"
+_KEEPER_PERIOD_S = 1.0
+_LEASE_MS = 2000
+
+_COMMON = {
+    "timestamping/enabled": {"router": True, "peer": True, "client": True},
+    "queries_default_timeout": 600_000,
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": True,
+    "transport/unicast/open_timeout": 60_000,
+    "transport/unicast/accept_timeout": 60_000,
+    "transport/unicast/max_sessions": 10_000,
+    "transport/unicast/accept_pending": 10_000,
+    # rmw_zenoh uses 60 s; a frozen process is to be noticed within 3 s (ROS 2 peers keep their own lease).
+    "transport/link/tx/lease": _LEASE_MS,
+    "transport/link/tx/keep_alive": 4,
+    "transport/shared_memory/enabled": False,
+}
+
+
+def router_port(domain: int) -> int:
+    """Return the port of the router: EMBEDDED_ROUTER_PORT, else 7447 + domain, so that domains never meet."""
+    text = os.environ.get(PORT_VARIABLE)
+    if text is None:
+        return ROUTER_PORT + domain
+    if not text.isdigit() or not 0 < int(text) < 65536:
+        raise WireError(f"{PORT_VARIABLE}: expected a TCP port 1..65535, found {text!r}")
+    return int(text)
+
+
+def overrides() -> dict[str, Any]:
+    """Return ZENOH_CONFIG_OVERRIDE (``key/path=json5;key2=...``) as a dict of JSON5 texts."""
+    found: dict[str, Any] = {}
+    for item in os.environ.get(OVERRIDE_VARIABLE, "").split(";"):
+        if item.strip():
+            key, separator, value = item.partition("=")
+            if not separator:
+                raise WireError(f"{OVERRIDE_VARIABLE}: expected key/path=value, found {item!r}")
+            found[key.strip()] = value.strip()
+    return found
+
+
+def _configuration(values: dict[str, Any], patch: dict[str, Any]) -> zenoh.Config:
+    configuration = zenoh.Config()
+    for key, value in values.items():
+        configuration.insert_json5(key, json.dumps(value))
+    for key, text in patch.items():
+        try:
+            configuration.insert_json5(key, text)
+        except Exception as error:
+            raise WireError(f"{OVERRIDE_VARIABLE}: Zenoh refuses {key}={text}: {error}") from error
+    return configuration
+
+
+def _session_configuration(port: int) -> zenoh.Config:
+    values = {
+        **_COMMON,
+        "mode": "peer",
+        "connect/endpoints": [f"tcp/localhost:{port}"],
+        "connect/timeout_ms": {"router": -1, "peer": -1, "client": 0},
+        "connect/exit_on_failure": {"router": False, "peer": False, "client": True},
+        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
+        "listen/endpoints": ["tcp/localhost:0"],
+        "scouting/delay": 100,
+        "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
+        "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
+        "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+    }
+    return _configuration(values, overrides())
+
+
+def _router_configuration(port: int) -> zenoh.Config:
+    values = {
+        **_COMMON,
+        "mode": "router",
+        "connect/endpoints": [],
+        "listen/endpoints": [f"tcp/localhost:{port}"],
+        "listen/exit_on_failure": True,
+        "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
+        "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
+        "scouting/gossip/autoconnect_strategy": {"router": {"to_router": "always", "to_peer": "always"}},
+        "routing/router/peers_failover_brokering": False,
+    }
+    return _configuration(values, {})
+
+
+def host_port(domain: int) -> int | None:
+    """Return the port a router of this machine listens on; None when the override connects to another machine."""
+    text = overrides().get("connect/endpoints")
+    if text is None:
+        return router_port(domain)
+    match = re.search(r"tcp/(?:localhost|127\.0\.0\.1|\[::1\]):(\d+)", text)
+    return int(match[1]) if match else None
+
+
+def port_is_open(port: int) -> bool:
+    """Whether something on this machine accepts connections on a port."""
+    try:
+        socket.create_connection(("localhost", port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+class RouterKeeper:
+    """Hosts the router when nobody does: tried at the start, then each second while the session sees no router."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._router: zenoh.Session | None = None
+        self._session: zenoh.Session | None = None
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def try_host(self) -> bool:
+        """Host the router unless something already listens on the port; return whether one runs here."""
+        if self._router is None and not port_is_open(self._port):
+            try:
+                self._router = zenoh.open(_router_configuration(self._port))
+            except zenoh.ZError as error:
+                if "in use" not in str(error) and os.strerror(errno.EADDRINUSE) not in str(error):
+                    raise WireError(f"cannot host the router on port {self._port}: {error}") from error
+        return self._router is not None
+
+    def watch(self, session: zenoh.Session) -> None:
+        """Take over when the router that ``session`` is connected to goes away."""
+        self._session = session
+        self._thread = threading.Thread(target=self._keep, name="router-keeper", daemon=True)
+        self._thread.start()
+
+    def _keep(self) -> None:
+        while not self._stop.wait(_KEEPER_PERIOD_S):
+            session = self._session
+            if self._router is None and session is not None and not session.info.routers_zid():
+                self.try_host()
+
+    def close(self) -> None:
+        """Stop watching and give the router up."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        if self._router is not None:
+            self._router.close()
+            self._router = None
+
+
+def open_session(domain: int, *, host: bool = True) -> tuple[zenoh.Session, RouterKeeper | None]:
+    """Open the session of a context.
+
+    Args:
+        domain: ROS_DOMAIN_ID.
+        host: whether this process may host the router; short-lived commands do not.
+
+    Raises:
+        WireError: the configuration is refused, or something that is no Zenoh router answers on the port.
+    """
+    port = host_port(domain)
+    keeper = RouterKeeper(port) if host and port is not None else None
+    if keeper is not None:
+        keeper.try_host()
+    configuration = _session_configuration(port or ROUTER_PORT)
+    try:
+        session = zenoh.open(configuration)
+    except zenoh.ZError as error:
+        if keeper is not None:
+            keeper.close()
+        raise WireError(f"cannot open a Zenoh session: {error}") from error
+    if keeper is not None:
+        keeper.watch(session)
+    return session, keeper

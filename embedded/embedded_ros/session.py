@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Declares what rmw_zenoh declares, on a session: publishers, subscriptions, queryables, queriers, tokens."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+import zenoh.ext
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from embedded_ros.wire import WireQos
+
+_HEARTBEAT_S = 0.5
+_FOREVER_S = 10.0 * 365 * 24 * 3600
+
+
+def _direct(function: Callable[[Any], None]) -> Any:
+    """Call on Zenoh's own thread: its default thread would keep the process from exiting after an exception."""
+    return zenoh.handlers.Callback(function, indirect=False)
+
+
+class Link:
+    """A session, as endpoints use it."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+
+    @property
+    def zid(self) -> str:
+        """The session's id as it stands in tokens."""
+        return str(self._session.info.zid())
+
+    def token(self, key: str) -> zenoh.LivelinessToken:
+        """Announce an entity."""
+        return self._session.liveliness().declare_token(key)
+
+    @staticmethod
+    def withdraw(declared: Any) -> None:
+        """Undeclare something; a session that is closed already has done so."""
+        with contextlib.suppress(zenoh.ZError):
+            declared.undeclare()
+
+    def publisher(self, key: str, qos: WireQos) -> Any:
+        """Declare a publisher; transient local keeps the last ``depth`` samples for late subscriptions."""
+        reliable = qos.reliability == 1
+        options: dict[str, Any] = {
+            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+            "congestion_control": zenoh.CongestionControl.BLOCK
+            if reliable and qos.history == 2
+            else zenoh.CongestionControl.DROP,
+        }
+        if qos.durability != 1:
+            return self._session.declare_publisher(key, **options)
+        if reliable:
+            options["sample_miss_detection"] = zenoh.ext.MissDetectionConfig(
+                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+            )
+        return zenoh.ext.declare_advanced_publisher(
+            self._session, key, cache=zenoh.ext.CacheConfig(qos.depth), publisher_detection=True, **options
+        )
+
+    def subscription(self, key: str, qos: WireQos, on_sample: Callable[[zenoh.Sample], None]) -> Any:
+        """Declare a subscription; transient local asks publishers, also late ones, for what they keep."""
+        if qos.durability != 1:
+            return self._session.declare_subscriber(key, _direct(on_sample))
+        options: dict[str, Any] = {}
+        if qos.reliability == 1:
+            options["recovery"] = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
+        return zenoh.ext.declare_advanced_subscriber(
+            self._session,
+            key,
+            _direct(on_sample),
+            history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=qos.depth),
+            subscriber_detection=True,
+            **options,
+        )
+
+    def queryable(self, key: str, on_query: Callable[[zenoh.Query], None]) -> Any:
+        """Declare the server side of a service."""
+        return self._session.declare_queryable(key, _direct(on_query), complete=True)
+
+    def querier(self, key: str) -> Any:
+        """Declare the client side of a service; results of actions are waited for without limit."""
+        options: dict[str, Any] = {}
+        if "/_action/get_result/" in key:
+            options["timeout"] = _FOREVER_S
+        return self._session.declare_querier(
+            key,
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.QueryConsolidation(zenoh.ConsolidationMode.NONE),
+            **options,
+        )
+
+    @staticmethod
+    def ask(querier: Any, payload: bytearray, attachment: bytes, on_reply: Callable[[zenoh.Reply], None]) -> None:
+        """Send a request."""
+        querier.get(_direct(on_reply), payload=payload, attachment=attachment)

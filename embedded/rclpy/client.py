@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clients of services."""
+
+from __future__ import annotations
+
+import collections
+import struct
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from embedded_ros import wire
+from embedded_ros.errors import CdrError, needs_ros2
+from embedded_ros.messages import deserialize, serialize
+from embedded_ros.session import Link
+from embedded_ros.wire import EntityKind
+from rclpy.endpoint import Endpoint
+from rclpy.exceptions import InvalidHandle
+from rclpy.task import Future
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+
+
+class Client(Endpoint):
+    """Made by ``Node.create_client``."""
+
+    def __init__(
+        self, node: Node, srv_type: Any, srv_name: str, qos_profile: QoSProfile, callback_group: CallbackGroup
+    ) -> None:
+        super().__init__(node, EntityKind.CLIENT, srv_name, srv_type, qos_profile)
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.callback_group = callback_group
+        self._executor_event = False
+        self._sequence = 0
+        self._pending: dict[int, Future] = {}
+        self._lock = threading.Lock()
+        self._replies: collections.deque[tuple[int, bytes]] = collections.deque()
+        self._querier = self._link.querier(self._key)
+        self._announce()
+
+    @property
+    def context(self) -> Any:
+        """The context of the node."""
+        return self._node.context
+
+    @property
+    def service_name(self) -> str:
+        """The fully qualified name."""
+        return self._name
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """Call and wait for the response; another thread must spin the node.
+
+        Raises:
+            TimeoutError: no response in time.
+        """
+        if not isinstance(request, self.srv_type.Request):
+            raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
+        done = threading.Event()
+        future = self.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        with self._node.context._waking(done):
+            # The future may be done without its executor running its callbacks: then nobody else spins.
+            if not done.wait(timeout_sec):
+                self.remove_pending_request(future)
+                raise TimeoutError
+        return future.result()
+
+    def call_async(self, request: Any) -> Future:
+        """Call; the future ends with the response."""
+        if not isinstance(request, self.srv_type.Request):
+            raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
+        if self._destroyed:
+            raise InvalidHandle("cannot use Destroyable because destruction was requested")
+        payload = serialize(request)
+        future = Future(executor=self._node.executor)
+        with self._lock:
+            self._sequence += 1
+            sequence = self._sequence
+            self._pending[sequence] = future
+        future.add_done_callback(self.remove_pending_request)
+        attachment = wire.encode_attachment(sequence, time.time_ns(), self._gid)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            sample = reply.ok
+            if sample is not None and sequence in self._pending:
+                self._replies.append((sequence, sample.payload.to_bytes()))
+                self._node._wake()
+
+        Link.ask(self._querier, payload, attachment, on_reply)
+        return future
+
+    def _is_ready(self) -> bool:
+        return bool(self._replies)
+
+    def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
+        try:
+            sequence, payload = self._replies.popleft()
+        except IndexError:
+            return None
+        with self._lock:
+            future = self._pending.get(sequence)
+        if future is None or future._pending_is_over():
+            return None
+        try:
+            response = deserialize(payload, self.srv_type.Response)
+        except (CdrError, struct.error) as error:
+            self._node.get_logger().error(f"dropped a response of '{self._name}': {error}")
+            return None
+        future._set_executor(self._node.executor)
+        return future.set_result, (response,)
+
+    def remove_pending_request(self, future: Future) -> None:
+        """Forget a call."""
+        with self._lock:
+            for sequence, pending in self._pending.items():
+                if pending is future:
+                    del self._pending[sequence]
+                    break
+
+    def service_is_ready(self) -> bool:
+        """Whether a server of this name and type is up."""
+        servers = self._node.context._graph.endpoints(self._name, EntityKind.SERVICE)
+        return any(server.type == self._entity.type for server in servers)
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Wait for a server; return whether it is there."""
+        context = self._node.context
+        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        while context.ok() and not self._destroyed:
+            # Short waits: a shutdown must not be held up by a graph that does not change.
+            left = 0.1 if end is None else min(0.1, end - time.monotonic())
+            if self.service_is_ready():
+                return True
+            if left <= 0:
+                return False
+            context._graph.wait(self.service_is_ready, left)
+        return self.service_is_ready() if context.ok() else False
+
+    def configure_introspection(self, *_: object) -> None:
+        """Refuse: service events are outside the scope."""
+        raise needs_ros2("service introspection")
+
+    def _undeclare(self) -> None:
+        self._querier.undeclare()
+        for future in list(self._pending.values()):
+            future.cancel()

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loggers: lines on stderr in rcutils's form, and /rosout through the node that owns the name."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rclpy.clock_type import ClockType
+from rclpy.impl.logging_severity import LoggingSeverity
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+
+_DEFAULT_LEVEL = LoggingSeverity.INFO
+_COLOURS = {
+    LoggingSeverity.DEBUG: "\033[32m",
+    LoggingSeverity.INFO: "\033[0m",
+    LoggingSeverity.WARN: "\033[33m",
+    LoggingSeverity.ERROR: "\033[31m",
+    LoggingSeverity.FATAL: "\033[31m",
+}
+_FILTERS = {
+    "throttle_duration_sec", "throttle_time_source_type", "skip_first", "once", "name",
+}  # fmt: skip
+
+_levels: dict[str, int] = {}
+_sinks: dict[str, Callable[[float, int, str, str, CallerId], None]] = {}
+
+
+class CallerId(NamedTuple):
+    """Where a log call stands."""
+
+    function_name: str
+    file_path: str
+    line_number: int
+    last_index: int
+
+
+def _caller() -> CallerId:
+    frame: FrameType | None = sys._getframe(1)  # noqa: SLF001  inspect.stack() reads source files: too slow here
+    while frame is not None and frame.f_code.co_filename == __file__:
+        frame = frame.f_back
+    if frame is None:
+        return CallerId("", "", 0, 0)
+    return CallerId(frame.f_code.co_name, frame.f_code.co_filename, frame.f_lineno, frame.f_lasti)
+
+
+def set_level(name: str, level: int) -> None:
+    """Set the level of a logger name ('' is the root)."""
+    _levels[name] = LoggingSeverity(level)
+
+
+def level_of(name: str) -> LoggingSeverity:
+    """Return the level set for exactly this name."""
+    return LoggingSeverity(_levels.get(name, LoggingSeverity.UNSET))
+
+
+def effective_level(name: str) -> LoggingSeverity:
+    """Return the level that applies to a name: its own, else its nearest parent's, else INFO."""
+    while True:
+        if _levels.get(name):
+            return LoggingSeverity(_levels[name])
+        if not name:
+            return _DEFAULT_LEVEL
+        name = name.rpartition(".")[0]
+
+
+def clear() -> None:
+    """Forget all levels."""
+    _levels.clear()
+
+
+def add_sink(name: str, sink: Callable[[float, int, str, str, CallerId], None]) -> None:
+    """Send what is logged under a name and its children to ``sink(stamp, severity, name, text, caller)`` too."""
+    _sinks[name] = sink
+
+
+def remove_sink(name: str, sink: Callable[[float, int, str, str, CallerId], None]) -> None:
+    """Stop sending."""
+    if _sinks.get(name) == sink:
+        del _sinks[name]
+
+
+def _write(stamp_ns: int, severity: LoggingSeverity, name: str, text: str, caller: CallerId) -> None:
+    layout = os.environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT", "[{severity}] [{time}] [{name}]: {message}")
+    values = {
+        "severity": severity.name,
+        "time": f"{stamp_ns / 1e9:.9f}" if "{time}" not in layout else f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}",
+        "time_as_nanoseconds": str(stamp_ns),
+        "name": name,
+        "message": text,
+        "function_name": caller.function_name,
+        "file_name": caller.file_path,
+        "line_number": str(caller.line_number),
+    }
+    line = layout
+    for key, value in values.items():
+        line = line.replace("{" + key + "}", value)
+    stream = sys.stdout if os.environ.get("RCUTILS_LOGGING_USE_STDOUT") == "1" else sys.stderr
+    colour = os.environ.get("RCUTILS_COLORIZED_OUTPUT")
+    if colour == "1" or (colour != "0" and stream is not None and stream.isatty()):
+        line = f"{_COLOURS[severity]}{line}\033[0m"
+    if stream is not None:
+        stream.write(line + "\n")
+        stream.flush()
+
+
+class RcutilsLogger:
+    """Logs under a name."""
+
+    def __init__(self, name: str = "") -> None:
+        self.name = name
+        self._contexts: dict[CallerId, dict[str, Any]] = {}
+
+    def get_child(self, name: str) -> RcutilsLogger:
+        """Return the logger ``self.name + '.' + name``."""
+        if not name:
+            raise ValueError("Child logger name must not be empty.")
+        return RcutilsLogger(f"{self.name}.{name}" if self.name else name)
+
+    def set_level(self, level: int | LoggingSeverity) -> None:
+        """Set this logger's level."""
+        set_level(self.name, LoggingSeverity(level))
+
+    def get_effective_level(self) -> LoggingSeverity:
+        """Return the level that applies."""
+        return effective_level(self.name)
+
+    def is_enabled_for(self, severity: int | LoggingSeverity) -> bool:
+        """Whether a severity would be logged."""
+        return LoggingSeverity(severity) >= effective_level(self.name)
+
+    def log(self, message: str, severity: int | LoggingSeverity, **kwargs: Any) -> bool:
+        """Log a message; return whether it went out.
+
+        Args:
+            message: the text.
+            severity: how bad.
+            kwargs: ``once``, ``skip_first``, ``throttle_duration_sec`` (with ``throttle_time_source_type``), per call site.
+        """
+        severity = LoggingSeverity(severity)
+        name = kwargs.pop("name", self.name) or self.name
+        enabled = severity >= effective_level(name)
+        if not kwargs and not enabled:
+            return False
+        caller = _caller()
+        if not self._passes(caller, severity, kwargs) or not enabled:
+            return False
+        stamp_ns = time.time_ns()
+        text = str(message)
+        _write(stamp_ns, severity, name, text, caller)
+        owner = name
+        while owner:
+            if owner in _sinks:
+                _sinks[owner](stamp_ns, severity, name, text, caller)
+                break
+            owner = owner.rpartition(".")[0]
+        return True
+
+    def _passes(self, caller: CallerId, severity: int, kwargs: dict[str, Any]) -> bool:
+        unknown = set(kwargs) - _FILTERS
+        if unknown:
+            raise TypeError(f"parameter(s) {sorted(unknown)} not supported by logging; expected {sorted(_FILTERS)}")
+        if "throttle_time_source_type" in kwargs and "throttle_duration_sec" not in kwargs:
+            raise TypeError("required parameter 'throttle_duration_sec' not specified for the throttle filter")
+        known = self._contexts.get(caller)
+        now = dict(kwargs, severity=severity)
+        if known is None:
+            known = self._contexts[caller] = {"settings": now, "calls": 0, "last": None}
+        elif known["settings"] != now:
+            what = "severity" if known["settings"]["severity"] != severity else "filter parameters"
+            raise ValueError(f"Logger {what} cannot be changed between calls.")
+        known["calls"] += 1
+        if kwargs.get("skip_first") and known["calls"] == 1:
+            return False
+        if kwargs.get("once"):
+            if known.get("logged"):
+                return False
+            known["logged"] = True
+        if "throttle_duration_sec" in kwargs:
+            return _throttle(known, kwargs["throttle_duration_sec"], kwargs.get("throttle_time_source_type"))
+        return True
+
+    def debug(self, message: str, **kwargs: Any) -> bool:
+        """Log at DEBUG."""
+        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
+
+    def info(self, message: str, **kwargs: Any) -> bool:
+        """Log at INFO."""
+        return self.log(message, LoggingSeverity.INFO, **kwargs)
+
+    def warning(self, message: str, **kwargs: Any) -> bool:
+        """Log at WARN."""
+        return self.log(message, LoggingSeverity.WARN, **kwargs)
+
+    warn = warning
+
+    def error(self, message: str, **kwargs: Any) -> bool:
+        """Log at ERROR."""
+        return self.log(message, LoggingSeverity.ERROR, **kwargs)
+
+    def fatal(self, message: str, **kwargs: Any) -> bool:
+        """Log at FATAL."""
+        return self.log(message, LoggingSeverity.FATAL, **kwargs)
+
+
+def _throttle(known: dict[str, Any], period_s: float, source: Any) -> bool:
+    if not isinstance(period_s, int | float):
+        raise TypeError(f"throttle_duration_sec: expected seconds, found {period_s!r}")
+    if source is None:
+        now_ns = time.monotonic_ns()
+    elif hasattr(source, "now"):
+        now_ns = source.now().nanoseconds
+    elif isinstance(source, str) and source in ClockType.__members__:
+        now_ns = time.monotonic_ns() if source == "STEADY_TIME" else time.time_ns()
+    else:
+        raise ValueError(f"Received throttle_time_source_type of {source!r} is not a valid clock or clock type")
+    last = known["last"]
+    if last is not None and 0 <= now_ns - last < period_s * 1e9:
+        return False
+    known["last"] = now_ns
+    return True
+
+

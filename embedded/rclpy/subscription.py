@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Subscriptions."""
+
+from __future__ import annotations
+
+import collections
+import inspect
+import struct
+import time
+from enum import Enum
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from embedded_ros import wire
+from embedded_ros.errors import CdrError
+from embedded_ros.graph import incompatible_policy
+from embedded_ros.messages import deserialize
+from embedded_ros.wire import EntityKind
+from rclpy.endpoint import Endpoint
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+
+
+class _Received(NamedTuple):
+    payload: zenoh.ZBytes
+    attachment: bytes
+    received_ns: int
+
+
+class Subscription(Endpoint):
+    """Made by ``Node.create_subscription``."""
+
+    class CallbackType(Enum):
+        """What the callback takes."""
+
+        MessageOnly = 0
+        WithMessageInfo = 1
+
+    def __init__(
+        self,
+        node: Node,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        callback_group: CallbackGroup,
+        qos_profile: QoSProfile,
+        *,
+        raw: bool,
+        event_callbacks: SubscriptionEventCallbacks,
+    ) -> None:
+        super().__init__(node, EntityKind.SUBSCRIPTION, topic, msg_type, qos_profile)
+        self.topic = topic
+        self.msg_type = msg_type
+        self.raw = raw
+        self.callback_group = callback_group
+        self._executor_event = False
+        self._with_info = False
+        self._callback: Callable[..., Any] = callback
+        self.callback = callback
+        depth = None if self._wire_qos.history == 2 else max(1, self._wire_qos.depth)
+        self._queue: collections.deque[_Received] = collections.deque(maxlen=depth)
+        self._accepted: dict[bytes, bool] = {}
+        self._last: dict[bytes, int] = {}
+        self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(
+            callback_group, self, topic
+        )
+        self._subscriber = self._link.subscription(self._key, self._wire_qos, self._on_sample)
+        self._announce()
+
+    @property
+    def callback(self) -> Callable[..., Any]:
+        """What is called with each message."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, value: Callable[..., Any]) -> None:
+        parameters = inspect.signature(value).parameters.values()
+        positional = [
+            item for item in parameters if item.kind in {item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD}
+        ]
+        star = any(item.kind is item.VAR_POSITIONAL for item in parameters)
+        required = [item for item in positional if item.default is item.empty]
+        if len(required) > 2 or (not positional and not star):
+            raise RuntimeError(
+                "Subscription.__init__(): callback should be either be callable with one argument "
+                "(to get only the message) or two (to get message and message info)"
+            )
+        self._with_info = len(required) == 2 or (len(positional) == 2 and not star)
+        self._callback = value
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        """Take a sample in; runs on Zenoh's thread."""
+        attachment = sample.attachment
+        if attachment is None:
+            return  # rmw_zenoh drops those too: nobody of ROS 2 sends them
+        data = attachment.to_bytes()
+        accepted = self._accepted.get(data[17:])
+        if accepted is None:
+            accepted = self._accept(data[17:])
+        if not accepted:
+            return
+        queue = self._queue
+        if len(queue) == queue.maxlen:
+            self._lost(1)
+        queue.append(_Received(sample.payload, data, time.time_ns()))
+        self._node._wake()
+
+    def _accept(self, gid: bytes) -> bool:
+        """Whether DDS would deliver from this publisher; not remembered until its token is seen."""
+        publisher = self._node.context._graph.by_gid(gid)
+        if publisher is None:
+            return True
+        accepted = incompatible_policy(publisher.qos, self._wire_qos) is None
+        self._accepted[gid] = accepted
+        return accepted
+
+    def _lost(self, count: int) -> None:
+        for handler in self.event_handlers:
+            handler._on_lost(count)
+
+    def _is_ready(self) -> bool:
+        return bool(self._queue)
+
+    def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
+        taken = self._take_one()
+        if taken is None:
+            return None
+        message, info = taken
+        return self._callback, ((message, info) if self._with_info else (message,))
+
+    def _take_one(self) -> tuple[Any, dict[str, Any]] | None:
+        try:
+            received = self._queue.popleft()
+            sequence, stamp_ns, gid = wire.decode_attachment(received.attachment)
+            payload = received.payload.to_bytes()
+            message = payload if self.raw else deserialize(payload, self.msg_type)
+        except IndexError:
+            return None
+        except (CdrError, struct.error, ValueError) as error:
+            self._node.get_logger().error(f"dropped a sample on '{self._name}': {error}")
+            return None
+        last = self._last.get(gid, 0)
+        self._last[gid] = max(last, sequence)
+        if last and sequence > last + 1:
+            self._lost(sequence - last - 1)
+        info = {
+            "source_timestamp": stamp_ns,
+            "received_timestamp": received.received_ns,
+            "publication_sequence_number": sequence,
+            "reception_sequence_number": None,
+            "publisher_gid": gid,
+        }
+        return message, info
+
+    def get_publisher_count(self) -> int:
+        """Return how many publishers reach this subscription."""
+        return len(self._matched(EntityKind.PUBLISHER))
+
+    @property
+    def topic_name(self) -> str:
+        """The fully qualified name."""
+        return self._name
+
+    def _undeclare(self) -> None:
+        self._subscriber.undeclare()
+
