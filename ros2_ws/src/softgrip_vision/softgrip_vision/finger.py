@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_vision.calibration import Calibration, PlaneMap
-from softgrip_vision.chain import ChainFilter, ChainGeometry
+from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2
 from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
@@ -27,6 +27,7 @@ from softgrip_vision.search import FoundChain, find_chain, search_spots
 from softgrip_vision.spots import Spot, Window, find_spots, window_around
 
 Array = NDArray[np.float64]
+IDENTITY = np.eye(2)
 
 #: Squared Mahalanobis distance within which a spot may be the marker (chi-square, 2 degrees of freedom: 99.97 %).
 GATE = 16.0
@@ -191,8 +192,7 @@ class FingerTracker:
         """Look for one marker where the chain expects it and take it in."""
         expected, spread = chain.expect(marker)
         pixel = self._map.to_pixels(expected[None, :])
-        _, (jacobian,) = self._map.to_plane_with_jacobian(pixel)
-        reach = math.sqrt(_largest_eigenvalue(spread) / abs(np.linalg.det(jacobian)))
+        reach = math.sqrt(_largest_eigenvalue(spread)) * self._diameter_px / self._marker_diameter_m
         half = min(LARGEST_WINDOW_HALF_PX, WINDOW_SIGMAS * reach + 0.9 * self._diameter_px + 3.0)
         window = window_around(pixel[0], half, (image.shape[1], image.shape[0]))
         if window is None:
@@ -224,9 +224,9 @@ class FingerTracker:
         # What a covered edge can move the centre by is added to what noise can (see Looks.hidden_share).
         lopsided = looks.hidden_share(spot) * self._diameter_px / 2
         variance = spot.stddev_px**2 + lopsided**2
-        noise = jacobian @ jacobian.T * variance + np.eye(2) * self.options.placement_stddev_m**2
+        noise = jacobian @ jacobian.T * variance + IDENTITY * self.options.placement_stddev_m**2
         miss = point - expected
-        return Sighting(spot, point, noise, float(miss @ np.linalg.solve(spread + noise, miss)))
+        return Sighting(spot, point, noise, float(miss @ inverse2(spread + noise) @ miss))
 
     def _belongs_elsewhere(self, spot: Spot, expected: Array, seen: list[Seen | None], rivals: Array) -> bool:
         """Whether another marker of this finger has the spot, or another finger has as good a claim to it."""

@@ -86,11 +86,11 @@ class Looks:
 def surround_of(image: Image, spot: Spot) -> float:
     """Return the brightness of the ring around a spot over the spot's own (medians; > 0)."""
     radius = math.sqrt(spot.area_px / math.pi)
-    columns = np.clip(np.rint(spot.u + radius * _RING[:, 0]).astype(np.intp), 0, image.shape[1] - 1)
-    rows = np.clip(np.rint(spot.v + radius * _RING[:, 1]).astype(np.intp), 0, image.shape[0] - 1)
-    ring = np.sort(image[rows, columns].sum(axis=1, dtype=np.int64))
-    around = 0.5 * float(ring[RING_SAMPLES // 2 - 1] + ring[RING_SAMPLES // 2])
-    return (around + 1.0) / (3.0 * float(colour_at(image, spot).mean()) + 1.0)
+    ring = (_RING * radius + (spot.u + 0.5, spot.v + 0.5)).astype(np.intp)
+    ring = np.minimum(np.maximum(ring, 0), (image.shape[1] - 1, image.shape[0] - 1))
+    brightness = sorted(image[ring[:, 1], ring[:, 0]].sum(axis=1).tolist())
+    around = 0.5 * (brightness[RING_SAMPLES // 2 - 1] + brightness[RING_SAMPLES // 2])
+    return (float(around) + 1.0) / (3.0 * float(colour_at(image, spot).mean()) + 1.0)
 
 
 def colour_at(image: Image, spot: Spot) -> NDArray[np.float64]:

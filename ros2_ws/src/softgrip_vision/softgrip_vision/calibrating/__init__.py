@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From views of a printed board to a calibration file."""
+
+from softgrip_vision.calibrating.board import Board, BoardView
+from softgrip_vision.calibrating.lens import LensFit, calibrate_lens
+from softgrip_vision.calibrating.plane import PlaneFit, calibrate_plane
+from softgrip_vision.calibrating.views import collect_views
+
+__all__ = [
+    "Board",
+    "BoardView",
+    "LensFit",
+    "PlaneFit",
+    "calibrate_lens",
+    "calibrate_plane",
+    "collect_views",
+]
