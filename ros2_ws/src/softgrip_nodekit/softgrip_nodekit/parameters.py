@@ -27,6 +27,8 @@ class Parameter:
         minimum, maximum: bounds (inclusive) of a number, or of every element of a list of numbers.
         choices: the only values allowed, where there are few.
         changeable: may be set while the node runs.
+        device: a path that need not exist yet when the node starts itself: `run` waits a while for it, because USB devices
+            and emulated ones appear when they are ready.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Parameter:
     maximum: float | None = None
     choices: tuple[Any, ...] = ()
     changeable: bool = False
+    device: bool = False
 
     def problem(self, value: Any) -> str | None:
         """Return what is wrong with a value as expected / found, or None."""
@@ -121,6 +124,7 @@ class ParameterTable:
         if problems:
             raise StartupError("; ".join(problems))
         node.add_on_set_parameters_callback(self._validate)
+        node.device_paths = [values[row.name] for row in self.rows if row.device]  # type: ignore[attr-defined]
         return values
 
     def on_change(self, node: Node, apply: Callable[[dict[str, Any]], None]) -> None:

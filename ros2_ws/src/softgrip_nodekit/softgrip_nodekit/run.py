@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -16,6 +18,9 @@ from softgrip_nodekit.errors import StartupError
 
 #: Exit code of a process that could not start.
 CANNOT_START = 2
+#: [s] how long device files may take to appear at start, and between looks.
+DEVICE_WAIT = 6.0
+DEVICE_POLL = 0.02
 
 
 def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
@@ -59,11 +64,19 @@ def _autostart(node: Node) -> bool:
 
 
 def _bring_up(node: LifecycleNode) -> None:
+    _await_devices([Path(path) for path in getattr(node, "device_paths", [])])
     for transition in (node.trigger_configure, node.trigger_activate):
         result = transition()
         if result != TransitionCallbackReturn.SUCCESS:
             reason = getattr(node, "startup_problem", "") or "see the log above"
             raise StartupError(f"{transition.__name__.removeprefix('trigger_')} failed: {reason}")
+
+
+def _await_devices(paths: Sequence[Path]) -> None:
+    """Wait for device files; what is still missing afterwards is for ``configure`` to name."""
+    deadline = time.monotonic() + DEVICE_WAIT
+    while time.monotonic() < deadline and not all(path.exists() for path in paths):
+        time.sleep(DEVICE_POLL)
 
 
 def _leave(node: Node | None, executor: Any) -> None:

@@ -39,7 +39,7 @@ _LIMITS = TendonLimits()
 #: parameters of tendon_driver
 PARAMETERS = ParameterTable(
     Parameter("autostart", True, "configure and activate at start"),
-    Parameter("port", "/dev/ttyUSB0", "serial port of the servo bus"),
+    Parameter("port", "/dev/ttyUSB0", "serial port of the servo bus", device=True),
     Parameter("baud", 1_000_000, "of the servo bus", "1/s", choices=tuple(BAUD_CODES)),
     Parameter("reply_margin_s", 0.004, "for a reply beyond the time its bytes need", "s", 0.0005, 0.1),
     Parameter("loop_rate", 100.0, "of the control loop", "Hz", 10.0, 500.0),
@@ -47,6 +47,7 @@ PARAMETERS = ParameterTable(
     Parameter("write_eeprom", True, "correct persistent settings of the servos that differ; false = refuse to start"),
     Parameter("operating_mode", 5, "5 current-based position, 4 extended position", choices=(4, 5)),
     Parameter("tendons", ["index", "middle", "thumb"], "names, in order"),
+    Parameter("grippers", ["gripper"], "gripper of each tendon; a fault stops its own gripper only"),
     Parameter("servo_ids", [1, 2, 3], "ID of each tendon's servo", "", 0, 252),
     Parameter("servo_models", ["XL330-M288"], "model of each tendon's servo", choices=tuple(MODELS)),
     Parameter("directions", [1], "+1 where a positive rotation pulls, else -1", choices=(-1, 1)),
