@@ -26,6 +26,14 @@ METADATA_VERSION = 9
 DISTRIBUTION = "jazzy"
 
 
+class _Plain(yaml.SafeDumper):
+    """YAML without anchors: rosbag2's files have none."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write every value out."""
+        return True
+
+
 @dataclass
 class Topic:
     """One recorded topic."""
@@ -94,7 +102,7 @@ class BagWriter:
             self._schemas[topic.type_name] = self._mcap.register_schema(
                 topic.type_name, "ros2msg", topic.schema.encode()
             )
-        qos = yaml.safe_dump([offered.as_map() for offered in topic.qos], sort_keys=False)
+        qos = yaml.dump([offered.as_map() for offered in topic.qos], Dumper=_Plain, sort_keys=False)
         topic.channel = self._mcap.register_channel(
             topic.name,
             "cdr",
@@ -120,12 +128,12 @@ class BagWriter:
 
     def close(self) -> Path:
         """Finish the file and write metadata.yaml; returns the bag's folder."""
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(self._information())})
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.dump(self._information(), Dumper=_Plain)})
         self._mcap.finish()
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
-        text = yaml.safe_dump({"rosbag2_bagfile_information": self._information()}, sort_keys=False)
+        text = yaml.dump({"rosbag2_bagfile_information": self._information()}, Dumper=_Plain, sort_keys=False)
         (self.folder / "metadata.yaml").write_text(text)
         return self.folder
 

@@ -27,8 +27,8 @@ class Parameter:
         minimum, maximum: bounds (inclusive) of a number, or of every element of a list of numbers.
         choices: the only values allowed, where there are few.
         changeable: may be set while the node runs.
-        device: a path that need not exist yet when the node starts itself: `run` waits a while for it, because USB devices
-            and emulated ones appear when they are ready.
+        device: a path that need not exist yet when the node starts itself: `run` waits a while for it, because USB
+            devices and emulated ones appear when they are ready.
     """
 
     name: str

@@ -56,7 +56,7 @@ class Recorder(Node):
         """Finish the bag."""
         if self._bag is not None:
             bag, self._bag = self._bag, None
-            self.get_logger().info(f"bag closed: {bag.close()}, {bag.messages} messages")
+            bag.close()
 
     def _start(self, path: str) -> Path:
         name = datetime.now(UTC).strftime("softgrip_%Y%m%dT%H%M%S_%fZ")

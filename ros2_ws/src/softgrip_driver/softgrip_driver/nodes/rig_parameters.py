@@ -15,9 +15,9 @@ from softgrip_nodekit import Parameter, ParameterTable
 PARAMETERS = ParameterTable(
     Parameter("autostart", False, "configure and activate at start"),
     Parameter("stage", "mark10", "kind of stage", choices=STAGES),
-    Parameter("stage_port", "/dev/softgrip/stand", "serial port of the stage"),
+    Parameter("stage_port", "/dev/softgrip/stand", "serial port of the stage", device=True),
     Parameter("gauge", "gcl2", "kind of force gauge", choices=GAUGES),
-    Parameter("gauge_port", "/dev/softgrip/gauge", "serial port of the gauge"),
+    Parameter("gauge_port", "/dev/softgrip/gauge", "serial port of the gauge", device=True),
     Parameter("gauge_frame", "load_cell", "frame of the gauge; tension is along its z"),
     Parameter("model_dir", "~/.softgrip/friction", "folder of friction models and of the record of plans"),
     Parameter("initial_model", "braid-tpu", "id of the active model until one is chosen"),
