@@ -29,7 +29,7 @@ DISTRIBUTION = "jazzy"
 class _Plain(yaml.SafeDumper):
     """YAML without anchors: rosbag2's files have none."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002  the name is PyYAML's
         """Write every value out."""
         return True
 
