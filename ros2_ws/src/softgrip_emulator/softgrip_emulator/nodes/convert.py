@@ -20,7 +20,7 @@ def to_truth_message(truth: Truth, stamp: Time) -> EmulatorTruth:
     """The truth as a message."""
     message = EmulatorTruth()
     message.header = Header(stamp=stamp, frame_id="")
-    message.fingers = [_to_finger_state(finger, stamp) for finger in truth.fingers]
+    message.fingers = [_to_finger_state(finger) for finger in truth.fingers]
     message.product = truth.grasp.product
     message.touching = bool(truth.grasp.touching)
     message.held = bool(truth.grasp.held)
@@ -31,9 +31,8 @@ def to_truth_message(truth: Truth, stamp: Time) -> EmulatorTruth:
     return message
 
 
-def _to_finger_state(finger: FingerReading, stamp: Time) -> FingerState:
+def _to_finger_state(finger: FingerReading) -> FingerState:
     message = FingerState()
-    message.header = Header(stamp=stamp, frame_id=f"{finger.slot}_base")
     message.finger = finger.slot
     message.profile = finger.profile
     message.pulled_length = float(finger.pulled_length_m)
