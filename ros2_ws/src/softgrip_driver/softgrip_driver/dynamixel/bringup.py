@@ -18,7 +18,7 @@ from softgrip_driver.errors import (
 )
 from softgrip_driver.tendon.units import Spool, TorqueModel
 
-_ATTEMPTS = 3
+_ATTEMPTS = 4
 
 
 @dataclass(frozen=True)

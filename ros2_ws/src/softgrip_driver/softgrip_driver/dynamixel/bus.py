@@ -174,11 +174,15 @@ class Bus:
         return replies
 
     def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> Reply:
-        """Send an instruction until a whole answer came, at most ``attempts`` times."""
+        """Send an instruction until a whole answer came, at most ``attempts`` times.
+
+        Each attempt waits four times as long as the one before: a host or adapter busy with starting up answers late.
+        """
         with self._lock:
             for attempt in range(1, attempts + 1):
                 try:
-                    return self._exchange_once(servo_id, instruction, parameters, size)
+                    patience = (4.0 ** (attempt - 1) - 1.0) * self.port.reply_margin
+                    return self._exchange_once(servo_id, instruction, parameters, size, patience)
                 except (NoReplyError, CorruptReplyError):
                     if attempt == attempts:
                         raise
@@ -187,12 +191,12 @@ class Bus:
                         self.port.drain(self.port.reply_margin, 10.0 * self.port.reply_margin)
         raise AssertionError("attempts must be at least 1")
 
-    def _exchange_once(self, servo_id: int, instruction: int, parameters: bytes, size: int) -> Reply:
+    def _exchange_once(self, servo_id: int, instruction: int, parameters: bytes, size: int, patience: float) -> Reply:
         corrupt = False
         with self._guard():
             self.counters.transactions += 1
             self._send(servo_id, instruction, parameters)
-            self.port.allow(_STATUS_OVERHEAD + size)
+            self.port.allow(_STATUS_OVERHEAD + size, patience)
             while True:
                 reply = self._receive()
                 if reply is None and self.port.isPacketTimeout():
