@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softgrip_model.finger import FingerError, Kernel, law_of
+from softgrip_model.finger import FingerError, Kernel
 from softgrip_model.finger.matching import Matcher, TendonSample
-from softgrip_model.finger.predictor import ActiveFriction, Configuration, TendonReading, Validity
+from softgrip_model.finger.predictor import ActiveFriction, Configuration, TendonReading, Validity, assumed_friction
 from softgrip_model.finger.session import MeasuredFinger, Residual, Session
 from softgrip_model.finger.wear import Verdict, WearSettings
 from softgrip_model.profile import Profile, load_directory
@@ -28,7 +28,7 @@ def profiles() -> dict[str, Profile]:
 
 @pytest.fixture
 def friction(profiles: dict[str, Profile]) -> ActiveFriction:
-    law = law_of(profiles["power"].friction)
+    law = assumed_friction(profiles["power"]).law
     stddev = np.array([0.012, 0.07, 0.03, 0.02])
     return ActiveFriction("rig-1", law, np.diag(stddev**2))
 
@@ -219,7 +219,7 @@ def test_service_names_what_is_unknown(profiles: dict[str, Profile], friction: A
     assert [(s.finger, s.pulled_length) for s in states] == [
         (slot, pull) for slot in ("index", "middle", "thumb") for pull in (0.005, 0.01)
     ]
-    with pytest.raises(FingerError, match="known: rig-1, matte-2025-ch4-braid-tpu"):
+    with pytest.raises(FingerError, match="known: rig-1, braid-tpu-chapter4"):
         session.closing("hook", "", "rig-0", [0.01])
     with pytest.raises(FingerError, match="unknown profile"):
         session.closing("fist", "", "", [0.01])

@@ -33,8 +33,8 @@ struct State {
 // A design with everything that does not change while the finger closes.
 struct Finger {
   Design design;
-  friction::Model friction;       // without its ranges, which are looked at once a solution is found
-  friction::Range angle_rad, log_tension;
+  friction::Prepared friction;
+  friction::Range angle_rad, log_tension;  // calibrated; looked at once a solution is found
   PerJoint<Strip> strip;
   PerJoint<double> straight_span_mm{};
   std::array<double, kMaxJoints + 1> slope_rad{};         // of the cable inside link k-1; 0 before joint 0 and at the tip
@@ -44,7 +44,6 @@ struct Finger {
   Finger(const Design& d, const friction::Model& f) : design(d), friction(f), angle_rad(f.angle_rad) {
     const int n = d.joints;
     log_tension = {f.tension_N.low > 0.0 ? std::log(f.tension_N.low) : -HUGE_VAL, std::log(f.tension_N.high)};
-    friction.angle_rad = friction.tension_N = {};
     for (int j = 0; j < n; ++j) {
       strip[j] = Strip(d.material, d.width_mm, d.thickness_mm[j], d.length_mm[j]);
       const double ra = d.routing_mm[2 * j], rb = d.routing_mm[2 * j + 1];
@@ -70,6 +69,7 @@ struct Finger {
 };
 
 // ln Rf at one routing point with its slopes; phi is signed, the law sees its smoothed size.
+template <friction::Slopes slopes>
 struct PointFriction {
   friction::Evaluation law;
   double d_phi;
@@ -77,19 +77,20 @@ struct PointFriction {
   PointFriction(const Finger& finger, double phi, double log_tension) {
     const double smoothing = finger.design.angle_smoothing_rad;
     const double size = std::sqrt(phi * phi + smoothing * smoothing);
-    law = friction::evaluate_at_log(finger.friction, size, log_tension);
+    law = friction::evaluate_at_log<slopes>(finger.friction, size, log_tension);
     d_phi = size > 0.0 ? law.d_angle * phi / size : 0.0;
   }
   double gain() const { return 1.0 + law.d_log_tension; }  // d ln T_high / d ln T_low
 };
 
 // One joint with the cable's two bends, linearised: given ln T beyond the joint, everything up to ln T before it.
+template <friction::Slopes slopes>
 struct Joint {
   Groove groove;
   double phi_entry, phi_exit;
-  PointFriction exit;
+  PointFriction<slopes> exit;
   double log_tension;  // of the free span
-  PointFriction entry;
+  PointFriction<slopes> entry;
   double log_tension_before;
   double tension, torque;
   Moment strip, stop;
@@ -118,7 +119,7 @@ struct Joint {
 
 // A quantity to first order along the Newton step: value + constant + slope ds.
 struct Linear {
-  double value = 0.0, constant = 0.0, slope = 0.0;
+  double value, constant, slope;
   void add(double v, double c, double s) { value += v, constant += c, slope += s; }
 };
 
@@ -126,9 +127,9 @@ struct Linear {
 struct Sweep {
   PerSpan<Linear> log_tension;
   PerJoint<Linear> angle_rad;
-  PerJoint<double> arm_mm{};
-  PerPoint<double> phi_rad{};
-  Linear pulled_mm;
+  PerJoint<double> arm_mm;
+  PerPoint<double> phi_rad;
+  Linear pulled_mm{0.0, 0.0, 0.0};
   double log_tip_step = 0.0;
   std::uint8_t friction_status = 0;
 
@@ -139,7 +140,7 @@ struct Sweep {
     log_tension[2 * n] = along;
     stretch(d, along, finger.link_span_mm[n]);
     for (int j = n - 1; j >= 0; --j) {
-      const Joint joint(finger, j, x.angle_rad[j], along.value);
+      const Joint<friction::Slopes::State> joint(finger, j, x.angle_rad[j], along.value);
       const double gain = joint.torque * joint.exit.gain();
       const double constant = (gain * along.constant - joint.residual()) / joint.diagonal;
       const double slope = gain * along.slope / joint.diagonal;
@@ -171,13 +172,13 @@ struct Sweep {
   Linear controlled(Control control, int n) const {
     if (control == Control::PulledLength) return pulled_mm;
     if (control == Control::Tension) return log_tension[0];
-    Linear sum;
+    Linear sum{0.0, 0.0, 0.0};
     for (int j = 0; j < n; ++j) sum.add(angle_rad[j].value, angle_rad[j].constant, angle_rad[j].slope);
     return sum;
   }
 
  private:
-  static Linear through(const Linear& along, const PointFriction& point, double slope, const Linear& angle) {
+  static Linear through(const Linear& along, const PointFriction<friction::Slopes::State>& point, double slope, const Linear& angle) {
     return {along.value + point.law.log_ratio, point.gain() * along.constant + slope * angle.constant,
             point.gain() * along.slope + slope * angle.slope};
   }

@@ -72,8 +72,8 @@ class SensitivityPass {
  public:
   SensitivityPass(const Finger& finger, const Equilibrium& at, Control control, double target)
       : finger_(finger), d_(finger.design), n_(d_.joints),
-        coefficients_(friction::coefficient_count(finger.friction.law)),
-        columns_(sensitivity_columns(n_, finger.friction.law)) {
+        coefficients_(friction::coefficient_count(finger.friction.model.law)),
+        columns_(sensitivity_columns(n_, finger.friction.model.law)) {
     log_slope_ = 1.0;
     double log_tension = at.state.log_tip_tension;
     stretch(std::exp(log_tension), finger.link_span_mm[n_]);
@@ -92,7 +92,7 @@ class SensitivityPass {
   int stiffness() const { return 1 + 3 * n_ + coefficients_; }
 
   double joint(int j, double q, double log_tension_beyond) {
-    const Joint g(finger_, j, q, log_tension_beyond);
+    const Joint<friction::Slopes::All> g(finger_, j, q, log_tension_beyond);
     const double ra = d_.routing_mm[2 * j], rb = d_.routing_mm[2 * j + 1];
     const GrooveRouting groove(g.groove, ra, rb);
     const detail::SlopeRouting before(finger_, j), after(finger_, j + 1);
@@ -136,7 +136,7 @@ class SensitivityPass {
   }
 
   // Past one routing point at constant angles.
-  void bend(const PointFriction& point) {
+  void bend(const PointFriction<friction::Slopes::All>& point) {
     for (int p = 0; p < columns_; ++p) log_[p] *= point.gain();
     log_slope_ *= point.gain();
     for (int m = 0; m < coefficients_; ++m) log_[coefficient(m)] += point.law.d_coefficients[m];

@@ -74,7 +74,7 @@ inline Equilibrium solve(const Finger& finger, Control control, double target) {
   return found;
 }
 
-// Equilibria along growing targets, each started where a cubic through the last four leads: one Newton step suffices.
+// Equilibria along growing targets, each started where the last five lead: then one Newton step suffices.
 class March {
  public:
   explicit March(const Finger& finger, Control control) : finger_(finger), control_(control) {}
@@ -82,7 +82,7 @@ class March {
   Equilibrium to(double target) {
     Equilibrium found;
     found.status = kNotConverged;
-    const bool follows = known_ > 0 && target > target_[0] && detail::unsolvable(finger_, control_, target) == kOk;
+    const bool follows = known_ > 0 && target > last_target_ && detail::unsolvable(finger_, control_, target) == kOk;
     if (follows) found = newton(finger_, ahead(target), control_, target);
     if ((found.status & kFailure) != kOk) {
       found = solve(finger_, control_, target);
@@ -93,43 +93,49 @@ class March {
   }
 
  private:
-  static constexpr int kPoints = 4;
+  static constexpr int kPoints = 5;
 
-  // Lagrange extrapolation. ln(tension/target) is smooth down to the straight finger, ln(tension) is not.
+  // Lagrange extrapolation over u = ln(target) of angle/target and ln(tension/target): down to the straight finger these
+  // are smooth in u, while angle and ln(tension) are not polynomials in the target.
   State ahead(double target) const {
+    const double u = std::log(target);
+    const int n = finger_.design.joints;
     State x;
-    x.log_tip_tension = std::log(target);
+    x.log_tip_tension = u;
     for (int i = 0; i < known_; ++i) {
-      double weight = 1.0;
+      double numerator = 1.0, denominator = 1.0;
       for (int k = 0; k < known_; ++k) {
-        if (k != i) weight *= (target - target_[k]) / (target_[i] - target_[k]);
+        if (k == i) continue;
+        numerator *= u - log_target_[k];
+        denominator *= log_target_[i] - log_target_[k];
       }
-      for (int j = 0; j < finger_.design.joints; ++j) x.angle_rad[j] += weight * state_[i].angle_rad[j];
+      const double weight = numerator / denominator, angle_weight = weight * target;
+      for (int j = 0; j < n; ++j) x.angle_rad[j] += angle_weight * state_[i].angle_rad[j];
       x.log_tip_tension += weight * state_[i].log_tip_tension;
     }
-    for (int j = 0; j < finger_.design.joints; ++j) {
-      const double furthest = finger_.design.opening_rad[j];
-      if (x.angle_rad[j] >= furthest) x.angle_rad[j] = 0.2 * state_[0].angle_rad[j] + 0.8 * furthest;
+    for (int j = 0; j < n; ++j) {
+      const double shut = finger_.design.opening_rad[j];
+      if (x.angle_rad[j] >= shut) x.angle_rad[j] = 0.2 * last_target_ * state_[newest_].angle_rad[j] + 0.8 * shut;
     }
     return x;
   }
 
-  void remember(double target, const State& state) {
-    for (int i = kPoints - 1; i > 0; --i) {
-      state_[i] = state_[i - 1];
-      target_[i] = target_[i - 1];
-    }
-    state_[0] = state;
-    state_[0].log_tip_tension -= std::log(target);
-    target_[0] = target;
+  void remember(double target, const State& found) {
+    newest_ = known_ == 0 ? 0 : (newest_ + 1) % kPoints;
     known_ = std::min(known_ + 1, kPoints);
+    last_target_ = target;
+    log_target_[newest_] = std::log(target);
+    State& kept = state_[newest_];
+    for (int j = 0; j < finger_.design.joints; ++j) kept.angle_rad[j] = found.angle_rad[j] / target;
+    kept.log_tip_tension = found.log_tip_tension - log_target_[newest_];
   }
 
   const Finger& finger_;
   Control control_;
-  std::array<State, kPoints> state_;  // newest first; the tension relative to the target
-  std::array<double, kPoints> target_{};
-  int known_ = 0;
+  std::array<State, kPoints> state_;  // a ring; angles and tension relative to the target
+  std::array<double, kPoints> log_target_{};
+  double last_target_ = 0.0;
+  int known_ = 0, newest_ = 0;
 };
 
 }  // namespace softgrip::finger

@@ -67,8 +67,11 @@ struct Evaluation {
   bool has_value() const { return (status & (kBlowUp | kInvalid)) == 0; }
 };
 
-// ln(1+K)/K, regular at K = 0.
-inline double log1p_over(double k) { return std::abs(k) < 1e-8 ? 1.0 - 0.5 * k : std::log1p(k) / k; }
+// ln(1+K)/K to full precision, regular at K = 0: the rounding of 1+K cancels (Kahan), and log is quicker than log1p.
+inline double log1p_over(double k) {
+  const double rounded = 1.0 + k;
+  return rounded == 1.0 ? 1.0 - 0.5 * k : std::log(rounded) / (rounded - 1.0);
+}
 
 // d/dK of ln(1+K)/K; the series where the difference quotient would lose digits.
 inline double log1p_over_slope(double k) {
@@ -97,20 +100,37 @@ inline Evaluation no_value(std::uint8_t status) {
   return {nan, nan, nan, {nan, nan, nan, nan}, status};
 }
 
-inline bool valid(const Model& model, double angle_rad) {
+inline bool sound(const Model& model) {
   for (int i = 0; i < coefficient_count(model.law); ++i) {
     if (!std::isfinite(model.coefficients[i])) return false;
   }
   const double n = model.coefficients[1];
-  const bool law_valid = model.law == Law::Capstan || (n > 0.0 && n < 1.0 && model.radius_mm > 0.0);
-  return law_valid && std::isfinite(angle_rad) && angle_rad >= 0.0;
+  return model.law == Law::Capstan || (n > 0.0 && n < 1.0 && model.radius_mm > 0.0);
 }
 
+}  // namespace detail
+
+// A model as kernels evaluate it many times: what does not change is worked out once.
+struct Prepared {
+  Model model;
+  double log_radius;
+  bool sound;
+
+  explicit Prepared(const Model& m) : model(m), log_radius(std::log(m.radius_mm)), sound(detail::sound(m)) {}
+};
+
+// Which derivatives an evaluation fills in; the coefficients' cost a second logarithm.
+enum class Slopes { State, All };
+
+namespace detail {
+
 // Eq 3.8 as mu_e theta = G ln(1+K)/K, with G = alpha (r/T2)^m theta, K = sign m G, m = 1-n.
-inline bool add_cable_term(const Model& model, double angle_rad, double log_tension, Evaluation& out) {
+template <Slopes slopes>
+inline bool add_cable_term(const Prepared& prepared, double angle_rad, double log_tension, Evaluation& out) {
+  const Model& model = prepared.model;
   const double alpha = model.coefficients[0];
   const double m = 1.0 - model.coefficients[1];
-  const double log_radius_over_tension = std::log(model.radius_mm) - log_tension;
+  const double log_radius_over_tension = prepared.log_radius - log_tension;
   const double power = std::exp(m * log_radius_over_tension);
   const double g = alpha * power * angle_rad;
   const double sign = k_sign(model.k_reading);
@@ -120,8 +140,10 @@ inline bool add_cable_term(const Model& model, double angle_rad, double log_tens
   out.log_ratio = g * log1p_over(k);
   out.d_angle = alpha * power * gain;
   out.d_log_tension = -m * g * gain;
-  out.d_coefficients[0] = power * angle_rad * gain;
-  out.d_coefficients[1] = -(g * log_radius_over_tension * gain + sign * g * g * log1p_over_slope(k));
+  if constexpr (slopes == Slopes::All) {
+    out.d_coefficients[0] = power * angle_rad * gain;
+    out.d_coefficients[1] = -(g * log_radius_over_tension * gain + sign * g * g * log1p_over_slope(k));
+  }
   return true;
 }
 
@@ -141,13 +163,16 @@ inline void add_surface_term(const Model& model, double log_tension, Evaluation&
 
 }  // namespace detail
 
-// ln Rf and its derivatives at one wrap angle and low tension, given as ln T2 as kernels carry it. -infinity is T2 = 0.
-inline Evaluation evaluate_at_log(const Model& model, double angle_rad, double log_tension) {
+// ln Rf and its derivatives at one wrap angle and low tension, given as ln T2 as kernels carry it (-infinity is T2 = 0).
+// Says nothing about calibrated ranges.
+template <Slopes slopes = Slopes::All>
+inline Evaluation evaluate_at_log(const Prepared& prepared, double angle_rad, double log_tension) {
   constexpr double infinity = std::numeric_limits<double>::infinity();
-  if (!detail::valid(model, angle_rad) || !(log_tension < infinity)) return detail::no_value(kInvalid);
+  if (!prepared.sound || !(angle_rad >= 0.0 && angle_rad < infinity && log_tension < infinity)) {
+    return detail::no_value(kInvalid);
+  }
+  const Model& model = prepared.model;
   Evaluation out{0.0, 0.0, 0.0, {}, kOk};
-  if (!model.angle_rad.holds(angle_rad)) out.status |= kAngleOutsideRange;
-  if (!model.tension_N.holds(std::exp(log_tension))) out.status |= kTensionOutsideRange;
   if (model.law == Law::Capstan) {
     const double mu = model.coefficients[0];
     out.log_ratio = mu * angle_rad;
@@ -157,7 +182,7 @@ inline Evaluation evaluate_at_log(const Model& model, double angle_rad, double l
   }
   const bool floored = log_tension < kLogTensionFloor;
   if (floored) log_tension = kLogTensionFloor;
-  if (!detail::add_cable_term(model, angle_rad, log_tension, out)) return detail::no_value(out.status | kBlowUp);
+  if (!detail::add_cable_term<slopes>(prepared, angle_rad, log_tension, out)) return detail::no_value(kBlowUp);
   if (model.law == Law::Matte) detail::add_surface_term(model, log_tension, out);
   if (floored) {
     out.status |= kTensionFloored;
@@ -166,10 +191,14 @@ inline Evaluation evaluate_at_log(const Model& model, double angle_rad, double l
   return out;
 }
 
-// The same at a tension [N].
+// The same at a tension [N], looked at against the calibrated ranges.
 inline Evaluation evaluate(const Model& model, double angle_rad, double tension_N) {
   if (!(tension_N >= 0.0)) return detail::no_value(kInvalid);
-  return evaluate_at_log(model, angle_rad, std::log(tension_N));
+  Evaluation out = evaluate_at_log(Prepared(model), angle_rad, std::log(tension_N));
+  if ((out.status & kInvalid) != 0) return out;
+  if (!model.angle_rad.holds(angle_rad)) out.status |= kAngleOutsideRange;
+  if (!model.tension_N.holds(tension_N)) out.status |= kTensionOutsideRange;
+  return out;
 }
 
 }  // namespace softgrip::friction

@@ -4,22 +4,29 @@
 Start with `Finger.from_profile(profile, "index")` and `close(finger, law, pulled_mm)`.
 """
 
-from softgrip_model.finger.design import FRICTIONLESS, Finger, MomentLaw, Strip, law_of
+from softgrip_model.finger.design import FRICTIONLESS, Finger, MomentLaw, Strip
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Control, Gradient, Kernel, Solution, Status, close, reason
+from softgrip_model.finger.path import Cylinder, JointLimit, Path, PathSettings, Plane, follow, sphere
 
 __all__ = [
     "FRICTIONLESS",
     "Control",
+    "Cylinder",
     "Finger",
     "FingerError",
     "Gradient",
+    "JointLimit",
     "Kernel",
     "MomentLaw",
+    "Path",
+    "PathSettings",
+    "Plane",
     "Solution",
     "Status",
     "Strip",
     "close",
-    "law_of",
+    "follow",
     "reason",
+    "sphere",
 ]

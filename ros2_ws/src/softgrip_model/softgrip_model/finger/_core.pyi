@@ -41,6 +41,44 @@ class Friction:
         tension_range: tuple[float, float],
     ) -> None: ...
 
+class Contact:
+    def __init__(
+        self,
+        *,
+        kind: int,
+        index: int,
+        along_mm: float,
+        limit_rad: float,
+        x_mm: float,
+        y_mm: float,
+        size_mm: float,
+    ) -> None: ...
+
+class PathSettings:
+    def __init__(
+        self, largest_pull_step_mm: float, largest_tension_step_n: float, least_compliance_per_n: float
+    ) -> None: ...
+
+class Replication:
+    def __init__(
+        self, passage_radius_mm: float, cable_radius_mm: float, neighbour_mm: float, initial_tension_n: float
+    ) -> None: ...
+
+def follow(
+    design: Design,
+    friction: Friction,
+    targets: Sequence[float],
+    control: int,
+    contacts: Sequence[Contact],
+    settings: PathSettings,
+) -> dict[str, Any]: ...
+def replicate(
+    design: Design, friction: Friction, steps: int, pull_mm: float, recipe: Replication
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32]]: ...
+def groove(opening: float, angle: float, entry: float, leave: float) -> tuple[float, float, float, float, float]: ...
+def bends(design: Design, angle: Sequence[float]) -> list[float]: ...
+def strip_moment(design: Design, joint: int, angle: float) -> tuple[float, float, float]: ...
+
 class Fingers:
     def __init__(self, designs: Sequence[Design], frictions: Sequence[Friction]) -> None: ...
     def varied(self, thickness: NDArray[np.float64], routing: NDArray[np.float64]) -> Fingers: ...

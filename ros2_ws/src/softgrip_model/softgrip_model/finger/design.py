@@ -11,8 +11,8 @@ from enum import StrEnum
 
 from softgrip_model.finger import _core
 from softgrip_model.finger.errors import FingerError
-from softgrip_model.friction.laws import FrictionLaw, KReading, Law, k_index, law_index
-from softgrip_model.profile import FrictionSet, Profile
+from softgrip_model.friction.laws import FrictionLaw, Law, k_index, law_index
+from softgrip_model.profile import Profile
 
 MAX_JOINTS: int = _core.MAX_JOINTS
 
@@ -199,20 +199,6 @@ def _mm(lengths_m: Sequence[float]) -> tuple[float, ...]:
 
 #: A cable that slides freely.
 FRICTIONLESS = FrictionLaw(Law.CAPSTAN, (0.0,), 1.0)
-
-
-def law_of(friction: FrictionSet) -> FrictionLaw:
-    """Return the friction law that a profile assumes until a calibrated one is active."""
-    if friction.law == "none":
-        return FRICTIONLESS
-    return FrictionLaw(
-        Law(friction.law),
-        tuple(value for _, value in friction.coefficients),
-        1e3 * friction.contact_radius_m,
-        KReading(friction.k_reading),
-        friction.angle_range_rad,
-        friction.tension_range_n,
-    )
 
 
 def core_design(finger: Finger) -> _core.Design:

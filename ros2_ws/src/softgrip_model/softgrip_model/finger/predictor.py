@@ -12,10 +12,12 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.finger.design import Finger, law_of
+from softgrip_model.finger.design import Finger
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Kernel, Solution, Status, reason
+from softgrip_model.friction.errors import ModelFileError
 from softgrip_model.friction.laws import FrictionLaw
+from softgrip_model.friction.published import published
 from softgrip_model.profile import Profile, digest
 
 Array = NDArray[np.float64]
@@ -79,6 +81,19 @@ class Prediction:
         return float(self.tensions[0])
 
 
+def assumed_friction(profile: Profile) -> ActiveFriction:
+    """Return the friction that a profile is computed with until a calibrated model is active.
+
+    Raises:
+        FingerError: the profile names a model that was not published.
+    """
+    try:
+        model = published(profile.friction_id)
+    except ModelFileError as error:
+        raise FingerError(f"profile {profile.id!r}: friction_id: {error}") from error
+    return ActiveFriction(model.id, model.law, model.covariance)
+
+
 class Configuration:
     """Which finger of which profile sits in which slot, under which friction; immutable once made."""
 
@@ -93,7 +108,7 @@ class Configuration:
             friction: None = each profile's own.
 
         Raises:
-            FingerError: an unknown profile id.
+            FingerError: an unknown profile id or friction id.
             ProfileError: a profile without a finger for the slot.
         """
         self.mounted = dict(mounted)
@@ -107,7 +122,7 @@ class Configuration:
                 known = ", ".join(sorted(profiles)) or "none"
                 raise FingerError(f"slot {slot!r}: unknown profile {profile_id!r}; loaded: {known}")
             self.fingers[slot] = Finger.from_profile(profile, slot)
-            self._own[slot] = ActiveFriction(profile.friction.id, law_of(profile.friction))
+            self._own[slot] = assumed_friction(profile)
             parts.append(f"{slot}={profile_id}:{digest(profile)}")
         self.digest = hashlib.sha256(";".join(parts).encode()).hexdigest()[:16]
         """Changes when anything but the friction does."""

@@ -135,7 +135,7 @@ class Session:
     def _known_friction(self, profile: str, friction: str) -> ActiveFriction | None:
         if friction in self._frictions:
             return self._frictions[friction]
-        own = self._profiles[profile].friction.id
+        own = self._profiles[profile].friction_id
         if friction == own:
             return None  # each profile's own
         known = ", ".join([*self._frictions, own])

@@ -3,12 +3,10 @@
 
 from softgrip_model.profile.files import dumps, load, load_directory, loads, save, validate
 from softgrip_model.profile.schema import (
-    LAWS,
     MOMENT_LAWS,
     SCHEMA,
     Cable,
     FingerDesign,
-    FrictionSet,
     Material,
     PathPoint,
     Profile,
@@ -17,12 +15,10 @@ from softgrip_model.profile.schema import (
 )
 
 __all__ = [
-    "LAWS",
     "MOMENT_LAWS",
     "SCHEMA",
     "Cable",
     "FingerDesign",
-    "FrictionSet",
     "Material",
     "PathPoint",
     "Profile",

@@ -12,13 +12,6 @@ from dataclasses import dataclass
 
 SCHEMA = 1
 MAX_JOINTS = 6
-LAWS: dict[str, tuple[str, ...]] = {
-    "matte": ("alpha", "n", "epsilon", "lambda"),
-    "heap": ("alpha", "n"),
-    "capstan": ("mu",),
-    "none": (),
-}
-K_READINGS = ("printed", "limit", "exact")
 MOMENT_LAWS = ("linear", "signed_tangent", "absolute_tangent", "neutral_axis")
 
 
@@ -50,23 +43,6 @@ class Cable:
     """EA; None = treated as inextensible."""
     lead_length_m: float
     """Cable between the actuator and the finger's first routing point (matters only when it stretches)."""
-
-
-@dataclass(frozen=True)
-class FrictionSet:
-    """The friction law assumed until a calibrated model is active. r in mm and T in N inside the law (Eq 3.9)."""
-
-    id: str
-    law: str
-    k_reading: str
-    coefficients: tuple[tuple[str, float], ...]
-    """(name, value) in the order of LAWS[law]."""
-    contact_radius_m: float
-    """r = cable radius + radius of the surface it bends over."""
-    angle_range_rad: tuple[float, float]
-    """Wrap angles that the coefficients were measured at."""
-    tension_range_n: tuple[float, float]
-    """Low tensions T2 that the coefficients were measured at."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +97,8 @@ class Profile:
     source: str
     material: Material
     cable: Cable
-    friction: FrictionSet
+    friction_id: str
+    """Friction model assumed until a calibrated one is active (softgrip_model.friction.published)."""
     fingers: tuple[tuple[str, FingerDesign], ...]
     """(slot, design)."""
 
@@ -157,7 +134,8 @@ def problems(profile: Profile) -> list[str]:
         found.append(f"id: expected letters, digits, - and _, found {profile.id!r}")
     found += _material_problems(profile.material)
     found += _cable_problems(profile.cable)
-    found += _friction_problems(profile.friction)
+    if not profile.friction_id:
+        found.append("friction_id: expected the id of a friction model, found none")
     if not profile.fingers:
         found.append("fingers: expected at least one finger, found none")
     for name, design in profile.fingers:
@@ -169,12 +147,6 @@ def _positive(where: str, value: float) -> list[str]:
     if math.isfinite(value) and value > 0.0:
         return []
     return [f"{where}: expected a positive number, found {value!r}"]
-
-
-def _range_problems(where: str, bounds: tuple[float, float]) -> list[str]:
-    if 0.0 <= bounds[0] < bounds[1] < math.inf:
-        return []
-    return [f"{where}: expected 0 <= low < high, found {list(bounds)}"]
 
 
 def _material_problems(material: Material) -> list[str]:
@@ -199,31 +171,6 @@ def _cable_problems(cable: Cable) -> list[str]:
         found += _positive("cable.axial_stiffness_n", cable.axial_stiffness_n)
     if not 0.0 <= cable.lead_length_m < math.inf:
         found.append(f"cable.lead_length_m: expected 0 or more, found {cable.lead_length_m!r}")
-    return found
-
-
-def _friction_problems(friction: FrictionSet) -> list[str]:
-    if friction.law not in LAWS:
-        return [f"friction.law: expected one of {', '.join(LAWS)}, found {friction.law!r}"]
-    found = []
-    names = tuple(name for name, _ in friction.coefficients)
-    if names != LAWS[friction.law]:
-        found.append(f"friction.coefficients: {friction.law} has {LAWS[friction.law]}, found {names}")
-    values = dict(friction.coefficients)
-    if not all(math.isfinite(value) for value in values.values()):
-        found.append(f"friction.coefficients: expected finite numbers, found {values}")
-    if "n" in values and not 0.0 < values["n"] < 1.0:
-        found.append(f"friction.coefficients.n: expected 0 < n < 1, found {values['n']!r}")
-    found += [
-        f"friction.coefficients.{name}: expected 0 or more, found {values[name]!r}"
-        for name in ("alpha", "mu")
-        if values.get(name, 0.0) < 0.0
-    ]
-    if friction.k_reading not in K_READINGS:
-        found.append(f"friction.k_reading: expected one of {', '.join(K_READINGS)}, found {friction.k_reading!r}")
-    found += _positive("friction.contact_radius_m", friction.contact_radius_m)
-    found += _range_problems("friction.angle_range_rad", friction.angle_range_rad)
-    found += _range_problems("friction.tension_range_n", friction.tension_range_n)
     return found
 
 

@@ -13,7 +13,7 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 // block at a time.
 void write_gradient(const Finger& finger, const Equilibrium& found, Control control, double target, int widest,
                     double* to) {
-  const int rows = sensitivity_rows(widest), columns = sensitivity_columns(widest, finger.friction.law);
+  const int rows = sensitivity_rows(widest), columns = sensitivity_columns(widest, finger.friction.model.law);
   std::fill_n(to, rows * columns, kNan);
   if ((found.status & (kFailure | kSlack)) != kOk) return;
   const int n = finger.design.joints;

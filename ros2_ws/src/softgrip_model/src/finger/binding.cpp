@@ -7,6 +7,8 @@
 #include <stdexcept>
 
 #include "batch.hpp"
+#include "path.hpp"
+#include "softgrip/finger_replication.hpp"
 #include "softgrip/finger_solver.hpp"
 
 namespace py = pybind11;
@@ -126,6 +128,112 @@ class Fingers {
   int joints_ = 0;
 };
 
+// Mode R: (k, n) angles, (k, 2n+1) tensions, (k,) status after each step; NaN from where it broke off.
+py::tuple replicate(const sf::Design& design, const fr::Model& friction, int steps, double pull_mm,
+                    const sf::Replication& recipe) {
+  const int n = design.joints;
+  py::array_t<double> angle({steps, n}), tension({steps, 2 * n + 1});
+  py::array_t<std::uint32_t> status(steps);
+  const sf::Finger finger(design, friction);
+  sf::ReplicationRun run(finger, recipe);
+  std::uint32_t broken = sf::sound(design) ? sf::kOk : sf::kBadDesign;
+  for (int k = 0; k < steps; ++k) {
+    sf::ReplicationStep step;
+    if (broken == sf::kOk) step = run.advance(pull_mm);
+    if (broken == sf::kOk) broken = step.status;
+    const double missing = std::numeric_limits<double>::quiet_NaN();
+    for (int j = 0; j < n; ++j) angle.mutable_at(k, j) = broken ? missing : step.angle_rad[j];
+    for (int i = 0; i <= 2 * n; ++i) tension.mutable_at(k, i) = broken ? missing : step.tension_N[i];
+    status.mutable_at(k) = broken;
+  }
+  return py::make_tuple(angle, tension, status);
+}
+
+// One finger along targets; NaN where a step failed.
+py::dict follow(const sf::Design& design, const fr::Model& friction, const Numbers& targets, int control,
+                const std::vector<sf::Contact>& contacts, const sf::PathSettings& settings) {
+  if (contacts.size() > sf::kMaxContacts) throw std::invalid_argument("expected at most 8 contacts");
+  if (!sf::sound(design)) throw std::invalid_argument("impossible design");
+  const py::ssize_t k = static_cast<py::ssize_t>(targets.size()), n = design.joints;
+  const py::ssize_t touching = static_cast<py::ssize_t>(contacts.size());
+  py::array_t<double> angle({k, n}), tension({k, 2 * n + 1}), slip({k, 2 * n}), tip({k, py::ssize_t{2}}), pulled(k);
+  py::array_t<double> force({k, touching}), gap({k, touching});
+  py::array_t<std::int8_t> slide({k, 2 * n});
+  py::array_t<std::uint32_t> status(k);
+  py::array_t<int> iterations(k);
+  const sf::Finger finger(design, friction);
+  sf::Path path(finger, contacts, settings);
+  std::vector<sf::PathStep> steps(targets.size());
+  {
+    py::gil_scoped_release release;
+    for (std::size_t i = 0; i < targets.size(); ++i) steps[i] = path.to(static_cast<sf::Control>(control), targets[i]);
+  }
+  for (py::ssize_t i = 0; i < k; ++i) {
+    const sf::PathStep& step = steps[i];
+    const bool failed = (step.status & sf::kFailure) != sf::kOk;
+    auto known = [failed](double value) { return failed ? std::numeric_limits<double>::quiet_NaN() : value; };
+    const sf::Tip at = sf::tip_of(design, step.angle_rad);
+    for (py::ssize_t j = 0; j < n; ++j) angle.mutable_at(i, j) = known(step.angle_rad[j]);
+    for (py::ssize_t j = 0; j <= 2 * n; ++j) tension.mutable_at(i, j) = known(std::exp(step.log_tension[j]));
+    for (py::ssize_t j = 0; j < 2 * n; ++j) {
+      slip.mutable_at(i, j) = known(step.slip_mm[j]);
+      slide.mutable_at(i, j) = failed ? 0 : static_cast<std::int8_t>(step.slide[j]);
+    }
+    for (py::ssize_t c = 0; c < touching; ++c) {
+      force.mutable_at(i, c) = known(step.force_N[c]);
+      gap.mutable_at(i, c) = known(step.gap_mm[c]);
+    }
+    tip.mutable_at(i, 0) = known(at.x_mm);
+    tip.mutable_at(i, 1) = known(at.y_mm);
+    pulled.mutable_at(i) = known(step.pulled_mm);
+    status.mutable_at(i) = step.status;
+    iterations.mutable_at(i) = step.iterations;
+  }
+  py::dict result;
+  result["angle_rad"] = angle;
+  result["tension_n"] = tension;
+  result["tip_mm"] = tip;
+  result["pulled_mm"] = pulled;
+  result["slip_mm"] = slip;
+  result["slide"] = slide;
+  result["contact_force"] = force;
+  result["gap"] = gap;
+  result["status"] = status;
+  result["iterations"] = iterations;
+  return result;
+}
+
+sf::Contact make_contact(int kind, int index, double along, double limit, double x, double y, double size) {
+  return {static_cast<sf::ContactKind>(kind), index, along, limit, x, y, size};
+}
+
+// Span, arm, and the slopes of arm and direction of one groove.
+py::tuple groove(double opening, double q, double ra, double rb) {
+  const sf::Groove g(opening, q, ra, rb);
+  return py::make_tuple(g.span_mm, g.arm_mm, g.d_arm, g.direction_rad, g.d_direction);
+}
+
+// Signed bends of the cable at the routing points, (2n,).
+Numbers bends(const sf::Design& d, const Numbers& angle) {
+  if (angle.size() != static_cast<std::size_t>(d.joints)) throw std::invalid_argument("expected one angle per joint");
+  const sf::Finger finger(d, {});
+  Numbers phi(2 * d.joints);
+  for (int j = 0; j < d.joints; ++j) {
+    const sf::Groove g(d.opening_rad[j], angle[j], d.routing_mm[2 * j], d.routing_mm[2 * j + 1]);
+    phi[2 * j] = finger.slope_rad[j] - g.direction_rad;
+    phi[2 * j + 1] = g.direction_rad - finger.slope_rad[j + 1] + angle[j];
+  }
+  return phi;
+}
+
+// Moment of one strip with its slopes to angle and thickness.
+py::tuple strip_moment(const sf::Design& d, int joint, double q) {
+  if (joint < 0 || joint >= d.joints) throw std::invalid_argument("no such joint");
+  const sf::Strip strip(d.material, d.width_mm, d.thickness_mm[joint], d.length_mm[joint]);
+  const sf::Moment moment = strip.at(q);
+  return py::make_tuple(moment.value_Nmm, moment.d_angle, strip.d_thickness(q));
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
@@ -139,6 +247,20 @@ PYBIND11_MODULE(_core, module) {
   py::class_<fr::Model>(module, "Friction")
       .def(py::init(&make_friction), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
            py::arg("radius_mm"), py::arg("angle_range"), py::arg("tension_range"));
+  py::class_<sf::Replication>(module, "Replication")
+      .def(py::init<double, double, double, double>(), py::arg("passage_radius_mm"), py::arg("cable_radius_mm"),
+           py::arg("neighbour_mm"), py::arg("initial_tension_n"));
+  py::class_<sf::Contact>(module, "Contact")
+      .def(py::init(&make_contact), py::kw_only(), py::arg("kind"), py::arg("index"), py::arg("along_mm"),
+           py::arg("limit_rad"), py::arg("x_mm"), py::arg("y_mm"), py::arg("size_mm"));
+  py::class_<sf::PathSettings>(module, "PathSettings")
+      .def(py::init<double, double, double>(), py::arg("largest_pull_step_mm"), py::arg("largest_tension_step_n"),
+           py::arg("least_compliance_per_n"));
+  module.def("follow", &follow);
+  module.def("replicate", &replicate);
+  module.def("groove", &groove);
+  module.def("bends", &bends);
+  module.def("strip_moment", &strip_moment);
   py::class_<Fingers>(module, "Fingers")
       .def(py::init<std::vector<sf::Design>, std::vector<fr::Model>>())
       .def("varied", &Fingers::varied)
