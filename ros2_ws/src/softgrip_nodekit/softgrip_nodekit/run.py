@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -80,6 +81,7 @@ def _await_devices(paths: Sequence[Path]) -> None:
 
 
 def _leave(node: Node | None, executor: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not cut the way to safe short
     try:
         close = getattr(node, "close", None)
         if close is not None:
