@@ -7,15 +7,13 @@ that ``python -m embedded_ros.workspace FOLDER`` wrote into site-packages.
 
 from __future__ import annotations
 
-import argparse
-import configparser
 import functools
 import os
 import re
 import sys
 import sysconfig
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from embedded_ros.errors import WorkspaceError
 
@@ -25,8 +23,7 @@ _INTERFACES = Path(__file__).parent / "interfaces"
 _KINDS = ("msg", "srv", "action")
 
 
-@dataclass(frozen=True)
-class Package:
+class Package(NamedTuple):
     """A package in source: name, folder with package.xml, and its console scripts (name -> module:function)."""
 
     name: str
@@ -78,6 +75,8 @@ def _scripts(folder: Path) -> tuple[tuple[str, str], ...]:
     path = folder / "setup.cfg"
     if not path.is_file():
         return ()
+    import configparser  # noqa: PLC0415  only commands and launch need it, nodes start without
+
     parser = configparser.ConfigParser()
     try:
         parser.read(path, encoding="utf-8")
@@ -111,9 +110,7 @@ def executable(package_name: str, name: str) -> list[str]:
         raise WorkspaceError(
             f"no executable '{name}' in package '{package_name}'; it has: {', '.join(sorted(scripts)) or 'none'}"
         )
-    module, function = scripts[name].split(":", 1)
-    code = f"import sys; from {module} import {function} as main; sys.argv[0] = {name!r}; sys.exit(main())"
-    return [sys.executable, "-c", code]
+    return [sys.executable, "-m", "embedded_ros.child", name, scripts[name]]
 
 
 @functools.cache
@@ -146,6 +143,8 @@ def record(folders: list[Path]) -> Path:
 
 def main() -> int:
     """Run ``python -m embedded_ros.workspace``."""
+    import argparse  # noqa: PLC0415  only this command needs it
+
     parser = argparse.ArgumentParser(
         prog="python -m embedded_ros.workspace",
         description="Remember the folders whose ROS 2 packages this Python environment runs from source.",

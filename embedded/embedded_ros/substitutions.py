@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ``$(...)`` of launch files (https://docs.ros.org/en/jazzy/How-To-Guides/Launch-file-different-formats.html)."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import subprocess
+import uuid
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from embedded_ros import workspace
+from embedded_ros.errors import LaunchError, WorkspaceError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_TRUE = {"true", "1", "yes", "on"}
+_FALSE = {"false", "0", "no", "off"}
+
+
+class Scope:
+    """What substitutions can see: launch configurations, the file they stand in, the environment."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.variables: dict[str, str] = {}
+        self.environment: dict[str, str] = dict(os.environ)
+        self.anonymous: dict[str, str] = {}
+
+
+def truth(text: str) -> bool:
+    """Read true/false, 1/0, yes/no, on/off."""
+    word = text.strip().lower()
+    if word in _TRUE:
+        return True
+    if word in _FALSE:
+        return False
+    raise LaunchError(f"expected true or false, found {text!r}")
+
+
+def substitute(text: str, scope: Scope) -> str:
+    """Replace every ``$(...)`` of a text.
+
+    Raises:
+        LaunchError: an unknown substitution, a variable that is not set, an unbalanced parenthesis.
+    """
+    result, rest = [], text
+    while (start := rest.find("$(")) >= 0:
+        if start and rest[start - 1] == "\\":
+            result.append(rest[: start - 1] + "$(")
+            rest = rest[start + 2 :]
+            continue
+        end = _closing(rest, start + 2)
+        result.append(rest[:start])
+        result.append(_perform(rest[start + 2 : end], scope))
+        rest = rest[end + 1 :]
+    result.append(rest)
+    return "".join(result)
+
+
+def _closing(text: str, start: int) -> int:
+    depth, quote = 1, ""
+    for index in range(start, len(text)):
+        char = text[index]
+        if quote:
+            quote = "" if char == quote and text[index - 1] != "\\" else quote
+        elif char in "'\"":
+            quote = char
+        elif char == "(":
+            depth += 1
+        elif char == ")":
+            depth -= 1
+            if depth == 0:
+                return index
+    raise LaunchError(f"expected a closing ')' in {text!r}")
+
+
+def _perform(inner: str, scope: Scope) -> str:
+    name, _, rest = inner.strip().partition(" ")
+    if name not in _FUNCTIONS:
+        raise LaunchError(f"unknown substitution $({name} ...); expected one of {', '.join(sorted(_FUNCTIONS))}")
+    arguments = [substitute(argument, scope) for argument in _split(rest)]
+    function, least, most = _FUNCTIONS[name]
+    if not least <= len(arguments) <= most:
+        raise LaunchError(f"$({inner}): expected {least} to {most} arguments, found {len(arguments)}")
+    return function(scope, *arguments)
+
+
+def _split(text: str) -> list[str]:
+    """Split at blanks outside quotes and parentheses; outer quotes are taken off."""
+    parts, current, depth, quote, seen = [], "", 0, "", False
+    for index, char in enumerate(text):
+        if quote:
+            if char == quote and text[index - 1] != "\\":
+                quote = ""
+                current += char if depth else ""
+            else:
+                current += char
+        elif char in "'\"":
+            quote, seen = char, True
+            current += char if depth else ""
+        elif char.isspace() and depth == 0:
+            if current or seen:
+                parts.append(current)
+            current, seen = "", False
+        else:
+            depth += {"(": 1, ")": -1}.get(char, 0)
+            current += char
+    return [*parts, current] if current or seen else parts
+
+
+def _variable(scope: Scope, name: str, *default: str) -> str:
+    if name in scope.variables:
+        return scope.variables[name]
+    if default:
+        return default[0]
+    known = ", ".join(sorted(scope.variables)) or "none"
+    raise LaunchError(f"$(var {name}): no such launch argument or variable; set are: {known}")
+
+
+def _environment(scope: Scope, name: str, *default: str) -> str:
+    if name in scope.environment:
+        return scope.environment[name]
+    if default:
+        return default[0]
+    raise LaunchError(f"$(env {name}): the environment variable is not set and no default is given")
+
+
+def _share(_: Scope, name: str) -> str:
+    return str(workspace.package(name).folder)
+
+
+def _evaluate(_: Scope, *expression: str) -> str:
+    names: dict[str, Any] = {key: value for key, value in vars(math).items() if not key.startswith("_")}
+    try:
+        return str(eval(" ".join(expression), {"__builtins__": {}}, {**names, **_EVAL_NAMES}))  # noqa: S307  what $(eval) is for
+    except Exception as error:
+        raise LaunchError(f"$(eval {' '.join(expression)}): {error}") from error
+
+
+_EVAL_NAMES = {
+    name: getattr(__builtins__, name, None) if not isinstance(__builtins__, dict) else __builtins__[name]
+    for name in ("str", "int", "float", "bool", "abs", "min", "max", "round", "len")
+} | {"true": True, "false": False}
+
+
+def _command(scope: Scope, *parts: str) -> str:
+    try:
+        done = subprocess.run(
+            shlex.split(parts[0]), capture_output=True, text=True, check=True, env=scope.environment
+        )
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise LaunchError(f"$(command {parts[0]}): {error}") from error
+    return done.stdout
+
+
+def _find_executable(scope: Scope, name: str) -> str:
+    for folder in scope.environment.get("PATH", "").split(os.pathsep):
+        path = Path(folder) / name
+        if path.is_file() and os.access(path, os.X_OK):
+            return str(path)
+    raise LaunchError(f"$(find-exec {name}): no such executable on PATH")
+
+
+def _executable(_: Scope, name: str, package: str) -> str:
+    return shlex.join(workspace.executable(package, name))
+
+
+def _anonymous(scope: Scope, name: str) -> str:
+    return scope.anonymous.setdefault(name, f"{name}_{uuid.uuid4().hex[:12]}")
+
+
+def _file_content(_: Scope, path: str) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise LaunchError(f"$(file-content {path}): {error.strerror}") from error
+
+
+def _boolean(value: bool) -> str:  # noqa: FBT001
+    return "true" if value else "false"
+
+
+_FUNCTIONS: dict[str, tuple[Callable[..., str], int, int]] = {
+    "var": (_variable, 1, 2),
+    "env": (_environment, 1, 2),
+    "optenv": (lambda scope, name, default="": scope.environment.get(name, default), 1, 2),
+    "find-pkg-share": (_share, 1, 1),
+    "find-pkg-prefix": (_share, 1, 1),
+    "find-exec": (_find_executable, 1, 1),
+    "exec-in-pkg": (_executable, 2, 2),
+    "dirname": (lambda scope: str(scope.file.parent), 0, 0),
+    "filename": (lambda scope: str(scope.file), 0, 0),
+    "eval": (_evaluate, 1, 99),
+    "command": (_command, 1, 2),
+    "anon": (_anonymous, 1, 1),
+    "file-content": (_file_content, 1, 1),
+    "not": (lambda _, value: _boolean(not truth(value)), 1, 1),
+    "and": (lambda _, a, b: _boolean(truth(a) and truth(b)), 2, 2),
+    "or": (lambda _, a, b: _boolean(truth(a) or truth(b)), 2, 2),
+    "equals": (lambda _, a, b: _boolean(a == b), 2, 2),
+    "not-equals": (lambda _, a, b: _boolean(a != b), 2, 2),
+    "if": (lambda _, condition, a, b="": a if truth(condition) else b, 2, 3),
+}
+
+__all__ = ["LaunchError", "Scope", "WorkspaceError", "substitute", "truth"]
