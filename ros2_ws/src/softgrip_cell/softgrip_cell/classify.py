@@ -101,8 +101,8 @@ def flexion_shares(joint_angles_rad: Sequence[Sequence[float]]) -> tuple[float, 
     total = float(flexion.sum())
     if total < LEAST_FLEXION_RAD:
         raise CatalogueError(
-            f"demonstration: expected a closing of {math.degrees(LEAST_FLEXION_RAD):.0f} degrees or more over all joints, "
-            f"found {math.degrees(total):.0f}; record from open to closed"
+            f"demonstration: expected a closing of {math.degrees(LEAST_FLEXION_RAD):.0f} degrees or more over all "
+            f"joints, found {math.degrees(total):.0f}; record from open to closed"
         )
     first, second, third = (float(value) for value in flexion / total)
     return (first, second, third)

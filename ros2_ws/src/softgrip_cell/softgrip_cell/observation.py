@@ -31,7 +31,8 @@ class FreeMotion:
         tension_n: actuator tension [N]; NaN where the model has no solution.
         tip_m: (x, y) of the fingertip in the finger's base frame [m].
         friction_model: id of the friction model used.
-        objection: why it must not be trusted, empty when it may.
+        objection: why all of it must not be trusted, empty when it may.
+        objections: the same per slot.
     """
 
     stamp_ns: int
@@ -40,6 +41,7 @@ class FreeMotion:
     tip_m: tuple[tuple[float, float], ...]
     friction_model: str = ""
     objection: str = ""
+    objections: tuple[str, ...] = ("", "", "")
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import random
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import psycopg
@@ -21,7 +21,7 @@ from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, GraspTask, Hold, Open, Step
+from softgrip_cell.grasp.values import Close, GraspTask, Open, Press, Step
 from softgrip_cell.observation import FreeMotion, Pair, TendonSample
 
 SLOTS = ("index", "middle", "thumb")
@@ -64,30 +64,34 @@ class Bench:
 
     def __post_init__(self) -> None:
         self._rng = random.Random(self.seed)
-        self._goal = Close((), 0.0, 0.0, 0.0)
+        self._goal = Close((), (), 0.0, 0.0)
         self._held_ns: int | None = None
         self.commands: list[object] = []
         self.peak_excess_n = 0.0
 
     def obey(self, step: Step) -> None:
-        command = step.command
-        if command is None:
-            return
-        self.commands.append(command)
-        if isinstance(command, Open):
-            self.pulled_m = [0.0, 0.0, 0.0]
-        elif isinstance(command, Hold):
-            self._goal = Close((), 0.0, 0.0, 0.0)
-            self._held_ns = self._held_ns or self.now_ns
-        else:
-            self._goal = command
+        for command in step.commands:
+            self.commands.append(command)
+            if isinstance(command, Open):
+                self.pulled_m = [0.0, 0.0, 0.0]
+            elif isinstance(command, Close):
+                self._goal = command
+            else:
+                pressed = command.slots if isinstance(command, Press) else range(3)
+                self._goal = self._without(pressed)
+                if len(pressed) == 3:
+                    self._held_ns = self._held_ns or self.now_ns
+
+    def _without(self, slots: Sequence[int]) -> Close:
+        kept = [(s, t) for s, t in zip(self._goal.slots, self._goal.targets_m, strict=True) if s not in slots]
+        return replace(self._goal, slots=tuple(s for s, _ in kept), targets_m=tuple(t for _, t in kept))
 
     def pair(self) -> Pair:
         """Advance by one period and look."""
         self.now_ns += PERIOD_NS
-        for slot in self._goal.slots:
+        for slot, target_m in zip(self._goal.slots, self._goal.targets_m, strict=True):
             travel = self._goal.speed_m_per_s * PERIOD_NS * 1e-9
-            self.pulled_m[slot] = min(self._goal.target_m, self.pulled_m[slot] + travel)
+            self.pulled_m[slot] = min(target_m, self.pulled_m[slot] + travel)
         held_s = 0.0 if self._held_ns is None else (self.now_ns - self._held_ns) * 1e-9
         tensions = []
         for slot, pulled in enumerate(self.pulled_m):

@@ -54,6 +54,11 @@ class FreeReference:
         ):
             raise CatalogueError("free reference: expected rising rows and finite offsets; check the finger again")
 
+    @property
+    def reach_m(self) -> float:
+        """Longest pulled length that was checked [m]."""
+        return self.pulled_m[-1]
+
     def offset(self, pulled_m: float) -> float:
         """Return the difference to expect at a pulled length [N]; the outermost rows hold beyond the table."""
         return float(np.interp(pulled_m, self.pulled_m, self.offset_n))
@@ -92,15 +97,16 @@ def learn_reference(
     Args:
         pulled_m: pulled length of each sample [m].
         measured_n: tension measured [N].
-        predicted_n: tension predicted [N].
+        predicted_n: tension predicted [N]; samples with NaN are left out.
         friction_model: id used by the predictor.
 
     Raises:
         CatalogueError: too few samples for a single row.
     """
-    lengths = np.asarray(pulled_m, dtype=float)
-    measured = np.asarray(measured_n, dtype=float)
-    difference = measured - np.asarray(predicted_n, dtype=float)
+    known = np.isfinite(np.asarray(predicted_n, dtype=float))
+    lengths = np.asarray(pulled_m, dtype=float)[known]
+    measured = np.asarray(measured_n, dtype=float)[known]
+    difference = measured - np.asarray(predicted_n, dtype=float)[known]
     rows = np.round(lengths / BIN_M).astype(int)
     kept = [row for row in np.unique(rows) if np.count_nonzero(rows == row) >= BIN_SAMPLES]
     if not kept:

@@ -7,18 +7,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
+from softgrip_cell.grasp.evidence import evidence, excess_text, pulled_text
 from softgrip_cell.grasp.reading import Reader, Reading
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, Command, GraspTask, Hold, Open, Outcome, Phase, Step, Verdict
+from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Outcome, Phase, Press, Step, Stop, Verdict
 from softgrip_cell.observation import Pair, TendonFault, TendonSample
 
 NANOSECONDS: Final = 1e9
 
-#: Share of the force limit at which a finger stops: what the tendon still moves until the driver has stopped it.
+#: Share of the force limit at which a finger stops closing: the rest is what it still moves until it stands.
 FORCE_MARGIN: Final = 0.85
 
-#: Share of the holding excess that is enough when a finger has come to the end of its path.
+#: Share of the holding excess that is enough when every finger has come to its end.
 LEAST_HOLD: Final = 0.5
+
+#: Fingers that touch nothing are held with this, so that their tendons stay taut [N].
+LEAST_TENSION_N: Final = 1.0
 
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
@@ -34,6 +38,7 @@ class GraspSequence:
 
     def __init__(self, task: GraspTask, settings: GraspSettings) -> None:
         self._task = task
+        self._recipe = task.product.recipe
         self._settings = settings
         self._reader = Reader(task.references, settings)
         self._phase = Phase.APPROACH
@@ -44,7 +49,7 @@ class GraspSequence:
         self._path_ended = False
         self._was_enclosed = False
         self._peak_n = [0.0] * len(task.slots)
-        self._baseline_n: list[float] = []
+        self._baseline: tuple[Reading, ...] = ()
         self._runs: dict[str, list[int]] = {}
 
     @property
@@ -54,15 +59,16 @@ class GraspSequence:
 
     def start(self) -> Step:
         """Return the first command: fingers open."""
-        return Step(self._phase, command=Open())
+        return Step(self._phase, (Open(),))
 
     def observe(self, pair: Pair) -> Step:
         """Take one tendon sample with its prediction."""
         now_ns = pair.sample.stamp_ns
         if self._phase is Phase.DONE or (self._last_ns is not None and now_ns <= self._last_ns):
             return Step(self._phase)
-        if pair.free.objection:
-            return self._end(Outcome.ABORTED, f"the free motion cannot be predicted: {pair.free.objection}", now_ns)
+        objection = self._objection(pair)
+        if objection:
+            return self._end(Outcome.ABORTED, f"the free motion cannot be predicted: {objection}", now_ns)
         if self._last_ns is None:
             self._phase_since_ns = now_ns
         self._last_ns = now_ns
@@ -91,7 +97,7 @@ class GraspSequence:
         return self._end(Outcome.ABORTED, reason, sample.stamp_ns)
 
     def closing_ended(self) -> None:
-        """The driver says that the commanded closing came to its end (target or tension limit)."""
+        """The driver says that the commanded closing came to its end (targets or tension limit)."""
         self._path_ended = True
 
     def fault(self, fault: TendonFault, stamp_ns: int) -> Step:
@@ -102,29 +108,29 @@ class GraspSequence:
         """Somebody or something outside ends the grasp; the fingers stay where they are."""
         return self._end(Outcome.ABORTED, reason, stamp_ns if stamp_ns is not None else self._last_ns or 0)
 
+    # --- phases ----------------------------------------------------------------------------------------------------
+
     def _approach(self, now_ns: int) -> Step:
         if all(reading.pulled_m <= self._settings.open_m for reading in self._readings):
             self._enter(Phase.CLOSE, now_ns)
-            return Step(self._phase, command=self._close_command())
+            return Step(self._phase, (self._close_command(),))
         if self._elapsed_s(now_ns) > self._patience_s():
             return self._end(Outcome.ABORTED, f"the fingers do not open: {self._pulled_text()}", now_ns)
         return Step(self._phase)
 
     def _close(self, now_ns: int) -> Step:
-        holding = [r.excess_n >= self._task.product.recipe.hold_excess_n for r in self._readings]
+        holding = [reading.excess_n >= self._recipe.hold_excess_n for reading in self._readings]
         began_ns = self._began("enclosed", self._encloses(holding), now_ns)
         if began_ns is not None:
             return self._enclosed(now_ns, began_ns)
-        touching = [reading.touching for reading in self._readings]
-        self._was_enclosed = self._was_enclosed or self._encloses(touching)
+        self._was_enclosed = self._was_enclosed or self._encloses([reading.touching for reading in self._readings])
         escaped = self._was_enclosed and not any(r.excess_n >= 0.5 * r.threshold_n for r in self._readings)
         began_ns = self._began("escaped", escaped, now_ns)
         if began_ns is not None:
             return self._end(Outcome.SLIPPED, f"the product got away while closing: {self._excess_text()}", began_ns)
-        if self._stop_finished_fingers():
-            if self._closing:
-                return Step(self._phase, command=self._close_command())
-            self._path_ended = True
+        commands = self._stop_finished_fingers()
+        if commands:
+            return Step(self._phase, commands)
         if self._path_ended:
             return self._path_end(now_ns)
         if self._elapsed_s(now_ns) > self._patience_s():
@@ -133,9 +139,9 @@ class GraspSequence:
 
     def _path_end(self, now_ns: int) -> Step:
         """Every finger is where it can go: either what it has is enough, or there is nothing."""
-        enough = [r.excess_n >= LEAST_HOLD * self._task.product.recipe.hold_excess_n for r in self._readings]
         touching = [reading.touching for reading in self._readings]
-        if self._encloses([a and b for a, b in zip(enough, touching, strict=True)]):
+        least_n = LEAST_HOLD * self._recipe.hold_excess_n
+        if self._encloses([reading.touching and reading.excess_n >= least_n for reading in self._readings]):
             return self._enclosed(now_ns, now_ns)
         began_ns = self._began("empty", True, now_ns)
         if began_ns is None:
@@ -152,58 +158,59 @@ class GraspSequence:
             reason = f"held from both sides: {self._excess_text()}"
             return self._end(Outcome.GRIPPED, reason, event_ns, decided_ns=now_ns)
         self._enter(Phase.HOLD, now_ns)
-        return Step(self._phase, command=Hold())
+        return Step(self._phase, (self._press(self._every_slot),))
 
     def _hold(self, now_ns: int) -> Step:
         """Let the tension settle after the stop; what remains is the baseline of the lift."""
         if self._elapsed_s(now_ns) < self._settings.settle_s:
             return Step(self._phase)
-        self._baseline_n = [reading.excess_n for reading in self._readings]
+        self._baseline = self._readings
         if not self._encloses([reading.touching for reading in self._readings]):
             return self._end(Outcome.SLIPPED, f"lost while the fingers stopped: {self._excess_text()}", now_ns)
         self._enter(Phase.LIFT, now_ns)
         return Step(self._phase)
 
     def _lift(self, now_ns: int) -> Step:
-        settings = self._settings
-        losing = False
-        for slot, (reading, baseline_n) in enumerate(zip(self._readings, self._baseline_n, strict=True)):
-            allowed_n = max(
-                settings.slip_floor_n,
-                settings.slip_fraction * baseline_n,
-                settings.contact_sigma * self._task.references[slot].stddev_n,
-            )
-            losing = losing or baseline_n - reading.excess_n > allowed_n
-        began_ns = self._began("slipped", losing, now_ns)
+        began_ns = self._began("slipped", any(self._gives_way(slot) for slot in self._every_slot), now_ns)
         if began_ns is not None:
-            held = ", ".join(f"{n} {b:.1f}" for n, b in zip(self._task.slots, self._baseline_n, strict=True))
-            reason = (
-                f"lost after {self._elapsed_s(now_ns):.2f} s of lifting: {self._excess_text()}; held with [N] {held}"
-            )
+            lifted_s = self._elapsed_s(now_ns)
+            before = excess_text(self._task.slots, self._baseline)
+            reason = f"lost after {lifted_s:.2f} s of lifting: {self._excess_text()}; before: {before}"
             return self._end(Outcome.SLIPPED, reason, began_ns)
-        if self._elapsed_s(now_ns) >= settings.lift_window_s:
-            reason = f"held for {settings.lift_window_s:g} s: {self._excess_text()}"
+        if self._elapsed_s(now_ns) >= self._settings.lift_window_s:
+            reason = f"held for {self._settings.lift_window_s:g} s: {self._excess_text()}"
             return self._end(Outcome.GRIPPED, reason, now_ns)
         return Step(self._phase)
 
-    def _stop_finished_fingers(self) -> bool:
-        """Drop fingers from the closing that pressed as hard as the product bears or came to their end."""
-        recipe = self._task.product.recipe
-        going_on = [
-            slot
-            for slot in self._closing
-            if self._readings[slot].force_n < FORCE_MARGIN * recipe.force_limit_n
-            and self._readings[slot].pulled_m < recipe.pull_limit_m - self._settings.reach_m
-        ]
-        pressed = len(going_on) < len(self._closing)
-        self._closing = going_on
-        return pressed
+    # --- judgements ------------------------------------------------------------------------------------------------
+
+    def _objection(self, pair: Pair) -> str:
+        """Why the prediction cannot be used; while the fingers hold with their tension a missing one does no harm."""
+        if pair.free.objection:
+            return pair.free.objection
+        if self._phase in (Phase.HOLD, Phase.LIFT):
+            return ""
+        return "; ".join(filter(None, pair.free.objections))
+
+    def _gives_way(self, slot: int) -> bool:
+        """A finger that held has lost its tension, or closes further although only its tension is kept up."""
+        settings, now, before = self._settings, self._readings[slot], self._baseline[slot]
+        if not before.touching:
+            return False
+        allowed_n = max(
+            settings.slip_floor_n,
+            settings.slip_fraction * before.excess_n,
+            settings.contact_sigma * self._task.references[slot].stddev_n,
+        )
+        # Tensions, not excesses: where the finger stands still the free motion does not change.
+        lost = before.tension_n - now.tension_n > allowed_n
+        return lost or now.pulled_m - before.pulled_m > settings.slip_travel_m
 
     def _lost_tendon(self, now_ns: int) -> Step | None:
         settings = self._settings
         for name, reading in zip(self._task.slots, self._readings, strict=True):
             slack = (
-                self._phase is not Phase.APPROACH
+                self._phase is Phase.CLOSE
                 and reading.free_n >= settings.lost_floor_n
                 and reading.tension_n < settings.lost_fraction * reading.free_n
             )
@@ -229,11 +236,50 @@ class GraspSequence:
         run.append(now_ns)
         return run[0] if len(run) >= self._settings.run else None
 
-    def _close_command(self) -> Command:
-        recipe = self._task.product.recipe
-        free_n = max(reference.tension(recipe.pull_limit_m) for reference in self._task.references)
-        excess_n = max(self._reader.excess_limit(slot, recipe.force_limit_n) for slot in self._closing)
-        return Close(tuple(self._closing), recipe.pull_limit_m, recipe.closing_speed_m_per_s, free_n + excess_n)
+    # --- commands --------------------------------------------------------------------------------------------------
+
+    def _close_command(self) -> Close:
+        slots = tuple(self._closing)
+        free_n = max(self._task.references[slot].tension(self._path_m(slot)) for slot in slots)
+        excess_n = max(self._reader.excess_limit(slot, self._recipe.force_limit_n) for slot in slots)
+        limit_n = min(free_n + excess_n, self._settings.tension_limit_n)
+        return Close(slots, tuple(map(self._path_m, slots)), self._recipe.closing_speed_m_per_s, limit_n)
+
+    def _path_m(self, slot: int) -> float:
+        """End of a finger's path: what the recipe allows, but never beyond what was checked."""
+        return min(self._recipe.pull_limit_m, self._task.references[slot].reach_m)
+
+    def _press(self, slots: Sequence[int]) -> Press:
+        """Keep what these fingers press with now, but no more than the product bears."""
+        tensions_n = []
+        for slot in slots:
+            reading = self._readings[slot]
+            most_n = reading.free_n + self._reader.excess_limit(slot, self._recipe.force_limit_n)
+            tensions_n.append(max(LEAST_TENSION_N, min(reading.tension_n, most_n, self._settings.tension_limit_n)))
+        return Press(tuple(slots), tuple(tensions_n))
+
+    def _stop_finished_fingers(self) -> tuple[Command, ...]:
+        """Take fingers out of the closing that press as hard as the product bears or came to their end."""
+        limit_n = FORCE_MARGIN * self._recipe.force_limit_n
+        pressing = [slot for slot in self._closing if self._readings[slot].force_n >= limit_n]
+        going_on = [
+            slot
+            for slot in self._closing
+            if slot not in pressing and self._readings[slot].pulled_m < self._path_m(slot) - self._settings.reach_m
+        ]
+        if len(going_on) == len(self._closing):
+            return ()
+        self._closing = going_on
+        self._path_ended = not going_on
+        pressed: tuple[Command, ...] = (self._press(pressing),) if pressing else ()
+        closing: tuple[Command, ...] = (self._close_command(),) if pressing and going_on else ()
+        return pressed + closing
+
+    # --- bookkeeping -----------------------------------------------------------------------------------------------
+
+    @property
+    def _every_slot(self) -> range:
+        return range(len(self._task.slots))
 
     def _enter(self, phase: Phase, now_ns: int) -> None:
         self._phase = phase
@@ -244,35 +290,22 @@ class GraspSequence:
         return (now_ns - self._phase_since_ns) / NANOSECONDS
 
     def _patience_s(self) -> float:
-        recipe = self._task.product.recipe
-        return START_S + CLOSING_PATIENCE * recipe.pull_limit_m / recipe.closing_speed_m_per_s
+        return START_S + CLOSING_PATIENCE * self._recipe.pull_limit_m / self._recipe.closing_speed_m_per_s
 
     def _end(self, outcome: Outcome, reason: str, event_ns: int, decided_ns: int | None = None) -> Step:
         if self._phase is Phase.DONE:
             return Step(self._phase)
         decided = decided_ns if decided_ns is not None else max(self._last_ns or event_ns, event_ns)
-        evidence: dict[str, object] = {
-            "phase": self._phase.value,
-            "excess_n": {n: round(r.excess_n, 3) for n, r in zip(self._task.slots, self._readings, strict=False)},
-            "contact_from_n": {
-                n: round(r.threshold_n, 3) for n, r in zip(self._task.slots, self._readings, strict=False)
-            },
-            "force_at_most_n": {n: round(r.force_n, 3) for n, r in zip(self._task.slots, self._readings, strict=False)},
-            "peak_excess_n": {n: round(p, 3) for n, p in zip(self._task.slots, self._peak_n, strict=True)},
-            "decided_stamp_ns": decided,
-        }
+        found = evidence(self._task.slots, self._readings, self._peak_n, self._phase, decided)
         self._phase = Phase.DONE
-        return Step(
-            Phase.DONE, command=Hold(), verdict=Verdict(outcome, reason, (decided - event_ns) / NANOSECONDS, evidence)
-        )
+        commands: tuple[Command, ...] = (Stop(),)
+        if outcome is Outcome.GRIPPED:
+            # It stays held by its tension: after a lift that command stands already.
+            commands = () if self._task.confirm_lift else (self._press(self._every_slot),)
+        return Step(Phase.DONE, commands, Verdict(outcome, reason, (decided - event_ns) / NANOSECONDS, found))
 
     def _excess_text(self) -> str:
-        parts = [
-            f"{name} {reading.excess_n:+.1f} (contact from {reading.threshold_n:.1f})"
-            for name, reading in zip(self._task.slots, self._readings, strict=True)
-        ]
-        return "excess tension [N] " + ", ".join(parts)
+        return excess_text(self._task.slots, self._readings)
 
     def _pulled_text(self) -> str:
-        parts = [f"{n} {r.pulled_m * 1e3:.1f}" for n, r in zip(self._task.slots, self._readings, strict=False)]
-        return "pulled length [mm] " + ", ".join(parts)
+        return pulled_text(self._task.slots, self._readings)

@@ -17,6 +17,7 @@ class GraspSettings:
         run: samples in a row that have to agree before anything is decided.
         slip_fraction: share of the holding excess whose loss is a slip.
         slip_floor_n: and never less than this [N].
+        slip_travel_m: further closing of a finger that holds with its tension, from which the product gives way [m].
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
         lost_floor_n: free tension from which that can be judged [N].
         settle_s: after stopping, until the holding tension is taken as the baseline [s].
@@ -24,6 +25,7 @@ class GraspSettings:
         stale_s: longest gap between paired samples [s].
         open_m: pulled length below which a finger counts as open [m].
         reach_m: distance to the end of the path that counts as there [m].
+        tension_limit_n: largest tension that is ever asked of the driver [N].
         lever_factor: how much greater the force of a contact nearer to the base may be than at the fingertip.
     """
 
@@ -32,7 +34,8 @@ class GraspSettings:
     contact_free_fraction: float = 0.06
     run: int = 3
     slip_fraction: float = 0.4
-    slip_floor_n: float = 0.5
+    slip_floor_n: float = 1.0
+    slip_travel_m: float = 0.0015
     lost_fraction: float = 0.35
     lost_floor_n: float = 2.0
     settle_s: float = 0.1
@@ -40,4 +43,5 @@ class GraspSettings:
     stale_s: float = 0.25
     open_m: float = 0.0015
     reach_m: float = 0.0003
+    tension_limit_n: float = 35.0
     lever_factor: float = 2.0

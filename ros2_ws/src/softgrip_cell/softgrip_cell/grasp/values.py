@@ -56,20 +56,28 @@ class Open:
 
 @dataclass(frozen=True)
 class Close:
-    """Pull these slots; the others stay where they are."""
+    """Pull these slots to these lengths; the others stay where they are."""
 
     slots: tuple[int, ...]
-    target_m: float
+    targets_m: tuple[float, ...]
     speed_m_per_s: float
     tension_limit_n: float
 
 
 @dataclass(frozen=True)
-class Hold:
-    """Stop all slots where they are and keep holding."""
+class Press:
+    """Keep a tension [N] in these slots and follow an object that gives way."""
+
+    slots: tuple[int, ...]
+    tensions_n: tuple[float, ...]
 
 
-Command = Open | Close | Hold
+@dataclass(frozen=True)
+class Stop:
+    """Stop all slots and keep them where they are."""
+
+
+Command = Open | Close | Press | Stop
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,6 @@ class Step:
     """What follows from one observation; usually nothing."""
 
     phase: Phase
-    command: Command | None = None
+    commands: tuple[Command, ...] = ()
     verdict: Verdict | None = None
     contact: bool = False

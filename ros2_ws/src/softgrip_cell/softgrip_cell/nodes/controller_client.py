@@ -123,16 +123,19 @@ class CellController:
             product: id.
             confirm_lift: lift when ``on_phase`` says "lift"; the cell then watches the hold before it says GRIPPED.
             trial: grasp even with fingers that are known to fail on the product.
-            on_phase: called with "approach", "close", "hold", "lift".
+            on_phase: called with "approach", "close", "hold", "lift", each once.
             timeout_s: longest wait [s].
 
         Returns:
             Grasp.Result; look at its outcome (names in GRASP_OUTCOMES).
         """
+        told: list[str] = []
 
         def on_feedback(message: Any) -> None:
-            if on_phase is not None:
-                on_phase(message.feedback.phase)
+            phase = message.feedback.phase
+            if on_phase is not None and phase not in told:
+                told.append(phase)
+                on_phase(phase)
 
         goal = Grasp.Goal(product=product, confirm_lift=confirm_lift, trial=trial)
         return self._act(self._grasp, "cell/grasp", goal, on_feedback, timeout_s)

@@ -75,14 +75,15 @@ def free_motion(message: FingerStates, slots: Sequence[str], profiles: Sequence[
         nothing = tuple(math.nan for _ in slots)
         tips = tuple((math.nan, math.nan) for _ in slots)
         objection = f"finger/predicted lacks {', '.join(missing)}"
-        return FreeMotion(stamp_ns, nothing, nothing, tips, message.friction_model, objection)
+        return FreeMotion(stamp_ns, nothing, nothing, tips, message.friction_model, objection, ("",) * len(slots))
     ordered = [fingers[slot] for slot in slots]
-    objections = [
-        f"{finger.finger}: {finger.reason}"
-        for finger in ordered
+    objections = tuple(
+        f"{finger.finger}: {finger.reason or 'no solution'}"
         if finger.validity == finger.FAILED or not math.isfinite(finger.tension)
-    ]
-    objections += [
+        else ""
+        for finger in ordered
+    )
+    other_profiles = [
         f"{finger.finger}: expected a prediction of profile '{profile}', found '{finger.profile}'"
         for finger, profile in zip(ordered, profiles, strict=True)
         if profile and finger.profile != profile
@@ -93,7 +94,8 @@ def free_motion(message: FingerStates, slots: Sequence[str], profiles: Sequence[
         tension_n=tuple(float(finger.tension) for finger in ordered),
         tip_m=tuple((float(finger.tip.x), float(finger.tip.y)) for finger in ordered),
         friction_model=message.friction_model,
-        objection="; ".join(objections),
+        objection="; ".join(other_profiles),
+        objections=objections,
     )
 
 

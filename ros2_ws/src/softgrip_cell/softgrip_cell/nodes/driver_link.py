@@ -4,24 +4,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from softgrip_cell.grasp.values import Close, Command, Open
+from softgrip_cell.grasp.values import Close, Command, Open, Press
 from softgrip_interfaces.action import MoveTendon
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
 
 
-class DriverLink:
-    """One movement at a time; a new command takes the place of the one that is running.
+@dataclass
+class _Movement:
+    """One goal of tendon/move on its way."""
 
-    Every call returns at once; results come back through callbacks in the node's executor. A callback of a movement
-    that was replaced or stopped is not called any more.
+    tendons: frozenset[str]
+    ended: Ended
+    handle: Any = None
+    stopped: bool = False
+    replaced: bool = False
+
+
+class DriverLink:
+    """Commands to the driver; a new one takes the place of those that move the same tendons.
+
+    Every call returns at once; results come back through callbacks in the node's executor. The callback of a movement
+    that was stopped or replaced by this link is not called any more.
 
     Args:
         node: owner of the clients.
@@ -36,8 +48,7 @@ class DriverLink:
         self._move = ActionClient(node, MoveTendon, "tendon/move")
         self._release = node.create_client(Trigger, "tendon/release")
         self._home = node.create_client(Trigger, "tendon/home")
-        self._turn = 0
-        self._handle: Any = None
+        self._movements: list[_Movement] = []
 
     def missing(self) -> list[str]:
         """Return the driver's interfaces that nobody serves."""
@@ -52,27 +63,50 @@ class DriverLink:
         """Do what a grasp commands.
 
         Args:
-            command: open, close or hold.
+            command: open, close, press or stop.
             ended: called with MoveTendon's outcome and reason when a movement ends by itself.
         """
         if isinstance(command, Close):
             tendons = [self._slots[slot] for slot in command.slots]
-            self.move(tendons, command.target_m, command.speed_m_per_s, command.tension_limit_n, ended)
+            self.move(tendons, command.targets_m, command.speed_m_per_s, command.tension_limit_n, ended)
         elif isinstance(command, Open):
-            self.move(self._slots, 0.0, self._open_speed, 0.0, ended)
+            self.move(self._slots, [0.0] * len(self._slots), self._open_speed, 0.0, ended)
+        elif isinstance(command, Press):
+            tendons = [self._slots[slot] for slot in command.slots]
+            self._send(tendons, MoveTendon.Goal.TENSION, command.tensions_n, 0.0, 0.0, ended)
         else:
             self.hold()
 
     def move(
-        self, tendons: Sequence[str], target_m: float, speed_m_per_s: float, tension_limit_n: float, ended: Ended
+        self,
+        tendons: Sequence[str],
+        targets_m: Sequence[float],
+        speed_m_per_s: float,
+        tension_limit_n: float,
+        ended: Ended,
     ) -> None:
-        """Move tendons to a pulled length [m]; a tension limit of 0 leaves it to the driver."""
-        self.hold()
-        turn = self._turn
+        """Move tendons to pulled lengths [m]; a tension limit of 0 leaves it to the driver."""
+        self._send(tendons, MoveTendon.Goal.LENGTH, targets_m, speed_m_per_s, tension_limit_n, ended)
+
+    def _send(
+        self,
+        tendons: Sequence[str],
+        mode: int,
+        targets: Sequence[float],
+        speed_m_per_s: float,
+        tension_limit_n: float,
+        ended: Ended,
+    ) -> None:
+        # The driver lets a new movement take the place of a running one by itself: cancelling that one first would let
+        # go of the tension in between.
+        for running in self._movements:
+            running.replaced = running.replaced or bool(running.tendons & set(tendons))
+        movement = _Movement(frozenset(tendons), ended)
+        self._movements.append(movement)
         goal = MoveTendon.Goal(
             tendons=list(tendons),
-            mode=MoveTendon.Goal.LENGTH,
-            targets=[float(target_m)] * len(tendons),
+            mode=mode,
+            targets=[float(target) for target in targets],
             speed=float(speed_m_per_s),
             tension_limit=float(tension_limit_n),
         )
@@ -80,30 +114,32 @@ class DriverLink:
         def on_goal(future: Any) -> None:
             handle = future.result()
             if not handle.accepted:
-                if turn == self._turn:
-                    ended(MoveTendon.Result.REFUSED, "tendon/move rejected the goal; see the driver's log")
-                return
-            if turn != self._turn:
+                self._finish(movement, MoveTendon.Result.REFUSED, "tendon/move rejected the goal; see the driver's log")
+            elif movement.stopped:
                 handle.cancel_goal_async()
-                return
-            self._handle = handle
-            handle.get_result_async().add_done_callback(on_result)
+            else:
+                movement.handle = handle
+                handle.get_result_async().add_done_callback(on_result)
 
         def on_result(future: Any) -> None:
-            if turn != self._turn:
-                return
-            self._handle = None
             result = future.result().result
-            ended(result.outcome, result.reason)
+            self._finish(movement, result.outcome, result.reason)
 
         self._move.send_goal_async(goal).add_done_callback(on_goal)
 
+    def _finish(self, movement: _Movement, outcome: int, reason: str) -> None:
+        if movement in self._movements:
+            self._movements.remove(movement)
+        if not movement.stopped and not movement.replaced:
+            movement.ended(outcome, reason)
+
     def hold(self) -> None:
-        """Stop the running movement; the driver keeps holding where the tendons are."""
-        self._turn += 1
-        if self._handle is not None:
-            self._handle.cancel_goal_async()
-            self._handle = None
+        """Stop every running movement; the driver keeps holding where the tendons are."""
+        for movement in self._movements:
+            movement.stopped = True
+            if movement.handle is not None:
+                movement.handle.cancel_goal_async()
+        self._movements.clear()
 
     def release(self, answered: Answered) -> None:
         """Let the tendons go slack, slowly."""

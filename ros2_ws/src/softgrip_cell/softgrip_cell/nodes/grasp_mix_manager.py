@@ -125,6 +125,7 @@ class GraspMixManager(Node):
         self._state_at_s = time.monotonic()
         self._cell.observe_sample(sample, 2.0 * self._grasp_settings.open_m)
         self._grasp.observe_sample(sample)
+        self._swap.observe_sample(sample)
         self._take(self._pairing.add_sample(sample))
 
     def _on_predicted(self, message: FingerStates) -> None:

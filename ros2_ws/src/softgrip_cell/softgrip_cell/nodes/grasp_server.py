@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from rclpy.action import ActionServer, CancelResponse
@@ -13,9 +13,10 @@ from rclpy.task import Future
 from softgrip_cell.errors import CellError
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import GraspTask, Outcome, Phase, Step, Verdict
+from softgrip_cell.grasp.values import Close, GraspTask, Outcome, Phase, Step, Verdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
+from softgrip_cell.nodes.later import later
 from softgrip_cell.observation import Pair, TendonFault, TendonSample
 from softgrip_interfaces.action import Grasp, MoveTendon
 
@@ -101,23 +102,17 @@ class GraspServer:
         else:
             goal_handle.succeed()
         result = convert.grasp_result(verdict, self._sample, duration_s)
-        self._later(lambda: self._host.end_grasp(task, verdict, duration_s))
+        # After the result has gone out: writing to disk must not delay it.
+        later(self._node, self._host.end_grasp, task, verdict, duration_s)
         return result
 
-    def _later(self, work: Callable[[], None]) -> None:
-        """Run after the result has gone out: writing to disk must not delay it."""
-        if self._node.executor is None:
-            work()
-        else:
-            self._node.executor.create_task(work)
-
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node.executor.create_task(self.abort, "cancelled by the client; the fingers stay where they are")
+        later(self._node, self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
     def _do(self, step: Step) -> None:
-        if step.command is not None:
-            self._driver.run(step.command, self._movement_ended)
+        for command in step.commands:
+            self._driver.run(command, self._closing_ended if isinstance(command, Close) else self._movement_ended)
         changed = (step.phase, step.contact) != (self._step.phase, self._step.contact)
         self._step = step
         if changed and step.verdict is None and self._goal is not None:
@@ -133,13 +128,16 @@ class GraspServer:
             done, self._sequence, self._goal, self._done = self._done, None, None, None
             done.set_result(step.verdict)
 
+    def _closing_ended(self, outcome: int, reason: str) -> None:
+        if self._sequence is not None and outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
+            self._sequence.closing_ended()
+        else:
+            self._movement_ended(outcome, reason)
+
     def _movement_ended(self, outcome: int, reason: str) -> None:
-        if self._sequence is None:
+        if self._sequence is None or outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
             return
-        if outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
-            if self._sequence.phase is Phase.CLOSE:
-                self._sequence.closing_ended()
-        elif outcome == MoveTendon.Result.FAULT:
+        if outcome == MoveTendon.Result.FAULT:
             stamp_ns = self._sample.stamp_ns if self._sample else 0
             self._do(self._sequence.fault(TendonFault("(see reason)", "movement failed", reason), stamp_ns))
         else:

@@ -40,6 +40,8 @@ PARAMETERS = ParameterTable(
     Parameter("decision_run", _GRASP.run, "samples in a row that have to agree", "", 1, 50),
     Parameter("slip_fraction", _GRASP.slip_fraction, "loss of holding excess that is a slip", "", 0.05, 0.95),
     Parameter("stale_s", _GRASP.stale_s, "longest gap between predicted samples in a grasp", "s", 0.02, 5.0),
+    Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
+    Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
     Parameter("check_length_m", _CHECK.length_m, "pulled length of the check after a swap", "m", 0.005, 0.060),
     Parameter("check_speed_m_per_s", _CHECK.speed_m_per_s, "speed of the check after a swap", "m/s", 0.001, 0.1),
     Parameter(
@@ -64,6 +66,7 @@ def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
         slip_fraction=values["slip_fraction"],
         lift_window_s=values["lift_window_s"],
         stale_s=values["stale_s"],
+        tension_limit_n=values["tension_limit_n"],
     )
 
 
@@ -71,6 +74,7 @@ def check_settings(values: Mapping[str, Any]) -> CheckSettings:
     """Return the intervals of the swap check that the parameters ask for."""
     return CheckSettings(
         length_m=values["check_length_m"],
+        tension_limit_n=values["check_tension_limit_n"],
         speed_m_per_s=values["check_speed_m_per_s"],
         tension_fraction=values["check_tension_fraction"],
         tip_m=values["check_tip_m"],

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.node import Node
@@ -13,12 +13,16 @@ from rclpy.task import Future
 from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.observation import Pair, SeenTip, TendonFault
+from softgrip_cell.nodes.later import later
+from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import Slot
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep, Turn
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
+
+#: A tendon with less tension than this may be unhooked [N].
+SLACK_N: Final = 2.0
 
 
 class SwapHost(Protocol):
@@ -75,6 +79,7 @@ class SwapServer:
         self._ended: SwapEnded | None = None
         self._closing: EmptyClosing | None = None
         self._started_s = 0.0
+        self._tension_n: tuple[float, ...] = ()
         self._server = ActionServer(
             node, SwapFingers, "cell/swap", execute_callback=self._execute, cancel_callback=self._cancel
         )
@@ -84,6 +89,10 @@ class SwapServer:
     def active(self) -> bool:
         """Whether a swap is going on."""
         return self._sequence is not None
+
+    def observe_sample(self, sample: TendonSample) -> None:
+        """Take a tendon sample."""
+        self._tension_n = sample.tension_n
 
     def observe(self, pair: Pair) -> None:
         """Take a tendon sample with its prediction."""
@@ -144,7 +153,7 @@ class SwapServer:
     async def _walk(self, sequence: SwapSequence) -> None:
         """From slack tendons to homed ones."""
         self._tell(sequence.start())
-        await self._answered(self._driver.release, "tendon/release")
+        await self._slackened()
         turn = sequence.released()
         while turn.confirmation:
             self._host.remember(turn)
@@ -160,19 +169,35 @@ class SwapServer:
         self._host.remember(turn)
         self._tell(turn)
         self._closing = EmptyClosing(self._slots, self._settings)
-        await self._moved(self._settings.length_m, self._settings.speed_m_per_s)
+        settings = self._settings
+        await self._moved(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
         closing, self._closing = self._closing, None
-        await self._moved(0.0, 2.0 * self._settings.speed_m_per_s)
+        await self._moved(0.0, 2.0 * settings.speed_m_per_s, 0.0)
         return closing.judge()
 
-    async def _moved(self, target_m: float, speed_m_per_s: float) -> None:
+    async def _moved(self, target_m: float, speed_m_per_s: float, tension_limit_n: float) -> None:
         def ended(outcome: int, reason: str) -> None:
-            if outcome == MoveTendon.Result.REACHED:
+            if outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
                 self._resume(None)
             else:
                 self._interrupt("FAILED", f"tendon/move to {target_m * 1e3:.1f} mm: {reason}")
 
-        self._driver.move(self._slots, target_m, speed_m_per_s, 0.0, ended)
+        self._driver.move(self._slots, [target_m] * len(self._slots), speed_m_per_s, tension_limit_n, ended)
+        await self._wait()
+
+    async def _slackened(self) -> None:
+        """Have the tendons released; where the driver has none to release they have to be slack already."""
+
+        def answered(success: bool, message: str) -> None:
+            pulling = [name for name, n in zip(self._slots, self._tension_n, strict=False) if n > SLACK_N]
+            if success or (self._tension_n and not pulling):
+                self._resume(None)
+            else:
+                self._interrupt(
+                    "FAILED", f"tendon/release: {message}; tendons {', '.join(pulling) or 'unseen'} are taut"
+                )
+
+        self._driver.release(answered)
         await self._wait()
 
     async def _answered(self, call: Any, name: str) -> None:
@@ -229,7 +254,7 @@ class SwapServer:
         return response
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node.executor.create_task(self._interrupt, "CANCELLED", "cancelled by the client")
+        later(self._node, self._interrupt, "CANCELLED", "cancelled by the client")
         return CancelResponse.ACCEPT
 
 

@@ -21,7 +21,9 @@ class CheckSettings:
     """Intervals of the check.
 
     Attributes:
-        length_m: pulled length of the closing [m].
+        length_m: pulled length of the closing; a finger that meets the tension limit before stops there [m].
+        tension_limit_n: tension at which a finger has closed as far as it goes [N].
+        reach_m: shortest closing that proves anything [m].
         speed_m_per_s: of the closing [m/s].
         from_m: pulled length from which tensions are compared; below it slack and stretch rule [m].
         tension_fraction: half width of the interval about the predicted tension, as a share of it: stiffness of the
@@ -32,7 +34,9 @@ class CheckSettings:
         pair_s: longest time between a frame and the sample that it is compared with [s].
     """
 
-    length_m: float = 0.016
+    length_m: float = 0.020
+    tension_limit_n: float = 28.0
+    reach_m: float = 0.010
     speed_m_per_s: float = 0.012
     from_m: float = 0.004
     tension_fraction: float = 0.25
@@ -100,10 +104,11 @@ class EmptyClosing:
         measured = np.array([pair.sample.tension_n[index] for pair in self._pairs])
         predicted = np.array([pair.free.tension_n[index] for pair in self._pairs])
         compared = (pulled >= settings.from_m) & np.isfinite(predicted) & (predicted > 0.0)
-        reach_m = float(pulled.max(initial=0.0))
-        if np.count_nonzero(compared) < 10 or reach_m < 0.9 * settings.length_m:
-            found = f"{np.count_nonzero(compared)} samples up to {reach_m * 1e3:.1f} mm"
-            return _unseen(name, f"expected a closing to {settings.length_m * 1e3:.1f} mm, found {found}")
+        reach_m = float(pulled[compared].max(initial=0.0))
+        if np.count_nonzero(compared) < 10 or reach_m < settings.reach_m:
+            reasons = sorted({pair.free.objections[index] for pair in self._pairs} - {""})
+            found = "; ".join([f"{np.count_nonzero(compared)} samples up to {reach_m * 1e3:.1f} mm", *reasons])
+            return _unseen(name, f"expected a closing to {settings.reach_m * 1e3:.1f} mm or more, found {found}")
         ratio = float(np.median(measured[compared] / predicted[compared]))
         tip_m, tip_allowed_m = self._tip_error(index, name)
         finding, reason = Finding.GOOD, ""

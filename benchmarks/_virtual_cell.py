@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated cell in virtual time: plant and servo firmware of the emulator under the driver's own backend and controller.
+
+Nothing is left out but the serial port and the middleware: the driver's code reads registers and writes goals as it does on a
+bus, and what comes out is what tendon/state, tendon/status and finger/predicted would carry.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.dynamixel.bringup import Servo
+from softgrip_driver.dynamixel.bus import Bus, Reply
+from softgrip_driver.dynamixel.registers import MODELS, Item
+from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, Ticket
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_emulator.dynamixel.packets import Instruction, Packet
+from softgrip_emulator.plant.cell import CellPlant
+from softgrip_model.finger.matching import TendonSample as ModelSample
+from softgrip_model.finger.session import Session
+from softgrip_model.finger.wear import WearSettings
+from softgrip_model.profile import Profile, load_directory
+
+SLOTS = ("index", "middle", "thumb")
+PROFILES = Path(__file__).parents[1] / "ros2_ws/src/softgrip_bringup/profiles"
+
+
+class _VirtualBus(Bus):
+    """The driver's bus, wired to the servos without a port; transactions take no time."""
+
+    def __init__(self, plant: CellPlant) -> None:
+        super().__init__("virtual", 1_000_000)
+        self._plant = plant
+        self._servos = {servo.device_id: servo for servo in plant.servos}
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    @property
+    def is_open(self) -> bool:
+        """Always there."""
+        return True
+
+    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> Reply:
+        del size, attempts
+        servo = self._servos[servo_id]
+        for each in self._servos.values():
+            each.heard(self._plant.now_s)
+        answer = servo.execute(Packet(servo_id, Instruction(instruction), parameters), self._plant.now_s)
+        return Reply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
+
+    def sync_write(self, item: Item, values: Mapping[int, int]) -> None:
+        for servo_id, value in values.items():
+            self._servos[servo_id].write_for_host(item.address, item.encode(value), self._plant.now_s)
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        replies = {}
+        for servo_id in servo_ids:
+            self._servos[servo_id].heard(self._plant.now_s)
+            answer = self._servos[servo_id].read_for_host(address, size, self._plant.now_s)
+            replies[servo_id] = Reply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
+        return replies
+
+    fast_sync_read = sync_read
+
+
+class VirtualCell:
+    """Plant, servos, driver and predictor on one virtual clock.
+
+    Args:
+        seed: of the emulated cell.
+        finger_set: profile mounted in every slot.
+        rate: of the driver's loop [Hz].
+    """
+
+    def __init__(self, seed: int, finger_set: str, rate: float = 100.0, copy: int = 1) -> None:
+        self.profiles: Mapping[str, Profile] = load_directory(PROFILES)
+        self.plant = CellPlant(self.profiles, seed=seed)
+        self.period_s = 1.0 / rate
+        limits = TendonLimits()
+        model = MODELS["XL330-M288"]
+        torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
+        servos = [Servo(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]
+        self._backend = DynamixelBackend(_VirtualBus(self.plant), servos)
+        self.controller = GripperController(dict.fromkeys(SLOTS, limits), Policies())
+        self._backend.connect()
+        self.mount(finger_set, copy)
+        self._cycle()
+        for drive in self.controller.drives.values():
+            self._act({drive.tendon: drive.switch_on()})
+
+    def mount(self, finger_set: str, copy: int = 1, said: str | None = None) -> None:
+        """Put a set into the slots; the predictor is told ``said`` (the same set when None)."""
+        serials = [f"{finger_set}-{slot}-{copy}" for slot in SLOTS]
+        self.plant.mount(list(SLOTS), serials, [finger_set] * 3)
+        self.session = Session(self.profiles, dict.fromkeys(SLOTS, said or finger_set), WearSettings())
+
+    @property
+    def now_ns(self) -> int:
+        """Virtual time [ns]."""
+        return round(self.plant.now_s * 1e9)
+
+    def home(self) -> None:
+        """Home all tendons."""
+        ticket = self.controller.home(self.plant.now_s)
+        outcome = self.finish(ticket, 40.0)
+        if outcome is not Outcome.REACHED:
+            raise RuntimeError(f"homing: {self.controller.result(ticket)}")
+
+    def move(self, target_m: float, speed: float, limit_n: float = 0.0, slots: Sequence[str] = SLOTS) -> Ticket:
+        """Start a move."""
+        request = MoveRequest(slots, MoveMode.LENGTH, [target_m] * len(slots), speed, limit_n)
+        ticket = self.controller.move(request, self.plant.now_s)
+        if ticket.refusal:
+            raise RuntimeError(ticket.refusal)
+        return ticket
+
+    def finish(self, ticket: Ticket, limit_s: float) -> Outcome | None:
+        """Live until a ticket is done."""
+        for _ in range(round(limit_s / self.period_s)):
+            self._cycle()
+            outcome, _ = self.controller.result(ticket)
+            if outcome is not None:
+                return outcome
+        return None
+
+    def cycles(self) -> Iterator[tuple[ModelSample, ...]]:
+        """Live one driver period after the other; yields the three tendons' samples."""
+        while True:
+            self._cycle()
+            yield self.samples()
+
+    def samples(self) -> tuple[ModelSample, ...]:
+        """What tendon/state would carry now."""
+        return tuple(
+            ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots()
+        )
+
+    def _cycle(self) -> None:
+        target = self.plant.now_s + self.period_s
+        self.plant.advance_to(target)
+        readings = {name: replace(r, time=self.plant.now_s) for name, r in self._backend.read().items()}
+        self._act(self.controller.step(self.plant.now_s, readings))
+
+    def _act(self, actions: Mapping[str, Any]) -> None:
+        setpoints = {}
+        for tendon, action in actions.items():
+            if action.power is not None:
+                self._backend.power(tendon, action.power)
+            if action.setpoint is not None:
+                setpoints[tendon] = action.setpoint
+        if setpoints:
+            self._backend.write(setpoints)
+
+
+def finite(value: float) -> bool:
+    """Whether a number is one."""
+    return math.isfinite(value)
