@@ -103,7 +103,7 @@ class Scene:
         if before is None or before.joints_m.shape != pose.joints_m.shape:
             return self._draw(pose)
         path = self.optics.to_pixels(pose.joints_m) - self.optics.to_pixels(before.joints_m)
-        if np.abs(path).max() < _MOTION_WORTH_PX:
+        if np.abs(path).max(initial=0.0) < _MOTION_WORTH_PX:
             return self._draw(pose)
         total = np.zeros(self._background.shape, np.uint16)
         for share in np.linspace(0.0, 1.0, _MOTION_STEPS):
