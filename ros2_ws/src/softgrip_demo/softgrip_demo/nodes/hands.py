@@ -23,7 +23,7 @@ class Hands:
     """What a person does beside the cell; every call is one service of the emulated cell, done when it returns."""
 
     def __init__(self) -> None:
-        self._node = Node("operator")
+        self._node = Node("operator", use_global_arguments=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._rig = self._node.create_client(SetRig, "emulator/set_rig")

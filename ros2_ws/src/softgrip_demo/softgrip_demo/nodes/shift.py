@@ -47,7 +47,7 @@ PARAMETERS = ParameterTable(
     Parameter("release_speed", 0.05, "speed of opening", "m/s", 0.001, 0.2),
     Parameter("start_timeout", 10.0, "time the cell has to come up", "s", 1.0, 120.0),
     Parameter(
-        "expected_streams", ["tendon/state", "finger/measured", "finger/predicted"], "topics of a cell that is up"
+        "expected_streams", ["tendon/state", "camera/image_raw/compressed"], "topics that say that the cell is up"
     ),
     Parameter("profile_dir", "", "folder of the finger profiles"),
     Parameter("calibration", "", "file with the camera's calibration"),
@@ -112,7 +112,11 @@ class Shift:
     def _wait_for_cell(self) -> None:
         streams = set(self._values["expected_streams"])
         timeout = self._values["start_timeout"]
-        self._link.until(lambda: streams <= self._watch.seen, timeout, f"messages on {', '.join(sorted(streams))}")
+        try:
+            self._link.until(lambda: streams <= self._watch.seen, timeout, "the cell's streams")
+        except ShiftError as error:
+            missing = ", ".join(sorted(streams - self._watch.seen))
+            raise ShiftError(f"no messages on {missing} within {timeout:g} s; see the log of the cell") from error
 
     def _calibrate(self) -> FrictionResult:
         """Nine points (Table 3.3), the operator setting angle and weight as the rig asks."""
