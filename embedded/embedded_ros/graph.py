@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -90,6 +91,13 @@ class Graph:
         """Wait until a condition on the graph holds; return whether it does."""
         with self._changed:
             return self._changed.wait_for(condition, timeout_s)
+
+    def settle(self, quiet_s: float, limit_s: float = 3.0) -> None:
+        """Wait until nothing changes for a while: a fresh session meets its peers one after the other."""
+        end = time.monotonic() + limit_s
+        with self._changed:
+            while time.monotonic() < end and self._changed.wait(quiet_s):
+                pass
 
     def snapshot(self, *kinds: EntityKind) -> list[Entity]:
         """Return the entities of the given kinds, or all."""

@@ -29,7 +29,7 @@ def usage() -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command; return its exit code."""
+    """Run a command; return its exit code. What a command returns as text is its error, as in ros2cli."""
     argv = sys.argv[1:] if argv is None else argv
     if not argv or argv[0] in {"-h", "--help"}:
         print(usage())
@@ -42,14 +42,17 @@ def main(argv: list[str] | None = None) -> int:
 
     module = importlib.import_module(f"embedded_ros.commands.{argv[0]}")
     try:
-        return int(module.run(argv[1:]) or 0)
+        outcome = module.run(argv[1:])
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         return 0
     except EmbeddedError as error:
-        print(f"ros2 {argv[0]}: {error}", file=sys.stderr)
+        outcome = f"ros2 {argv[0]}: {error}"
+    if isinstance(outcome, str):
+        print(outcome, file=sys.stderr)
         return 1
+    return int(outcome or 0)
 
 
 if __name__ == "__main__":
