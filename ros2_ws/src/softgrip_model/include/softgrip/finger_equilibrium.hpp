@@ -242,8 +242,9 @@ inline Equilibrium newton(const Finger& finger, State x, Control control, double
   while (out.iterations < kMostIterations) {
     const Sweep sweep(finger, x, control, target);
     ++out.iterations;
-    if ((sweep.friction_status & friction::kInvalid) != 0) return out.status = kBadFriction, out;
+    // a blow-up first: the NaN that it leaves is invalid for the bends further on
     if ((sweep.friction_status & friction::kBlowUp) != 0) return out.status = kFrictionBlowUp, out;
+    if ((sweep.friction_status & friction::kInvalid) != 0) return out;
     const double ds = std::clamp(sweep.log_tip_step, -kLargestLogStep, kLargestLogStep);
     double largest = std::abs(sweep.log_tip_step);
     bool finite = std::isfinite(largest);

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// The local step of all elements: corner forces from corner positions, no SVD, eight elements abreast.
+//
+// With P = c1 (F - R) + volume part and the hourglass coefficient c_h, the corner forces are
+//   f = V0 G P^T + c_h Gamma S Gamma^T V,
+//   proj  volume shape:  P = a (F - R) - b D,         c_h = a        (D = F* - F, det F* = 1, |D| least)
+//   scale volume shape:  P = a (F - R) + b s F,       c_h = a + b s  (s = 1 - J^(-1/3))
+// calibrated: a = 2 mu, b = 3 lame, mu = secant(eps_eq); thesis: a = w (1 - alpha), b = 1 - a.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "softgrip/gdfe/mesh.hpp"
+
+namespace softgrip::gdfe {
+
+enum class Law : std::uint8_t { Calibrated = 0, Thesis = 1 };
+enum class VolumeShape : std::uint8_t { Proj = 0, Scale = 1 };
+
+inline constexpr std::size_t kBlock = 8;
+
+// mu(eps_eq) of every material as cubic pieces of equal length; eps_eq with nu = 0.5 (Eq 5.5).
+struct SecantTables {
+  int cells = 0;                     // per material
+  double end = 0.0;                  // eps_eq at the end of the last cell
+  std::vector<double> coefficients;  // [material][4][cells]: mu = c0 + t (c1 + t (c2 + t c3)), t in 0..1 within the cell
+  std::vector<double> lame_per_mu;   // 2 nu / (1 - 2 nu)
+};
+
+// Blocks of kBlock elements; the last one is filled up with copies of its last element at zero weight.
+struct ElementBlocks {
+  std::size_t elements = 0, blocks = 0;
+  std::vector<std::int32_t> corner;      // [block][8][lane] node index
+  std::vector<double> gradient;          // [block][24][lane]
+  std::vector<double> hourglass_rest;    // [block][12][lane]
+  std::vector<double> hourglass_stiffness;  // [block][10][lane], upper triangle row by row
+  std::vector<double> volume;            // [block][lane], zero in the filling
+  std::vector<double> material;          // [block][lane] index, as a number
+  std::vector<double> omega;             // [block][lane] thesis law: shape factor
+  std::vector<double> last_strain;       // [block][lane] thesis law: eps_eq at the last converged increment
+  std::vector<double> strain;            // out: eps_eq, nu = 0.5
+
+  ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials);
+};
+
+// position, force: [3][nodes]; force is added to. Elements of blocks first .. last-1.
+void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
+                double* force, std::size_t nodes, std::size_t first, std::size_t last);
+
+// Name of the instruction set that local_step runs on here.
+const char* simd_target();
+
+}  // namespace softgrip::gdfe
