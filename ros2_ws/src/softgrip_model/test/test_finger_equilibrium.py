@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def point_bends(finger: Finger, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         before = joint + frame(heading) @ (r[2 * j] * np.array([-s, -s]))
         heading += q[j]
         after = joint + frame(heading) @ (r[2 * j + 1] * np.array([s, -s]))
-        gap = np.linalg.norm(after - before)
+        gap = float(np.linalg.norm(after - before))
         (ux, uy), (vx, vy) = after - before, before - joint
         arms.append(abs(ux * vy - uy * vx) / gap)
         pulled += math.hypot(r[2 * j], r[2 * j + 1]) - gap
@@ -201,7 +202,7 @@ def test_scaling_a_finger_scales_its_lengths() -> None:
     """All lengths twice as long at the same stress: angles stay, forces grow fourfold (Capstan knows no length)."""
     law = FrictionLaw(Law.CAPSTAN, (0.3,), 3.125)
     small = chapter_4_finger("pinch")
-    doubled = {
+    doubled: dict[str, Any] = {
         name: tuple(2 * v for v in getattr(small, name))
         for name in ("link_mm", "thickness_mm", "length_mm", "routing_mm")
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_bends_reference() -> None:
     straight = [-7.5906, 12.2544, -4.0281, 8.2266, -11.4558, 2.5935]
     closed = [2.0029, 32.6609, 6.2440, 17.9544, -6.9522, 8.0899]
     np.testing.assert_allclose(np.degrees(bends(finger, [0, 0, 0])), straight, atol=6e-5)
-    np.testing.assert_allclose(np.degrees(bends(finger, np.radians([30, 20, 10]))), closed, atol=6e-5)
+    np.testing.assert_allclose(np.degrees(bends(finger, np.radians([30, 20, 10]))), np.array(closed), atol=6e-5)
 
 
 def test_bends_add_up_to_the_joint_angles() -> None:
@@ -81,7 +82,7 @@ def strip_finger(thickness: float, length: float, law: MomentLaw) -> Finger:
 
 @pytest.mark.parametrize("case", MOMENTS, ids=str)
 @pytest.mark.parametrize("law", MomentLaw)
-def test_moment_reference(case: tuple[float, float, float], law: MomentLaw) -> None:
+def test_moment_reference(case: tuple[int, int, int], law: MomentLaw) -> None:
     thickness, length, angle = case
     expected = MOMENTS[case][list(MomentLaw).index(law)]
     moment, _, _ = strip_moment(strip_finger(thickness, length, law), 0, math.radians(angle))
@@ -129,7 +130,7 @@ def test_moment_slopes_and_symmetry(law: MomentLaw, angle: float) -> None:
 
 def test_impossible_fingers_say_what_is_wrong() -> None:
     good = chapter_3_finger((8.5,) * 6)
-    for change, message in [
+    changes: list[tuple[dict[str, Any], str]] = [
         ({"thickness_mm": (3.0, -1.0, 3.0)}, r"thickness_mm\[1\]: expected > 0, found -1.0"),
         ({"length_mm": (10.0, 10.0)}, "length_mm: expected 3 values, found 2"),
         ({"routing_mm": (8.5,) * 5}, "routing_mm: expected 6 values, found 5"),
@@ -137,6 +138,7 @@ def test_impossible_fingers_say_what_is_wrong() -> None:
         ({"width_mm": math.nan}, "width_mm: expected > 0, found nan"),
         ({"opening_rad": (3.5,) * 3}, r"opening_rad\[0\]: expected between the stop's margin and pi"),
         ({"thickness_mm": ()}, "expected 1 to 6 joints, found 0"),
-    ]:
+    ]
+    for change, message in changes:
         with pytest.raises(FingerError, match=message):
             dataclasses.replace(good, **change)

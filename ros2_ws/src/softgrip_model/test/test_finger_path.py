@@ -54,7 +54,7 @@ def assert_moments_balance(finger: Finger, path: Path, contact_moment: np.ndarra
     moment = np.array([[strip_moment(finger, j, q)[0] for j, q in enumerate(angles)] for angles in path.angle_rad])
     arms = np.array(
         [
-            [groove(*finger.routing_mm[2 * j : 2 * j + 2], q).arm_mm for j, q in enumerate(angles)]
+            [groove(finger.routing_mm[2 * j], finger.routing_mm[2 * j + 1], q).arm_mm for j, q in enumerate(angles)]
             for angles in path.angle_rad
         ]
     )
@@ -165,7 +165,7 @@ def test_joint_limit_carries_what_the_cable_gives_beyond() -> None:
     assert_moments_balance(finger, path, moment)
 
 
-CONTACTS = {
+CONTACTS: dict[str, Cylinder | Plane] = {
     "cylinder": Cylinder((55.0, -50.0), 20.0),
     "sphere": sphere((55.0, -50.0, 12.0), math.hypot(20.0, 12.0)),
     "plane": Plane((0.0, 1.0), -50.0),
@@ -197,11 +197,11 @@ def test_contact_forces_balance(name: str) -> None:
             at = at + length * np.array([math.cos(heading), math.sin(heading)])
         if isinstance(contact, Plane):
             normal = np.array(contact.normal)
-            expected_gap = normal @ at - contact.offset_mm
+            expected_gap = float(normal @ at) - contact.offset_mm
         else:
             away = at - np.array(contact.centre_mm)
             normal = away / np.linalg.norm(away)
-            expected_gap = np.linalg.norm(away) - contact.radius_mm
+            expected_gap = float(np.linalg.norm(away)) - contact.radius_mm
         assert gap[k] == pytest.approx(expected_gap, abs=1e-9)
         for j, joint in enumerate(joints):
             (dx, dy), (nx, ny) = at - joint, force[k] * normal

@@ -62,14 +62,17 @@ def test_standard_deviation_is_that_of_drawn_coefficients(
     profiles: dict[str, Profile], friction: ActiveFriction
 ) -> None:
     """First-order spread against the sample spread of small coefficient draws."""
-    small = dataclasses.replace(friction, covariance=1e-4 * friction.covariance)
+    assert friction.covariance is not None
+    covariance = 1e-4 * friction.covariance
+    small = dataclasses.replace(friction, covariance=covariance)
     configuration = Configuration(profiles, {"index": "hook"}, small)
     (prediction,) = configuration.predict([TendonReading("index", 0.015)])
     rng = np.random.default_rng(3)
-    draws = rng.multivariate_normal(small.law.coefficients, small.covariance, size=400)
+    draws = rng.multivariate_normal(small.law.coefficients, covariance, size=400)
     fingers = [configuration.fingers["index"]] * len(draws)
     solution = Kernel(fingers, [small.law.with_coefficients(c) for c in draws]).solve([15.0])
     spread = solution.angle_rad[:, 0].std(axis=0)
+    assert prediction.joint_angles_stddev is not None
     np.testing.assert_allclose(prediction.joint_angles_stddev, spread, rtol=0.12)
     np.testing.assert_allclose(prediction.tip_stddev, 1e-3 * solution.tip_mm[:, 0].std(axis=0), rtol=0.12)
 
@@ -141,8 +144,10 @@ class Closings:
         law = self.session.configuration.friction_of("index").law
         a, n, e, lam = law.coefficients
         other = law.with_coefficients([friction_factor * a, n, friction_factor * e, friction_factor * lam])
-        modulus = tuple(stiffness_factor * m for m in finger.strip.modulus_mpa)
-        true = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, modulus_mpa=modulus))
+        quadratic, linear, constant = (stiffness_factor * m for m in finger.strip.modulus_mpa)
+        true = dataclasses.replace(
+            finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(quadratic, linear, constant))
+        )
         pulls = np.linspace(0.5, 18.0, 36)
         truth = Kernel([true], other).solve(pulls)
         assert not truth.failed.any()

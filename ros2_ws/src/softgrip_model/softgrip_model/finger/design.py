@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from softgrip_model.finger import _core
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.friction.laws import FrictionLaw, Law, k_index, law_index
@@ -99,12 +102,12 @@ class Finger:
         """First joint to tip, straight."""
         return sum(self.link_mm)
 
-    def with_design(self, thickness_mm: Sequence[float], routing_mm: Sequence[float]) -> Finger:
+    def with_design(self, thickness_mm: ArrayLike, routing_mm: ArrayLike) -> Finger:
         """Return the same finger with other thicknesses (n) and routing (2 n) [mm]."""
         return dataclasses.replace(
             self,
-            thickness_mm=tuple(float(h) for h in thickness_mm),
-            routing_mm=tuple(float(r) for r in routing_mm),
+            thickness_mm=tuple(np.asarray(thickness_mm, dtype=np.float64).tolist()),
+            routing_mm=tuple(np.asarray(routing_mm, dtype=np.float64).tolist()),
         )
 
     @classmethod

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softgrip_model.finger import _core
 from softgrip_model.finger.design import Finger, core_design
@@ -38,16 +38,17 @@ def groove(entry_mm: float, exit_mm: float, angle_rad: float, opening_rad: float
     return Groove(*_core.groove(opening_rad, angle_rad, entry_mm, exit_mm))
 
 
-def bends(finger: Finger, angle_rad: Sequence[float]) -> Array:
+def bends(finger: Finger, angle_rad: ArrayLike) -> Array:
     """Return the signed bends of the cable at the routing points [rad], (2 n,), for joint angles [rad], (n,).
 
     Raises:
         FingerError: not one angle per joint.
     """
+    angles = np.asarray(angle_rad, dtype=np.float64).ravel().tolist()
     try:
-        return np.array(_core.bends(core_design(finger), list(angle_rad)))
+        return np.array(_core.bends(core_design(finger), angles))
     except ValueError as error:
-        raise FingerError(f"{error}; found {len(angle_rad)} for {finger.joints} joints") from error
+        raise FingerError(f"{error}; found {len(angles)} for {finger.joints} joints") from error
 
 
 def strip_moment(finger: Finger, joint: int, angle_rad: float) -> tuple[float, float, float]:
