@@ -99,7 +99,7 @@ class Registers:
             raise WriteRefusedError(StatusError.DATA_LENGTH)
         if address + len(data) > self.model.size:
             raise WriteRefusedError(StatusError.ACCESS)
-        assignments = []
+        assignments: list[tuple[Item, int]] = []
         for start, run in self._runs(address, data):
             assignments += self._items(start, run)
         torque_on = bool(self.get("torque_enable"))

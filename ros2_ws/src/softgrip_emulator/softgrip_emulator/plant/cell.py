@@ -225,7 +225,7 @@ class CellPlant:
     def wound_m(self) -> Array:
         """Cable each spool has wound since its finger was mounted [m]."""
         turned = np.array([motor.spool_radius_m * motor.shaft.angle_rad for motor in self.motors])
-        return turned - self._wound_zero
+        return np.asarray(turned - self._wound_zero)
 
     def taken_slack_m(self) -> Array:
         """Cable each spool winds before its tendon is taut on the straight finger [m]."""

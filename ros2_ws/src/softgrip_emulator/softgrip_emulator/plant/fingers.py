@@ -119,13 +119,13 @@ class FingerBank:
         run = self.link_m[:, :-1] - self._rb[:, :-1] * sin_h[:, :-1] - self._ra[:, 1:] * sin_h[:, 1:]
         inner = np.where(run > 0.0, np.arctan2(rise, np.maximum(run, 1e-6)), 0.0)
         edge = np.zeros((len(self.link_m), 1))
-        return np.hstack([edge, inner, edge])
+        return np.asarray(np.hstack([edge, inner, edge]))
 
     def _link_spans(self) -> Array:
         """Cable length on the link behind each joint [m], (F, J)."""
         ends = self._rb * np.sin(self._half)
         starts = np.hstack([(self._ra * np.sin(self._half))[:, 1:], np.zeros((len(self.link_m), 1))])
-        return np.maximum(self.link_m - ends - starts, 0.0)
+        return np.asarray(np.maximum(self.link_m - ends - starts, 0.0))
 
     def _free_span(self, q: Array) -> tuple[Array, Array]:
         """Cable length in each groove and its lever arm about the joint [m]."""
@@ -152,11 +152,11 @@ class FingerBank:
         path[:, 0::2] = c
         path[:, 1::2] = self._link_span
         unstretched = path * (1.0 - span_tension / self._ea[:, None])
-        return np.cumsum(unstretched[:, ::-1], axis=1)[:, ::-1]
+        return np.asarray(np.cumsum(unstretched[:, ::-1], axis=1)[:, ::-1])
 
     def pulled_length_m(self) -> Array:
         """How much cable the present joint angles take in [m], (F,)."""
-        return (self._c0 - self._free_span(self.q)[0]).sum(axis=1)
+        return np.asarray((self._c0 - self._free_span(self.q)[0]).sum(axis=1))
 
     # -- motion ----------------------------------------------------------------------------------------------------
 
@@ -212,7 +212,8 @@ class FingerBank:
         mu = self._mu * level**-self._mu_exponent
         mu = mu * (1.0 + self._stribeck * np.exp(-np.abs(self._speed) / self._stribeck_speed))
         wrap = self._wrap_angles(q)
-        return self.friction_scale * (mu * wrap + self._bite * (1.0 - np.exp(-wrap / _BITE_ANGLE_RAD)))
+        ratio_log = mu * wrap + self._bite * (1.0 - np.exp(-wrap / _BITE_ANGLE_RAD))
+        return np.asarray(self.friction_scale * ratio_log)
 
     def _slide(self, dt_s: float) -> None:
         """Turn the bristles by what the cable has travelled over each contact."""
