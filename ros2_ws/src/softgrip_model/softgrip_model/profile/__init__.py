@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finger profiles: one YAML file describes the fingers of one set, as printed. All values in SI units."""
 
-from softgrip_model.profile.files import dumps, load, load_directory, loads, save, validate
+from softgrip_model.profile.files import dumps, load, load_directory, loads, save, shipped_directory, validate
 from softgrip_model.profile.schema import (
     MOMENT_LAWS,
     SCHEMA,
@@ -29,5 +29,6 @@ __all__ = [
     "load_directory",
     "loads",
     "save",
+    "shipped_directory",
     "validate",
 ]

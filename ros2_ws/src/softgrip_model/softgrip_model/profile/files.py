@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import types
 import typing
 from pathlib import Path
@@ -157,3 +158,19 @@ def _build_tuple(arguments: tuple[Any, ...], data: Any, where: str) -> Any:
     if arguments[-1] is not Ellipsis and len(data) != len(arguments):
         raise ProfileError(f"{where}: expected {len(arguments)} values, found {len(data)}")
     return tuple(_build(item, value, f"{where}[{i}]") for i, value in enumerate(data))
+
+
+def shipped_directory() -> Path:
+    """Return the folder of softgrip_bringup's profiles: of an installed workspace, else beside this source tree.
+
+    Raises:
+        ProfileError: neither is there.
+    """
+    installed = [
+        Path(prefix) / "share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix
+    ]
+    for share in [*installed, Path(__file__).resolve().parents[3]]:
+        directory = share / "softgrip_bringup" / "profiles"
+        if directory.is_dir():
+            return directory
+    raise ProfileError("the profiles of softgrip_bringup were not found; source the workspace or name a folder")
