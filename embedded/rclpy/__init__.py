@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any
 
+from rclpy.context import Context
 from rclpy.signals import (
     SignalHandlerOptions,
     install_signal_handlers,
@@ -18,7 +19,6 @@ from rclpy.utilities import get_default_context, get_rmw_implementation_identifi
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
