@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
@@ -69,4 +70,18 @@ def topic_types(bag: Path) -> dict[str, str]:
                 raise BagError(f"{path}: expected MCAP, found {error}") from error
             if summary is not None:
                 found |= {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
+    return found
+
+
+def latched_topics(bag: Path) -> set[str]:
+    """Return the topics whose every publisher offered transient-local durability."""
+    found = set()
+    for path in bag_files(bag):
+        with path.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+            for channel in summary.channels.values() if summary is not None else ():
+                offered = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
+                # words since metadata version 9, numbers before (rmw: 1 = transient local)
+                if offered and all(qos.get("durability") in {"transient_local", 1} for qos in offered):
+                    found.add(channel.topic)
     return found

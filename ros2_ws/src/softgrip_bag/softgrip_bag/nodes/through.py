@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feed a bag through a node's own code, without middleware, and collect what it publishes.
+"""Feed a bag through a node's own code, without middleware, and compare what it publishes with what it published then.
 
 The node is constructed as it is; only its publishers are replaced by lists and its timers by nothing, so that its
 outputs depend on the messages fed in and on nothing else.
+
+Two things of the recorded run a bag does not show directly: which messages of a best-effort stream the node really got,
+and whether a latched message reached the node before or after a neighbour on another topic. Both are read off the
+recorded results: each carries the stamp of the message it was computed from and the ids of the configuration it was
+computed with (docs/conventions.md).
 """
 
 from __future__ import annotations
 
 import importlib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +25,45 @@ from rclpy.serialization import deserialize_message
 from softgrip_bag.comparison import MEASURES_OF_THE_MACHINE, Divergence, Result, first_difference
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, read, topic_types
+from softgrip_bag.reader import RawMessage, latched_topics, read, topic_types
 
-#: Nodes whose outputs depend on their inputs and the inputs' stamps only (docs/conventions.md).
+
+@dataclass(frozen=True)
+class Replayable:
+    """A node whose results depend on its inputs and their stamps only.
+
+    Attributes:
+        class_path: module:class.
+        result: topic that has one result for each message of the driving stream that the node worked on.
+        drivers: the driving stream; the first of these topics that is in the bag.
+    """
+
+    class_path: str
+    result: str
+    drivers: tuple[str, ...]
+
+
 NODES = {
-    "kinematics_predictor": "softgrip_model.nodes.kinematics_predictor:KinematicsPredictor",
-    "gdfe_simulator": "softgrip_model.nodes.gdfe_simulator:GdfeSimulator",
-    "marker_tracker": "softgrip_vision.nodes.marker_tracker:MarkerTracker",
-    "grasp_mix_manager": "softgrip_cell.nodes.grasp_mix_manager:GraspMixManager",
+    "kinematics_predictor": Replayable(
+        "softgrip_model.nodes.kinematics_predictor:KinematicsPredictor", "/finger/predicted", ("/tendon/state",)
+    ),
+    "gdfe_simulator": Replayable(
+        "softgrip_model.nodes.gdfe_simulator:GdfeSimulator", "/shape/predicted", ("/tendon/state",)
+    ),
+    "marker_tracker": Replayable(
+        "softgrip_vision.nodes.marker_tracker:MarkerTrackerNode",
+        "/finger/markers",
+        ("/camera/image_raw/compressed", "/camera/image_raw"),
+    ),
 }
+#: Topics that rclpy itself publishes for a node.
+INFRASTRUCTURE = {"/rosout", "/parameter_events"}
 #: Topics of every node that are no results of it.
-NOT_RESULTS = {"/rosout", "/parameter_events", "/diagnostics"}
+NOT_RESULTS = {*INFRASTRUCTURE, "/diagnostics"}
+#: Fields that name the configuration a result was computed with.
+CONFIGURATION_FIELDS = ("friction_model", "configuration", "mesh")
+#: [ns] a latched message may have reached the node this much earlier than the recorder.
+EARLIER = 2_000_000_000
 
 
 class _CapturingPublisher:
@@ -53,26 +87,23 @@ class _StoppedTimer:
 
 
 class ReplayedNode:
-    """A node whose subscriptions are called by hand."""
+    """A node whose subscriptions are called by hand; rclpy has to be initialised."""
 
-    def __init__(self, name: str, ros_arguments: Sequence[str] = ()) -> None:
-        if name not in NODES:
-            raise BagError(f"expected one of {', '.join(NODES)}, found {name!r}")
-        module, _, class_name = NODES[name].partition(":")
+    def __init__(self, class_path: str) -> None:
+        module, _, class_name = class_path.partition(":")
         base = getattr(importlib.import_module(module), class_name)
         sink: dict[str, list[Any]] = defaultdict(list)
 
         class Captured(base):  # type: ignore[misc, valid-type]  # the class is chosen at run time
             def create_publisher(self, msg_type: Any, topic: str, qos: Any, **options: Any) -> Any:
-                if not hasattr(self, "_ready_to_capture"):
+                name = topic if topic.startswith("/") else self.resolve_topic_name(topic)
+                if name in INFRASTRUCTURE:
                     return super().create_publisher(msg_type, topic, qos, **options)
-                return _CapturingPublisher(self.resolve_topic_name(topic), sink)
+                return _CapturingPublisher(name, sink)
 
             def create_timer(self, *_: Any, **__: Any) -> Any:
                 return _StoppedTimer()
 
-        Captured._ready_to_capture = True  # type: ignore[attr-defined]  # noqa: SLF001
-        rclpy.init(args=["--ros-args", *ros_arguments] if ros_arguments else None)
         self.node = Captured()
         self._sink = sink
         self._callbacks = {s.topic_name: (s.callback, s.msg_type) for s in self.node.subscriptions}
@@ -93,7 +124,96 @@ class ReplayedNode:
     def close(self) -> None:
         """Destroy the node."""
         self.node.destroy_node()
+
+
+def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
+    """Feed a bag through a node and compare every result with the recorded one.
+
+    Raises:
+        BagError: unknown node, or a bag that cannot be read or has no input of it.
+    """
+    if name not in NODES:
+        raise BagError(f"expected one of {', '.join(NODES)}, found {name!r}")
+    replayable = NODES[name]
+    types = topic_types(bag)
+    driver = next((topic for topic in replayable.drivers if topic in types), None)
+    if driver is None:
+        raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
+    rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
+    nodes: list[ReplayedNode] = []
+    try:
+        nodes += [ReplayedNode(replayable.class_path), ReplayedNode(replayable.class_path)]
+        replay = _Replay(bag, nodes[0], nodes[1], driver, _results(bag, replayable.result, types))
+        replayed = replay.run(types)
+        results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
+        return _compare(bag, results, types, replay.start)
+    finally:
+        for node in nodes:
+            node.close()
         rclpy.try_shutdown()
+
+
+class _Replay:
+    """Feeds ``node``; ``probe`` is a second instance on which the order of latched messages is tried out."""
+
+    def __init__(
+        self, bag: Path, node: ReplayedNode, probe: ReplayedNode, driver: str, results: Mapping[int, tuple[str, ...]]
+    ) -> None:
+        self._bag = bag
+        self._node = node
+        self._probe = probe
+        self._driver = driver
+        self._results = results
+        self._fed: dict[str, RawMessage] = {}
+        self._pending: list[RawMessage] = []
+        self._outputs: dict[str, list[Any]] = defaultdict(list)
+        self._last: tuple[str, ...] | None = None
+        self.start = 0  # [ns] stamp of the first message of the driving stream that the bag has
+
+    def run(self, types: Mapping[str, str]) -> dict[str, list[Any]]:
+        """Feed everything; returns topic -> messages."""
+        topics = self._node.inputs & set(types)
+        latched = latched_topics(self._bag) & topics
+        self._pending = list(read(self._bag, latched)) if latched else []
+        for message in read(self._bag, topics - latched):
+            if message.topic == self._driver:
+                stamp = _stamp(deserialize_message(message.data, message_class(message.type_name)))
+                self.start = self.start or stamp
+                configuration = self._results.get(stamp)
+                if configuration is None and self._results:
+                    continue  # this one never reached the node, or the node had nothing to say about it
+                self._configure(message, configuration)
+            self._take(message)
+        return self._outputs
+
+    def _configure(self, message: RawMessage, configuration: tuple[str, ...] | None) -> None:
+        """Feed the latched messages that had reached the node before it worked on ``message``."""
+        arrived = sum(1 for latched in self._pending if latched.received <= message.received)
+        if arrived == 0 and configuration == self._last:
+            return
+        self._last = configuration
+        possible = sum(1 for latched in self._pending if latched.received <= message.received + EARLIER)
+        for count in (arrived, *range(arrived), *range(arrived + 1, possible + 1)):
+            if self._explains(self._pending[:count], message, configuration):
+                arrived = count
+                break
+        for latched in self._pending[:arrived]:
+            self._fed[latched.topic] = latched
+            self._take(latched)
+        del self._pending[:arrived]
+
+    def _explains(
+        self, candidates: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...] | None
+    ) -> bool:
+        if configuration is None:
+            return True
+        for latched in (*self._fed.values(), *candidates):
+            self._probe.feed(latched)
+        return any(_configuration(output) == configuration for _, output in self._probe.feed(message))
+
+    def _take(self, message: RawMessage) -> None:
+        for topic, output in self._node.feed(message):
+            self._outputs[topic].append(output)
 
 
 def tree(message: Any) -> Any:
@@ -107,37 +227,44 @@ def tree(message: Any) -> Any:
     return message
 
 
-def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
-    """Feed a bag through a node and compare every output with the recorded one."""
-    types = topic_types(bag)
-    node = ReplayedNode(name, ros_arguments)
-    try:
-        replayed: dict[str, list[Any]] = defaultdict(list)
-        for message in read(bag, node.inputs & set(types)):
-            for topic, output in node.feed(message):
-                replayed[topic].append(output)
-        return _compare(bag, {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}, types)
-    finally:
-        node.close()
+def _results(bag: Path, topic: str, types: Mapping[str, str]) -> dict[int, tuple[str, ...]]:
+    if topic not in types:
+        return {}
+    results = {}
+    for raw in read(bag, {topic}):
+        message = deserialize_message(raw.data, message_class(raw.type_name))
+        results[_stamp(message)] = _configuration(message)
+    return results
 
 
-def _compare(bag: Path, replayed: dict[str, list[Any]], types: dict[str, str]) -> Result:
+def _configuration(message: Any) -> tuple[str, ...]:
+    return tuple(getattr(message, name) for name in CONFIGURATION_FIELDS if hasattr(message, name))
+
+
+def _compare(bag: Path, replayed: Mapping[str, list[Any]], types: Mapping[str, str], start: int) -> Result:
+    """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out again."""
     by_key = {topic: {_key(message): message for message in messages} for topic, messages in replayed.items()}
     compared = 0
     for raw in read(bag, set(by_key)):
         recorded = deserialize_message(raw.data, message_class(raw.type_name))
-        stamp = _key(recorded)
-        output = by_key[raw.topic].get(stamp)
+        key = _key(recorded)
+        if key[0] < start:
+            continue
+        output = by_key[raw.topic].get(key)
         compared += 1
         if output is None:
-            return Result(compared, Divergence(raw.topic, stamp[0], "(message)", "published", "not published"))
+            return Result(compared, Divergence(raw.topic, key[0], "(message)", "published", "not published"))
         skip = MEASURES_OF_THE_MACHINE.get(types[raw.topic], frozenset())
         found = first_difference(tree(recorded), tree(output), skip)
         if found:
-            return Result(compared, Divergence(raw.topic, stamp[0], *found))
+            return Result(compared, Divergence(raw.topic, key[0], *found))
     return Result(compared, None)
 
 
-def _key(message: Any) -> tuple[int, str]:
+def _stamp(message: Any) -> int:
     stamp = message.header.stamp
-    return stamp.sec * 1_000_000_000 + stamp.nanosec, getattr(message, "finger", "")
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _key(message: Any) -> tuple[int, str]:
+    return _stamp(message), getattr(message, "finger", "")
