@@ -168,7 +168,7 @@ class _Replay:
         self._pending: list[RawMessage] = []
         self._outputs: dict[str, list[Any]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
-        self.start = 0  # [ns] stamp of the first message of the driving stream that the bag has
+        self.start = 0  # [ns] stamp of the first recorded result of the driving stream
 
     def run(self, types: Mapping[str, str]) -> dict[str, list[Any]]:
         """Feed everything; returns topic -> messages."""
@@ -178,9 +178,10 @@ class _Replay:
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
                 stamp = _stamp(deserialize_message(message.data, message_class(message.type_name)))
-                self.start = self.start or stamp
                 configuration = self._results.get(stamp)
-                if configuration is None and self._results:
+                if configuration is not None:
+                    self.start = self.start or stamp
+                elif self.start:
                     continue  # this one never reached the node, or the node had nothing to say about it
                 self._configure(message, configuration)
             self._take(message)
@@ -242,7 +243,7 @@ def _configuration(message: Any) -> tuple[str, ...]:
 
 
 def _compare(bag: Path, replayed: Mapping[str, list[Any]], types: Mapping[str, str], start: int) -> Result:
-    """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out again."""
+    """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out."""
     by_key = {topic: {_key(message): message for message in messages} for topic, messages in replayed.items()}
     compared = 0
     for raw in read(bag, set(by_key)):
