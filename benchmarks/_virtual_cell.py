@@ -7,12 +7,17 @@ bus, and what comes out is what tendon/state, tendon/status and finger/predicted
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Press, Step
+from softgrip_cell.observation import FreeMotion, Pair, TendonFault, TendonSample
+from softgrip_cell.products import Product
+from softgrip_cell.swap.check import CheckSettings, EmptyClosing, FingerCheck
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import Servo
 from softgrip_driver.dynamixel.bus import Bus, Reply
@@ -24,6 +29,7 @@ from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.plant.cell import CellPlant
 from softgrip_model.finger.matching import TendonSample as ModelSample
+from softgrip_model.finger.predictor import Validity
 from softgrip_model.finger.session import Session
 from softgrip_model.finger.wear import WearSettings
 from softgrip_model.profile import Profile, load_directory
@@ -163,6 +169,99 @@ class VirtualCell:
             self._backend.write(setpoints)
 
 
-def finite(value: float) -> bool:
-    """Whether a number is one."""
-    return math.isfinite(value)
+    # --- what grasp_mix_manager does with it --------------------------------------------------------------------------
+
+    def observe(self) -> Pair:
+        """Live one driver period and return what the manager would see of it."""
+        self._cycle()
+        samples = self.samples()
+        predictions = self.session.predict(samples, SLOTS)
+        pulled = tuple(sample.pulled_length for sample in samples)
+        free = FreeMotion(
+            stamp_ns=self.now_ns,
+            pulled_m=pulled,
+            tension_n=tuple(prediction.tension for prediction in predictions),
+            tip_m=tuple(prediction.tip for prediction in predictions),
+            friction_model=self.session.configuration.friction_id,
+            objections=tuple(p.reason if p.validity == Validity.FAILED else "" for p in predictions),
+        )
+        return Pair(TendonSample(self.now_ns, pulled, tuple(sample.tension for sample in samples)), free)
+
+    def open(self) -> None:
+        """Open the fingers."""
+        self.finish(self.move(0.0, 0.05), 5.0)
+
+    def check(self, settings: CheckSettings = CheckSettings()) -> Mapping[str, FingerCheck]:
+        """Close on nothing and judge, as a swap does."""
+        self.open()
+        closing = EmptyClosing(SLOTS, settings)
+        ticket = self.move(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
+        while self.controller.result(ticket)[0] is None:
+            closing.observe(self.observe())
+        self.open()
+        return closing.judge()
+
+    def fault(self) -> TendonFault | None:
+        """What tendon/status would say."""
+        for drive in self.controller.snapshots():
+            if drive.fault:
+                return TendonFault(drive.tendon, drive.fault, drive.fault_reason)
+        return None
+
+    def grasp(self, task: GraspTask, settings: GraspSettings) -> Iterator[tuple[Step, GraspSequence]]:
+        """Grasp; yields every step, the last one with a verdict."""
+        sequence = GraspSequence(task, settings)
+        step = sequence.start()
+        self._closing: Ticket | None = None
+        self._obey(step.commands)
+        yield step, sequence
+        while step.verdict is None:
+            pair = self.observe()
+            fault = self.fault()
+            step = sequence.fault(fault, self.now_ns) if fault is not None else sequence.observe(pair)
+            self._obey(step.commands)
+            if self._closing is not None and self.controller.result(self._closing)[0] in (
+                Outcome.REACHED,
+                Outcome.TENSION_LIMIT,
+            ):
+                sequence.closing_ended()
+            yield step, sequence
+
+    def recover(self) -> None:
+        """What a person does after a fault: reset, home, open."""
+        self.controller.reset()
+        for drive in self.controller.drives.values():
+            if not drive.powered:
+                self._act({drive.tendon: drive.switch_on()})
+        if not all(drive.homed for drive in self.controller.drives.values()):
+            self.home()
+
+    def _obey(self, commands: Sequence[Command]) -> None:
+        now_s = self.plant.now_s
+        for command in commands:
+            if isinstance(command, Open):
+                self.move(0.0, 0.05)
+            elif isinstance(command, Close):
+                names = [SLOTS[slot] for slot in command.slots]
+                request = MoveRequest(
+                    names, MoveMode.LENGTH, command.targets_m, command.speed_m_per_s, command.tension_limit_n
+                )
+                self._closing = self.controller.move(request, now_s)
+            elif isinstance(command, Press):
+                names = [SLOTS[slot] for slot in command.slots]
+                self.controller.move(MoveRequest(names, MoveMode.TENSION, command.tensions_n), now_s)
+            else:
+                ticket = self.controller.move(
+                    MoveRequest(SLOTS, MoveMode.LENGTH, [max(0.0, s.length) for s in self.controller.snapshots()]), now_s
+                )
+                self.controller.cancel(ticket, now_s)
+
+
+def task(product: Product, finger_set: str, checks: Mapping[str, FingerCheck], *, confirm_lift: bool = True) -> GraspTask:
+    """The task that the manager would begin; every finger has to have passed its check."""
+    references = []
+    for slot in SLOTS:
+        reference = checks[slot].reference
+        assert reference is not None, checks[slot]
+        references.append(reference)
+    return GraspTask(product, product.recipe_for(finger_set), SLOTS, tuple(references), SLOTS.index("thumb"), confirm_lift)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,8 @@ def read_product(product_id: str, fields: Fields, finger_sets: set[str]) -> Prod
         fields: its mapping.
         finger_sets: names that marks may use.
     """
-    recipe = fields.mapping("recipe")
+    recipe = _recipe(fields.mapping("recipe"))
+    own = fields.mapping("own_recipes") if fields.has("own_recipes") else Fields(f"{fields.where}.own_recipes", {})
     marks = fields.mapping("marks") if fields.has("marks") else Fields(f"{fields.where}.marks", {})
     product = Product(
         id=product_id,
@@ -65,19 +67,15 @@ def read_product(product_id: str, fields: Fields, finger_sets: set[str]) -> Prod
         mass_kg=fields.number("mass_kg", 0.0005, 5.0, "kg"),
         surface=fields.choice("surface", Surface),
         fragility=fields.choice("fragility", Fragility),
-        recipe=Recipe(
-            hold_excess_n=recipe.number("hold_excess_n", 0.1, 40.0, "N"),
-            force_limit_n=recipe.number("force_limit_n", 0.1, 100.0, "N"),
-            pull_limit_m=recipe.number("pull_limit_m", 0.001, 0.060, "m"),
-            closing_speed_m_per_s=recipe.number("closing_speed_m_per_s", 0.001, 0.100, "m/s"),
-        ),
+        recipe=recipe,
         marks={name: marks.choice(name, TableMark) for name in marks.names()},
+        own_recipes={name: _recipe(own.mapping(name), recipe) for name in own.names()},
         version=fields.count("version", 1) if fields.has("version") else 1,
     )
-    unknown = sorted(set(product.marks) - finger_sets)
-    if unknown:
-        raise CatalogueError(f"{fields.where}.marks: expected finger sets {sorted(finger_sets)}, found {unknown}")
-    recipe.finish()
+    for name, used in (("marks", product.marks), ("own_recipes", product.own_recipes)):
+        unknown = sorted(set(used) - finger_sets)
+        if unknown:
+            raise CatalogueError(f"{fields.where}.{name}: expected finger sets {sorted(finger_sets)}, found {unknown}")
     fields.finish()
     return product
 
@@ -92,13 +90,9 @@ def product_document(product: Product) -> dict[str, Any]:
         "mass_kg": product.mass_kg,
         "surface": product.surface.value,
         "fragility": product.fragility.value,
-        "recipe": {
-            "hold_excess_n": product.recipe.hold_excess_n,
-            "force_limit_n": product.recipe.force_limit_n,
-            "pull_limit_m": product.recipe.pull_limit_m,
-            "closing_speed_m_per_s": product.recipe.closing_speed_m_per_s,
-        },
+        "recipe": asdict(product.recipe),
         "marks": {name: mark.value for name, mark in sorted(product.marks.items())},
+        "own_recipes": {name: asdict(recipe) for name, recipe in sorted(product.own_recipes.items())},
         "version": product.version,
     }
 
@@ -124,6 +118,22 @@ def read_finger_set(name: str, fields: Fields) -> FingerSet:
     finger_set = FingerSet(id=name, grasp=fields.choice("grasp", Grasp), profile=fields.text("profile"))
     fields.finish()
     return finger_set
+
+
+def _recipe(fields: Fields, base: Recipe | None = None) -> Recipe:
+    """Read a recipe; where there is a base, fields that are not given are taken from it."""
+    bounds = {
+        "hold_excess_n": (0.1, 40.0, "N"),
+        "force_limit_n": (0.1, 100.0, "N"),
+        "pull_limit_m": (0.001, 0.060, "m"),
+        "closing_speed_m_per_s": (0.001, 0.100, "m/s"),
+    }
+    values = {
+        name: getattr(base, name) if base is not None and not fields.has(name) else fields.number(name, *limits)
+        for name, limits in bounds.items()
+    }
+    fields.finish()
+    return Recipe(**values)
 
 
 def _size(fields: Fields) -> tuple[float, float, float]:

@@ -222,10 +222,12 @@ class Cell:
             )
         mounted = gates.check_fingers(self._slots, self.mounted_set(), product, trial=trial)
         references = self._references()
-        gates.check_friction(self._friction(), self._limits, references, product.recipe.pull_limit_m)
+        recipe = product.recipe_for(mounted.id)
+        gates.check_friction(self._friction(), self._limits, references, recipe.pull_limit_m)
         self._journal.begin("grasp", product_id, mounted.id)
         self._busy, self._product, self._note = Mode.GRASPING, product_id, ""
-        return GraspTask(product, tuple(slot.name for slot in self._slots), references, self._thumb, confirm_lift)
+        names = tuple(slot.name for slot in self._slots)
+        return GraspTask(product, recipe, names, references, self._thumb, confirm_lift)
 
     def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
         """Write down what came of a grasp and give the cell back."""

@@ -80,7 +80,9 @@ class Product:
         id: short name used on services, e.g. "frozen_pizza".
         size_m: length >= width >= height of the bounding box [m].
         mass_kg: mass [kg].
+        recipe: how it is grasped with a finger set that has no recipe of its own.
         marks: what Table 4.2 (or a trial) says per finger set.
+        own_recipes: per finger set, where it differs.
         version: grows by one with every stored change.
     """
 
@@ -94,7 +96,12 @@ class Product:
     fragility: Fragility
     recipe: Recipe
     marks: Mapping[str, TableMark] = field(default_factory=dict)
+    own_recipes: Mapping[str, Recipe] = field(default_factory=dict)
     version: int = 1
+
+    def recipe_for(self, finger_set: str) -> Recipe:
+        """Return how it is grasped with a finger set."""
+        return self.own_recipes.get(finger_set, self.recipe)
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,7 @@ class Bench:
         self._rng = random.Random(self.seed)
         self._goal = Close((), (), 0.0, 0.0)
         self._held_ns: int | None = None
+        self._pressed: set[int] = set()
         self.commands: list[object] = []
         self.peak_excess_n = 0.0
 
@@ -79,7 +80,8 @@ class Bench:
             else:
                 pressed = command.slots if isinstance(command, Press) else range(3)
                 self._goal = self._without(pressed)
-                if len(pressed) == 3:
+                self._pressed |= set(pressed)
+                if len(self._pressed) == 3:
                     self._held_ns = self._held_ns or self.now_ns
 
     def _without(self, slots: Sequence[int]) -> Close:
@@ -135,7 +137,8 @@ def task() -> Callable[..., GraspTask]:
     """Make a task for a product of the shipped catalogue."""
 
     def make(product: str = "egg", *, confirm_lift: bool = False) -> GraspTask:
-        return GraspTask(read_catalogue().products[product], SLOTS, (reference(),) * 3, 2, confirm_lift)
+        made = read_catalogue().products[product]
+        return GraspTask(made, made.recipe, SLOTS, (reference(),) * 3, 2, confirm_lift)
 
     return make
 

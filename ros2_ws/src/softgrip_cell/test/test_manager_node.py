@@ -25,8 +25,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from softgrip_cell.errors import RefusedError
-from softgrip_cell.grasp.values import Close, Open, Press, Step, Stop
-from softgrip_cell.grasp.values import Phase as P
+from softgrip_cell.grasp.values import Close, Open, Phase, Press, Step, Stop
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES, CellController
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.msg import (
@@ -88,7 +87,7 @@ class ScriptedDriver(Node):
 
     def _on_release(self, _request: Any, response: Any) -> Any:
         self.released += 1
-        self.bench.obey(Step(P.APPROACH, (Open(),)))
+        self.bench.obey(Step(Phase.APPROACH, (Open(),)))
         response.success = True
         return response
 
@@ -102,14 +101,14 @@ class ScriptedDriver(Node):
         slots = tuple(SLOTS.index(name) for name in tendons)
         targets = tuple(goal.targets)
         if goal.mode == goal.TENSION:
-            self.bench.obey(Step(P.HOLD, (Press(slots, targets),)))
+            self.bench.obey(Step(Phase.HOLD, (Press(slots, targets),)))
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
         if max(targets) == 0.0:
-            self.bench.obey(Step(P.APPROACH, (Open(),)))
+            self.bench.obey(Step(Phase.APPROACH, (Open(),)))
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
-        self.bench.obey(Step(P.CLOSE, (Close(slots, targets, goal.speed, goal.tension_limit),)))
+        self.bench.obey(Step(Phase.CLOSE, (Close(slots, targets, goal.speed, goal.tension_limit),)))
         done = Future()
         self._goals.append((handle, tuple(zip(slots, targets, strict=True)), done))
         outcome = await done
@@ -159,7 +158,7 @@ class ScriptedDriver(Node):
             handle, targets, done = entry
             there = all(self.bench.pulled_m[slot] >= target - 1e-9 for slot, target in targets)
             if handle.is_cancel_requested:
-                self.bench.obey(Step(P.DONE, (Stop(),)))
+                self.bench.obey(Step(Phase.DONE, (Stop(),)))
             if there or handle.is_cancel_requested:
                 self._goals.remove(entry)
                 done.set_result(MoveTendon.Result.REACHED if there else MoveTendon.Result.CANCELLED)
@@ -168,7 +167,7 @@ class ScriptedDriver(Node):
 class Cell:
     """The manager's process, the scripted driver and a controller."""
 
-    def __init__(self, folder: Path, bench: Any, context: Any) -> None:
+    def __init__(self, folder: Path, bench: Any) -> None:
         self.url = f"sqlite:///{folder}/cell.db"
         self.driver = ScriptedDriver(bench)
         self.node = Node("controller")
@@ -242,7 +241,7 @@ def cell(tmp_path: Path, bench: Any, monkeypatch: pytest.MonkeyPatch) -> Iterato
         monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(free.getsockname()[1]))
     monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))
     rclpy.init()
-    made = Cell(tmp_path, bench(), None)
+    made = Cell(tmp_path, bench())
     try:
         yield made
     finally:

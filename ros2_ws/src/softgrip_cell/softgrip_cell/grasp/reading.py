@@ -30,6 +30,7 @@ class Reading:
         excess_n: their difference [N].
         threshold_n: excess that is taken for contact [N].
         force_n: greatest contact force that this excess can mean [N].
+        judged: closed far enough for its tension to tell a contact.
     """
 
     pulled_m: float
@@ -38,11 +39,12 @@ class Reading:
     excess_n: float
     threshold_n: float
     force_n: float
+    judged: bool = True
 
     @property
     def touching(self) -> bool:
         """More tension than free motion explains."""
-        return self.excess_n >= self.threshold_n
+        return self.excess_n >= self.threshold_n and self.judged
 
 
 class Reader:
@@ -70,7 +72,10 @@ class Reader:
     def _read_slot(self, slot: int, pair: Pair) -> Reading:
         settings, reference = self._settings, self._references[slot]
         pulled_m, tension_n = pair.sample.pulled_m[slot], pair.sample.tension_n[slot]
-        free_n = max(0.0, pair.free.tension_n[slot] + reference.offset(pulled_m))
+        predicted_n = pair.free.tension_n[slot]
+        # Beyond the checked path the fingers press on something or stand at their stops: the table's end has to do.
+        within = pulled_m <= reference.reach_m and math.isfinite(predicted_n)
+        free_n = max(0.0, predicted_n + reference.offset(pulled_m)) if within else reference.tension(pulled_m)
         self._follow_tip(slot, pair.free.pulled_m[slot], pair.free.tip_m[slot])
         excess_n = tension_n - free_n
         return Reading(
@@ -84,6 +89,7 @@ class Reader:
                 settings.contact_free_fraction * free_n,
             ),
             force_n=max(0.0, excess_n) * settings.lever_factor / self._levers[slot],
+            judged=pulled_m >= settings.contact_from_m,
         )
 
     def _follow_tip(self, slot: int, pulled_m: float, tip_m: tuple[float, float]) -> None:

@@ -24,6 +24,10 @@ LEAST_HOLD: Final = 0.5
 #: Fingers that touch nothing are held with this, so that their tendons stay taut [N].
 LEAST_TENSION_N: Final = 1.0
 
+#: A finger is pulled again when its tension has fallen below this share of what it pressed with; at most so often [s].
+KEEP_SHARE: Final = 0.85
+KEEP_PERIOD_S: Final = 0.1
+
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
 START_S: Final = 2.0
@@ -38,7 +42,7 @@ class GraspSequence:
 
     def __init__(self, task: GraspTask, settings: GraspSettings) -> None:
         self._task = task
-        self._recipe = task.product.recipe
+        self._recipe = task.recipe
         self._settings = settings
         self._reader = Reader(task.references, settings)
         self._phase = Phase.APPROACH
@@ -46,10 +50,14 @@ class GraspSequence:
         self._last_ns: int | None = None
         self._phase_since_ns = 0
         self._closing = list(range(len(task.slots)))
+        self._pressing: list[int] = []
         self._path_ended = False
         self._was_enclosed = False
         self._peak_n = [0.0] * len(task.slots)
-        self._baseline: tuple[Reading, ...] = ()
+        self._at_end: set[int] = set()
+        self._kept_n: dict[int, float] = {}
+        self._kept_since_ns: dict[int, int] = {}
+        self._before = ""
         self._runs: dict[str, list[int]] = {}
 
     @property
@@ -119,16 +127,16 @@ class GraspSequence:
         return Step(self._phase)
 
     def _close(self, now_ns: int) -> Step:
-        holding = [reading.excess_n >= self._recipe.hold_excess_n for reading in self._readings]
-        began_ns = self._began("enclosed", self._encloses(holding), now_ns)
-        if began_ns is not None:
-            return self._enclosed(now_ns, began_ns)
         self._was_enclosed = self._was_enclosed or self._encloses([reading.touching for reading in self._readings])
         escaped = self._was_enclosed and not any(r.excess_n >= 0.5 * r.threshold_n for r in self._readings)
         began_ns = self._began("escaped", escaped, now_ns)
         if began_ns is not None:
             return self._end(Outcome.SLIPPED, f"the product got away while closing: {self._excess_text()}", began_ns)
-        commands = self._stop_finished_fingers()
+        commands = self._stop_finished_fingers(now_ns)
+        enclosed = self._encloses([slot in self._pressing for slot in self._every_slot])
+        began_ns = self._began("enclosed", enclosed, now_ns, self._settings.gather_s if self._closing else 0.0)
+        if began_ns is not None:
+            return self._enclosed(now_ns, began_ns, commands)
         if commands:
             return Step(self._phase, commands)
         if self._path_ended:
@@ -140,7 +148,8 @@ class GraspSequence:
     def _path_end(self, now_ns: int) -> Step:
         """Every finger is where it can go: either what it has is enough, or there is nothing."""
         touching = [reading.touching for reading in self._readings]
-        least_n = LEAST_HOLD * self._recipe.hold_excess_n
+        # Where the lift will tell, touching from both sides is worth a try.
+        least_n = 0.0 if self._task.confirm_lift else LEAST_HOLD * self._recipe.hold_excess_n
         if self._encloses([reading.touching and reading.excess_n >= least_n for reading in self._readings]):
             return self._enclosed(now_ns, now_ns)
         began_ns = self._began("empty", True, now_ns)
@@ -153,64 +162,68 @@ class GraspSequence:
             reason = f"closed on nothing: {self._excess_text()}"
         return self._end(Outcome.EMPTY, reason, began_ns)
 
-    def _enclosed(self, now_ns: int, event_ns: int) -> Step:
+    def _enclosed(self, now_ns: int, event_ns: int, commands: tuple[Command, ...] = ()) -> Step:
+        """Thumb and fingers press: whatever still moves keeps what it has."""
+        rest = [slot for slot in self._every_slot if slot not in self._pressing]
+        self._at_end = {s for s in rest if self._readings[s].pulled_m >= self._path_m(s) - self._settings.reach_m}
+        commands += (self._press(rest, now_ns),) if rest else ()
         if not self._task.confirm_lift:
             reason = f"held from both sides: {self._excess_text()}"
-            return self._end(Outcome.GRIPPED, reason, event_ns, decided_ns=now_ns)
+            return self._end(Outcome.GRIPPED, reason, event_ns, commands)
         self._enter(Phase.HOLD, now_ns)
-        return Step(self._phase, (self._press(self._every_slot),))
+        return Step(self._phase, commands)
 
     def _hold(self, now_ns: int) -> Step:
-        """Let the tension settle after the stop; what remains is the baseline of the lift."""
+        """Let the tension settle after the stop; only then the product is lifted."""
         if self._elapsed_s(now_ns) < self._settings.settle_s:
-            return Step(self._phase)
-        self._baseline = self._readings
-        if not self._encloses([reading.touching for reading in self._readings]):
-            return self._end(Outcome.SLIPPED, f"lost while the fingers stopped: {self._excess_text()}", now_ns)
-        self._enter(Phase.LIFT, now_ns)
-        return Step(self._phase)
+            return Step(self._phase, self._keep_up(now_ns))
+        began_ns = self._began("lost", not self._holding(), now_ns, self._settings.slip_s)
+        if began_ns is not None:
+            return self._end(Outcome.SLIPPED, f"lost while the fingers stopped: {self._excess_text()}", began_ns)
+        if "lost" not in self._runs:
+            self._before = self._excess_text()
+            self._enter(Phase.LIFT, now_ns)
+        return Step(self._phase, self._keep_up(now_ns))
 
     def _lift(self, now_ns: int) -> Step:
-        began_ns = self._began("slipped", any(self._gives_way(slot) for slot in self._every_slot), now_ns)
+        began_ns = self._began("slipped", not self._holding(), now_ns, self._settings.slip_s)
         if began_ns is not None:
-            lifted_s = self._elapsed_s(now_ns)
-            before = excess_text(self._task.slots, self._baseline)
-            reason = f"lost after {lifted_s:.2f} s of lifting: {self._excess_text()}; before: {before}"
+            lifted_s = self._elapsed_s(began_ns)
+            reason = f"lost after {lifted_s:.2f} s of lifting: {self._excess_text()}; before: {self._before}"
             return self._end(Outcome.SLIPPED, reason, began_ns)
-        if self._elapsed_s(now_ns) >= self._settings.lift_window_s:
+        if self._elapsed_s(now_ns) >= self._settings.lift_window_s and not self._runs:
             reason = f"held for {self._settings.lift_window_s:g} s: {self._excess_text()}"
             return self._end(Outcome.GRIPPED, reason, now_ns)
-        return Step(self._phase)
+        return Step(self._phase, self._keep_up(now_ns))
 
     # --- judgements ------------------------------------------------------------------------------------------------
 
     def _objection(self, pair: Pair) -> str:
-        """Why the prediction cannot be used; while the fingers hold with their tension a missing one does no harm."""
+        """Why the prediction cannot be used; beyond a finger's checked path it is not needed."""
         if pair.free.objection:
             return pair.free.objection
-        if self._phase in (Phase.HOLD, Phase.LIFT):
-            return ""
-        return "; ".join(filter(None, pair.free.objections))
+        within = [
+            pulled_m <= reference.reach_m
+            for pulled_m, reference in zip(pair.sample.pulled_m, self._task.references, strict=True)
+        ]
+        return "; ".join(text for text, needed in zip(pair.free.objections, within, strict=True) if text and needed)
 
-    def _gives_way(self, slot: int) -> bool:
-        """A finger that held has lost its tension, or closes further although only its tension is kept up."""
-        settings, now, before = self._settings, self._readings[slot], self._baseline[slot]
-        if not before.touching:
-            return False
-        allowed_n = max(
-            settings.slip_floor_n,
-            settings.slip_fraction * before.excess_n,
-            settings.contact_sigma * self._task.references[slot].stddev_n,
-        )
-        # Tensions, not excesses: where the finger stands still the free motion does not change.
-        lost = before.tension_n - now.tension_n > allowed_n
-        return lost or now.pulled_m - before.pulled_m > settings.slip_travel_m
+    def _holding(self) -> bool:
+        """Thumb and a finger still press; a product that gets away takes all excess with it."""
+        share = self._settings.slip_share
+        pressing = []
+        for slot, reading in enumerate(self._readings):
+            # A finger that ran to its end while its tension was kept up stands at its stops, not at a product.
+            ran_out = slot not in self._at_end and reading.pulled_m >= self._path_m(slot)
+            pressing.append(reading.excess_n >= share * reading.threshold_n and not ran_out)
+        return self._encloses(pressing)
 
     def _lost_tendon(self, now_ns: int) -> Step | None:
         settings = self._settings
         for name, reading in zip(self._task.slots, self._readings, strict=True):
             slack = (
                 self._phase is Phase.CLOSE
+                and reading.judged
                 and reading.free_n >= settings.lost_floor_n
                 and reading.tension_n < settings.lost_fraction * reading.free_n
             )
@@ -227,14 +240,23 @@ class GraspSequence:
         """The thumb and at least one finger against it."""
         return fingers[self._task.thumb] and sum(fingers) > 1
 
-    def _began(self, what: str, condition: bool, now_ns: int) -> int | None:
-        """Follow a condition; return the stamp of the first sample of its run once the run is long enough."""
+    def _began(self, what: str, condition: bool, now_ns: int, wait_s: float | None = None) -> int | None:
+        """Follow a condition; return the stamp of the first sample of its run once the run is long enough.
+
+        Args:
+            what: name of the condition.
+            condition: whether it holds now.
+            now_ns: stamp of the sample.
+            wait_s: how long it has to hold [s]; None: for as many samples as the settings say.
+        """
         if not condition:
             self._runs.pop(what, None)
             return None
         run = self._runs.setdefault(what, [])
         run.append(now_ns)
-        return run[0] if len(run) >= self._settings.run else None
+        if wait_s is None:
+            return run[0] if len(run) >= self._settings.run else None
+        return run[0] if now_ns - run[0] >= wait_s * NANOSECONDS else None
 
     # --- commands --------------------------------------------------------------------------------------------------
 
@@ -249,19 +271,40 @@ class GraspSequence:
         """End of a finger's path: what the recipe allows, but never beyond what was checked."""
         return min(self._recipe.pull_limit_m, self._task.references[slot].reach_m)
 
-    def _press(self, slots: Sequence[int]) -> Press:
+    def _press(self, slots: Sequence[int], now_ns: int) -> Press:
         """Keep what these fingers press with now, but no more than the product bears."""
-        tensions_n = []
         for slot in slots:
             reading = self._readings[slot]
             most_n = reading.free_n + self._reader.excess_limit(slot, self._recipe.force_limit_n)
-            tensions_n.append(max(LEAST_TENSION_N, min(reading.tension_n, most_n, self._settings.tension_limit_n)))
-        return Press(tuple(slots), tuple(tensions_n))
+            most_n = min(most_n, self._settings.tension_limit_n)
+            self._kept_n[slot] = max(LEAST_TENSION_N, min(reading.tension_n, most_n))
+            self._kept_since_ns[slot] = now_ns
+        return Press(tuple(slots), tuple(self._kept_n[slot] for slot in slots))
 
-    def _stop_finished_fingers(self) -> tuple[Command, ...]:
-        """Take fingers out of the closing that press as hard as the product bears or came to their end."""
+    def _keep_up(self, now_ns: int) -> tuple[Command, ...]:
+        """Pull again where a product that settled or gave way has taken a finger's tension away."""
+        slots = [
+            slot
+            for slot, kept_n in self._kept_n.items()
+            if self._readings[slot].tension_n < KEEP_SHARE * kept_n
+            and self._readings[slot].pulled_m < self._path_m(slot) - self._settings.reach_m
+            and now_ns - self._kept_since_ns[slot] >= KEEP_PERIOD_S * NANOSECONDS
+        ]
+        if not slots:
+            return ()
+        self._kept_since_ns.update(dict.fromkeys(slots, now_ns))
+        return (Press(tuple(slots), tuple(self._kept_n[slot] for slot in slots)),)
+
+    def _stop_finished_fingers(self, now_ns: int) -> tuple[Command, ...]:
+        """Let fingers that press hard enough keep their tension; leave out those that came to their end."""
         limit_n = FORCE_MARGIN * self._recipe.force_limit_n
-        pressing = [slot for slot in self._closing if self._readings[slot].force_n >= limit_n]
+        pressing = []
+        for slot in self._closing:
+            reading = self._readings[slot]
+            hard = reading.touching and reading.excess_n >= self._recipe.hold_excess_n
+            long_enough = self._began(f"hard {slot}", hard, now_ns) is not None
+            if long_enough or (reading.touching and reading.force_n >= limit_n):
+                pressing.append(slot)
         going_on = [
             slot
             for slot in self._closing
@@ -270,10 +313,10 @@ class GraspSequence:
         if len(going_on) == len(self._closing):
             return ()
         self._closing = going_on
+        self._pressing += pressing
         self._path_ended = not going_on
-        pressed: tuple[Command, ...] = (self._press(pressing),) if pressing else ()
-        closing: tuple[Command, ...] = (self._close_command(),) if pressing and going_on else ()
-        return pressed + closing
+        # The driver goes on closing the other fingers by itself.
+        return (self._press(pressing, now_ns),) if pressing else ()
 
     # --- bookkeeping -----------------------------------------------------------------------------------------------
 
@@ -292,17 +335,16 @@ class GraspSequence:
     def _patience_s(self) -> float:
         return START_S + CLOSING_PATIENCE * self._recipe.pull_limit_m / self._recipe.closing_speed_m_per_s
 
-    def _end(self, outcome: Outcome, reason: str, event_ns: int, decided_ns: int | None = None) -> Step:
+    def _end(self, outcome: Outcome, reason: str, event_ns: int, commands: tuple[Command, ...] = ()) -> Step:
+        """Finish; a gripped product stays held by its tension, otherwise the fingers stay where they are."""
         if self._phase is Phase.DONE:
             return Step(self._phase)
-        decided = decided_ns if decided_ns is not None else max(self._last_ns or event_ns, event_ns)
-        found = evidence(self._task.slots, self._readings, self._peak_n, self._phase, decided)
+        decided_ns = max(self._last_ns or event_ns, event_ns)
+        found = evidence(self._task.slots, self._readings, self._peak_n, self._phase, decided_ns)
         self._phase = Phase.DONE
-        commands: tuple[Command, ...] = (Stop(),)
-        if outcome is Outcome.GRIPPED:
-            # It stays held by its tension: after a lift that command stands already.
-            commands = () if self._task.confirm_lift else (self._press(self._every_slot),)
-        return Step(Phase.DONE, commands, Verdict(outcome, reason, (decided - event_ns) / NANOSECONDS, found))
+        if outcome is not Outcome.GRIPPED:
+            commands = (Stop(),)
+        return Step(Phase.DONE, commands, Verdict(outcome, reason, (decided_ns - event_ns) / NANOSECONDS, found))
 
     def _excess_text(self) -> str:
         return excess_text(self._task.slots, self._readings)

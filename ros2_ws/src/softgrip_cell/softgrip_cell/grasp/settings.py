@@ -14,12 +14,13 @@ class GraspSettings:
         contact_sigma: excess tension in standard deviations of the free motion that is taken for contact.
         contact_floor_n: and never less than this [N].
         contact_free_fraction: and never less than this share of the free tension, which the table repairs only so far.
+        contact_from_m: pulled length from which contact is looked for: before, slack and the motor's start hide it [m].
         run: samples in a row that have to agree before anything is decided.
-        slip_fraction: share of the holding excess whose loss is a slip.
-        slip_floor_n: and never less than this [N].
-        slip_travel_m: further closing of a finger that holds with its tension, from which the product gives way [m].
+        slip_share: share of the contact threshold below which a finger that held touches nothing any more.
+        slip_s: how long a hold has to be lost before it counts: time enough for the tension to be brought back [s].
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
         lost_floor_n: free tension from which that can be judged [N].
+        gather_s: once thumb and one finger press, how long the others may still come [s].
         settle_s: after stopping, until the holding tension is taken as the baseline [s].
         lift_window_s: how long the hold is watched after lifting (thesis 4.3.3: 5 s) [s].
         stale_s: longest gap between paired samples [s].
@@ -32,13 +33,14 @@ class GraspSettings:
     contact_sigma: float = 5.0
     contact_floor_n: float = 0.5
     contact_free_fraction: float = 0.06
+    contact_from_m: float = 0.0025
     run: int = 3
-    slip_fraction: float = 0.4
-    slip_floor_n: float = 1.0
-    slip_travel_m: float = 0.0015
+    slip_share: float = 0.7
+    slip_s: float = 0.08
     lost_fraction: float = 0.35
     lost_floor_n: float = 2.0
-    settle_s: float = 0.1
+    gather_s: float = 0.05
+    settle_s: float = 0.15
     lift_window_s: float = 5.0
     stale_s: float = 0.25
     open_m: float = 0.0015

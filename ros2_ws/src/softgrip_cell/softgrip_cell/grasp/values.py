@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.products import Product
+from softgrip_cell.products import Product, Recipe
 
 
 class Phase(StrEnum):
@@ -43,6 +43,7 @@ class GraspTask:
     """
 
     product: Product
+    recipe: Recipe
     slots: tuple[str, ...]
     references: tuple[FreeReference, ...]
     thumb: int

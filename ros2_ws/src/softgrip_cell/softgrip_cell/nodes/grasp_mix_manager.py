@@ -182,8 +182,9 @@ class GraspMixManager(Node):
         response.finger_set = choice.finger_set.id
         response.profile = choice.finger_set.profile
         response.swap_needed = choice.swap_needed
-        response.force_limit = choice.product.recipe.force_limit_n
-        response.pull_limit = choice.product.recipe.pull_limit_m
+        recipe = choice.product.recipe_for(choice.finger_set.id)
+        response.force_limit = recipe.force_limit_n
+        response.pull_limit = recipe.pull_limit_m
         self._publish_state()
         return response
 

@@ -37,8 +37,11 @@ PARAMETERS = ParameterTable(
         0.0,
         1.0,
     ),
+    Parameter("contact_from_m", _GRASP.contact_from_m, "contact is looked for from this pulled length", "m", 0.0, 0.02),
     Parameter("decision_run", _GRASP.run, "samples in a row that have to agree", "", 1, 50),
-    Parameter("slip_fraction", _GRASP.slip_fraction, "loss of holding excess that is a slip", "", 0.05, 0.95),
+    Parameter(
+        "slip_share", _GRASP.slip_share, "share of the contact threshold below which a hold is lost", "", 0.1, 1.0
+    ),
     Parameter("stale_s", _GRASP.stale_s, "longest gap between predicted samples in a grasp", "s", 0.02, 5.0),
     Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
@@ -62,8 +65,9 @@ def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
         contact_sigma=values["contact_sigma"],
         contact_floor_n=values["contact_floor_n"],
         contact_free_fraction=values["contact_free_fraction"],
+        contact_from_m=values["contact_from_m"],
         run=values["decision_run"],
-        slip_fraction=values["slip_fraction"],
+        slip_share=values["slip_share"],
         lift_window_s=values["lift_window_s"],
         stale_s=values["stale_s"],
         tension_limit_n=values["tension_limit_n"],
