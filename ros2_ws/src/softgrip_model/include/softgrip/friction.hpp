@@ -70,7 +70,7 @@ struct Evaluation {
 // ln(1+K)/K to full precision, regular at K = 0: the rounding of 1+K cancels (Kahan), and log is quicker than log1p.
 inline double log1p_over(double k) {
   const double rounded = 1.0 + k;
-  return rounded == 1.0 ? 1.0 - 0.5 * k : std::log(rounded) / (rounded - 1.0);
+  return rounded == 1.0 ? 1.0 - 0.5 * k : std::log(rounded) * (1.0 / (rounded - 1.0));  // both at once, unlike a quotient
 }
 
 // d/dK of ln(1+K)/K; the series where the difference quotient would lose digits.

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/finger.md says what the code gives."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[4]
+
+
+@pytest.fixture(scope="module")
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_finger", ROOT / "tools" / "docs" / "finger.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_document_is_what_the_code_gives(generator: ModuleType) -> None:
+    written = (ROOT / "docs" / "finger.md").read_text(encoding="utf-8")
+    assert written == generator.render(), "docs/finger.md is out of date: run tools/docs/finger.py"
+
+
+def test_its_figures_are_there() -> None:
+    written = (ROOT / "docs" / "finger.md").read_text(encoding="utf-8")
+    figures = [line.split("(")[1].rstrip(")") for line in written.splitlines() if line.startswith("![")]
+    assert figures
+    for figure in figures:
+        assert (ROOT / "docs" / figure).read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_figure_can_be_drawn(generator: ModuleType, tmp_path: Path) -> None:
+    generator.draw(tmp_path)
+    assert len(list(tmp_path.glob("finger_*.png"))) == 3
