@@ -13,6 +13,7 @@ computed with (docs/conventions.md).
 from __future__ import annotations
 
 import importlib
+import itertools
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -165,7 +166,7 @@ class _Replay:
         self._driver = driver
         self._results = results
         self._fed: dict[str, RawMessage] = {}
-        self._pending: list[RawMessage] = []
+        self._pending: dict[str, list[RawMessage]] = {}
         self._outputs: dict[str, list[Any]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
         self.start = 0  # [ns] stamp of the first recorded result of the driving stream
@@ -174,7 +175,7 @@ class _Replay:
         """Feed everything; returns topic -> messages."""
         topics = self._node.inputs & set(types)
         latched = latched_topics(self._bag) & topics
-        self._pending = list(read(self._bag, latched)) if latched else []
+        self._pending = {topic: list(read(self._bag, {topic})) for topic in sorted(latched)}
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
                 stamp = _stamp(deserialize_message(message.data, message_class(message.type_name)))
@@ -189,19 +190,28 @@ class _Replay:
 
     def _configure(self, message: RawMessage, configuration: tuple[str, ...] | None) -> None:
         """Feed the latched messages that had reached the node before it worked on ``message``."""
-        arrived = sum(1 for latched in self._pending if latched.received <= message.received)
-        if arrived == 0 and configuration == self._last:
+        arrived = self._waiting(message.received)
+        if configuration == self._last and not any(arrived.values()):
             return
-        self._last = configuration
-        possible = sum(1 for latched in self._pending if latched.received <= message.received + EARLIER)
-        for count in (arrived, *range(arrived), *range(arrived + 1, possible + 1)):
-            if self._explains(self._pending[:count], message, configuration):
-                arrived = count
-                break
-        for latched in self._pending[:arrived]:
+        possible = self._waiting(message.received + EARLIER)
+        choices = [
+            dict(zip(possible, counts, strict=True))
+            for counts in itertools.product(*(range(most + 1) for most in possible.values()))
+        ]
+        choices.sort(key=lambda counts: sum(abs(counts[topic] - arrived[topic]) for topic in counts))
+        chosen = next((c for c in choices if self._explains(self._first(c), message, configuration)), arrived)
+        for latched in self._first(chosen):
             self._fed[latched.topic] = latched
             self._take(latched)
-        del self._pending[:arrived]
+            self._pending[latched.topic].remove(latched)
+        self._last = configuration
+
+    def _waiting(self, until: int) -> dict[str, int]:
+        return {topic: sum(1 for m in waiting if m.received <= until) for topic, waiting in self._pending.items()}
+
+    def _first(self, counts: Mapping[str, int]) -> list[RawMessage]:
+        first = [message for topic, count in counts.items() for message in self._pending[topic][:count]]
+        return sorted(first, key=lambda message: message.received)
 
     def _explains(
         self, candidates: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...] | None
