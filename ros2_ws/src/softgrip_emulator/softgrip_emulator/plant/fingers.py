@@ -202,6 +202,8 @@ class FingerBank:
         self.q = q + change
         self.joint_speed = change / dt_s
         self._relaxed += (self._creep_share * elastic - self._relaxed) * (self._creep_rate * dt_s)
+        # The tension at the end of the step: what the joints gave way has left the cable.
+        tension = np.maximum(tension - pull * (arm * change).sum(axis=1), 0.0)
         self.tension_n = tension
         self.span_tension_n = tension[:, None] * ratio
         self._slide(dt_s)

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures of the emulator's tests."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import dynamixel_sdk
+import numpy as np
+import pytest
+from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.table import load_model
+from softgrip_emulator.plant.truth import FingerTruth
+from softgrip_emulator.wire.pty import PtyPort
+from softgrip_model.profile import load_directory
+
+PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
+
+
+@pytest.fixture(scope="session")
+def profiles():
+    return load_directory(PROFILES)
+
+
+@pytest.fixture(scope="session")
+def until():
+    """Wait for a condition with a deadline [s]; says whether it came true."""
+
+    def wait(condition, deadline_s=3.0, pause_s=0.002):
+        end_s = time.monotonic() + deadline_s
+        while not condition():
+            if time.monotonic() > end_s:
+                return False
+            time.sleep(pause_s)
+        return True
+
+    return wait
+
+
+@pytest.fixture
+def servos():
+    """Three XL330 with IDs 1, 2, 3 at 1 Mbaud without return delay."""
+    model = load_model("xl330_m288")
+    return [Servo(model, number, baud=1_000_000, return_delay_us=0) for number in (1, 2, 3)]
+
+
+@pytest.fixture
+def bus(servos, tmp_path):
+    """The servos on a pseudo-terminal."""
+    with PtyPort(tmp_path / "servos", DynamixelChain(servos)) as port:
+        yield port
+
+
+@pytest.fixture
+def sdk(bus):
+    """dynamixel-sdk on the other end: (port handler, packet handler)."""
+    port = dynamixel_sdk.PortHandler(str(bus.link))
+    assert port.openPort()
+    assert port.setBaudRate(1_000_000)
+    yield port, dynamixel_sdk.PacketHandler(2.0)
+    port.closePort()
+
+
+@pytest.fixture(scope="session")
+def write():
+    """Write an item of a servo by name, as an instruction would; returns the error field."""
+
+    def write_item(servo, name, value, now_s=0.0):
+        item = next(item for item in servo.model.items if item.name == name)
+        data = (value & ((1 << (8 * item.size)) - 1)).to_bytes(item.size, "little")
+        return servo.write_for_host(item.address, data, now_s).error
+
+    return write_item
+
+
+@pytest.fixture(scope="session")
+def read():
+    """Read an item of a servo by name, as an instruction would."""
+
+    def read_item(servo, name, now_s=0.0):
+        item = next(item for item in servo.model.items if item.name == name)
+        reply = servo.read_for_host(item.address, item.size, now_s)
+        return int.from_bytes(reply.parameters, "little", signed=item.signed)
+
+    return read_item
+
+
+@pytest.fixture(scope="session")
+def plain_finger():
+    """A finger without scatter or creep, almost without stretch: chapter 3, E 21.89 MPa, w 13, h 3, l 10, link 35 mm."""
+
+    def make(radii_mm=(8.5,) * 6, mu=0.0, presliding_m=1e-4):
+        stiffness = 21.89e6 * 13e-3 * 3e-3**3 / 12.0 / 10e-3
+        return FingerTruth(
+            profile="plain",
+            serial="",
+            base_length_m=0.0,
+            link_lengths_m=np.full(3, 0.035),
+            body_height_m=0.012,
+            opening_rad=np.full(3, np.pi / 2),
+            entry_radius_m=np.array(radii_mm[0::2]) * 1e-3,
+            exit_radius_m=np.array(radii_mm[1::2]) * 1e-3,
+            moment_coefficients=np.array([[stiffness] * 3, [0.0] * 3, [0.0] * 3]),
+            damping_s=1e-2,
+            creep_share=0.0,
+            creep_time_s=1.0,
+            friction_coefficient=np.full(6, mu),
+            friction_tension_exponent=0.0,
+            friction_stribeck_share=0.0,
+            friction_stribeck_speed_m_s=1e-3,
+            friction_bite=np.zeros(6),
+            presliding_m=presliding_m,
+            cable_stiffness_n=1e5,
+            lead_length_m=0.0,
+            slack_m=0.0,
+        )
+
+    return make

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two independent clients drive the emulated chain: dynamixel-sdk (ROBOTIS) and rustypot (Rust)."""
+
+import math
+
+import dynamixel_sdk
+import pytest
+import rustypot
+from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S
+
+OK = dynamixel_sdk.COMM_SUCCESS
+TIMEOUT = dynamixel_sdk.COMM_RX_TIMEOUT
+GOAL_POSITION, PRESENT_POSITION = 116, 132
+
+
+def set_turns(servos, turns):
+    for servo, value in zip(servos, turns, strict=True):
+        servo.shaft.angle_rad = value * 2 * math.pi
+
+
+def multi_turn(sdk):
+    port, packets = sdk
+    for number in (1, 2, 3):
+        assert packets.write1ByteTxRx(port, number, 11, 4) == (OK, 0)
+
+
+def signed(value, bits=32):
+    return value - (1 << bits) if value >> (bits - 1) else value
+
+
+def test_ping_and_broadcast_ping(sdk):
+    port, packets = sdk
+    assert packets.ping(port, 2) == (1200, OK, 0)
+    assert packets.ping(port, 9)[1] == TIMEOUT
+    found, result = packets.broadcastPing(port)
+    assert result == OK
+    assert found == {1: [1200, 52], 2: [1200, 52], 3: [1200, 52]}
+
+
+@pytest.mark.parametrize("position", [0, 4095, -1, -131073, -65537, 1_048_575, -1_048_575])
+def test_write_and_read_back_with_stuffing(sdk, position):
+    multi_turn(sdk)
+    port, packets = sdk
+    assert packets.write4ByteTxRx(port, 1, GOAL_POSITION, position & 0xFFFFFFFF) == (OK, 0)
+    value, result, error = packets.read4ByteTxRx(port, 1, GOAL_POSITION)
+    assert (signed(value), result, error) == (position, OK, 0)
+
+
+def test_errors_of_the_device_reach_the_client(sdk):
+    port, packets = sdk
+    assert packets.write4ByteTxRx(port, 1, GOAL_POSITION, 5000) == (OK, 6)
+    assert packets.write1ByteTxRx(port, 1, 9, 255) == (OK, 4)
+    assert packets.write2ByteTxRx(port, 1, 0, 1) == (OK, 7)
+    assert packets.write1ByteTxRx(port, 1, 64, 1) == (OK, 0)
+    assert packets.write1ByteTxRx(port, 1, 11, 4) == (OK, 7)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_sync_read(sdk, servos, fast):
+    multi_turn(sdk)
+    set_turns(servos, (1.0, -32.0, 2.5))
+    port, packets = sdk
+    group = dynamixel_sdk.GroupSyncRead(port, packets, 126, 10)
+    for number in (1, 2, 3):
+        assert group.addParam(number)
+    assert (group.fastSyncRead() if fast else group.txRxPacket()) == OK
+    positions = [signed(group.getData(number, PRESENT_POSITION, 4)) for number in (1, 2, 3)]
+    # -32 turns are -131072 pulses: bytes 00 00 FE FF
+    assert positions == [4096, -131072, 10240]
+
+
+def test_sync_write_bulk_read_and_bulk_write(sdk, servos):
+    multi_turn(sdk)
+    port, packets = sdk
+    sync = dynamixel_sdk.GroupSyncWrite(port, packets, GOAL_POSITION, 4)
+    for number in (1, 2, 3):
+        assert sync.addParam(number, list((-131073 * number & 0xFFFFFFFF).to_bytes(4, "little")))
+    assert sync.txPacket() == OK
+    bulk = dynamixel_sdk.GroupBulkWrite(port, packets)
+    assert bulk.addParam(2, 65, 1, [1])
+    assert bulk.addParam(3, 102, 2, [0x2C, 0x01])
+    assert bulk.txPacket() == OK
+    reader = dynamixel_sdk.GroupBulkRead(port, packets)
+    reader.addParam(1, GOAL_POSITION, 4)
+    reader.addParam(2, 65, 1)
+    reader.addParam(3, 102, 2)
+    assert reader.txRxPacket() == OK
+    assert signed(reader.getData(1, GOAL_POSITION, 4)) == -131073
+    assert reader.getData(2, 65, 1) == 1
+    assert reader.getData(3, 102, 2) == 300
+    assert reader.fastBulkRead() == OK
+    assert reader.getData(3, 102, 2) == 300
+
+
+def test_a_silent_servo_fails_the_group_and_not_the_others(sdk, servos):
+    port, packets = sdk
+    servos[1].silenced = True
+    group = dynamixel_sdk.GroupSyncRead(port, packets, PRESENT_POSITION, 4)
+    for number in (1, 2, 3):
+        group.addParam(number)
+    assert group.txRxPacket() == TIMEOUT
+    assert group.fastSyncRead() != OK
+    assert packets.ping(port, 3)[1] == OK
+
+
+def test_an_alert_marks_every_reply_and_leaves_the_data_valid(sdk, servos):
+    port, packets = sdk
+    servos[0].forced_error_bits = 0x20
+    servos[0].step(0.0, 0.001)
+    assert packets.read1ByteTxRx(port, 1, 70) == (0x20, OK, 128)
+    assert packets.read1ByteTxRx(port, 2, 70) == (0, OK, 0)
+
+
+def test_reboot_silence(sdk, until):
+    port, packets = sdk
+    assert packets.reboot(port, 1) == (OK, 0)
+    assert packets.ping(port, 1)[1] == TIMEOUT
+    assert packets.ping(port, 2)[1] == OK
+    assert until(lambda: packets.ping(port, 1)[1] == OK, REBOOT_SILENCE_S + 2.0)
+
+
+def test_a_servo_at_another_baud_is_not_heard(sdk):
+    port, packets = sdk
+    assert packets.write1ByteTxRx(port, 1, 8, 1) == (OK, 0)
+    assert packets.ping(port, 1)[1] == TIMEOUT
+    assert port.setBaudRate(57_600)
+    assert packets.ping(port, 1)[1] == OK
+    assert packets.ping(port, 2)[1] == TIMEOUT
+
+
+def test_status_return_level(sdk):
+    port, packets = sdk
+    assert packets.write1ByteTxRx(port, 1, 68, 1) == (OK, 0)
+    assert packets.write1ByteTxRx(port, 1, 65, 1)[0] == TIMEOUT
+    assert packets.read1ByteTxRx(port, 1, 65) == (1, OK, 0)
+    assert packets.write1ByteTxRx(port, 1, 68, 0)[0] == TIMEOUT
+    assert packets.read1ByteTxRx(port, 1, 65)[1] == TIMEOUT
+    assert packets.ping(port, 1)[1] == OK
+
+
+def test_changing_the_id_answers_under_the_old_one(sdk):
+    port, packets = sdk
+    assert packets.write1ByteTxRx(port, 3, 7, 42) == (OK, 0)
+    assert packets.ping(port, 42)[1] == OK
+    assert packets.ping(port, 3)[1] == TIMEOUT
+
+
+def test_reg_write_and_broadcast_action(sdk):
+    multi_turn(sdk)
+    port, packets = sdk
+    for number in (1, 2):
+        assert packets.regWriteTxRx(port, number, GOAL_POSITION, 4, [1, 2, 0, 0]) == (OK, 0)
+    assert packets.action(port, dynamixel_sdk.BROADCAST_ID) == OK
+    assert packets.read4ByteTxRx(port, 2, GOAL_POSITION) == (0x201, OK, 0)
+
+
+def test_rustypot_pings_reads_and_writes(bus, servos):
+    set_turns(servos, (0.25, 0.5, 0.75))
+    client = rustypot.Xl330PyController(str(bus.link), 1_000_000, 0.2)
+    assert client.ping(1)
+    assert not client.ping(200)
+    # rustypot counts radians from the middle of the turn
+    expected = [-math.pi / 2, 0.0, math.pi / 2]
+    assert client.sync_read_present_position([1, 2, 3]) == pytest.approx(expected, abs=0.002)
+    client.write_torque_enable(2, True)
+    assert client.read_torque_enable(2) == [True]
+    client.sync_write_goal_position([1, 2, 3], [0.0, 0.5, -0.5])
+    assert client.read_goal_position(3) == pytest.approx([-0.5], abs=0.002)
+    assert servos[1].registers.get("goal_position") == pytest.approx(2048 + 0.5 * 4096 / (2 * math.pi), abs=1)

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Noise on the device's side of the bus: 100,000 random and mutated byte streams; nothing escapes, nothing wrong is obeyed."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.dynamixel.packets import BROADCAST_ID, Instruction, PacketReader, crc16, encode
+from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.table import load_model
+
+STREAMS = 100_000
+KEEPERS = ("id", "baud_rate", "goal_position", "operating_mode", "torque_enable", "profile_velocity")
+
+
+def make_chain():
+    model = load_model("xl330_m288")
+    return DynamixelChain([Servo(model, number, baud=57_600) for number in (1, 2, 3)])
+
+
+def values(chain):
+    return [tuple(servo.registers.get(name) for name in KEEPERS) for servo in chain.servos]
+
+
+def good_packets(rng):
+    """One well-formed packet, of those a host sends."""
+    choice = rng.randrange(6)
+    device = rng.choice((1, 2, 3, 9, BROADCAST_ID))
+    if choice == 0:
+        return encode(device, Instruction.PING)
+    if choice == 1:
+        return encode(device, Instruction.READ, bytes([rng.randrange(256), 0, rng.randrange(16), 0]))
+    if choice == 2:
+        return encode(device, Instruction.WRITE, bytes([rng.randrange(64, 120), 0, *rng.randbytes(4)]))
+    if choice == 3:
+        return encode(BROADCAST_ID, Instruction.SYNC_READ, bytes([132, 0, 4, 0, 1, 2, 3]))
+    if choice == 4:
+        return encode(BROADCAST_ID, Instruction.SYNC_WRITE, bytes([116, 0, 4, 0, 1, *rng.randbytes(4), 2, *rng.randbytes(4)]))
+    return encode(BROADCAST_ID, Instruction.FAST_SYNC_READ, bytes([126, 0, 10, 0, 3, 1]))
+
+
+def mutated(packet, rng):
+    data = bytearray(packet)
+    for _ in range(rng.randrange(1, 4)):
+        place = rng.randrange(len(data))
+        kind = rng.randrange(4)
+        if kind == 0:
+            data[place] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            del data[place]
+        elif kind == 2:
+            data.insert(place, rng.randrange(256))
+        else:
+            data[place] = rng.choice((0x00, 0xFD, 0xFF))
+        if not data:
+            return b"\xff"
+    return bytes(data)
+
+
+def is_well_formed(stream):
+    """Independent judgement: does a whole packet with a right CRC stand in the stream?"""
+    for start in range(len(stream) - 9):
+        if stream[start : start + 4] != b"\xff\xff\xfd\x00":
+            continue
+        length = int.from_bytes(stream[start + 5 : start + 7], "little")
+        end = start + 7 + length
+        if length >= 3 and end <= len(stream) and crc16(stream[start : end - 2]) == int.from_bytes(stream[end - 2 : end], "little"):
+            return True
+    return False
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_mutated_streams_neither_raise_nor_change_a_register():
+    rng = random.Random(20261121)
+    chain = make_chain()
+    before = values(chain)
+    obeyed = 0
+    for number in range(STREAMS):
+        kind = rng.randrange(3)
+        stream = rng.randbytes(rng.randrange(1, 40)) if kind == 0 else mutated(good_packets(rng), rng)
+        # Each stream comes after a pause that ends a packet begun before.
+        chain.exchange(stream, float(number), 57_600)
+        after = values(chain)
+        if after != before:
+            obeyed += 1
+            assert is_well_formed(stream), stream.hex(" ")
+            before = after
+    # Some mutations cancel out; a handful of streams are whole packets again.
+    assert obeyed < STREAMS // 100
+
+
+@given(st.lists(st.binary(max_size=60), max_size=8), st.sampled_from([9600, 57_600, 1_000_000]))
+@settings(max_examples=300, deadline=None)
+def test_any_bytes_in_any_pieces(pieces, baud):
+    chain = make_chain()
+    for number, piece in enumerate(pieces):
+        for chunk in chain.exchange(piece, 0.001 * number, baud):
+            assert chunk.start_s >= 0.001 * number
+            assert len(chunk.data) >= 11
+
+
+# every instruction byte with any parameters, CRC right: what a confused host sends
+@given(st.sampled_from([1, 2, BROADCAST_ID, 0xFD, 0xFF]), st.integers(0, 255), st.binary(max_size=30))
+@settings(max_examples=1500, deadline=None)
+def test_any_instruction_with_any_parameters(device, instruction, parameters):
+    chain = make_chain()
+    replies = b"".join(chunk.data for chunk in chain.exchange(encode(device, instruction, parameters), 0.0, 57_600))
+    for reply in PacketReader().feed(replies):
+        assert reply.crc_ok or instruction in {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}
+        assert reply.instruction == Instruction.STATUS
+
+
+def test_the_chain_still_answers_after_noise():
+    rng = random.Random(5)
+    chain = make_chain()
+    for number in range(2000):
+        chain.exchange(rng.randbytes(rng.randrange(1, 200)), float(number), 57_600)
+    for servo in chain.servos:
+        servo.registers.put("status_return_level", 2)
+    (reply,) = chain.exchange(encode(1, Instruction.PING), 1e6, 57_600)
+    assert reply.data.startswith(bytes.fromhex("FFFFFD000107005500B004"))

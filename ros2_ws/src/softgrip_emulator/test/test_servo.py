@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a servo's firmware does beyond its table (e-manual notes and users' reports)."""
+
+import math
+
+import pytest
+from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
+from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S, HardwareError, Servo
+from softgrip_emulator.dynamixel.table import available_models, load_model
+
+MODELS = available_models()
+
+
+@pytest.fixture(params=MODELS)
+def servo(request):
+    return Servo(load_model(request.param), 7)
+
+
+def do(servo, instruction, parameters=b"", now_s=0.0):
+    return servo.execute(Packet(servo.device_id, instruction, parameters), now_s)
+
+
+def test_models_are_those_of_the_cell():
+    assert MODELS == ["xc330_m288", "xl330_m288", "xm430_w350"]
+
+
+# model number, current limit, temperature limit, position P gain: e-manual control tables
+@pytest.mark.parametrize(
+    ("name", "number", "current_limit", "temperature_limit", "p_gain", "shutdown"),
+    [
+        ("XL330-M288", 1200, 1750, 70, 400, 0x35),
+        ("XC330-M288", 1240, 2352, 70, 1100, 0x34),
+        ("XM430-W350", 1020, 1193, 80, 800, 0x34),
+    ],
+)
+def test_factory_values(name, number, current_limit, temperature_limit, p_gain, shutdown, read):
+    servo = Servo(load_model(name), 1)
+    names = ("model_number", "current_limit", "temperature_limit", "position_p_gain", "shutdown", "return_delay_time")
+    assert [read(servo, item) for item in names] == [number, current_limit, temperature_limit, p_gain, shutdown, 250]
+    assert do(servo, Instruction.PING).parameters[:2] == number.to_bytes(2, "little")
+
+
+def test_eeprom_is_closed_while_torque_is_on(servo, write):
+    assert write(servo, "torque_enable", 1) == 0
+    assert write(servo, "return_delay_time", 0) == StatusError.ACCESS
+    assert write(servo, "torque_enable", 0) == 0
+    assert write(servo, "return_delay_time", 0) == 0
+
+
+@pytest.mark.parametrize(
+    ("item", "value", "error"),
+    [
+        ("return_delay_time", 255, StatusError.DATA_RANGE),
+        ("operating_mode", 2, StatusError.DATA_RANGE),
+        ("goal_position", 4096, StatusError.DATA_LIMIT),
+        ("goal_position", -1, StatusError.DATA_LIMIT),
+        ("goal_current", 3000, StatusError.DATA_LIMIT),
+        ("goal_pwm", 886, StatusError.DATA_LIMIT),
+        ("goal_velocity", -1000, StatusError.DATA_LIMIT),
+        ("present_position", 0, StatusError.ACCESS),
+        ("model_number", 1, StatusError.ACCESS),
+    ],
+)
+def test_rules_of_the_table(servo, write, item, value, error):
+    assert write(servo, item, value) == error
+
+
+def test_too_few_bytes_and_undefined_addresses(servo):
+    assert servo.write_for_host(116, b"\x00\x00", 0.0).error == StatusError.DATA_LENGTH
+    assert servo.write_for_host(118, b"\x00\x00", 0.0).error == StatusError.ACCESS
+    assert servo.write_for_host(15, b"\x00", 0.0).error == StatusError.ACCESS
+    assert servo.write_for_host(60000, b"\x00", 0.0).error == StatusError.ACCESS
+    assert servo.read_for_host(15, 1, 0.0).error == StatusError.ACCESS
+    assert servo.read_for_host(60000, 4, 0.0).error == StatusError.ACCESS
+    assert servo.read_for_host(132, 0, 0.0).error == StatusError.ACCESS
+
+
+def test_a_refused_write_changes_nothing(servo, read):
+    # goal current (fine) and goal velocity (beyond its limit) in one write
+    before = read(servo, "goal_current")
+    assert servo.write_for_host(102, bytes.fromhex("0100 FFFFFF7F"), 0.0).error == StatusError.DATA_LIMIT
+    assert read(servo, "goal_current") == before
+
+
+def test_changing_the_mode_resets_profile_gains_and_goals(servo, read, write):
+    for item, value in (("profile_velocity", 50), ("profile_acceleration", 9), ("position_p_gain", 5)):
+        assert write(servo, item, value) == 0
+    assert write(servo, "goal_current", 10) == 0
+    assert write(servo, "operating_mode", 5) == 0
+    assert read(servo, "profile_velocity") == read(servo, "profile_acceleration") == 0
+    assert read(servo, "position_p_gain") != 5
+    assert read(servo, "goal_current") == read(servo, "current_limit")
+    assert read(servo, "goal_pwm") == 885
+
+
+def turn(servo, turns):
+    servo.shaft.angle_rad = turns * 2 * math.pi
+
+
+def test_turns_are_counted_until_the_power_goes(servo, read, write):
+    write(servo, "operating_mode", 4)
+    turn(servo, 3.25)
+    assert read(servo, "present_position") == 13312
+    do(servo, Instruction.REBOOT)
+    assert read(servo, "present_position", REBOOT_SILENCE_S) == 1024
+    turn(servo, 2.0)
+    assert read(servo, "present_position") == 1024 - 5120
+
+
+@pytest.mark.parametrize("how", ["mode", "torque", "clear"])
+def test_other_ways_to_lose_the_turns(servo, read, write, how):
+    write(servo, "operating_mode", 3 if how == "torque" else 4)
+    turn(servo, -1.75)
+    if how == "mode":
+        write(servo, "operating_mode", 3)
+    elif how == "torque":
+        write(servo, "torque_enable", 1)
+    else:
+        assert do(servo, Instruction.CLEAR, bytes.fromhex("0144584C22")).error == 0
+    assert read(servo, "present_position") == 1024
+
+
+def test_clear_is_refused_while_moving_and_without_its_key(servo):
+    servo.shaft.velocity_rad_s = 3.0
+    assert do(servo, Instruction.CLEAR, bytes.fromhex("0144584C22")).error == StatusError.RESULT_FAIL
+    assert do(servo, Instruction.CLEAR, bytes(5)).error == StatusError.DATA_RANGE
+
+
+def test_homing_offset_is_added_and_not_turned_by_reverse(servo, read, write):
+    write(servo, "operating_mode", 4)
+    write(servo, "homing_offset", 100)
+    turn(servo, 0.25)
+    assert read(servo, "present_position") == 1124
+    write(servo, "drive_mode", 1)
+    assert read(servo, "present_position") == -1024 + 100
+
+
+def test_reboot_answers_then_is_silent(servo, read, write):
+    write(servo, "torque_enable", 1)
+    assert do(servo, Instruction.REBOOT, now_s=5.0).error == 0
+    assert not servo.listens(5.0 + 0.9 * REBOOT_SILENCE_S, servo.baud)
+    assert servo.listens(5.0 + 1.1 * REBOOT_SILENCE_S, servo.baud)
+    assert read(servo, "torque_enable", 6.0) == 0
+    assert read(servo, "realtime_tick", 6.0) == pytest.approx(1000 * (1.0 - REBOOT_SILENCE_S), abs=1)
+
+
+def test_shutdown_takes_the_torque_until_a_reboot(servo, read, write):
+    write(servo, "torque_enable", 1)
+    servo.forced_error_bits = HardwareError.OVERLOAD
+    servo.step(0.001, 0.001)
+    assert read(servo, "torque_enable") == 0
+    assert servo.read_for_host(70, 1, 0.0).error == ALERT
+    assert servo.read_for_host(70, 1, 0.0).parameters == bytes([HardwareError.OVERLOAD])
+    assert write(servo, "torque_enable", 1) == ALERT
+    assert read(servo, "torque_enable") == 0
+    do(servo, Instruction.REBOOT)
+    servo.step(1.0, 0.001)
+    assert read(servo, "hardware_error_status", 1.0) == 0
+    assert write(servo, "torque_enable", 1, 1.0) == 0
+    assert read(servo, "torque_enable", 1.0) == 1
+
+
+def test_an_error_outside_the_shutdown_mask_only_alerts(servo, read, write):
+    write(servo, "shutdown", 0)
+    write(servo, "torque_enable", 1)
+    servo.forced_error_bits = HardwareError.OVERLOAD
+    servo.step(0.001, 0.001)
+    assert read(servo, "torque_enable") == 1
+    assert do(servo, Instruction.PING).error == ALERT
+
+
+def test_overload_and_heat_and_voltage_are_noticed(servo, read, write):
+    write(servo, "torque_enable", 1)
+    servo.shaft.current_a = servo.model.motor.stall_current_a
+    for step in range(2000):
+        servo.step(step * 1e-3, 1e-3)
+    assert read(servo, "hardware_error_status") == 0
+    for step in range(2000, 4000):
+        servo.step(step * 1e-3, 1e-3)
+    assert read(servo, "hardware_error_status") == HardwareError.OVERLOAD
+    servo.shaft.temperature_c = read(servo, "temperature_limit") + 1.0
+    servo.shaft.supply_v = read(servo, "min_voltage_limit") / 10.0 - 0.3
+    servo.step(4.0, 1e-3)
+    expected = HardwareError.OVERLOAD | HardwareError.OVERHEATING | HardwareError.INPUT_VOLTAGE
+    assert read(servo, "hardware_error_status") == expected
+
+
+def test_bus_watchdog_stops_locks_goals_and_is_cleared_by_zero(servo, read, write):
+    write(servo, "operating_mode", 4)
+    write(servo, "torque_enable", 1)
+    write(servo, "bus_watchdog", 5)
+    servo.step(0.09, 0.001)
+    assert read(servo, "bus_watchdog", 0.09) == 5
+    servo.heard(0.09)
+    servo.step(0.18, 0.001)
+    assert read(servo, "bus_watchdog", 0.18) == 5
+    servo.step(0.25, 0.001)
+    assert read(servo, "bus_watchdog", 0.25) == -1
+    assert read(servo, "torque_enable", 0.25) == 1
+    assert write(servo, "goal_position", 500, 0.25) == StatusError.DATA_RANGE
+    assert write(servo, "bus_watchdog", 0, 0.25) == 0
+    assert write(servo, "goal_position", 500, 0.25) == 0
+
+
+def test_bus_watchdog_sleeps_without_torque(servo, read, write):
+    write(servo, "bus_watchdog", 1)
+    servo.step(10.0, 0.001)
+    assert read(servo, "bus_watchdog", 10.0) == 1
+
+
+def test_reg_write_and_action(servo, read, write):
+    assert do(servo, Instruction.ACTION).error == StatusError.INSTRUCTION
+    write(servo, "operating_mode", 4)
+    assert do(servo, Instruction.REG_WRITE, bytes.fromhex("7400 39300000")).error == 0
+    assert read(servo, "goal_position") != 12345
+    assert read(servo, "registered_instruction") == 1
+    assert do(servo, Instruction.ACTION).error == 0
+    assert read(servo, "goal_position") == 12345
+    assert do(servo, Instruction.ACTION).error == StatusError.INSTRUCTION
+
+
+def test_factory_reset_keeps_what_it_is_told_to(servo, read, write):
+    write(servo, "baud_rate", 3)
+    write(servo, "return_delay_time", 0)
+    assert do(servo, Instruction.FACTORY_RESET, b"\x02").error == 0
+    assert (read(servo, "id"), read(servo, "baud_rate"), read(servo, "return_delay_time")) == (7, 3, 250)
+    assert do(servo, Instruction.FACTORY_RESET, b"\xff").error == 0
+    assert (read(servo, "id"), read(servo, "baud_rate")) == (1, 1)
+
+
+def test_backup_and_restore(servo, read, write):
+    key = bytes.fromhex("4354524C")
+    write(servo, "return_delay_time", 11)
+    assert do(servo, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + key).error == 0
+    write(servo, "return_delay_time", 99)
+    assert do(servo, Instruction.CONTROL_TABLE_BACKUP, b"\x02" + key).error == 0
+    assert read(servo, "return_delay_time") == 11
+    write(servo, "torque_enable", 1)
+    assert do(servo, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + key).error == StatusError.RESULT_FAIL
+    assert do(servo, Instruction.CONTROL_TABLE_BACKUP, b"\x03" + key).error == StatusError.DATA_RANGE
+
+
+def test_indirect_addresses_read_and_write_elsewhere(servo, read, write):
+    block = servo.model.indirect[0]
+    for index, address in enumerate((116, 117, 118, 119, 146)):
+        place = block.addresses + 2 * index
+        assert servo.write_for_host(place, address.to_bytes(2, "little"), 0.0).error == 0
+    write(servo, "operating_mode", 4)
+    assert servo.write_for_host(block.data, (-9).to_bytes(4, "little", signed=True), 0.0).error == 0
+    assert read(servo, "goal_position") == -9
+    servo.shaft.temperature_c = 33.0
+    assert servo.read_for_host(block.data + 4, 1, 0.0).parameters == bytes([33])
+    assert servo.write_for_host(block.data + 4, b"\x01", 0.0).error == StatusError.ACCESS
+
+
+def test_position_glitch_shows_and_goes(servo, read, write):
+    write(servo, "operating_mode", 4)
+    servo.position_glitch_pulses = -4095
+    assert read(servo, "present_position") == -4095
+    servo.position_glitch_pulses = 0
+    assert read(servo, "present_position") == 0
+
+
+def test_a_profile_reaches_its_goal_in_the_time_the_trapezoid_takes(write):
+    servo = Servo(load_model("xl330_m288"), 1)
+    write(servo, "operating_mode", 4)
+    write(servo, "profile_velocity", 100)
+    write(servo, "profile_acceleration", 20)
+    write(servo, "torque_enable", 1)
+    write(servo, "goal_position", 4096)
+    steps = 0
+    while servo._motion.position != 4096.0 and steps < 10_000:
+        steps += 1
+        servo.step(steps * 1e-3, 1e-3)
+    speed = 100 * 0.229 / 60  # rev/s
+    acceleration = 20 * 214.577 / 3600  # rev/s^2
+    assert steps * 1e-3 == pytest.approx(1.0 / speed + speed / acceleration, rel=0.02)
