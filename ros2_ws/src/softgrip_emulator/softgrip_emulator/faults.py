@@ -206,6 +206,10 @@ def _set(thing: object, **values: Any) -> Undo:
     return undo
 
 
+def _forget(values: dict[str, float], slot: str) -> None:
+    values.pop(slot, None)
+
+
 def _bytes_lost(cell: EmulatedCell, share: float = 0.02) -> Undo:
     return _set(cell.bus_wire.faults, lost=float(share))
 
@@ -258,7 +262,7 @@ def _overheating(cell: EmulatedCell, slot: str, temperature_c: float = 71.0) -> 
 
 def _heating(cell: EmulatedCell, slot: str, power_w: float = 6.0) -> Undo:
     cell.plant.disturbances.extra_heat_w[slot] = float(power_w)
-    return lambda: cell.plant.disturbances.extra_heat_w.pop(slot, None) and None
+    return lambda: _forget(cell.plant.disturbances.extra_heat_w, slot)
 
 
 def _brown_out(cell: EmulatedCell, voltage_v: float = 2.5) -> Undo:
@@ -291,7 +295,7 @@ def _tendon_break(cell: EmulatedCell, slot: str) -> Undo:
 def _slack(cell: EmulatedCell, slot: str, length_m: float = 0.010) -> Undo:
     slack = cell.plant.disturbances.extra_slack_m
     slack[slot] = float(length_m)
-    return lambda: slack.pop(slot, None) and None
+    return lambda: _forget(slack, slot)
 
 
 def _jammed(cell: EmulatedCell, slot: str) -> Undo:
