@@ -93,7 +93,7 @@ class VirtualCell:
         self.profiles: Mapping[str, Profile] = load_directory(PROFILES)
         self.plant = CellPlant(self.profiles, seed=seed)
         self.period_s = 1.0 / rate
-        limits = TendonLimits()
+        limits = TendonLimits(break_confirm=0.15)
         model = MODELS["XL330-M288"]
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
         servos = [Servo(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]

@@ -274,11 +274,20 @@ class Cell:
             self._journal.reach(turn.step.value)
         self._slots = self._journal.slots()
 
+    def earlier_references(self, sequence: SwapSequence) -> dict[str, FreeReference]:
+        """Return what the last checks of the fingers of a swap saw, per slot; nothing for new fingers."""
+        found = {
+            slot.name: self._journal.reference(serial)
+            for slot, serial in zip(self._slots, sequence.serials, strict=True)
+        }
+        return {name: FreeReference.from_document(document) for name, document in found.items() if document}
+
     def end_swap(
         self, sequence: SwapSequence, outcome: str, reason: str, duration_s: float, checks: Mapping[str, FingerCheck]
     ) -> None:
         """Write down what came of a swap and give the cell back."""
         references: dict[str, Any] = {}
+        bad = {name: check for name, check in checks.items() if check.finding is not Finding.GOOD}
         if outcome == "SUCCEEDED":
             by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=True))
             references = {
@@ -286,8 +295,10 @@ class Cell:
                 for name, check in checks.items()
                 if check.reference is not None
             }
-        elif any(check.finding in (Finding.OFF, Finding.BROKEN) for check in checks.values()):
-            self._journal.distrust()
+        elif checks and any(check.finding is not Finding.UNSEEN for check in bad.values()):
+            by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=True))
+            worn = [by_slot[name] for name, check in bad.items() if check.finding is Finding.WORN]
+            self._journal.distrust([by_slot[name] for name in bad if by_slot[name] not in worn], worn)
         self._journal.finish_swap(
             sequence.finger_set.id, outcome, reason, duration_s, changed=not sequence.only_check, references=references
         )

@@ -179,12 +179,13 @@ def test_outcomes_are_tallied_and_cycles_counted(library: Library, journal: Jour
 
 def test_a_distrusted_finger_does_not_come_back_by_being_parked(library: Library, journal: Journal) -> None:
     mount(journal, verify=False)
-    journal.distrust()
+    journal.distrust(["PW-I-01"], ["PW-T-01"])
     assert {slot.state for slot in journal.slots()} == {SlotState.UNKNOWN}
     journal.begin("swap", "power", "release")
     journal.forget_slots("open_palm")
     journal.park_fingers("insert")
-    assert library.passports()["PW-I-01"].state is FingerState.UNKNOWN
+    states = [library.passports()[serial].state for serial in POWER]
+    assert states == [FingerState.UNKNOWN, FingerState.STORE, FingerState.WORN]
 
 
 def test_two_managers_on_one_cell_are_refused(database_url: str, database: Database) -> None:

@@ -149,15 +149,21 @@ SETTINGS = CheckSettings()
 
 
 def closing(
-    gain: float = 1.0, noise_n: float = 0.1, tip_off_m: float = 0.0, reach_m: float = 0.016, seed: int = 0, broken=()
+    gain: float = 1.0,
+    noise_n: float = 0.1,
+    tip_off_m: float = 0.0,
+    reach_m: float = 0.016,
+    bend: float = 1.0,
+    broken=(),
+    earlier=None,
 ) -> EmptyClosing:
-    """Close three equal fingers: predicted tension 0.8 N/mm, tip on a straight line."""
-    rng = random.Random(seed)
-    check = EmptyClosing(("index", "middle", "thumb"), SETTINGS)
+    """Close three equal fingers: predicted tension 0.8 N/mm, measured one gain times that to a power, tip on a line."""
+    rng = random.Random(0)
+    check = EmptyClosing(("index", "middle", "thumb"), SETTINGS, earlier)
     for i in range(200):
         pulled = reach_m * i / 199
         predicted = 800.0 * pulled
-        tension = tuple(0.05 if s in broken else gain * predicted + rng.gauss(0.0, noise_n) for s in range(3))
+        tension = tuple(0.05 if s in broken else gain * predicted**bend + rng.gauss(0.0, noise_n) for s in range(3))
         stamp = i * 5_000_000
         tip = (0.1 - 2.0 * pulled, -3.0 * pulled)
         sample = TendonSample(stamp, (pulled,) * 3, tension)
@@ -182,15 +188,31 @@ def test_a_finger_inside_the_interval_is_good_and_teaches_its_free_motion(gain: 
     assert "not seen by the camera" in results["thumb"].reason
 
 
-@pytest.mark.parametrize("gain", [0.6, 1.4, 2.0])
+@pytest.mark.parametrize("gain", [0.5, 1.5, 2.0])
 def test_a_tension_outside_the_interval_is_refused(gain: float) -> None:
     assert {result.finding for result in closing(gain=gain).judge().values()} == {Finding.OFF}
 
 
+def test_a_tension_that_rises_otherwise_is_refused_whatever_its_size() -> None:
+    """0.12 p^1.9 has the predicted size about, but not its course."""
+    result = closing(gain=0.12, bend=1.9).judge()["thumb"]
+    assert abs(result.tension_ratio - 1.0) < SETTINGS.tension_fraction
+    assert result.finding is Finding.OFF
+    assert "course is off" in result.reason
+
+
+@pytest.mark.parametrize(("gain", "finding"), [(1.0, Finding.GOOD), (1.1, Finding.GOOD), (1.25, Finding.WORN)])
+def test_a_finger_that_changed_since_its_last_check_is_worn(gain: float, finding: Finding) -> None:
+    before = closing().judge()["index"].reference
+    assert before is not None
+    assert closing(gain=gain, earlier={"index": before}).judge()["index"].finding is finding
+    assert closing(gain=gain).judge()["index"].finding is Finding.GOOD, "nothing to compare with"
+
+
 def test_a_tip_elsewhere_is_refused_even_with_the_right_tension() -> None:
-    results = closing(tip_off_m=0.012).judge()
+    results = closing(tip_off_m=0.018).judge()
     assert results["index"].finding is Finding.OFF
-    assert "12.0 mm from the prediction, expected at most" in results["index"].reason
+    assert "18.0 mm from the prediction, expected at most" in results["index"].reason
     assert results["thumb"].finding is Finding.GOOD
 
 

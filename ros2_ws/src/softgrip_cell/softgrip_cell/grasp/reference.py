@@ -8,12 +8,13 @@ off by some per cent, which would drown a light contact. The difference is smoot
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softgrip_cell.errors import CatalogueError
 
@@ -90,23 +91,22 @@ class FreeReference:
 
 
 def learn_reference(
-    pulled_m: Sequence[float], measured_n: Sequence[float], predicted_n: Sequence[float], friction_model: str
+    pulled_m: ArrayLike, measured_n: ArrayLike, predicted_n: ArrayLike, friction_model: str
 ) -> FreeReference:
     """Build the table from an empty closing.
 
     Args:
         pulled_m: pulled length of each sample [m].
         measured_n: tension measured [N].
-        predicted_n: tension predicted [N]; samples with NaN are left out.
+        predicted_n: tension predicted [N].
         friction_model: id used by the predictor.
 
     Raises:
         CatalogueError: too few samples for a single row.
     """
-    known = np.isfinite(np.asarray(predicted_n, dtype=float))
-    lengths = np.asarray(pulled_m, dtype=float)[known]
-    measured = np.asarray(measured_n, dtype=float)[known]
-    difference = measured - np.asarray(predicted_n, dtype=float)[known]
+    lengths = np.asarray(pulled_m, dtype=float)
+    measured = np.asarray(measured_n, dtype=float)
+    difference = measured - np.asarray(predicted_n, dtype=float)
     rows = np.round(lengths / BIN_M).astype(int)
     kept = [row for row in np.unique(rows) if np.count_nonzero(rows == row) >= BIN_SAMPLES]
     if not kept:

@@ -47,6 +47,7 @@ PARAMETERS = ParameterTable(
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
     Parameter("check_length_m", _CHECK.length_m, "pulled length of the check after a swap", "m", 0.005, 0.060),
     Parameter("check_speed_m_per_s", _CHECK.speed_m_per_s, "speed of the check after a swap", "m/s", 0.001, 0.1),
+    Parameter("check_change_fraction", _CHECK.change_fraction, "wear: change since the last check", "", 0.02, 1.0),
     Parameter(
         "check_tension_fraction",
         _CHECK.tension_fraction,
@@ -81,5 +82,6 @@ def check_settings(values: Mapping[str, Any]) -> CheckSettings:
         tension_limit_n=values["check_tension_limit_n"],
         speed_m_per_s=values["check_speed_m_per_s"],
         tension_fraction=values["check_tension_fraction"],
+        change_fraction=values["check_change_fraction"],
         tip_m=values["check_tip_m"],
     )

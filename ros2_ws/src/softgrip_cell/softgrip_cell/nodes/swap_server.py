@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from softgrip_cell.errors import CellError, RefusedError
+from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.nodes.later import later
@@ -30,6 +31,9 @@ class SwapHost(Protocol):
 
     def begin_swap(self, finger_set: str, serials: Sequence[str]) -> SwapSequence:
         """Check every gate and take the cell; raises RefusedError."""
+
+    def earlier_references(self, sequence: SwapSequence) -> Mapping[str, FreeReference]:
+        """What the last checks of these fingers saw, per slot."""
 
     def remember(self, turn: Turn) -> None:
         """Write down what has to be written before a step begins."""
@@ -168,7 +172,7 @@ class SwapServer:
         turn = sequence.homed()
         self._host.remember(turn)
         self._tell(turn)
-        self._closing = EmptyClosing(self._slots, self._settings)
+        self._closing = EmptyClosing(self._slots, self._settings, self._host.earlier_references(sequence))
         settings = self._settings
         await self._moved(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
         closing, self._closing = self._closing, None

@@ -208,18 +208,19 @@ class Journal:
             connection.execute(delete(OPERATION))
             self._audit(connection, "swap", finger_set, {"outcome": outcome, "reason": reason})
 
-    def distrust(self, worn: Sequence[str] = ()) -> None:
-        """What is mounted is not what was said: slots and passports become unknown, ``worn`` serials worn."""
+    def distrust(self, unknown: Sequence[str], worn: Sequence[str] = ()) -> None:
+        """The check refused these fingers: they become unknown or worn, and the slots unknown."""
         with self._database.write() as connection:
-            for serial in connection.execute(select(SLOT.c.serial).where(SLOT.c.serial != "")).scalars().all():
-                state = FingerState.WORN if serial in worn else FingerState.UNKNOWN
+            for serials, state in ((unknown, FingerState.UNKNOWN), (worn, FingerState.WORN)):
                 connection.execute(
                     update(PASSPORT)
-                    .where(PASSPORT.c.serial == serial)
+                    .where(PASSPORT.c.serial.in_(list(serials)))
                     .values(state=state.value, version=PASSPORT.c.version + 1)
                 )
-            connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value, serial=""))
-            self._audit(connection, "distrust", ", ".join(worn), None)
+            refused = [*unknown, *worn]
+            connection.execute(update(SLOT).where(SLOT.c.serial.in_(refused)).values(serial=""))
+            connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
+            self._audit(connection, "distrust", ", ".join(refused), {"worn": list(worn)})
 
     def finish_grasp(
         self, product: str, product_version: int, finger_set: str, outcome: str, reason: str, duration_s: float

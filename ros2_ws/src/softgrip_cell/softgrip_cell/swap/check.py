@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +16,25 @@ from softgrip_cell.errors import CatalogueError
 from softgrip_cell.grasp.reference import FreeReference, learn_reference
 from softgrip_cell.observation import Pair, SeenTip
 
+#: Fewer comparable samples than this prove nothing.
+LEAST_SAMPLES: Final = 20
+
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """Intervals of the check.
+    """The closing and the intervals that it has to lie in.
 
     Attributes:
         length_m: pulled length of the closing; a finger that meets the tension limit before stops there [m].
         tension_limit_n: tension at which a finger has closed as far as it goes [N].
-        reach_m: shortest closing that proves anything [m].
         speed_m_per_s: of the closing [m/s].
+        reach_m: shortest closing that proves anything [m].
         from_m: pulled length from which tensions are compared; below it slack and stretch rule [m].
-        tension_fraction: half width of the interval about the predicted tension, as a share of it: stiffness of the
-            print, friction and torque constant together.
-        tension_floor_n: and never narrower than this [N].
+        tension_fraction: how far measured over predicted tension may be from 1: stiffness of the print, friction and
+            the motor's torque constant make it so wide.
+        shape_fraction: how far the measured curve may be from the predicted one once their sizes are made equal, as a
+            share of the mean tension.
+        change_fraction: how far the tension may be from what it was when the same finger was checked before.
         broken_fraction: measured over predicted tension below which nothing is pulled.
         tip_m: largest distance of the seen from the predicted fingertip, beside the camera's own uncertainty [m].
         pair_s: longest time between a frame and the sample that it is compared with [s].
@@ -36,13 +42,14 @@ class CheckSettings:
 
     length_m: float = 0.020
     tension_limit_n: float = 28.0
-    reach_m: float = 0.010
     speed_m_per_s: float = 0.012
+    reach_m: float = 0.010
     from_m: float = 0.004
-    tension_fraction: float = 0.25
-    tension_floor_n: float = 0.6
+    tension_fraction: float = 0.45
+    shape_fraction: float = 0.25
+    change_fraction: float = 0.15
     broken_fraction: float = 0.3
-    tip_m: float = 0.008
+    tip_m: float = 0.012
     pair_s: float = 0.05
 
 
@@ -51,7 +58,8 @@ class Finding(StrEnum):
 
     GOOD = "good"
     BROKEN = "broken"  # tendon pulls nothing
-    OFF = "off"  # not what its passport says, or worn
+    OFF = "off"  # not what its passport says
+    WORN = "worn"  # not any more what it was
     UNSEEN = "unseen"  # too little was measured
 
 
@@ -60,7 +68,7 @@ class FingerCheck:
     """Result for one slot.
 
     Attributes:
-        tension_ratio: median of measured over predicted tension [1]; NaN when unseen.
+        tension_ratio: measured over predicted tension, by least squares [1]; NaN when unseen.
         tip_error_m: median distance of seen and predicted tip [m]; NaN when the camera saw none.
         reference: free motion learned, when the finger is good.
     """
@@ -73,12 +81,47 @@ class FingerCheck:
     reference: FreeReference | None = None
 
 
-class EmptyClosing:
-    """Collects one empty closing and judges it."""
+@dataclass(frozen=True)
+class _Trace:
+    """One finger's closing where it can be compared: pulled length [m], tension measured and predicted [N]."""
 
-    def __init__(self, slots: Sequence[str], settings: CheckSettings) -> None:
+    pulled_m: NDArray[np.float64]
+    measured_n: NDArray[np.float64]
+    predicted_n: NDArray[np.float64]
+
+    @property
+    def ratio(self) -> float:
+        """Measured over predicted tension, by least squares."""
+        return float(self.measured_n @ self.predicted_n / (self.predicted_n @ self.predicted_n))
+
+    @property
+    def misfit(self) -> float:
+        """RMS of what remains after the predicted curve was scaled, over the mean tension."""
+        rest = self.measured_n - self.ratio * self.predicted_n
+        return float(np.sqrt(np.mean(rest**2)) / max(float(np.mean(self.measured_n)), 1e-9))
+
+    def change(self, earlier: FreeReference) -> float:
+        """Tension now over the tension of an earlier check, by least squares."""
+        within = self.pulled_m <= earlier.reach_m
+        before = np.interp(self.pulled_m[within], earlier.pulled_m, earlier.tension_n)
+        return float(self.measured_n[within] @ before / (before @ before)) if within.any() else math.nan
+
+
+class EmptyClosing:
+    """Collects one empty closing and judges it.
+
+    Args:
+        slots: names, in slot order.
+        settings: see CheckSettings.
+        earlier: per slot, what the last check of this very finger saw; nothing for a finger that is new.
+    """
+
+    def __init__(
+        self, slots: Sequence[str], settings: CheckSettings, earlier: Mapping[str, FreeReference] | None = None
+    ) -> None:
         self._slots = tuple(slots)
         self._settings = settings
+        self._earlier = dict(earlier or {})
         self._pairs: list[Pair] = []
         self._tips: list[SeenTip] = []
 
@@ -96,54 +139,63 @@ class EmptyClosing:
         return {name: self._judge_slot(index, name) for index, name in enumerate(self._slots)}
 
     def _judge_slot(self, index: int, name: str) -> FingerCheck:
-        settings = self._settings
         objections = {pair.free.objection for pair in self._pairs if pair.free.objection}
         if objections:
             return _unseen(name, f"the free motion cannot be predicted: {'; '.join(sorted(objections))}")
+        trace, missing = self._trace(index)
+        if missing:
+            return _unseen(name, missing)
+        tip_m, tip_allowed_m = self._tip_error(index, name)
+        finding, reason = self._compare(name, trace, tip_m, tip_allowed_m)
+        if finding is not Finding.GOOD:
+            return FingerCheck(name, finding, reason, trace.ratio, tip_m)
+        try:
+            reference = learn_reference(
+                trace.pulled_m, trace.measured_n, trace.predicted_n, self._pairs[-1].free.friction_model
+            )
+        except CatalogueError as error:
+            return _unseen(name, str(error))
+        return FingerCheck(name, finding, reason, trace.ratio, tip_m, reference)
+
+    def _trace(self, index: int) -> tuple[_Trace, str]:
+        """Return a slot's comparable samples, and what is missing for a judgement (empty for nothing)."""
+        settings = self._settings
         pulled = np.array([pair.sample.pulled_m[index] for pair in self._pairs])
         measured = np.array([pair.sample.tension_n[index] for pair in self._pairs])
         predicted = np.array([pair.free.tension_n[index] for pair in self._pairs])
-        compared = (pulled >= settings.from_m) & np.isfinite(predicted) & (predicted > 0.0)
-        reach_m = float(pulled[compared].max(initial=0.0))
-        if np.count_nonzero(compared) < 10 or reach_m < settings.reach_m:
-            reasons = sorted({pair.free.objections[index] for pair in self._pairs} - {""})
-            found = "; ".join([f"{np.count_nonzero(compared)} samples up to {reach_m * 1e3:.1f} mm", *reasons])
-            return _unseen(name, f"expected a closing to {settings.reach_m * 1e3:.1f} mm or more, found {found}")
-        ratio = float(np.median(measured[compared] / predicted[compared]))
-        tip_m, tip_allowed_m = self._tip_error(index, name)
-        finding, reason = Finding.GOOD, ""
-        if ratio < settings.broken_fraction:
-            finding = Finding.BROKEN
-            reason = f"tension is {ratio:.0%} of the prediction: the cable is broken, unhooked or slack"
-        elif self._outside(measured[compared], predicted[compared]) > 0.5:
-            finding = Finding.OFF
-            reason = (
-                f"tension is {ratio:.0%} of the prediction, expected within {settings.tension_fraction:.0%} of it: "
-                "another finger than its passport says, worn, or jammed"
-            )
-        elif tip_m > tip_allowed_m:
-            finding = Finding.OFF
-            reason = (
-                f"the fingertip is {tip_m * 1e3:.1f} mm from the prediction, expected at most "
-                f"{tip_allowed_m * 1e3:.1f} mm: another finger than its passport says, or worn"
-            )
-        if finding is not Finding.GOOD:
-            return FingerCheck(name, finding, reason, ratio, tip_m)
-        try:
-            model = self._pairs[-1].free.friction_model
-            reference = learn_reference(list(pulled), list(measured), list(predicted), model)
-        except CatalogueError as error:
-            return _unseen(name, str(error))
-        reason = f"tension {ratio:.0%} of the prediction" + (
-            f", fingertip within {tip_m * 1e3:.1f} mm" if math.isfinite(tip_m) else ", not seen by the camera"
-        )
-        return FingerCheck(name, Finding.GOOD, reason, ratio, tip_m, reference)
+        # Where the grooves close the predicted tension shoots up: nothing can be compared there.
+        compared = (pulled >= settings.from_m) & (predicted > 0.0) & (predicted < settings.tension_limit_n)
+        trace = _Trace(pulled[compared], measured[compared], predicted[compared])
+        reach_m = float(trace.pulled_m.max(initial=0.0))
+        if len(trace.pulled_m) >= LEAST_SAMPLES and reach_m >= settings.reach_m:
+            return trace, ""
+        reasons = sorted({pair.free.objections[index] for pair in self._pairs} - {""})
+        found = "; ".join([f"{len(trace.pulled_m)} samples up to {reach_m * 1e3:.1f} mm", *reasons])
+        return trace, f"expected a closing to {settings.reach_m * 1e3:.1f} mm or more, found {found}"
 
-    def _outside(self, measured: NDArray[np.float64], predicted: NDArray[np.float64]) -> float:
-        """Return the share of samples outside the interval about the prediction."""
+    def _compare(self, name: str, trace: _Trace, tip_m: float, tip_allowed_m: float) -> tuple[Finding, str]:
         settings = self._settings
-        allowed = np.maximum(settings.tension_floor_n, settings.tension_fraction * predicted)
-        return float(np.mean(np.abs(measured - predicted) > allowed))
+        ratio, misfit = trace.ratio, trace.misfit
+        change = trace.change(self._earlier[name]) if name in self._earlier else math.nan
+        if ratio < settings.broken_fraction:
+            return Finding.BROKEN, f"tension is {ratio:.0%} of the prediction: the cable is broken, unhooked or slack"
+        if abs(ratio - 1.0) > settings.tension_fraction:
+            low, high = 1.0 - settings.tension_fraction, 1.0 + settings.tension_fraction
+            found = f"tension is {ratio:.0%} of the prediction, expected {low:.0%} to {high:.0%}"
+            return Finding.OFF, f"{found}: another finger than its passport says, worn, or jammed"
+        if misfit > settings.shape_fraction:
+            found = f"the tension's course is off by {misfit:.0%}, expected at most {settings.shape_fraction:.0%}"
+            return Finding.OFF, f"{found}: another finger than its passport says, or jammed"
+        if tip_m > tip_allowed_m:
+            found = (
+                f"the fingertip is {tip_m * 1e3:.1f} mm from the prediction, expected at most {tip_allowed_m * 1e3:.1f}"
+            )
+            return Finding.OFF, f"{found} mm: another finger than its passport says, or worn"
+        if abs(change - 1.0) > settings.change_fraction:
+            found = f"tension is {change:.0%} of what it was at the last check, expected within"
+            return Finding.WORN, f"{found} {settings.change_fraction:.0%}: the finger or its cable is worn"
+        seen = f"fingertip within {tip_m * 1e3:.1f} mm" if math.isfinite(tip_m) else "not seen by the camera"
+        return Finding.GOOD, f"tension {ratio:.0%} of the prediction, {seen}"
 
     def _tip_error(self, index: int, name: str) -> tuple[float, float]:
         """Return the median distance of seen and predicted tip, and what is allowed [m]; NaN when nothing was seen."""
