@@ -6,7 +6,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 SRC := ros2_ws/src
 SEED ?= 1
+OUT ?= out
 STAMP := $(VENV)/.setup
+WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
 .PHONY: help setup model demo cell test lint bench docs lock test-ros2 clean
@@ -23,6 +25,16 @@ $(STAMP): requirements.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cf
 model:  ## rebuild the C++ cores
 	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/softgrip_model
 
+demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell
+	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED)
+
+cell: setup  ## the emulated cell, until Ctrl-C
+	@mkdir -p $(OUT)/cell
+	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
+
+test: setup lint  ## lint, then every test
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
 lint: setup  ## ruff and mypy, strict
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -30,3 +42,19 @@ lint: setup  ## ruff and mypy, strict
 
 clean:  ## remove what was built
 	rm -rf out build $(SRC)/softgrip_model/build .mypy_cache .ruff_cache
+
+bench: setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+	@mkdir -p $(OUT)
+	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
+
+docs: setup  ## write the documents that scripts make
+	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
+
+lock:  ## write requirements.lock anew
+	$(BIN)/python -m pip install -q uv
+	$(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate requirements.in -o requirements.lock
+
+test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, colcon test, and the system tests
+	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }
+	cd ros2_ws && colcon build --merge-install && colcon test --merge-install --return-code-on-test-failure
+	source ros2_ws/install/setup.bash && python3 -m pytest tests/system

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write the shipped parameter files of softgrip_bringup/config from the nodes' own tables, with unit, bounds and description.
+"""Write the parameter files of softgrip_bringup/config from the nodes' own tables: value, unit, bounds, description.
 
 Run after a table has changed: ``python tools/parameters.py``. tests/validation/test_parameters.py fails until then.
 """
@@ -79,7 +79,7 @@ def main() -> int:
     """Write the files."""
     for path, content in files().items():
         path.write_text(content)
-        print(path.relative_to(CONFIG.parents[3]))  # noqa: T201  its output
+        print(path.relative_to(CONFIG.parents[3]))
     return 0
 
 

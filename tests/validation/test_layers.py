@@ -95,7 +95,6 @@ def test_nothing_depends_on_bringup() -> None:
     dependents = [
         p
         for p in PACKAGES
-        if p != "softgrip_bringup"
-        and "softgrip_bringup</" in (WORKSPACE / p / "package.xml").read_text()
+        if p != "softgrip_bringup" and "softgrip_bringup</" in (WORKSPACE / p / "package.xml").read_text()
     ]
     assert dependents == []

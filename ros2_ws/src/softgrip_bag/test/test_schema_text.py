@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.schema_text import SEPARATOR, referenced, schema_text
+
+FILES = {
+    (
+        "a_msgs",
+        "msg",
+        "Top",
+    ): "std_msgs/Header header\nInner[] parts  # a comment with Word word\nfloat64 x\nuint8 K=1\n",
+    ("a_msgs", "msg", "Inner"): "string<=8 name 'x'\ngeometry_msgs/Point[2] corners\nwstring other\n",
+    ("std_msgs", "msg", "Header"): "builtin_interfaces/Time stamp\nstring frame_id\n",
+    ("builtin_interfaces", "msg", "Time"): "int32 sec\nuint32 nanosec\n",
+    ("geometry_msgs", "msg", "Point"): "float64 x\nfloat64 y\nfloat64 z\n",
+    ("a_msgs", "action", "Go"): "int32 goal\n---\nbool done\n---\nInner now\n",
+    ("unique_identifier_msgs", "msg", "UUID"): "uint8[16] uuid\n",
+}
+
+
+def find(package: str, kind: str, name: str) -> str:
+    return FILES[package, kind, name]
+
+
+def test_everything_that_a_type_contains_follows_it_once() -> None:
+    text = schema_text("a_msgs/msg/Top", find)
+    headings = [line for line in text.splitlines() if line.startswith("MSG: ")]
+    assert headings == [
+        "MSG: std_msgs/Header",
+        "MSG: a_msgs/Inner",
+        "MSG: builtin_interfaces/Time",
+        "MSG: geometry_msgs/Point",
+    ]
+    assert text.count(SEPARATOR) == 4
+    assert text.startswith("std_msgs/Header header\n")
+
+
+def test_an_independent_parser_reads_the_schema() -> None:
+    types = get_types_from_msg(schema_text("a_msgs/msg/Top", find), "a_msgs/msg/Top")
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    assert {"a_msgs/msg/Top", "a_msgs/msg/Inner", "std_msgs/msg/Header"} <= set(types)
+
+
+def test_feedback_topics_of_actions_get_the_message_rosidl_derives() -> None:
+    text = schema_text("a_msgs/action/Go_FeedbackMessage", find)
+    assert text.startswith("unique_identifier_msgs/UUID goal_id\na_msgs/Go_Feedback feedback")
+    assert "MSG: a_msgs/Go_Feedback\nInner now" in text
+    assert "MSG: geometry_msgs/Point" in text
+
+
+def test_constants_comments_and_primitives_are_no_references() -> None:
+    text = "uint8 A=1\nfloat64[3] v\n# Point p\nstring s 'Point q'\nPoint p\n"
+    assert list(referenced(text, "m")) == [("m", "Point")]
+
+
+@pytest.mark.parametrize("name", ["String", "std_msgs/String", "a/b/c/d"])
+def test_a_type_name_of_another_form_is_refused(name: str) -> None:
+    with pytest.raises(BagError, match="expected a type like"):
+        schema_text(name, find)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.reader import bag_files, latched_topics, read, topic_types
+from softgrip_bag.writer import BagWriter, Topic
+
+#: std_msgs/String "hi" and "ho" as little-endian CDR.
+HI = bytes.fromhex("00010000 03000000 686900")
+HO = bytes.fromhex("00010000 03000000 686f00")
+#: as rosidl computes it; rosbags checks it against its own computation
+HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    writer = BagWriter(tmp_path / "bag", {"softgrip_machine": {"system": "test"}})
+    writer.add_topic(Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),)))
+    writer.add_topic(
+        Topic("/b", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(durability="transient_local", depth=1),))
+    )
+    writer.write("/a", 2_000, 1_500, HI)
+    writer.write("/b", 1_000, 900, HO)
+    writer.write("/a", 3_000, 2_500, HO)
+    return writer.close()
+
+
+def test_messages_come_back_unchanged_and_in_order_of_reception(bag: Path) -> None:
+    messages = list(read(bag))
+    assert [(m.topic, m.received, m.published, m.data) for m in messages] == [
+        ("/b", 1_000, 900, HO),
+        ("/a", 2_000, 1_500, HI),
+        ("/a", 3_000, 2_500, HO),
+    ]
+    assert topic_types(bag) == {"/a": "std_msgs/msg/String", "/b": "std_msgs/msg/String"}
+    assert latched_topics(bag) == {"/b"}
+
+
+def test_rosbags_reads_the_folder(bag: Path) -> None:
+    with AnyReader([bag]) as reader:
+        texts = [reader.deserialize(data, c.msgtype).data for c, _, data in reader.messages()]
+    assert texts == ["ho", "hi", "ho"]
+
+
+def test_mcap_ros2_support_reads_the_file(bag: Path) -> None:
+    with bag_files(bag)[0].open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        texts = [message.data for _, _, _, message in reader.iter_decoded_messages()]
+    assert texts == ["ho", "hi", "ho"]
+
+
+def test_metadata_is_version_nine_as_rosbag2_writes_it(bag: Path) -> None:
+    text = (bag / "metadata.yaml").read_text()
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    assert "&id" not in text
+    assert information["version"] == 9
+    assert information["message_count"] == 3
+    assert information["starting_time"]["nanoseconds_since_epoch"] == 1_000
+    assert information["duration"]["nanoseconds"] == 2_000
+    assert [t["message_count"] for t in information["topics_with_message_count"]] == [2, 1]
+    assert information["topics_with_message_count"][1]["topic_metadata"]["offered_qos_profiles"][0]["durability"] == (
+        "transient_local"
+    )
+
+
+def test_what_was_flushed_is_readable_without_the_end_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softgrip_bag.writer.FLUSH_INTERVAL", 0.0)
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic(Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),)))
+    writer.write("/a", 1, 1, HI)
+    writer.flush_if_due()
+    found = []
+    with bag_files(tmp_path / "bag")[0].open("rb") as stream, contextlib.suppress(McapError):
+        for record in StreamReader(stream).records:
+            if isinstance(record, Message):
+                found.append(record.data)  # noqa: PERF401  what came before the error counts
+    writer.close()
+    assert found == [HI]
+
+
+def test_an_existing_folder_is_not_overwritten(bag: Path) -> None:
+    with pytest.raises(BagError, match="exists"):
+        BagWriter(bag)
+
+
+def test_a_missing_bag_and_a_file_that_is_no_mcap_are_named(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="found none"):
+        list(read(tmp_path / "nothing"))
+    wrong = tmp_path / "x.mcap"
+    wrong.write_bytes(b"not an mcap file at all")
+    with pytest.raises(BagError, match="expected MCAP"):
+        list(read(wrong))

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.parameter import Parameter as RosParameter
+
+from softgrip_nodekit import Parameter, ParameterTable, StartupError
+
+TABLE = ParameterTable(
+    Parameter("rate", 100.0, "of the loop", "Hz", 10.0, 500.0, changeable=True),
+    Parameter("count", 3, "of things", "", 0, 9, changeable=True),
+    Parameter("kind", "a", "which", choices=("a", "b"), changeable=True),
+    Parameter("angles", [0.1, 0.2], "of joints", "rad", 0.0, 1.5, changeable=True),
+    Parameter("port", "/dev/null", "of the device", device=True),
+)
+
+
+@pytest.fixture
+def context() -> Iterator[Any]:
+    context = rclpy.Context()
+    yield context
+    context.try_shutdown()
+
+
+def make_node(context: Any, *arguments: str) -> Any:
+    rclpy.init(args=["--ros-args", *arguments], context=context)
+    return rclpy.create_node("table", context=context)
+
+
+def test_defaults_have_unit_and_bounds_in_their_descriptor(context: Any) -> None:
+    node = make_node(context)
+    values = TABLE.declare(node)
+    assert values == {"rate": 100.0, "count": 3, "kind": "a", "angles": [0.1, 0.2], "port": "/dev/null"}
+    descriptor = node.describe_parameter("rate")
+    assert descriptor.description == "of the loop [Hz]"
+    assert (descriptor.floating_point_range[0].from_value, descriptor.floating_point_range[0].to_value) == (10.0, 500.0)
+    assert node.device_paths == ["/dev/null"]
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("rate:=1000.0", "rate"),
+        ("rate:=fast", "rate"),
+        ("kind:=c", "expected one of"),
+        ("angles:=[0.1, 9.0]", "found 9"),
+    ],
+)
+def test_a_wrong_value_at_start_is_named(context: Any, given: str, said: str) -> None:
+    node = make_node(context, "-p", given)
+    with pytest.raises(StartupError, match=said):
+        TABLE.declare(node)
+    node.destroy_node()
+
+
+def test_a_change_is_validated_then_applied(context: Any) -> None:
+    node = make_node(context)
+    TABLE.declare(node)
+    applied: list[dict[str, Any]] = []
+    TABLE.on_change(node, applied.append)
+    good, bad, nan, fixed = node.set_parameters(
+        [
+            RosParameter("rate", value=200.0),
+            RosParameter("kind", value="z"),
+            RosParameter("angles", value=[math.nan]),
+            RosParameter("port", value="/dev/x"),
+        ]
+    )
+    assert good.successful
+    assert not bad.successful
+    assert "expected one of" in bad.reason
+    assert not nan.successful
+    assert not fixed.successful
+    assert applied == [{"rate": 200.0}]
+    node.destroy_node()
+
+
+def test_two_rows_of_one_name_are_a_mistake() -> None:
+    with pytest.raises(ValueError, match="differ"):
+        ParameterTable(Parameter("a", 1, "x"), Parameter("a", 2, "y"))

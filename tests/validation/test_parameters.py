@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shipped parameter files are what the nodes' tables say."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC = importlib.util.spec_from_file_location("parameters", ROOT / "tools" / "parameters.py")
+assert SPEC is not None
+assert SPEC.loader is not None
+parameters = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(parameters)
+
+
+@pytest.mark.parametrize(("path", "content"), [pytest.param(p, c, id=p.stem) for p, c in parameters.files().items()])
+def test_shipped_file_is_up_to_date(path: Path, content: str) -> None:
+    assert path.read_text() == content, "run: python tools/parameters.py"
+
+
+@pytest.mark.parametrize("path", sorted(parameters.CONFIG.glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_value_has_a_unit_comment_and_reads_back_as_its_type(path: Path) -> None:
+    document = yaml.safe_load(path.read_text())
+    values = document[path.stem]["ros__parameters"]
+    lines = path.read_text().splitlines()
+    for name in values:
+        at = next(i for i, line in enumerate(lines) if line.startswith(f"    {name}:"))
+        assert lines[at - 1].strip().startswith("# ["), name
