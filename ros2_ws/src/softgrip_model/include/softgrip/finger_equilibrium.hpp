@@ -74,38 +74,38 @@ struct PointFriction {
   friction::Evaluation law;
   double d_phi;
 
-  PointFriction(const Finger& finger, double phi, double log_tension) {
+  PointFriction(const Finger& finger, double phi, const friction::Tension& low) {
     const double smoothing = finger.design.angle_smoothing_rad;
     const double size = std::sqrt(phi * phi + smoothing * smoothing);
-    law = friction::evaluate_at_log<slopes>(finger.friction, size, log_tension);
+    law = friction::evaluate_at<slopes>(finger.friction, size, low);
     d_phi = size > 0.0 ? law.d_angle * phi / size : 0.0;
   }
   double gain() const { return 1.0 + law.d_log_tension; }  // d ln T_high / d ln T_low
 };
 
-// One joint with the cable's two bends, linearised: given ln T beyond the joint, everything up to ln T before it.
+// One joint with the cable's two bends, linearised: given T beyond the joint, everything up to T before it.
 template <friction::Slopes slopes>
 struct Joint {
   Groove groove;
   double phi_entry, phi_exit;
   PointFriction<slopes> exit;
-  double log_tension;  // of the free span
+  friction::Tension across;  // the free span
   PointFriction<slopes> entry;
-  double log_tension_before;
+  friction::Tension before;
   double tension, torque;
   Moment strip, stop;
   double exit_slope, entry_slope;  // d ln Rf / dq
   double diagonal;                 // d residual / dq
 
-  Joint(const Finger& f, int j, double q, double log_tension_beyond)
+  Joint(const Finger& f, int j, double q, const friction::Tension& beyond)
       : groove(f.design.opening_rad[j], q, f.design.routing_mm[2 * j], f.design.routing_mm[2 * j + 1]),
         phi_entry(f.slope_rad[j] - groove.direction_rad),
         phi_exit(groove.direction_rad - f.slope_rad[j + 1] + q),
-        exit(f, phi_exit, log_tension_beyond),
-        log_tension(log_tension_beyond + exit.law.log_ratio),
-        entry(f, phi_entry, log_tension),
-        log_tension_before(log_tension + entry.law.log_ratio),
-        tension(std::exp(log_tension)),
+        exit(f, phi_exit, beyond),
+        across(beyond.before(exit.law)),
+        entry(f, phi_entry, across),
+        before(across.before(entry.law)),
+        tension(std::exp(across.log)),
         torque(tension * groove.arm_mm),
         strip(f.strip[j].at(q)),
         stop(stop_moment(f.design.stop, f.design.opening_rad[j], q)),
@@ -137,13 +137,16 @@ struct Sweep {
     const Design& d = finger.design;
     const int n = d.joints;
     Linear along{x.log_tip_tension, 0.0, 1.0};
+    friction::Tension beyond(finger.friction, x.log_tip_tension);
     log_tension[2 * n] = along;
     stretch(d, along, finger.link_span_mm[n]);
     for (int j = n - 1; j >= 0; --j) {
-      const Joint<friction::Slopes::State> joint(finger, j, x.angle_rad[j], along.value);
+      const Joint<friction::Slopes::State> joint(finger, j, x.angle_rad[j], beyond);
+      beyond = joint.before;
       const double gain = joint.torque * joint.exit.gain();
-      const double constant = (gain * along.constant - joint.residual()) / joint.diagonal;
-      const double slope = gain * along.slope / joint.diagonal;
+      const double per_diagonal = 1.0 / joint.diagonal;
+      const double constant = (gain * along.constant - joint.residual()) * per_diagonal;
+      const double slope = gain * along.slope * per_diagonal;
       angle_rad[j] = {x.angle_rad[j], constant, slope};
 
       along = through(along, joint.exit, joint.exit_slope, angle_rad[j]);
@@ -192,9 +195,9 @@ struct Sweep {
 
 struct Equilibrium {
   State state;
-  PerSpan<double> log_tension{};
-  PerJoint<double> pull_rate{};  // cable taken in at joint j and beyond, per unit of cable pulled; negative = reversing
-  PerPoint<double> phi_rad{};
+  PerSpan<double> log_tension;
+  PerJoint<double> pull_rate;  // cable taken in at joint j and beyond, per unit of cable pulled; negative = reversing
+  PerPoint<double> phi_rad;
   double pulled_mm = 0.0;
   int iterations = 0;
   std::uint32_t status = kNotConverged;
@@ -219,6 +222,7 @@ inline void accept(const Finger& finger, const Sweep& sweep, Equilibrium& out) {
   out.pulled_mm = stepped(sweep.pulled_mm);
   for (int i = 0; i <= 2 * d.joints; ++i) out.log_tension[i] = stepped(sweep.log_tension[i]);
   double taken = 0.0;
+  const double per_pull = 1.0 / sweep.pulled_mm.slope;
   for (int j = d.joints - 1; j >= 0; --j) {
     const double q = stepped(sweep.angle_rad[j]);
     out.state.angle_rad[j] = q;
@@ -226,7 +230,7 @@ inline void accept(const Finger& finger, const Sweep& sweep, Equilibrium& out) {
     out.phi_rad[2 * j + 1] = sweep.phi_rad[2 * j + 1];
     for (int i : {2 * j, 2 * j + 1}) out.status |= range_flags(finger, out.phi_rad[i], out.log_tension[i + 1]);
     taken += sweep.arm_mm[j] * sweep.angle_rad[j].slope;
-    out.pull_rate[j] = taken / sweep.pulled_mm.slope;
+    out.pull_rate[j] = taken * per_pull;
     if (out.pull_rate[j] < -1e-9) out.status |= kReversing;
     if (d.stop.moment_Nmm > 0.0 && q > d.opening_rad[j] - d.stop.margin_rad) out.status |= kStopEngaged;
     if (finger.strip[j].surface_strain(q) > d.material.max_strain) out.status |= kStrainOutside;

@@ -61,7 +61,8 @@ class Strip {
  public:
   Strip() = default;
   Strip(const Material& material, double width, double thickness, double length)
-      : material_(material), width_(width), half_(0.5 * thickness), length_(length) {
+      : material_(material), width_(width), half_(0.5 * thickness), length_(length),
+        strain_per_angle_(half_ / length) {
     const double h3 = half_ * half_ * half_;
     linear_ = 2.0 * width * material.constant_MPa * h3 / (3.0 * length);
     if (material.law == MomentLaw::SignedTangent || material.law == MomentLaw::AbsoluteTangent) {
@@ -73,7 +74,7 @@ class Strip {
   }
 
   double initial_stiffness() const { return linear_; }
-  double surface_strain(double q) const { return std::abs(q) * half_ / length_; }
+  double surface_strain(double q) const { return std::abs(q) * strain_per_angle_; }
 
   Moment at(double q) const {
     if (material_.law == MomentLaw::NeutralAxis) return neutral_axis(q);
@@ -115,7 +116,7 @@ class Strip {
   }
 
   Material material_;
-  double width_ = 0.0, half_ = 0.0, length_ = 1.0;
+  double width_ = 0.0, half_ = 0.0, length_ = 1.0, strain_per_angle_ = 0.0;
   double linear_ = 0.0, quadratic_ = 0.0, cubic_ = 0.0;
 };
 

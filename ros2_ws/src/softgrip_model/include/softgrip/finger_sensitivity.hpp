@@ -75,12 +75,12 @@ class SensitivityPass {
         coefficients_(friction::coefficient_count(finger.friction.model.law)),
         columns_(sensitivity_columns(n_, finger.friction.model.law)) {
     log_slope_ = 1.0;
-    double log_tension = at.state.log_tip_tension;
-    stretch(std::exp(log_tension), finger.link_span_mm[n_]);
-    stretch_span(std::exp(log_tension), n_);
-    for (int j = n_ - 1; j >= 0; --j) log_tension = joint(j, at.state.angle_rad[j], log_tension);
+    friction::Tension tension(finger.friction, at.state.log_tip_tension);
+    stretch(std::exp(tension.log), finger.link_span_mm[n_]);
+    stretch_span(std::exp(tension.log), n_);
+    for (int j = n_ - 1; j >= 0; --j) tension = joint(j, at.state.angle_rad[j], tension);
     close_with(control, target);
-    write(at, std::exp(at.state.log_tip_tension), std::exp(log_tension));
+    write(at, std::exp(at.state.log_tip_tension), std::exp(tension.log));
   }
 
   const Sensitivity& result() const { return out_; }
@@ -91,8 +91,8 @@ class SensitivityPass {
   int coefficient(int m) const { return 1 + 3 * n_ + m; }
   int stiffness() const { return 1 + 3 * n_ + coefficients_; }
 
-  double joint(int j, double q, double log_tension_beyond) {
-    const Joint<friction::Slopes::All> g(finger_, j, q, log_tension_beyond);
+  friction::Tension joint(int j, double q, const friction::Tension& beyond) {
+    const Joint<friction::Slopes::All> g(finger_, j, q, beyond);
     const double ra = d_.routing_mm[2 * j], rb = d_.routing_mm[2 * j + 1];
     const GrooveRouting groove(g.groove, ra, rb);
     const detail::SlopeRouting before(finger_, j), after(finger_, j + 1);
@@ -130,9 +130,9 @@ class SensitivityPass {
     log_[b] -= g.entry.d_phi * groove.direction_b;
     if (j > 0) log_[a - 1] += g.entry.d_phi * before.to_exit;
     turn(g.entry_slope, j);
-    stretch(std::exp(g.log_tension_before), finger_.link_span_mm[j]);
-    stretch_span(std::exp(g.log_tension_before), j);
-    return g.log_tension_before;
+    stretch(std::exp(g.before.log), finger_.link_span_mm[j]);
+    stretch_span(std::exp(g.before.log), j);
+    return g.before;
   }
 
   // Past one routing point at constant angles.

@@ -25,6 +25,7 @@ inline Equilibrium without_solution(std::uint32_t status) {
 inline Equilibrium slack(const Finger& finger) {
   Equilibrium out;
   out.log_tension.fill(-HUGE_VAL);
+  out.pull_rate.fill(0.0);
   out.state.log_tip_tension = -HUGE_VAL;
   for (int j = 0; j < finger.design.joints; ++j) {
     const Groove groove(finger.design.opening_rad[j], 0.0, finger.design.routing_mm[2 * j],
@@ -80,15 +81,14 @@ class March {
   explicit March(const Finger& finger, Control control) : finger_(finger), control_(control) {}
 
   Equilibrium to(double target) {
-    Equilibrium found;
-    found.status = kNotConverged;
-    const bool follows = known_ > 0 && target > last_target_ && detail::unsolvable(finger_, control_, target) == kOk;
-    if (follows) found = newton(finger_, ahead(target), control_, target);
-    if ((found.status & kFailure) != kOk) {
-      found = solve(finger_, control_, target);
-      known_ = 0;
+    const double log_target = std::log(target);
+    if (known_ > 0 && target > last_target_ && detail::unsolvable(finger_, control_, target) == kOk) {
+      const Equilibrium found = newton(finger_, ahead(target, log_target), control_, target);
+      if ((found.status & kFailure) == kOk) return remember(target, log_target, found.state), found;
     }
-    if ((found.status & (kFailure | kSlack)) == kOk) remember(target, found.state);
+    known_ = 0;
+    const Equilibrium found = solve(finger_, control_, target);
+    if ((found.status & (kFailure | kSlack)) == kOk) remember(target, log_target, found.state);
     return found;
   }
 
@@ -97,8 +97,7 @@ class March {
 
   // Lagrange extrapolation over u = ln(target) of angle/target and ln(tension/target): down to the straight finger these
   // are smooth in u, while angle and ln(tension) are not polynomials in the target.
-  State ahead(double target) const {
-    const double u = std::log(target);
+  State ahead(double target, double u) const {
     const int n = finger_.design.joints;
     State x;
     x.log_tip_tension = u;
@@ -120,14 +119,15 @@ class March {
     return x;
   }
 
-  void remember(double target, const State& found) {
+  void remember(double target, double log_target, const State& found) {
     newest_ = known_ == 0 ? 0 : (newest_ + 1) % kPoints;
     known_ = std::min(known_ + 1, kPoints);
     last_target_ = target;
-    log_target_[newest_] = std::log(target);
+    log_target_[newest_] = log_target;
+    const double per_target = 1.0 / target;
     State& kept = state_[newest_];
-    for (int j = 0; j < finger_.design.joints; ++j) kept.angle_rad[j] = found.angle_rad[j] / target;
-    kept.log_tip_tension = found.log_tip_tension - log_target_[newest_];
+    for (int j = 0; j < finger_.design.joints; ++j) kept.angle_rad[j] = found.angle_rad[j] * per_target;
+    kept.log_tip_tension = found.log_tip_tension - log_target;
   }
 
   const Finger& finger_;

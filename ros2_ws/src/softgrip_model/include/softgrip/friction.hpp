@@ -62,6 +62,7 @@ struct Evaluation {
   double d_log_tension;        // d ln Rf / d ln T2
   Coefficients d_coefficients; // d ln Rf / d coefficient, zero where the law has none
   std::uint8_t status;
+  double power_ratio = 1.0;    // Rf^-(1-n); takes (r/T)^(1-n) past the bend
 
   double ratio() const { return std::exp(log_ratio); }
   bool has_value() const { return (status & (kBlowUp | kInvalid)) == 0; }
@@ -114,9 +115,27 @@ inline bool sound(const Model& model) {
 struct Prepared {
   Model model;
   double log_radius;
+  double exponent;  // 1-n; 0 for Capstan, which knows no tension
   bool sound;
 
-  explicit Prepared(const Model& m) : model(m), log_radius(std::log(m.radius_mm)), sound(detail::sound(m)) {}
+  explicit Prepared(const Model& m)
+      : model(m), log_radius(std::log(m.radius_mm)), exponent(m.law == Law::Capstan ? 0.0 : 1.0 - m.coefficients[1]),
+        sound(detail::sound(m)) {}
+};
+
+// A tension as kernels carry it past one bend after another: ln T and (r/T)^(1-n), each led on without the other, so that
+// the logarithm and the exponential of a bend are worked out side by side.
+struct Tension {
+  double log;
+  double power;
+
+  Tension(const Prepared& prepared, double log_tension)
+      : log(log_tension), power(std::exp(prepared.exponent * (prepared.log_radius - log_tension))) {}
+
+  Tension before(const Evaluation& bend) const { return {log + bend.log_ratio, power * bend.power_ratio}; }
+
+ private:
+  Tension(double log_tension, double power_) : log(log_tension), power(power_) {}
 };
 
 // Which derivatives an evaluation fills in; the coefficients' cost a second logarithm.
@@ -126,49 +145,49 @@ namespace detail {
 
 // Eq 3.8 as mu_e theta = G ln(1+K)/K, with G = alpha (r/T2)^m theta, K = sign m G, m = 1-n.
 template <Slopes slopes>
-inline bool add_cable_term(const Prepared& prepared, double angle_rad, double log_tension, Evaluation& out) {
+inline bool add_cable_term(const Prepared& prepared, double angle_rad, const Tension& low, Evaluation& out) {
   const Model& model = prepared.model;
-  const double alpha = model.coefficients[0];
-  const double m = 1.0 - model.coefficients[1];
-  const double log_radius_over_tension = prepared.log_radius - log_tension;
-  const double power = std::exp(m * log_radius_over_tension);
-  const double g = alpha * power * angle_rad;
+  const double alpha = model.coefficients[0], m = prepared.exponent;
+  const double g = alpha * low.power * angle_rad;
   const double sign = k_sign(model.k_reading);
   const double k = sign * m * g;
   if (k <= -1.0) return false;
   const double gain = 1.0 / (1.0 + k);
   out.log_ratio = g * log1p_over(k);
-  out.d_angle = alpha * power * gain;
+  out.d_angle = alpha * low.power * gain;
   out.d_log_tension = -m * g * gain;
+  out.power_ratio = sign < 0.0 ? 1.0 + k : sign > 0.0 ? gain : std::exp(-m * g);
   if constexpr (slopes == Slopes::All) {
-    out.d_coefficients[0] = power * angle_rad * gain;
+    const double log_radius_over_tension = prepared.log_radius - low.log;
+    out.d_coefficients[0] = low.power * angle_rad * gain;
     out.d_coefficients[1] = -(g * log_radius_over_tension * gain + sign * g * g * log1p_over_slope(k));
   }
   return true;
 }
 
 // The term that Eq 3.9 adds: max(0, epsilon - lambda ln T2).
-inline void add_surface_term(const Model& model, double log_tension, Evaluation& out) {
-  const double lambda = model.coefficients[3];
-  const double surface = model.coefficients[2] - lambda * log_tension;
+inline void add_surface_term(const Prepared& prepared, double log_tension, Evaluation& out) {
+  const double lambda = prepared.model.coefficients[3];
+  const double surface = prepared.model.coefficients[2] - lambda * log_tension;
   if (surface < 0.0) {
     out.status |= kSurfaceClamped;
     return;
   }
   out.log_ratio += surface;
   out.d_log_tension -= lambda;
+  out.power_ratio *= std::exp(-prepared.exponent * surface);
   out.d_coefficients[2] = 1.0;
   out.d_coefficients[3] = -log_tension;
 }
 
 }  // namespace detail
 
-// ln Rf and its derivatives at one wrap angle and low tension, given as ln T2 as kernels carry it (-infinity is T2 = 0).
-// Says nothing about calibrated ranges.
+// ln Rf and its derivatives at one wrap angle and low tension (ln T2 = -infinity is T2 = 0). Says nothing about
+// calibrated ranges.
 template <Slopes slopes = Slopes::All>
-inline Evaluation evaluate_at_log(const Prepared& prepared, double angle_rad, double log_tension) {
+inline Evaluation evaluate_at(const Prepared& prepared, double angle_rad, const Tension& low) {
   constexpr double infinity = std::numeric_limits<double>::infinity();
-  if (!prepared.sound || !(angle_rad >= 0.0 && angle_rad < infinity && log_tension < infinity)) {
+  if (!prepared.sound || !(angle_rad >= 0.0 && angle_rad < infinity && low.log < infinity)) {
     return detail::no_value(kInvalid);
   }
   const Model& model = prepared.model;
@@ -180,15 +199,21 @@ inline Evaluation evaluate_at_log(const Prepared& prepared, double angle_rad, do
     out.d_coefficients[0] = angle_rad;
     return out;
   }
-  const bool floored = log_tension < kLogTensionFloor;
-  if (floored) log_tension = kLogTensionFloor;
-  if (!detail::add_cable_term<slopes>(prepared, angle_rad, log_tension, out)) return detail::no_value(kBlowUp);
-  if (model.law == Law::Matte) detail::add_surface_term(model, log_tension, out);
+  const bool floored = low.log < kLogTensionFloor;
+  const Tension used = floored ? Tension(prepared, kLogTensionFloor) : low;
+  if (!detail::add_cable_term<slopes>(prepared, angle_rad, used, out)) return detail::no_value(kBlowUp);
+  if (model.law == Law::Matte) detail::add_surface_term(prepared, used.log, out);
   if (floored) {
     out.status |= kTensionFloored;
     out.d_log_tension = 0.0;
   }
   return out;
+}
+
+// The same where only ln T2 is known.
+template <Slopes slopes = Slopes::All>
+inline Evaluation evaluate_at_log(const Prepared& prepared, double angle_rad, double log_tension) {
+  return evaluate_at<slopes>(prepared, angle_rad, Tension(prepared, log_tension));
 }
 
 // The same at a tension [N], looked at against the calibrated ranges.

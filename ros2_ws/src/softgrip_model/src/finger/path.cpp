@@ -148,8 +148,8 @@ class Assembly {
                              : groove_[j].direction_rad - finger_.slope_rad[j + 1] + at_.angle_rad[j];
     const double phi_slope = entry ? -groove_[j].d_direction : groove_[j].d_direction + 1.0;
     const double log_ratio = at_.log_tension[i] - at_.log_tension[i + 1];
-    const PointFriction<friction::Slopes::State> pulled(finger_, phi, at_.log_tension[i + 1]);
-    const PointFriction<friction::Slopes::State> back(finger_, phi, at_.log_tension[i]);
+    const PointFriction<friction::Slopes::State> pulled(finger_, phi, {finger_.friction, at_.log_tension[i + 1]});
+    const PointFriction<friction::Slopes::State> back(finger_, phi, {finger_.friction, at_.log_tension[i]});
     friction_status |= pulled.law.status | back.law.status;
     wanted_[i] = next_slide(at_.slide[i], slipped, log_ratio, pulled.law.log_ratio, back.law.log_ratio);
     jacobian(row, layout_.tension(i)) = 1.0;
