@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
 
 from softgrip_interfaces.msg import (
     CellState,
@@ -18,6 +20,7 @@ from softgrip_interfaces.msg import (
     FingerStates,
     FrictionModel,
     MountedFinger,
+    PredictedShape,
     PredictionResidual,
 )
 from softgrip_model.finger import FingerError
@@ -25,6 +28,7 @@ from softgrip_model.finger.matching import TendonSample
 from softgrip_model.finger.predictor import ActiveFriction, Prediction
 from softgrip_model.finger.session import MeasuredFinger, Residual
 from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law
+from softgrip_model.gdfe.session import Shown
 
 NANOSECONDS = 1_000_000_000
 
@@ -175,3 +179,58 @@ def residual_message(residual: Residual, frame_id: str) -> PredictionResidual:
         verdict=int(residual.verdict),
         reason=residual.reason,
     )
+
+
+def _floats(values: np.ndarray) -> array[float]:
+    """Return numbers as float32[] messages take them at once."""
+    out = array("f")
+    out.frombytes(np.ascontiguousarray(values, dtype=np.float32).tobytes())
+    return out
+
+
+def shape_message(stamp: Time, shown: Shown) -> PredictedShape:
+    """Return one shape with the stamp of the tendon state it belongs to."""
+    faces = array("I")
+    faces.frombytes(np.ascontiguousarray(shown.faces, dtype=np.uint32).tobytes())
+    shape = shown.shape
+    return PredictedShape(
+        header=Header(stamp=stamp, frame_id=f"{shown.finger}_base"),
+        finger=shown.finger,
+        mesh=shown.mesh,
+        pulled_length=float(shape.pulled_length),
+        vertices=_floats(shape.vertices),
+        faces=faces,
+        strain=_floats(shape.strain),
+        hexahedra=int(shown.hexahedra),
+        law="calibrated",
+        converged=bool(shape.converged),
+        residual=float(shape.residual),
+        iterations=int(shape.iterations),
+        solve_time=float(shape.solve_time),
+        rate=float(shown.rate_hz),
+        reason=shape.reason,
+    )
+
+
+#: RGBA of a shape that converged, and of one that did not.
+_SOLVED, _KEPT = (0.95, 0.55, 0.15, 1.0), (0.6, 0.6, 0.6, 0.7)
+
+
+def marker_message(stamp: Time, shown: Shown) -> Marker:
+    """Return the surface of a shape as triangles; grey when it is the last converged one."""
+    quads = shown.faces.astype(np.int64)
+    corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).ravel()
+    nodes = [Point(x=x, y=y, z=z) for x, y, z in shown.shape.vertices.tolist()]
+    r, g, b, a = _SOLVED if shown.shape.converged else _KEPT
+    marker = Marker(
+        header=Header(stamp=stamp, frame_id=f"{shown.finger}_base"),
+        ns=shown.finger,
+        id=0,
+        type=Marker.TRIANGLE_LIST,
+        action=Marker.ADD,
+        color=ColorRGBA(r=r, g=g, b=b, a=a),
+        points=[nodes[i] for i in corners.tolist()],
+    )
+    marker.pose.orientation.w = 1.0
+    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+    return marker

@@ -1,7 +1,141 @@
 // SPDX-License-Identifier: Apache-2.0
 // Thin private binding of softgrip_model.gdfe._core.
+#include <pybind11/eigen.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "softgrip/gdfe/solver.hpp"
+
+namespace py = pybind11;
+namespace gdfe = softgrip::gdfe;
+
+namespace {
+
+gdfe::SecantTables make_tables(const Eigen::Ref<const Eigen::MatrixXd>& coefficients, int cells, double end,
+                               const std::vector<double>& lame_per_mu) {
+  gdfe::SecantTables tables;
+  tables.cells = cells;
+  tables.end = end;
+  tables.lame_per_mu = lame_per_mu;
+  for (Eigen::Index row = 0; row < coefficients.rows(); ++row) {  // [material * 4 + order][cell]
+    for (Eigen::Index cell = 0; cell < coefficients.cols(); ++cell) tables.coefficients.push_back(coefficients(row, cell));
+  }
+  return tables;
+}
+
+}  // namespace
 
 PYBIND11_MODULE(_core, module) {
   module.doc() = "Private core of softgrip_model.gdfe.";
+  module.def("simd_target", &gdfe::simd_target);
+
+  py::class_<gdfe::Element>(module, "Element")
+      .def_readonly("volume", &gdfe::Element::volume)
+      .def_readonly("gradient", &gdfe::Element::gradient)
+      .def_readonly("laplacian", &gdfe::Element::laplacian)
+      .def_readonly("min_jacobian", &gdfe::Element::min_jacobian);
+  module.def("make_element", &gdfe::make_element, py::arg("rest"));
+  module.def(
+      "min_jacobians",
+      [](const gdfe::Nodes& rest, const gdfe::Hexes& hexes) {
+        Eigen::VectorXd least(hexes.rows());
+        for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
+          gdfe::Corners corners;
+          for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(e, a));
+          least(e) = gdfe::make_element(corners).min_jacobian;
+        }
+        return least;
+      },
+      py::arg("rest"), py::arg("hexes"));
+
+  py::class_<gdfe::SecantTables>(module, "SecantTables")
+      .def(py::init(&make_tables), py::arg("coefficients"), py::arg("cells"), py::arg("end"), py::arg("lame_per_mu"));
+
+  py::class_<gdfe::CablePoint>(module, "CablePoint")
+      .def(py::init([](std::vector<std::int32_t> nodes, std::vector<double> weights, const Eigen::Vector3d& fixed) {
+             return gdfe::CablePoint{std::move(nodes), std::move(weights), fixed};
+           }),
+           py::arg("nodes"), py::arg("weights"), py::arg("fixed"));
+  py::class_<gdfe::Cable>(module, "Cable")
+      .def(py::init([](std::vector<gdfe::CablePoint> points, const Eigen::Vector3d& entry, int law, int k_reading,
+                       const std::vector<double>& coefficients, double radius_mm) {
+             gdfe::Cable cable;
+             cable.points = std::move(points);
+             cable.entry = entry;
+             cable.friction.law = static_cast<softgrip::friction::Law>(law);
+             cable.friction.k_reading = static_cast<softgrip::friction::KReading>(k_reading);
+             std::copy(coefficients.begin(), coefficients.end(), cable.friction.coefficients.begin());
+             cable.friction.radius_mm = radius_mm;
+             return cable;
+           }),
+           py::arg("points"), py::arg("entry"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
+           py::arg("radius_mm"));
+
+  py::class_<gdfe::Settings>(module, "Settings")
+      .def(py::init([](int law, int shape, bool single_precision_factor, int ordering, int window, double step_limit) {
+             return gdfe::Settings{static_cast<gdfe::Law>(law), static_cast<gdfe::VolumeShape>(shape),
+                                   single_precision_factor, static_cast<gdfe::Ordering>(ordering), window, step_limit};
+           }),
+           py::arg("law"), py::arg("shape"), py::arg("single_precision_factor"), py::arg("ordering"), py::arg("window"),
+           py::arg("step_limit"));
+
+  py::class_<gdfe::Outcome>(module, "Outcome")
+      .def_readonly("converged", &gdfe::Outcome::converged)
+      .def_readonly("iterations", &gdfe::Outcome::iterations)
+      .def_readonly("residual", &gdfe::Outcome::residual)
+      .def_readonly("length_error", &gdfe::Outcome::length_error)
+      .def_readonly("displacement", &gdfe::Outcome::displacement)
+      .def_readonly("reaction", &gdfe::Outcome::reaction)
+      .def_readonly("strain", &gdfe::Outcome::strain)
+      .def_readonly("anchor_tension", &gdfe::Outcome::anchor_tension)
+      .def_readonly("tension", &gdfe::Outcome::tension)
+      .def_readonly("shortening", &gdfe::Outcome::shortening)
+      .def_readonly("history", &gdfe::Outcome::history);
+
+  py::class_<gdfe::Solver>(module, "Solver")
+      .def(py::init([](const gdfe::Nodes& rest, const gdfe::Hexes& hexes, const std::vector<int>& materials,
+                       const gdfe::SecantTables& tables, const std::vector<double>& matrix_weight,
+                       const std::array<gdfe::DofMap, 3>& maps, const std::vector<gdfe::Cable>& cables,
+                       const gdfe::Settings& settings) {
+             return std::make_unique<gdfe::Solver>(rest, hexes, materials, tables, matrix_weight, maps, cables, settings);
+           }),
+           py::arg("rest"), py::arg("hexes"), py::arg("materials"), py::arg("tables"), py::arg("matrix_weight"),
+           py::arg("maps"), py::arg("cables"), py::arg("settings"))
+      .def(
+          "solve",
+          [](gdfe::Solver& solver, const gdfe::Nodes& prescribed, const gdfe::Nodes& load,
+             const std::vector<std::pair<bool, double>>& drives, double tolerance, double force_floor,
+             double length_tolerance, int max_iterations, const gdfe::Nodes& start, const std::vector<double>& start_tension) {
+            gdfe::Task task;
+            task.prescribed = prescribed;
+            task.load = load;
+            for (const auto& [by_length, target] : drives) task.drives.push_back({by_length, target});
+            task.tolerance = tolerance;
+            task.force_floor = force_floor;
+            task.length_tolerance = length_tolerance;
+            task.max_iterations = max_iterations;
+            const py::gil_scoped_release release;
+            return solver.solve(task, start, start_tension);
+          },
+          py::arg("prescribed"), py::arg("load"), py::arg("drives"), py::arg("tolerance"), py::arg("force_floor"),
+          py::arg("length_tolerance"), py::arg("max_iterations"), py::arg("start"), py::arg("start_tension"))
+      .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
+      .def("strain",
+           [](gdfe::Solver& solver) {
+             const auto& blocks = solver.blocks();
+             return std::vector<double>(blocks.strain.begin(), blocks.strain.begin() + static_cast<std::ptrdiff_t>(blocks.elements));
+           })
+      .def("set_thesis_state",
+           [](gdfe::Solver& solver, const std::vector<double>& omega, const std::vector<double>& last_strain) {
+             auto& blocks = solver.blocks();
+             for (std::size_t slot = 0; slot < blocks.omega.size(); ++slot) {
+               const std::size_t e = std::min(slot, blocks.elements - 1);
+               blocks.omega[slot] = omega[e];
+               blocks.last_strain[slot] = last_strain[e];
+             }
+           },
+           py::arg("omega"), py::arg("last_strain"))
+      .def_property_readonly("unknowns", &gdfe::Solver::unknowns)
+      .def("factor_nonzeros", [](const gdfe::Solver& solver, int axis) { return solver.factor(axis).nonzeros(); })
+      .def("factor_bytes", [](const gdfe::Solver& solver, int axis) { return solver.factor(axis).bytes(); });
 }

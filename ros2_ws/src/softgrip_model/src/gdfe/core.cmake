@@ -1,1 +1,21 @@
-softgrip_core(gdfe src/gdfe/binding.cpp)
+# SPDX-License-Identifier: Apache-2.0
+find_library(HWY_LIBRARY hwy)
+find_path(HWY_INCLUDE_DIR hwy/highway.h)
+if(NOT HWY_LIBRARY OR NOT HWY_INCLUDE_DIR)
+  message(FATAL_ERROR "softgrip_model needs Highway, SIMD with dispatch at run time. Type: sudo apt-get install libhwy-dev")
+endif()
+softgrip_core(gdfe src/gdfe/binding.cpp src/gdfe/cable.cpp src/gdfe/element_blocks.cpp src/gdfe/factor.cpp
+  src/gdfe/inverted.cpp src/gdfe/local_step.cpp src/gdfe/mesh.cpp src/gdfe/panel_solve.cpp src/gdfe/solver.cpp)
+target_include_directories(gdfe_core PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
+target_link_libraries(gdfe_core PRIVATE ${HWY_LIBRARY})
+
+# Ordering of large matrices; without it AMD orders them all: larger factors above some 5,000 hexahedra.
+find_library(METIS_LIBRARY metis)
+find_path(METIS_INCLUDE_DIR metis.h)
+if(METIS_LIBRARY AND METIS_INCLUDE_DIR)
+  target_compile_definitions(gdfe_core PRIVATE SOFTGRIP_HAVE_METIS)
+  target_include_directories(gdfe_core PRIVATE ${METIS_INCLUDE_DIR})
+  target_link_libraries(gdfe_core PRIVATE ${METIS_LIBRARY})
+else()
+  message(STATUS "METIS not found (apt-get install libmetis-dev): large GDFE meshes are ordered by AMD")
+endif()

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// L = P^T C C^T P of the constant matrix, and its solves for one to three right-hand sides at once.
+//
+// Supernodal: columns of C with (nearly) the same rows form a dense panel; the triangle on its diagonal is kept inverted, so
+// that a solve is a row of small dense products without a chain of divisions. Panels may be kept in float: the factor only
+// preconditions a residual that is computed in double.
+#pragma once
+
+#include <Eigen/Sparse>
+#include <cstdint>
+#include <vector>
+
+namespace softgrip::gdfe {
+
+using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+
+enum class Ordering : std::uint8_t { Automatic = 0, Amd = 1, Metis = 2 };
+
+// Matrices above this size are ordered by METIS where it is built in.
+inline constexpr int kMetisAbove = 6000;
+
+// One dense panel: `width` columns from `first`; below them `below` rows (padded to kPad in memory).
+struct Panel {
+  std::int32_t first, width, below, padded;
+  std::size_t inverse;  // offset of the width x width_padded inverse triangle, column by column
+  std::size_t values;   // offset of the padded x width block below, column by column
+  std::size_t rows;     // offset of its row numbers
+};
+
+inline constexpr int kPad = 16;
+
+template <class T>
+struct PanelStore {
+  std::vector<Panel> panels;
+  std::vector<T> inverse, values;
+  std::vector<std::int32_t> rows;
+};
+
+class Factor {
+ public:
+  // matrix: symmetric positive definite, both triangles or the lower one. Throws std::runtime_error when it is not.
+  Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering = Ordering::Automatic);
+
+  int size() const { return size_; }
+  std::size_t nonzeros() const { return nonzeros_; }
+  std::size_t bytes() const;
+  bool uses_metis() const { return uses_metis_; }
+
+  // position[i] = place of unknown i in the factor's own order; solves work in that order.
+  const std::vector<int>& position() const { return position_; }
+
+  // columns[k], k < count <= 3: right-hand side in, solution out, in the factor's order. scratch: at least scratch_size() values.
+  void solve(double* const* columns, int count, std::vector<double>& scratch) const;
+
+ private:
+  template <class T>
+  void pack(const SparseMatrix& lower, PanelStore<T>& store);
+
+  int size_ = 0;
+  std::size_t nonzeros_ = 0;
+  bool single_ = false, uses_metis_ = false;
+  std::vector<int> position_;
+  int max_below_ = 0;
+  PanelStore<float> float_;
+  PanelStore<double> double_;
+};
+
+}  // namespace softgrip::gdfe

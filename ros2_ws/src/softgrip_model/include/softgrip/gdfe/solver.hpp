@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// Equilibrium of a mesh whose global matrix never changes: x <- x - L^-1 g(x), accelerated.
+//
+// g is the sum of the elements' corner forces less the loads, in newtons; L = sum_e k_e K_e with Dirichlet rows eliminated is
+// factored once. Loads and materials act on g only. Converged means: the out-of-balance force on free unknowns is at most
+// `tolerance` times the reactions; a small step is no sign of it.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "softgrip/gdfe/anderson.hpp"
+#include "softgrip/gdfe/cable.hpp"
+#include "softgrip/gdfe/factor.hpp"
+#include "softgrip/gdfe/local_step.hpp"
+#include "softgrip/gdfe/mesh.hpp"
+
+namespace softgrip::gdfe {
+
+struct Settings {
+  Law law = Law::Calibrated;
+  VolumeShape shape = VolumeShape::Proj;
+  bool single_precision_factor = true;
+  Ordering ordering = Ordering::Automatic;
+  int window = 10;           // of the Anderson acceleration; 0 = plain iteration
+  double step_limit = 0.0;   // largest motion of a node in one iteration [length]; 0 = none
+};
+
+// One cable's drive. By length: `target` is the shortening of the cable since rest [length]; by tension: at the actuator [N].
+struct CableDrive {
+  bool by_length = false;
+  double target = 0.0;
+};
+
+struct Task {
+  Nodes prescribed;                // (n, 3) displacement of prescribed unknowns; others are not read
+  Nodes load;                      // (n, 3) dead forces [N]
+  std::vector<CableDrive> drives;  // one per cable
+  double tolerance = 1e-6;         // out-of-balance force relative to reactions
+  double force_floor = 0.0;        // reactions and loads below this count as this [N]
+  double length_tolerance = 1e-6;  // of driven cable lengths [length]
+  int max_iterations = 2000;
+};
+
+struct Outcome {
+  bool converged = false;
+  int iterations = 0;
+  double residual = 0.0;         // out-of-balance force relative to reactions
+  double length_error = 0.0;     // largest of the driven cables [length]
+  Nodes displacement;            // (n, 3)
+  Nodes reaction;                // (n, 3) force that holds each prescribed unknown [N]; zero elsewhere
+  std::vector<double> strain;    // eps_eq per element, nu = 0.5
+  std::vector<double> anchor_tension;        // per cable
+  std::vector<std::vector<double>> tension;  // per cable, actuator to anchor
+  std::vector<double> shortening;            // per cable
+  std::vector<double> history;   // residual of every iteration
+};
+
+// Where an unknown lives: for each axis, node -> group (nodes of one group move alike) or -1 = prescribed.
+using DofMap = std::vector<std::int32_t>;
+
+class Solver {
+ public:
+  Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
+         const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
+         const Settings& settings);
+
+  // From a start state (displacements and anchor tensions).
+  Outcome solve(const Task& task, const Nodes& start, const std::vector<double>& start_tension);
+
+  // Corner forces of all elements at a state, and the elements' strains.
+  Nodes internal_force(const Nodes& displacement);
+
+  ElementBlocks& blocks() { return blocks_; }
+  const Factor& factor(int axis) const { return *axes_[static_cast<std::size_t>(axis)].factor; }
+  std::size_t unknowns() const { return unknowns_; }
+
+ private:
+  struct Axis {
+    std::shared_ptr<const Factor> factor;
+    DofMap dof;              // node -> place in the factor's order, -1 prescribed
+    std::size_t offset = 0;  // of its unknowns in the state vector
+    std::shared_ptr<const Eigen::MatrixXd> point_columns;  // L^-1 S^T, one column per moving cable point
+  };
+  struct CableWork {
+    std::vector<Eigen::Vector3d> points;
+    CableState state;
+    double rest_length = 0.0;
+    double tension_scale = 1.0;  // of the tension's place in the state vector
+  };
+
+  void build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
+                  const std::array<DofMap, 3>& maps);
+  void build_point_columns();
+  void expand(const Task& task, const std::vector<double>& state);
+  void pull_cables(const Task& task, const std::vector<double>& state);
+  void cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const;
+  double out_of_balance(const Task& task, std::vector<double>& residual);
+  void precondition(std::vector<double>& residual);
+  void drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& residual);
+  Outcome report(const Task& task, const std::vector<double>& state) const;
+
+  std::size_t nodes_;
+  Nodes rest_;
+  Settings settings_;
+  SecantTables tables_;
+  ElementBlocks blocks_;
+  std::array<Axis, 3> axes_;
+  std::size_t unknowns_ = 0;  // of the mesh; cables' anchor tensions follow in the state vector
+  std::vector<Cable> cables_;
+  std::vector<CableWork> cable_work_;
+  std::vector<std::size_t> first_column_;  // per cable: column of its first point in point_columns
+  std::vector<double> position_, force_, scratch_;
+  double weight_scale_ = 1.0;
+};
+
+}  // namespace softgrip::gdfe

@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Equilibria of hexahedral meshes with a constant matrix: the compiled solver behind numpy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softgrip_model.friction.laws import FrictionLaw, k_index, law_index
+from softgrip_model.gdfe import _core
+from softgrip_model.gdfe.errors import GdfeError
+from softgrip_model.gdfe.finger_mesh import RoutingPoint
+from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, secant_table, shear_secant
+from softgrip_model.gdfe.mesh import Mesh
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+
+class Law(StrEnum):
+    """Local laws."""
+
+    CALIBRATED = "calibrated"
+    THESIS = "thesis"
+
+
+class VolumeShape(StrEnum):
+    """How the volume-conserving shape V^v is found (gdfe: scale or projection)."""
+
+    PROJ = "proj"
+    SCALE = "scale"
+
+
+class Ordering(StrEnum):
+    """Elimination order of the constant matrix."""
+
+    AUTOMATIC = "automatic"
+    AMD = "amd"
+    METIS = "metis"
+
+
+_LAW = {law: index for index, law in enumerate(Law)}
+_SHAPE = {shape: index for index, shape in enumerate(VolumeShape)}
+_ORDERING = {ordering: index for index, ordering in enumerate(Ordering)}
+
+
+@dataclass(frozen=True, eq=False)
+class Supports:
+    """Which unknowns are not free.
+
+    Attributes:
+        prescribed: (n, 3) True where a displacement is prescribed.
+        tied: (axis, nodes): these nodes share one displacement along an axis.
+    """
+
+    prescribed: NDArray[np.bool_]
+    tied: tuple[tuple[int, Index], ...] = ()
+
+    @classmethod
+    def none(cls, nodes: int) -> Supports:
+        """Return supports of a free mesh."""
+        return cls(np.zeros((nodes, 3), dtype=bool))
+
+    def with_prescribed(self, nodes: Index, axes: str = "xyz") -> Supports:
+        """Return these supports and prescribed displacements of nodes along axes."""
+        prescribed = self.prescribed.copy()
+        for axis in axes:
+            prescribed[nodes, "xyz".index(axis)] = True
+        return Supports(prescribed, self.tied)
+
+    def with_tied(self, nodes: Index, axis: str) -> Supports:
+        """Return these supports and nodes tied along an axis."""
+        return Supports(self.prescribed, (*self.tied, ("xyz".index(axis), nodes)))
+
+    def maps(self) -> list[list[int]]:
+        """Return, for each axis, the group of unknowns of every node, -1 where prescribed."""
+        maps = []
+        for axis in range(3):
+            group = np.arange(len(self.prescribed))
+            for tied_axis, nodes in self.tied:
+                if tied_axis == axis:
+                    group[nodes] = nodes.min()
+            free = ~self.prescribed[:, axis]
+            _, numbered = np.unique(group[free], return_inverse=True)
+            dof = np.full(len(group), -1)
+            dof[free] = numbered
+            maps.append(dof.tolist())
+        return maps
+
+
+@dataclass(frozen=True, eq=False)
+class Cable:
+    """A cable through points of the mesh.
+
+    Attributes:
+        points: from the first to the anchor.
+        friction: law at every point but the anchor (radius in mm, tension in N).
+        entry: unit vector from the first point towards the actuator; None: no friction at the first point.
+    """
+
+    points: tuple[RoutingPoint, ...]
+    friction: FrictionLaw
+    entry: tuple[float, float, float] | None = (-1.0, 0.0, 0.0)
+
+    def core(self) -> _core.Cable:
+        """Return it as the core takes it."""
+        points = []
+        for point in self.points:
+            fixed = np.zeros(3) if len(point.nodes) else np.array(point.position)
+            points.append(_core.CablePoint(point.nodes.tolist(), point.weights.tolist(), fixed))
+        return _core.Cable(
+            points,
+            np.zeros(3) if self.entry is None else np.array(self.entry),
+            law_index(self.friction.law),
+            k_index(self.friction.k_reading),
+            list(self.friction.coefficients),
+            self.friction.radius_mm,
+        )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What pulls a cable: a length that it is shortened by, or a tension at the actuator [N]."""
+
+    target: float
+    by_length: bool = True
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers of the method.
+
+    Attributes:
+        law: local law.
+        volume_shape: V^v.
+        single_precision_factor: keep the factor in float; residuals are always computed in double.
+        ordering: of the factor.
+        window: of the Anderson acceleration, 0 = plain iteration.
+        step_limit: largest motion of a node in one iteration; 0 = none.
+    """
+
+    law: Law = Law.CALIBRATED
+    volume_shape: VolumeShape = VolumeShape.PROJ
+    single_precision_factor: bool = True
+    ordering: Ordering = Ordering.AUTOMATIC
+    window: int = 10
+    step_limit: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a solve starts: displacements (n, 3) and each cable's tension at its anchor."""
+
+    displacement: Array
+    anchor_tension: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """What a solve gives.
+
+    Attributes:
+        converged: the residual fell below the tolerance.
+        iterations: local and global steps.
+        residual: out-of-balance force relative to reactions.
+        displacement: (n, 3).
+        reaction: (n, 3) force holding each prescribed unknown.
+        strain: (m,) equivalent strain, nu = 0.5.
+        tension: per cable, actuator to anchor [N].
+        shortening: per cable.
+        history: residual of every iteration.
+    """
+
+    converged: bool
+    iterations: int
+    residual: float
+    length_error: float
+    displacement: Array
+    reaction: Array
+    strain: Array
+    anchor_tension: tuple[float, ...]
+    tension: tuple[tuple[float, ...], ...]
+    shortening: tuple[float, ...]
+    history: tuple[float, ...] = field(repr=False)
+
+    @property
+    def state(self) -> State:
+        """Where another solve may start from."""
+        return State(self.displacement, self.anchor_tension)
+
+
+class Solver:
+    """A mesh with its materials, supports and cables; the matrix is factored once, here."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        materials: Sequence[Material],
+        supports: Supports,
+        cables: Sequence[Cable] = (),
+        settings: Settings | None = None,
+    ) -> None:
+        """Prepare.
+
+        Raises:
+            GdfeError: a mesh that names unknown materials or is not held.
+        """
+        self.mesh, self.supports, self.cables = mesh, supports, tuple(cables)
+        self.settings = settings or Settings()
+        if mesh.materials.min() < 0 or mesh.materials.max() >= len(materials):
+            element = int(np.argmax((mesh.materials < 0) | (mesh.materials >= len(materials))))
+            raise GdfeError(
+                f"element {element} has material {mesh.materials[element]}, known are 0 to {len(materials) - 1}: "
+                f"{', '.join(material.name for material in materials)}"
+            )
+        self.materials = tuple(materials)
+        tables = np.vstack([secant_table(lambda e, m=m: shear_secant(m, e)) for m in materials])
+        lame_per_mu = [2.0 * m.poisson / (1.0 - 2.0 * m.poisson) for m in materials]
+        weights = self._matrix_weights(tables, lame_per_mu)
+        s = self.settings
+        try:
+            self._core = _core.Solver(
+                mesh.nodes,
+                mesh.hexes,
+                mesh.materials.tolist(),
+                _core.SecantTables(tables, TABLE_CELLS, TABLE_END, lame_per_mu),
+                weights[mesh.materials].tolist(),
+                supports.maps(),
+                [cable.core() for cable in self.cables],
+                _core.Settings(
+                    _LAW[s.law],
+                    _SHAPE[s.volume_shape],
+                    s.single_precision_factor,
+                    _ORDERING[s.ordering],
+                    s.window,
+                    s.step_limit,
+                ),
+            )
+        except RuntimeError as error:
+            raise GdfeError(f"{error}; prescribe displacements so that no part can move freely") from error
+
+    def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:
+        """k of every material: the thesis law has k = 1; else the stiffest its law answers with, 2 mu + lame at rest."""
+        if self.settings.law is Law.THESIS:
+            return np.ones(len(self.materials))
+        return np.array([tables[4 * i, 0] * (2.0 + lame) for i, lame in enumerate(lame_per_mu)])
+
+    def rest(self) -> State:
+        """Return the undeformed state."""
+        return State(np.zeros_like(self.mesh.nodes), (0.0,) * len(self.cables))
+
+    def solve(
+        self,
+        prescribed: Array | None = None,
+        *,
+        start: State | None = None,
+        load: Array | None = None,
+        drives: Sequence[Drive] = (),
+        tolerance: float = 1e-6,
+        force_floor: float = 0.0,
+        length_tolerance: float = 1e-6,
+        max_iterations: int = 2000,
+    ) -> Equilibrium:
+        """Find the equilibrium.
+
+        Args:
+            prescribed: (n, 3) displacements where they are prescribed; None = zero.
+            start: where to start; None = at rest.
+            load: (n, 3) dead forces.
+            drives: one per cable.
+            tolerance: out-of-balance force relative to the reactions.
+            force_floor: reactions and loads below this count as this.
+            length_tolerance: of driven cable lengths.
+            max_iterations: then it is given back as not converged.
+        """
+        if len(drives) != len(self.cables):
+            raise GdfeError(f"expected {len(self.cables)} cable drives, found {len(drives)}")
+        zero = np.zeros_like(self.mesh.nodes)
+        start = start or self.rest()
+        out = self._core.solve(
+            zero if prescribed is None else prescribed,
+            zero if load is None else load,
+            [(drive.by_length, drive.target) for drive in drives],
+            tolerance,
+            force_floor,
+            length_tolerance,
+            max_iterations,
+            start.displacement,
+            list(start.anchor_tension),
+        )
+        return Equilibrium(
+            converged=out.converged,
+            iterations=out.iterations,
+            residual=out.residual,
+            length_error=out.length_error,
+            displacement=out.displacement,
+            reaction=out.reaction,
+            strain=np.array(out.strain),
+            anchor_tension=tuple(out.anchor_tension),
+            tension=tuple(tuple(t) for t in out.tension),
+            shortening=tuple(out.shortening),
+            history=tuple(out.history),
+        )

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows the mounted fingers as the mesh predicts them, from their pulled tendon lengths.
+
+Subscribes tendon/state and cell/state; publishes shape/predicted and shape/marker, from the subscription callback of tendon/state
+only. Each shape is a function of its own pulled length and the mounted profile alone, and states are taken by their stamps (the
+first in every period of the rate), so that a bag replays to the same bits on the same machine. A state that comes while another
+is being solved waits alone: older ones are dropped, never shown late. The rate in the message is that of the stamps solved.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker
+
+from softgrip_interfaces.msg import CellState, PredictedShape
+from softgrip_model.finger import FingerError
+from softgrip_model.gdfe.closing import ClosingSettings
+from softgrip_model.gdfe.errors import GdfeError
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.session import ShapeSession
+from softgrip_model.nodes import convert
+from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+
+_SETTINGS = ClosingSettings()
+
+PARAMETERS = ParameterTable(
+    Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
+    Parameter("fingers", ["index"], "slots whose finger is shown"),
+    Parameter("profiles", ["power"], "profile in each of these slots, or one for all, until cell/state says otherwise"),
+    Parameter("rate_hz", 30.0, "shapes at most, by the stamps of tendon/state", "Hz", 0.5, 200.0),
+    Parameter("marker_rate_hz", 2.0, "of shape/marker at most; 0 = none", "Hz", 0.0, 60.0),
+    Parameter(
+        "resolution", "fine", "mesh: coarse is about 430 hexahedra, fine about 2,100", "", choices=tuple(RESOLUTIONS)
+    ),
+    Parameter("tolerance", _SETTINGS.tolerance, "out-of-balance force relative to reactions", "", 1e-8, 1e-2),
+    Parameter("travel_m", 1e-3 * _SETTINGS.travel_mm, "longest pulled length shown", "m", 0.001, 0.1),
+)
+
+#: Only the newest state waits.
+_NEWEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+
+
+def _load_profiles(directory: str) -> dict[str, Profile]:
+    try:
+        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
+        return load_directory(folder)
+    except (ProfileError, PackageNotFoundError) as error:
+        raise StartupError(str(error)) from error
+
+
+class GdfeSimulator(Node):
+    """Translates between topics and a `ShapeSession`."""
+
+    def __init__(self) -> None:
+        super().__init__("gdfe_simulator")
+        values = PARAMETERS.declare(self)
+        self._session = self._start(values)
+        self._diagnostics = Diagnostics(self)
+        self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
+        self._markers = self.create_publisher(Marker, "shape/marker", SENSOR)
+        self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
+        self.create_subscription(JointState, "tendon/state", self._on_tendons, _NEWEST)
+        self._report("profile", Health.OK, "as given by parameters", self._session.mounted)
+        self.get_logger().info(f"simulating {self._session.mounted}: {self._session.description}")
+
+    @staticmethod
+    def _start(values: dict[str, Any]) -> ShapeSession:
+        fingers, profiles = values["fingers"], values["profiles"]
+        each = profiles * len(fingers) if len(profiles) == 1 else profiles
+        if len(each) != len(fingers):
+            raise StartupError(f"parameter 'profiles': expected 1 or {len(fingers)} for {fingers}, found {each}")
+        settings = ClosingSettings(
+            resolution=RESOLUTIONS[values["resolution"]],
+            travel_mm=1e3 * values["travel_m"],
+            tolerance=values["tolerance"],
+        )
+        try:
+            return ShapeSession(
+                _load_profiles(values["profiles_directory"]),
+                dict(zip(fingers, each, strict=True)),
+                settings,
+                rate_hz=values["rate_hz"],
+                marker_rate_hz=values["marker_rate_hz"],
+            )
+        except (GdfeError, FingerError, ProfileError) as error:
+            raise StartupError(str(error)) from error
+
+    def _on_tendons(self, message: JointState) -> None:
+        try:
+            names, samples = convert.tendon_samples(message)
+        except FingerError as error:
+            self._report("tendons", Health.WARN, str(error))
+            return
+        for shown in self._session.on_tendons(names, samples):
+            self._shapes.publish(convert.shape_message(message.header.stamp, shown))
+            if shown.marker_due:
+                self._markers.publish(convert.marker_message(message.header.stamp, shown))
+            health = Health.OK if shown.shape.converged else Health.WARN
+            text = shown.shape.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
+            self._report(f"finger {shown.finger}", health, text, {"solve_time_s": f"{shown.shape.solve_time:.4f}"})
+
+    def _on_cell(self, message: CellState) -> None:
+        try:
+            self._session.set_mounted(convert.mounted_profiles(message))
+        except (GdfeError, FingerError, ProfileError) as error:
+            self._report("profile", Health.WARN, f"{error}; still showing {self._session.mounted}")
+            return
+        self._report("profile", Health.OK, "as mounted by cell/state", self._session.mounted)
+
+    def _report(self, component: str, health: Health, text: str, values: dict[str, str] | None = None) -> None:
+        self._diagnostics.set(component, health, text, values)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(GdfeSimulator, args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "softgrip/gdfe/mesh.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace softgrip::gdfe {
+namespace {
+
+// d N_a / d (xi, eta, zeta), 8x3.
+Corners shape_slopes(double xi, double eta, double zeta) {
+  Corners slopes;
+  for (int a = 0; a < 8; ++a) {
+    const double sx = kCornerSigns[a][0], sy = kCornerSigns[a][1], sz = kCornerSigns[a][2];
+    slopes(a, 0) = sx * (1 + sy * eta) * (1 + sz * zeta) / 8;
+    slopes(a, 1) = sy * (1 + sx * xi) * (1 + sz * zeta) / 8;
+    slopes(a, 2) = sz * (1 + sx * xi) * (1 + sy * eta) / 8;
+  }
+  return slopes;
+}
+
+Eigen::Matrix<double, 8, 4> hourglass_patterns() {
+  Eigen::Matrix<double, 8, 4> patterns;
+  for (int a = 0; a < 8; ++a) {
+    const double x = kCornerSigns[a][0], y = kCornerSigns[a][1], z = kCornerSigns[a][2];
+    patterns.row(a) << y * z, x * z, x * y, x * y * z;
+  }
+  return patterns;
+}
+
+double jacobian(const Corners& rest, double xi, double eta, double zeta) {
+  return (rest.transpose() * shape_slopes(xi, eta, zeta)).determinant();
+}
+
+}  // namespace
+
+Element make_element(const Corners& rest) {
+  Element element;
+  element.volume = 0.0;
+  element.gradient.setZero();
+  element.laplacian.setZero();
+  element.min_jacobian = std::numeric_limits<double>::infinity();
+  const double point = 1.0 / std::sqrt(3.0);
+  for (const auto& sign : kCornerSigns) {
+    const Corners slopes = shape_slopes(sign[0] * point, sign[1] * point, sign[2] * point);
+    const Eigen::Matrix3d map = rest.transpose() * slopes;
+    const double weight = map.determinant();
+    const Corners gradient = slopes * map.inverse();
+    element.volume += weight;
+    element.gradient += weight * gradient;
+    element.laplacian += weight * gradient * gradient.transpose();
+    element.min_jacobian = std::min({element.min_jacobian, weight, jacobian(rest, sign[0], sign[1], sign[2])});
+  }
+  element.gradient /= element.volume;
+  const Eigen::Matrix<double, 8, 4> patterns = hourglass_patterns();
+  element.hourglass_rest = patterns.transpose() * rest;
+  const Eigen::Matrix<double, 8, 4> gamma = patterns - element.gradient * element.hourglass_rest.transpose();
+  const Eigen::Matrix4d inverse = (gamma.transpose() * gamma).inverse();
+  element.hourglass_stiffness = inverse * (gamma.transpose() * element.laplacian * gamma) * inverse;
+  return element;
+}
+
+}  // namespace softgrip::gdfe

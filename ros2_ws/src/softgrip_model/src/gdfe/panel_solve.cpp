@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compiled once per instruction set by Highway and chosen at run time.
+#include "src/gdfe/panel_solve.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "src/gdfe/panel_solve.cpp"
+#ifndef HWY_DISABLED_TARGETS
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#endif
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace softgrip::gdfe {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// out[k][0..tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in[k][0..width)
+template <int count, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+HWY_INLINE void product(D d, const T* matrix, int tall, int width, const T* const* in, T* const* out) {
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  int i = 0;
+  for (; i + 2 * lanes <= tall; i += 2 * lanes) {
+    V sum[2][count];
+    for (int k = 0; k < count; ++k) sum[0][k] = sum[1][k] = hn::Zero(d);
+    const T* column = matrix + i;
+    for (int j = 0; j < width; ++j, column += tall) {
+      const V m0 = hn::LoadU(d, column), m1 = hn::LoadU(d, column + lanes);
+      for (int k = 0; k < count; ++k) {
+        const V x = hn::Set(d, in[k][j]);
+        sum[0][k] = hn::MulAdd(m0, x, sum[0][k]);
+        sum[1][k] = hn::MulAdd(m1, x, sum[1][k]);
+      }
+    }
+    for (int k = 0; k < count; ++k) {
+      hn::StoreU(sum[0][k], d, out[k] + i);
+      hn::StoreU(sum[1][k], d, out[k] + i + lanes);
+    }
+  }
+  for (; i < tall; i += lanes) {
+    V sum[count];
+    for (int k = 0; k < count; ++k) sum[k] = hn::Zero(d);
+    const T* column = matrix + i;
+    for (int j = 0; j < width; ++j, column += tall) {
+      const V m = hn::LoadU(d, column);
+      for (int k = 0; k < count; ++k) sum[k] = hn::MulAdd(m, hn::Set(d, in[k][j]), sum[k]);
+    }
+    for (int k = 0; k < count; ++k) hn::StoreU(sum[k], d, out[k] + i);
+  }
+}
+
+// out[k][j] (+)= column j of matrix . in[k], in padded with zeros to tall
+template <bool add, int count, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, const T* const* in, T* const* out) {
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  constexpr int kColumns = 4;
+  int j = 0;
+  for (; j + kColumns <= width; j += kColumns) {
+    V sum[kColumns][count];
+    for (int c = 0; c < kColumns; ++c) {
+      for (int k = 0; k < count; ++k) sum[c][k] = hn::Zero(d);
+    }
+    const T* column = matrix + static_cast<std::size_t>(j) * tall;
+    for (int i = 0; i < tall; i += lanes) {
+      V x[count];
+      for (int k = 0; k < count; ++k) x[k] = hn::LoadU(d, in[k] + i);
+      for (int c = 0; c < kColumns; ++c) {
+        const V m = hn::LoadU(d, column + static_cast<std::size_t>(c) * tall + i);
+        for (int k = 0; k < count; ++k) sum[c][k] = hn::MulAdd(m, x[k], sum[c][k]);
+      }
+    }
+    for (int c = 0; c < kColumns; ++c) {
+      for (int k = 0; k < count; ++k) {
+        const T total = hn::GetLane(hn::SumOfLanes(d, sum[c][k]));
+        out[k][j + c] = add ? out[k][j + c] + total : total;
+      }
+    }
+  }
+  for (; j < width; ++j) {
+    const T* column = matrix + static_cast<std::size_t>(j) * tall;
+    for (int k = 0; k < count; ++k) {
+      V sum = hn::Zero(d);
+      for (int i = 0; i < tall; i += lanes) sum = hn::MulAdd(hn::LoadU(d, column + i), hn::LoadU(d, in[k] + i), sum);
+      const T total = hn::GetLane(hn::SumOfLanes(d, sum));
+      out[k][j] = add ? out[k][j] + total : total;
+    }
+  }
+}
+
+template <int count, class T>
+void substitute(const PanelStore<T>& store, std::size_t size, std::size_t max_below, T* work) {
+  const hn::CappedTag<T, kPad> d;
+  T *x[3], *y[3], *z[3];
+  for (int k = 0; k < count; ++k) {
+    x[k] = work + static_cast<std::size_t>(k) * (size + kPad);
+    y[k] = work + 3 * (size + kPad) + static_cast<std::size_t>(k) * (max_below + kPad);
+    z[k] = y[k] + 3 * (max_below + kPad);
+  }
+  T *head[3], *tail[3];
+  const T *head_in[3], *y_in[3], *z_in[3];
+  for (int k = 0; k < count; ++k) {
+    y_in[k] = y[k];
+    z_in[k] = z[k];
+  }
+  for (const Panel& panel : store.panels) {
+    const int tall = (panel.width + kPad - 1) / kPad * kPad;
+    for (int k = 0; k < count; ++k) head[k] = x[k] + panel.first, head_in[k] = head[k];
+    product<count>(d, &store.inverse[panel.inverse], tall, panel.width, head_in, y);
+    for (int k = 0; k < count; ++k) std::copy(y[k], y[k] + panel.width, head[k]);
+    if (panel.below == 0) continue;
+    for (int k = 0; k < count; ++k) tail[k] = z[k];
+    product<count>(d, &store.values[panel.values], panel.padded, panel.width, y_in, tail);
+    const std::int32_t* rows = &store.rows[panel.rows];
+    for (int k = 0; k < count; ++k) {
+      for (int i = 0; i < panel.below; ++i) x[k][rows[i]] -= z[k][i];
+    }
+  }
+  for (auto panel = store.panels.rbegin(); panel != store.panels.rend(); ++panel) {
+    const int tall = (panel->width + kPad - 1) / kPad * kPad;
+    for (int k = 0; k < count; ++k) {
+      head[k] = x[k] + panel->first;
+      std::fill(y[k] + panel->width, y[k] + tall, T(0));
+    }
+    if (panel->below > 0) {
+      const std::int32_t* rows = &store.rows[panel->rows];
+      for (int k = 0; k < count; ++k) {
+        for (int i = 0; i < panel->below; ++i) z[k][i] = -x[k][rows[i]];
+        std::fill(z[k] + panel->below, z[k] + panel->padded, T(0));
+      }
+      transposed_product<true, count>(d, &store.values[panel->values], panel->padded, panel->width, z_in, head);
+    }
+    for (int k = 0; k < count; ++k) std::copy(head[k], head[k] + panel->width, y[k]);
+    transposed_product<false, count>(d, &store.inverse[panel->inverse], tall, panel->width, y_in, head);
+  }
+}
+
+// Right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them.
+template <class T>
+void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_below, T* work) {
+  double scale[3];
+  for (int k = 0; k < count; ++k) {
+    double largest = 0.0;
+    for (std::size_t i = 0; i < size; ++i) largest = std::fmax(largest, std::fabs(columns[k][i]));
+    scale[k] = largest > 0.0 ? largest : 1.0;
+    T* x = work + static_cast<std::size_t>(k) * (size + kPad);
+    const double inverse = 1.0 / scale[k];
+    for (std::size_t i = 0; i < size; ++i) x[i] = static_cast<T>(columns[k][i] * inverse);
+  }
+  if (count == 3) substitute<3>(store, size, max_below, work);
+  if (count == 2) substitute<2>(store, size, max_below, work);
+  if (count == 1) substitute<1>(store, size, max_below, work);
+  for (int k = 0; k < count; ++k) {
+    const T* x = work + static_cast<std::size_t>(k) * (size + kPad);
+    for (std::size_t i = 0; i < size; ++i) columns[k][i] = scale[k] * static_cast<double>(x[i]);
+  }
+}
+
+void SolveFloat(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
+                std::size_t max_below, float* work) {
+  solve(store, columns, count, size, max_below, work);
+}
+
+void SolveDouble(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
+                 std::size_t max_below, double* work) {
+  solve(store, columns, count, size, max_below, work);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace softgrip::gdfe
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace softgrip::gdfe {
+
+HWY_EXPORT(SolveFloat);
+HWY_EXPORT(SolveDouble);
+
+void panel_solve_float(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
+                       std::size_t max_below, float* work) {
+  HWY_DYNAMIC_DISPATCH(SolveFloat)(store, columns, count, size, max_below, work);
+}
+
+void panel_solve_double(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
+                        std::size_t max_below, double* work) {
+  HWY_DYNAMIC_DISPATCH(SolveDouble)(store, columns, count, size, max_below, work);
+}
+
+}  // namespace softgrip::gdfe
+#endif

@@ -1,0 +1,354 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "softgrip/gdfe/solver.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace softgrip::gdfe {
+namespace {
+
+// A residual that grows this much between two iterations shows a history that no longer fits.
+constexpr double kGrowth = 4.0;
+
+std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes) {
+  std::vector<Element> elements(static_cast<std::size_t>(hexes.rows()));
+  for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
+    Corners corners;
+    for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(e, a));
+    elements[static_cast<std::size_t>(e)] = make_element(corners);
+  }
+  return elements;
+}
+
+}  // namespace
+
+Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
+               const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
+               const Settings& settings)
+    : nodes_(static_cast<std::size_t>(rest.rows())),
+      rest_(std::move(rest)),
+      settings_(settings),
+      tables_(std::move(tables)),
+      blocks_(make_elements(rest_, hexes), hexes, materials),
+      cables_(std::move(cables)),
+      cable_work_(cables_.size()) {
+  position_.resize(3 * nodes_);
+  force_.resize(3 * nodes_);
+  const std::vector<Element> elements = make_elements(rest_, hexes);
+  for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
+  build_axes(elements, hexes, matrix_weight, maps);
+  build_point_columns();
+}
+
+void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
+                        const std::array<DofMap, 3>& maps) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const DofMap& map = maps[axis];
+    const int size = map.empty() ? 0 : std::max(0, *std::max_element(map.begin(), map.end()) + 1);
+    for (std::size_t earlier = 0; earlier < axis && !axes_[axis].factor; ++earlier) {
+      if (maps[earlier] == map) axes_[axis].factor = axes_[earlier].factor;
+    }
+    if (!axes_[axis].factor) {
+      std::vector<Eigen::Triplet<double>> entries;
+      entries.reserve(elements.size() * 36);
+      for (std::size_t e = 0; e < elements.size(); ++e) {
+        for (int a = 0; a < 8; ++a) {
+          const int row = map[static_cast<std::size_t>(hexes(static_cast<Eigen::Index>(e), a))];
+          for (int b = 0; row >= 0 && b < 8; ++b) {
+            const int column = map[static_cast<std::size_t>(hexes(static_cast<Eigen::Index>(e), b))];
+            if (column >= 0) entries.emplace_back(row, column, weight[e] * elements[e].laplacian(a, b));
+          }
+        }
+      }
+      SparseMatrix matrix(size, size);
+      matrix.setFromTriplets(entries.begin(), entries.end());
+      axes_[axis].factor = std::make_shared<Factor>(matrix, settings_.single_precision_factor, settings_.ordering);
+    }
+    axes_[axis].dof.resize(nodes_);
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      axes_[axis].dof[i] = map[i] < 0 ? -1 : axes_[axis].factor->position()[static_cast<std::size_t>(map[i])];
+    }
+    axes_[axis].offset = unknowns_;
+    unknowns_ += static_cast<std::size_t>(size);
+  }
+}
+
+void Solver::build_point_columns() {
+  std::size_t columns = 0;
+  for (const Cable& cable : cables_) {
+    first_column_.push_back(columns);
+    columns += cable.points.size();
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    Axis& a = axes_[axis];
+    for (std::size_t earlier = 0; earlier < axis; ++earlier) {
+      if (axes_[earlier].factor == a.factor) a.point_columns = axes_[earlier].point_columns;
+    }
+    if (a.point_columns || columns == 0) continue;
+    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(a.factor->size(), static_cast<Eigen::Index>(columns)));
+    for (std::size_t c = 0; c < cables_.size(); ++c) {
+      for (std::size_t p = 0; p < cables_[c].points.size(); ++p) {
+        const CablePoint& point = cables_[c].points[p];
+        auto column = matrix->col(static_cast<Eigen::Index>(first_column_[c] + p));
+        for (std::size_t k = 0; k < point.nodes.size(); ++k) {
+          const int dof = a.dof[static_cast<std::size_t>(point.nodes[k])];
+          if (dof >= 0) column(dof) += point.weights[k];
+        }
+        double* data = column.data();
+        a.factor->solve(&data, 1, scratch_);
+      }
+    }
+    a.point_columns = matrix;
+  }
+  std::vector<double> at_rest(3 * nodes_);
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis) at_rest[axis * nodes_ + i] = rest_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
+  }
+  for (std::size_t c = 0; c < cables_.size(); ++c) {
+    cable_points(c, at_rest.data(), cable_work_[c].points);
+    const CableState state = pull_from_anchor(cables_[c], cable_work_[c].points, 0.0);
+    cable_work_[c].rest_length = state.length + state.entry_length;
+  }
+}
+
+void Solver::cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const {
+  const Cable& cable = cables_[index];
+  points.resize(cable.points.size());
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    const CablePoint& point = cable.points[p];
+    points[p] = point.fixed;
+    for (std::size_t k = 0; k < point.nodes.size(); ++k) {
+      const double* node = position + point.nodes[k];
+      points[p] += point.weights[k] * Eigen::Vector3d(node[0], node[nodes_], node[2 * nodes_]);
+    }
+  }
+}
+
+void Solver::expand(const Task& task, const std::vector<double>& state) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const Axis& a = axes_[axis];
+    const auto column = static_cast<Eigen::Index>(axis);
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      const double u = a.dof[i] >= 0 ? state[a.offset + static_cast<std::size_t>(a.dof[i])] : task.prescribed(row, column);
+      position_[axis * nodes_ + i] = rest_(row, column) + u;
+    }
+  }
+}
+
+void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
+  for (std::size_t c = 0; c < cables_.size(); ++c) {
+    CableWork& work = cable_work_[c];
+    cable_points(c, position_.data(), work.points);
+    const CableDrive& drive = task.drives[c];
+    work.state = drive.by_length ? pull_from_anchor(cables_[c], work.points, state[unknowns_ + c] / work.tension_scale)
+                                 : pull_from_actuator(cables_[c], work.points, drive.target);
+    for (std::size_t p = 0; p < work.points.size(); ++p) {
+      const CablePoint& point = cables_[c].points[p];
+      for (std::size_t k = 0; k < point.nodes.size(); ++k) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          force_[axis * nodes_ + static_cast<std::size_t>(point.nodes[k])] -=
+              point.weights[k] * work.state.force[p][static_cast<Eigen::Index>(axis)];
+        }
+      }
+    }
+  }
+}
+
+// Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
+double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
+  std::fill(residual.begin(), residual.end(), 0.0);
+  double held = 0.0, loads = 0.0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const Axis& a = axes_[axis];
+    double* out = residual.data() + a.offset;
+    const double* force = force_.data() + axis * nodes_;
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      const double load = task.load(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
+      const double g = force[i] - load;
+      loads += load * load;
+      if (a.dof[i] >= 0) {
+        out[a.dof[i]] -= g;
+      } else {
+        held += g * g;
+      }
+    }
+  }
+  for (const CableWork& work : cable_work_) {
+    for (const Eigen::Vector3d& force : work.state.force) loads += force.squaredNorm();
+  }
+  double free = 0.0;
+  for (std::size_t i = 0; i < unknowns_; ++i) free += residual[i] * residual[i];
+  // an unloaded mesh at rest is in balance
+  const double floor = std::max(task.force_floor, 1e-12 * weight_scale_);
+  return std::sqrt(free) / std::max({std::sqrt(held), std::sqrt(loads), floor});
+}
+
+void Solver::precondition(std::vector<double>& residual) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    std::array<double*, 3> columns{};
+    int count = 0;
+    bool solved = false;
+    for (std::size_t other = 0; other < 3; ++other) {
+      if (axes_[other].factor != axes_[axis].factor) continue;
+      solved = solved || other < axis;
+      columns[static_cast<std::size_t>(count++)] = residual.data() + axes_[other].offset;
+    }
+    if (!solved) axes_[axis].factor->solve(columns.data(), count, scratch_);
+  }
+}
+
+// Adds to the step what brings every driven cable to its length, and the tension that does it.
+void Solver::drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& step) {
+  for (std::size_t c = 0; c < cables_.size(); ++c) {
+    const CableDrive& drive = task.drives[c];
+    CableWork& work = cable_work_[c];
+    if (!drive.by_length) {
+      step[unknowns_ + c] = 0.0;
+      continue;
+    }
+    const double tension = state[unknowns_ + c] / work.tension_scale;
+    // force of a unit anchor tension; a slack cable has its direction at the friction law's floor
+    const double unit = std::max(tension, friction::kTensionFloor_N);
+    const CableState pull = tension >= friction::kTensionFloor_N ? work.state : pull_from_anchor(cables_[c], work.points, unit);
+    double gain = 0.0, moved = 0.0;
+    std::array<Eigen::VectorXd, 3> response;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const Axis& a = axes_[axis];
+      const auto column = static_cast<Eigen::Index>(axis);
+      response[axis] = Eigen::VectorXd::Zero(a.factor->size());
+      for (std::size_t p = 0; p < work.points.size(); ++p) {
+        response[axis] += pull.force[p][column] / unit * a.point_columns->col(static_cast<Eigen::Index>(first_column_[c] + p));
+      }
+      for (std::size_t p = 0; p < work.points.size(); ++p) {
+        const CablePoint& point = cables_[c].points[p];
+        for (std::size_t k = 0; k < point.nodes.size(); ++k) {
+          const int dof = a.dof[static_cast<std::size_t>(point.nodes[k])];
+          if (dof < 0) continue;
+          const double slope = pull.slope[p][column] * point.weights[k];
+          gain += slope * response[axis](dof);
+          moved += slope * step[a.offset + static_cast<std::size_t>(dof)];
+        }
+      }
+    }
+    const double gap = work.rest_length - drive.target - (work.state.length + work.state.entry_length) - moved;
+    double change = gain < 0.0 ? gap / gain : 0.0;
+    change = std::max(change, -tension);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const Axis& a = axes_[axis];
+      for (Eigen::Index i = 0; i < response[axis].size(); ++i) step[a.offset + static_cast<std::size_t>(i)] += change * response[axis](i);
+    }
+    step[unknowns_ + c] = change * work.tension_scale;
+  }
+}
+
+Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<double>& start_tension) {
+  std::vector<double> state(unknowns_ + cables_.size(), 0.0), step(state.size()), residual(state.size());
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const Axis& a = axes_[axis];
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      if (a.dof[i] >= 0) {
+        state[a.offset + static_cast<std::size_t>(a.dof[i])] = start(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
+      }
+    }
+  }
+  for (std::size_t c = 0; c < cables_.size(); ++c) {
+    // the step of a tension counts as much as the motion of the mesh that it causes
+    double square = 0.0;
+    for (const Axis& a : axes_) {
+      for (std::size_t p = 0; p < cables_[c].points.size(); ++p) {
+        square += a.point_columns->col(static_cast<Eigen::Index>(first_column_[c] + p)).squaredNorm();
+      }
+    }
+    cable_work_[c].tension_scale = square > 0.0 ? std::sqrt(square) : 1.0;
+    state[unknowns_ + c] = start_tension[c] * cable_work_[c].tension_scale;
+  }
+
+  Anderson accelerate(state.size(), settings_.window);
+  Outcome outcome;
+  double last_norm = 0.0;
+  for (int iteration = 0;; ++iteration) {
+    expand(task, state);
+    std::fill(force_.begin(), force_.end(), 0.0);
+    local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force_.data(), nodes_, 0, blocks_.blocks);
+    pull_cables(task, state);
+    outcome.residual = out_of_balance(task, residual);
+    outcome.history.push_back(outcome.residual);
+    outcome.iterations = iteration;
+    outcome.length_error = 0.0;
+    bool sound = std::isfinite(outcome.residual);
+    for (std::size_t c = 0; c < cables_.size(); ++c) {
+      const CableState& cable = cable_work_[c].state;
+      sound = sound && cable.sound;
+      if (!task.drives[c].by_length) continue;
+      const double gap = cable.length + cable.entry_length - (cable_work_[c].rest_length - task.drives[c].target);
+      const bool slack = state[unknowns_ + c] <= 0.0 && gap < 0.0;
+      if (!slack) outcome.length_error = std::max(outcome.length_error, std::abs(gap));
+    }
+    outcome.converged = sound && outcome.residual <= task.tolerance && outcome.length_error <= task.length_tolerance;
+    if (outcome.converged || !sound || iteration >= task.max_iterations) break;
+
+    precondition(residual);
+    drive_lengths(task, state, residual);
+    double norm = 0.0;
+    for (const double value : residual) norm += value * value;
+    norm = std::sqrt(norm);
+    if (iteration > 0 && norm > kGrowth * last_norm) accelerate.forget();
+    last_norm = norm;
+    accelerate.advance(state, residual, step);
+    double largest = 0.0;
+    for (std::size_t i = 0; i < unknowns_; ++i) largest = std::max(largest, std::abs(step[i]));
+    const double cap = settings_.step_limit > 0.0 && largest > settings_.step_limit ? settings_.step_limit / largest : 1.0;
+    for (std::size_t i = 0; i < state.size(); ++i) state[i] += cap * step[i];
+    for (std::size_t c = 0; c < cables_.size(); ++c) state[unknowns_ + c] = std::max(state[unknowns_ + c], 0.0);
+  }
+  Outcome full = report(task, state);
+  full.converged = outcome.converged;
+  full.iterations = outcome.iterations;
+  full.residual = outcome.residual;
+  full.length_error = outcome.length_error;
+  full.history = std::move(outcome.history);
+  return full;
+}
+
+Outcome Solver::report(const Task& task, const std::vector<double>& state) const {
+  Outcome outcome;
+  outcome.displacement = Nodes::Zero(static_cast<Eigen::Index>(nodes_), 3);
+  outcome.reaction = Nodes::Zero(static_cast<Eigen::Index>(nodes_), 3);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
+      outcome.displacement(row, column) = position_[axis * nodes_ + i] - rest_(row, column);
+      if (axes_[axis].dof[i] < 0) outcome.reaction(row, column) = force_[axis * nodes_ + i] - task.load(row, column);
+    }
+  }
+  outcome.strain.assign(blocks_.strain.begin(), blocks_.strain.begin() + static_cast<std::ptrdiff_t>(blocks_.elements));
+  for (std::size_t c = 0; c < cables_.size(); ++c) {
+    const CableWork& work = cable_work_[c];
+    outcome.anchor_tension.push_back(task.drives[c].by_length ? state[unknowns_ + c] / work.tension_scale : work.state.tension.back());
+    outcome.tension.push_back(work.state.tension);
+    outcome.shortening.push_back(work.rest_length - work.state.length - work.state.entry_length);
+  }
+  return outcome;
+}
+
+Nodes Solver::internal_force(const Nodes& displacement) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
+      position_[axis * nodes_ + i] = rest_(row, column) + displacement(row, column);
+    }
+  }
+  std::fill(force_.begin(), force_.end(), 0.0);
+  local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force_.data(), nodes_, 0, blocks_.blocks);
+  Nodes force(static_cast<Eigen::Index>(nodes_), 3);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      force(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis)) = force_[axis * nodes_ + i];
+    }
+  }
+  return force;
+}
+
+}  // namespace softgrip::gdfe

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""gdfe_simulator between real topics: shapes carry the state's stamp, and the same state gives the same bits."""
+
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
+
+from softgrip_interfaces.msg import CellState, MountedFinger, PredictedShape
+from softgrip_model.nodes import convert
+from softgrip_model.nodes.gdfe_simulator import GdfeSimulator
+from softgrip_nodekit import LATCHED, SENSOR
+
+PERIOD_NS = 40_000_000
+
+
+class Bench:
+    """The node, and a node that talks to it."""
+
+    def __init__(self) -> None:
+        rclpy.init(args=["--ros-args", "-p", "resolution:=coarse", "-p", "travel_m:=0.008"])
+        self.node = GdfeSimulator()
+        self.other = rclpy.create_node("other")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.other)
+        self.got: list[PredictedShape] = []
+        self.other.create_subscription(PredictedShape, "shape/predicted", self.got.append, SENSOR)
+        self.tendons = self.other.create_publisher(JointState, "tendon/state", SENSOR)
+        self.cell = self.other.create_publisher(CellState, "cell/state", LATCHED)
+        self.spin(lambda: self.tendons.get_subscription_count() > 0 and self.node._shapes.get_subscription_count() > 0)
+
+    def spin(self, done, seconds=20.0):
+        deadline = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < deadline, "nothing came within the time"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def pull(self, stamp_ns, length):
+        message = JointState(name=["index"], position=[length], velocity=[0.0], effort=[1.0])
+        message.header.stamp = convert.stamp_of(stamp_ns)
+        before = len(self.got)
+        self.tendons.publish(message)
+        self.spin(lambda: len(self.got) > before)
+        return self.got[-1]
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.other.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture(scope="module")
+def bench():
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def test_a_pulled_finger_closes_towards_minus_y(bench):
+    shape = bench.pull(1_000_000_000, 0.006)
+    vertices = np.array(shape.vertices).reshape(-1, 3)
+    assert shape.converged
+    assert convert.nanoseconds(shape.header.stamp) == 1_000_000_000
+    assert shape.header.frame_id == "index_base"
+    assert vertices[:, 1].min() < -0.03
+    assert len(shape.strain) == shape.hexahedra
+    assert max(shape.faces) < len(vertices)
+
+
+def test_the_same_state_gives_the_same_bits_whatever_came_before(bench):
+    first = bench.pull(2_000_000_000, 0.0041)
+    for k in range(1, 4):
+        bench.pull(2_000_000_000 + k * PERIOD_NS, 0.002 * k)
+    again = bench.pull(3_000_000_000, 0.0041)
+    assert first.vertices == again.vertices
+    assert (first.residual, first.iterations, first.mesh) == (again.residual, again.iterations, again.mesh)
+
+
+def test_beyond_the_travel_the_last_converged_shape_is_marked(bench):
+    shape = bench.pull(4_000_000_000, 0.012)
+    assert not shape.converged
+    assert "8.00 mm" in shape.reason
+
+
+def test_a_swap_shows_the_mounted_profile(bench):
+    before = bench.pull(5_000_000_000, 0.004).mesh
+    bench.cell.publish(CellState(mounted=[MountedFinger(finger="index", profile="hook", state=MountedFinger.VERIFIED)]))
+    bench.spin(lambda: bench.node._session.mounted == {"index": "hook"})
+    assert bench.pull(6_000_000_000, 0.004).mesh != before
