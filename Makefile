@@ -5,6 +5,7 @@ PYTHON ?= $(shell command -v python3.12 || command -v python3.11 || command -v p
 VENV := .venv
 BIN := $(VENV)/bin
 SRC := ros2_ws/src
+TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
 SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
@@ -38,7 +39,7 @@ test: setup lint  ## lint, then every test
 lint: setup  ## ruff and mypy, strict
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy embedded ros2_ws/src
+	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
 clean:  ## remove what was built
 	rm -rf out build $(SRC)/softgrip_model/build .mypy_cache .ruff_cache

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run the shipped launch files as a user does: as processes, in a domain of their own."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+#: Domains 60..99 are the tests'; each test process takes its own ten.
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 4
+_DOMAINS = itertools.count(60 + 10 * _WORKER)
+
+
+class Launched:
+    """A `ros2 launch` with all of its processes, its output, and its end."""
+
+    def __init__(self, arguments: list[str], domain: int, log: Path) -> None:
+        self.domain = domain
+        self.environment = os.environ | {
+            "ROS_DOMAIN_ID": str(domain),
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        }
+        self.started = time.monotonic()
+        self.process = subprocess.Popen(
+            arguments,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=self.environment,
+            start_new_session=True,
+        )
+        self._lines: list[str] = []
+        self._log = log
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def output(self) -> str:
+        return "".join(self._lines)
+
+    def wait_for(self, text: str, timeout: float) -> None:
+        """Wait until the output contains a text."""
+        deadline = time.monotonic() + timeout
+        while text not in self.output:
+            assert time.monotonic() < deadline, f"expected {text!r} within {timeout} s, found:\n{self.output[-4000:]}"
+            assert self.process.poll() is None or text in self.output, f"ended before {text!r}:\n{self.output[-4000:]}"
+            self._reader.join(0.05)
+
+    def wait_for_end(self, timeout: float) -> int:
+        """Wait until the launch has ended; returns its exit code."""
+        code = self.process.wait(timeout)
+        self._reader.join(5.0)
+        return code
+
+    def interrupt(self) -> None:
+        """Ctrl-C."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def survivors(self, timeout: float = 5.0) -> list[str]:
+        """Return the command lines of processes of this launch that outlive ``timeout`` [s]."""
+        deadline = time.monotonic() + timeout
+        while (left := self._alive()) and time.monotonic() < deadline:
+            self._reader.join(0.05)
+        return left
+
+    def ask(self, *arguments: str) -> str:
+        """Return what a `ros2` command in the same domain prints."""
+        answer = subprocess.run(
+            ["ros2", *arguments], capture_output=True, text=True, env=self.environment, timeout=20, check=False
+        )
+        return answer.stdout
+
+    def close(self) -> None:
+        for process in self._processes():
+            os.kill(process, signal.SIGKILL)
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        with self._log.open("w") as log:
+            for line in self.process.stdout:
+                self._lines.append(line)
+                log.write(line)
+
+    def _processes(self) -> list[int]:
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    fields = (entry / "stat").read_text().rpartition(")")[2].split()
+                except OSError:
+                    continue
+                if int(fields[3]) == self.process.pid and fields[0] != "Z":
+                    found.append(int(entry.name))
+        return found
+
+    def _alive(self) -> list[str]:
+        lines = []
+        for process in self._processes():
+            try:
+                lines.append((Path("/proc") / str(process) / "cmdline").read_text().replace("\0", " "))
+            except OSError:
+                continue
+        return lines
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
+    """Start a command in a domain of its own; everything is killed at the end of the test."""
+    launched: list[Launched] = []
+
+    def start(*arguments: str) -> Launched:
+        domain = next(_DOMAINS)
+        place = [f"wire_dir:={tmp_path}/wires-{domain}"] if "launch" in arguments else []
+        launched.append(Launched([*arguments, *place], domain, tmp_path / f"log-{domain}.txt"))
+        return launched[-1]
+
+    yield start
+    for one in launched:
+        one.close()

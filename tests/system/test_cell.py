@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shipped launch files, from start to end, and what happens when something is wrong."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+ROOT = Path(__file__).resolve().parents[2]
+CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")
+#: [s] within which a cell that cannot start has to be gone (and the machine may be busy).
+GIVE_UP = 25.0
+UP = "wires in"  # the emulated cell is ready
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+Launch = Callable[..., Any]
+
+
+@pytest.mark.timeout(400)
+def test_a_whole_shift_ends_with_summary_page_and_a_bag_that_replays(launch: Launch, tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    demo = launch(sys.executable, str(ROOT / "tools" / "demo.py"), str(out), "--seed", "2")
+    code = demo.wait_for_end(360.0)
+    assert code == 0, demo.output[-6000:]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["friction"]["n_points"] == 9
+    assert 0.0 < summary["friction"]["avg_error_pct"] < 10.0
+    assert [closing["grasp"] for closing in summary["closings"]] == ["power", "pinch", "hook"]
+    assert all(0.0 < closing["tip_error_pct_mean"] < 15.0 for closing in summary["closings"])
+    assert len({grasp["product"] for grasp in summary["grasps"]}) == 15
+    assert summary["shape"]["hexes"] > 0
+    assert summary["bag"]["dropped"] == 0
+    assert summary["replay"]["identical"]
+    assert summary["replay"]["compared"] > 1000
+    assert "<svg" in (out / "report.html").read_text()
+    with AnyReader([Path(summary["bag"]["path"])]) as reader:
+        assert sum(1 for _ in reader.messages()) == summary["bag"]["messages"]
+    assert demo.survivors() == []
+
+
+def test_a_missing_device_ends_the_cell_with_a_reason(launch: Launch, tmp_path: Path) -> None:
+    cell = launch(*CELL, "hardware:=real", f"servo_port:={tmp_path}/no-such-port", f"out:={tmp_path}/out")
+    assert cell.wait_for_end(GIVE_UP) != 0
+    assert "cannot start" in cell.output
+    assert "no-such-port" in cell.output
+    assert cell.survivors() == []
+
+
+def test_a_wrong_parameter_ends_the_cell_with_its_name(launch: Launch, tmp_path: Path) -> None:
+    cell = launch(*CELL, "rig_time_scale:=fast", f"out:={tmp_path}/out")
+    assert cell.wait_for_end(GIVE_UP) != 0
+    assert "time_scale" in cell.output
+    assert cell.survivors() == []
+
+
+@pytest.mark.parametrize("moment", ["process started", UP])
+def test_ctrl_c_leaves_no_process_behind(launch: Launch, tmp_path: Path, moment: str) -> None:
+    cell = launch(*CELL, f"out:={tmp_path}/out")
+    cell.wait_for(moment, 20.0)
+    cell.interrupt()
+    cell.wait_for_end(20.0)
+    assert cell.survivors() == []
+
+
+def test_two_cells_on_one_machine_do_not_see_each_other(launch: Launch, tmp_path: Path) -> None:
+    cells = [launch(*CELL, f"out:={tmp_path}/out{number}") for number in range(2)]
+    for cell in cells:
+        cell.wait_for(UP, 30.0)
+    for cell in cells:
+        deadline = time.monotonic() + 20.0
+        while (names := cell.ask("node", "list").split()).count("/emulated_cell") != 1:
+            assert time.monotonic() < deadline, names
+        assert len(names) == len(set(names))
+    for cell in cells:
+        cell.interrupt()
+    for cell in cells:
+        cell.wait_for_end(20.0)
+        assert cell.survivors() == []
