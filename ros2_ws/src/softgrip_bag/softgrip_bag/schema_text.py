@@ -33,8 +33,8 @@ def schema_text(type_name: str, find: FindInterface) -> str:
         BagError: when a definition cannot be found.
     """
     package, kind, name = _split(type_name)
-    own = _action_parts(package, name, find) if kind == "action" else {name: find(package, kind, name)}
-    parts = [own[name].strip("\n")]
+    own = _action_parts(package, name, find) if kind == "action" else {}
+    parts = [(own.get(name) or find(package, kind, name)).strip("\n")]
     done = {(package, name)}
     pending = list(referenced(parts[0], package))
     while pending:
@@ -43,7 +43,8 @@ def schema_text(type_name: str, find: FindInterface) -> str:
             continue
         done.add(reference)
         text = (own.get(reference[1]) or find(reference[0], "msg", reference[1])).strip("\n")
-        parts.append(f"{SEPARATOR}\nMSG: {reference[0]}/{reference[1]}\n{text}")
+        scope = f"{reference[0]}/action" if reference[1] in own else reference[0]
+        parts.append(f"{SEPARATOR}\nMSG: {scope}/{reference[1]}\n{text}")
         pending += referenced(text, reference[0])
     return "\n".join(parts) + "\n"
 
@@ -59,13 +60,13 @@ def referenced(text: str, package: str) -> Iterator[tuple[str, str]]:
 
 
 def _action_parts(package: str, name: str, find: FindInterface) -> dict[str, str]:
-    """Definitions that rosidl derives from an action for its feedback topic."""
+    """Definitions that rosidl derives from an action for its feedback topic; their names keep "action" in the middle."""
     action, _, suffix = name.rpartition("_")
     if suffix != "FeedbackMessage":
         raise BagError(f"expected the feedback message of an action, found {package}/action/{name}")
     feedback = re.split(r"(?m)^---\s*$", find(package, "action", action))[2]
     return {
-        name: f"unique_identifier_msgs/UUID goal_id\n{package}/{action}_Feedback feedback",
+        name: f"unique_identifier_msgs/UUID goal_id\n{package}/action/{action}_Feedback feedback",
         f"{action}_Feedback": feedback or "\n",
     }
 

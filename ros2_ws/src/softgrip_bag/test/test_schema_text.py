@@ -48,9 +48,21 @@ def test_an_independent_parser_reads_the_schema() -> None:
 
 def test_feedback_topics_of_actions_get_the_message_rosidl_derives() -> None:
     text = schema_text("a_msgs/action/Go_FeedbackMessage", find)
-    assert text.startswith("unique_identifier_msgs/UUID goal_id\na_msgs/Go_Feedback feedback")
-    assert "MSG: a_msgs/Go_Feedback\nInner now" in text
+    assert text.startswith("unique_identifier_msgs/UUID goal_id\na_msgs/action/Go_Feedback feedback")
+    assert "MSG: a_msgs/action/Go_Feedback\nInner now" in text
     assert "MSG: geometry_msgs/Point" in text
+
+
+def test_the_feedback_type_has_the_hash_that_rosidl_gave_it() -> None:
+    """example_interfaces/action/Fibonacci in a ROS 2 Jazzy installation."""
+    files = {
+        ("example_interfaces", "action", "Fibonacci"): "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n",
+        ("unique_identifier_msgs", "msg", "UUID"): "uint8[16] uuid\n",
+    }
+    name = "example_interfaces/action/Fibonacci_FeedbackMessage"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema_text(name, lambda *key: files[key]), name))
+    assert store.hash_rihs01(name) == "RIHS01_c1de71afd52e49a89c53d8262366884185bc0a02f78ce051c4e46b0a7fe59bb2"
 
 
 def test_constants_comments_and_primitives_are_no_references() -> None:
