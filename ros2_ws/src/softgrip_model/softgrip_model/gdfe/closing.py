@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shape of a finger at any pulled length, solved in the mesh: cable, friction and material together.
 
-The cable runs through the mesh's routing points with the friction law of the profile; what is prescribed is its pulled length,
-the tension follows. A closing is computed once from rest in equal steps (its keyframes); every later shape starts from the
-keyframes next to its own length. A shape therefore depends on its pulled length alone, not on the shapes before it.
+The cable runs through the mesh's routing points with the friction law of the profile; its pulled length is
+prescribed, the tension follows. A closing is computed once from rest in equal steps (its keyframes); every later shape
+starts from the keyframes next to its own length. So a shape depends on its pulled length alone, not on what was before.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ from softgrip_model.profile import Profile, digest
 Array = NDArray[np.float64]
 Index = NDArray[np.uint32]
 
-#: Volume term of the interactive fingers: nearer to 0.5 costs many more iterations (a Laplacian preconditions it badly).
+#: Volume term of the interactive fingers: nearer to 0.5 costs many more iterations, as a Laplacian conditions it badly.
 POISSON = 0.3
 #: [mm] of cable length, everywhere in this module.
 LENGTH_TOLERANCE_MM = 1e-3
+#: Of the acceleration: slender hinges pulled by a force are badly conditioned, and a long memory pays.
+WINDOW = 30
 #: [N] Below it the convergence of a hardly pulled finger is measured against this force.
 FORCE_FLOOR_N = 0.5
 
@@ -48,9 +50,9 @@ class ClosingSettings:
 
     resolution: Resolution = RESOLUTIONS["fine"]
     travel_mm: float = 22.0
-    keyframe_mm: float = 0.5
+    keyframe_mm: float = 1.0
     tolerance: float = 1e-4
-    max_iterations: int = 3000
+    max_iterations: int = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,7 @@ class Closing:
         cable = Cable(self.finger_mesh.routing, assumed_friction(profile).law)
         # a node that jumps further than half the thinnest strip in one iteration turns elements over
         limit = 0.5 * min(finger.thickness_mm)
-        self._solver = Solver(mesh, [self.material], supports, [cable], Settings(step_limit=limit))
+        self._solver = Solver(mesh, [self.material], supports, [cable], Settings(step_limit=limit, window=WINDOW))
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.hexahedra = len(mesh.hexes)
         text = f"{digest(profile)}:{slot}:{self.settings}:{POISSON}"

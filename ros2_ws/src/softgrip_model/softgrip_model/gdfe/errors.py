@@ -3,4 +3,4 @@
 
 
 class GdfeError(ValueError):
-    """A mesh, material, load or case that cannot be simulated: what was expected, what was found, which element or node."""
+    """What cannot be simulated: what was expected, what was found, which element or node."""

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A finger of a profile as hexahedra: links, V grooves, hinge strips, and where its cable runs. Lengths in mm.
 
-Frame: x along the straight finger, closing towards -y, z across; the joints' apexes lie on y = 0. Above each apex the hinge
-strip (length l, thickness h), below it the groove: straight walls at +-l/2 down to where the flanks of the profile's opening
-are wider, then those flanks. The rigid base in front of the first joint is not meshed: the strip of joint 0 is clamped.
+Frame: x along the straight finger, closing towards -y, z across; the joints' apexes lie on y = 0. Above each apex the
+hinge strip (length l, thickness h), below it the groove: straight walls at +-l/2 down to where the flanks of the
+profile's opening are wider, then those flanks. The rigid base in front of the first joint is not meshed: the strip of
+joint 0 is clamped.
 """
 
 from __future__ import annotations
@@ -145,7 +146,7 @@ class _Grid:
         kept[hinge, : r.body_rows, :] = False
         hexes = grid_hexes(shape)[kept.ravel()]
         used, renumbered = np.unique(hexes, return_inverse=True)
-        mesh = Mesh(nodes[used], renumbered.reshape(-1, 8), np.zeros(len(hexes), dtype=np.int32))
+        mesh = Mesh(nodes[used], renumbered.reshape(-1, 8).astype(np.int32), np.zeros(len(hexes), dtype=np.int32))
         clamped = mesh.nodes_where(mesh.nodes[:, 0] < self.apex[0] - 0.5 * finger.length_mm[0] + 1e-9)
         column_of = np.repeat(np.arange(len(self.columns)), (self.rows + 1) * (r.across + 1))[used]
         return FingerMesh(
@@ -153,7 +154,7 @@ class _Grid:
         )
 
     def place(self, column: int, row: int) -> tuple[float, float]:
-        """x and y of a grid line crossing."""
+        """Return x and y of a grid line crossing."""
         r, finger = self.resolution, self.finger
         kind, joint, share = self.columns[column]
         depth = self.depth * max(0.0, 1.0 - row / r.body_rows)

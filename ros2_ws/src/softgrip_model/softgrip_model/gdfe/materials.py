@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials as the calibrated law takes them: shear secant modulus over equivalent strain, from a uniaxial stress curve.
+"""Materials as the calibrated law takes them: shear secant modulus over equivalent strain, from a stress curve.
 
 Stresses in MPa with lengths in mm and forces in N, or any other consistent set.
 """
@@ -130,7 +130,7 @@ class Ogden:
         _check_poisson(self.name, self.poisson)
         if len(self.moduli) != len(self.exponents) or not self.moduli:
             raise GdfeError(
-                f"material {self.name!r}: expected as many mu as alpha, found {len(self.moduli)} and {len(self.exponents)}"
+                f"material {self.name!r}: expected as many mu as alpha, found {len(self.moduli)}, {len(self.exponents)}"
             )
         if 0.0 in self.exponents or self.initial_modulus() <= 0.0:
             raise GdfeError(f"material {self.name!r}: expected alpha other than 0 and a positive sum of mu")
@@ -171,12 +171,12 @@ def ninjaflex_ogden(poisson: float = 0.45) -> Ogden:
 
 
 def cheetah_ogden(poisson: float = 0.45) -> Ogden:
-    """Return Table 5.1's Ogden constants for Cheetah [MPa]; unstable in uniaxial compression below a stretch of 0.69."""
+    """Return Table 5.1's Ogden constants for Cheetah [MPa]; unstable compressed below a stretch of 0.69."""
     return Ogden("Cheetah", (-5.497378, 2.499418, 12.259373), (3.303409, 3.722506, -4.762911), poisson, (-0.31, 4.0))
 
 
 def stretch_of_equivalent_strain(strain: Array) -> Array:
-    """Return l >= 1 with l - l^(-1/2) = 1.5 strain: the incompressible uniaxial stretch of an equivalent strain (nu = 0.5)."""
+    """Return l >= 1 with l - l^(-1/2) = 1.5 strain: the uniaxial stretch of an equivalent strain (nu = 0.5)."""
     goal = 1.5 * np.asarray(strain, dtype=np.float64)
     stretch = 1.0 + goal
     for _ in range(50):
@@ -190,8 +190,8 @@ def stretch_of_equivalent_strain(strain: Array) -> Array:
 def shear_secant(material: Material, strain: Array) -> Array:
     """Return mu(eps_eq) that gives the material's uniaxial stress back.
 
-    mu = P(l) / (2 [(l - 1) + (1 - q) q / l]), q = l^(-1/2): the bracket is the exact incompressible uniaxial response of the
-    energy mu |F - R|^2 with the volume constraint.
+    mu = P(l) / (2 [(l - 1) + (1 - q) q / l]), q = l^(-1/2): the bracket is the exact incompressible uniaxial response
+    of the energy mu |F - R|^2 with the volume constraint.
     """
     strain = np.asarray(strain, dtype=np.float64)
     if isinstance(material, Linear):

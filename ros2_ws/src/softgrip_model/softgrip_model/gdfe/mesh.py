@@ -98,7 +98,8 @@ def grid_hexes(shape: tuple[int, int, int]) -> Index:
     low = ((i * (ny + 1) + j) * (nz + 1) + k).ravel()
     step_i, step_j = (ny + 1) * (nz + 1), nz + 1
     bottom = np.stack([low, low + step_i, low + step_i + step_j, low + step_j], axis=1)
-    return np.concatenate([bottom, bottom + 1], axis=1).astype(np.int32)
+    hexes: Index = np.concatenate([bottom, bottom + 1], axis=1).astype(np.int32)
+    return hexes
 
 
 def bar(

@@ -92,7 +92,7 @@ class ShapeSession:
         """Say which profile sits in which slot; slots that are not shown are left out.
 
         Raises:
-            GdfeError, FingerError, ProfileError: unknown profile, or a finger that cannot be simulated; nothing changes.
+            GdfeError, FingerError, ProfileError: unknown profile, or a finger that cannot be simulated; all stays.
         """
         wanted = {slot: mounted[slot] for slot in self._shown if slot in mounted}
         if wanted == self.mounted:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,7 +219,7 @@ class Solver:
                 f"{', '.join(material.name for material in materials)}"
             )
         self.materials = tuple(materials)
-        tables = np.vstack([secant_table(lambda e, m=m: shear_secant(m, e)) for m in materials])
+        tables = np.vstack([secant_table(partial(shear_secant, m)) for m in materials])
         lame_per_mu = [2.0 * m.poisson / (1.0 - 2.0 * m.poisson) for m in materials]
         weights = self._matrix_weights(tables, lame_per_mu)
         s = self.settings
@@ -244,7 +245,7 @@ class Solver:
             raise GdfeError(f"{error}; prescribe displacements so that no part can move freely") from error
 
     def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:
-        """k of every material: the thesis law has k = 1; else the stiffest its law answers with, 2 mu + lame at rest."""
+        """Return k of every material: 1 for the thesis law, else 2 mu + lame at rest."""
         if self.settings.law is Law.THESIS:
             return np.ones(len(self.materials))
         return np.array([tables[4 * i, 0] * (2.0 + lame) for i, lame in enumerate(lame_per_mu)])

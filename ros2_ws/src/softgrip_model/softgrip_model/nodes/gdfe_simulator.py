@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows the mounted fingers as the mesh predicts them, from their pulled tendon lengths.
 
-Subscribes tendon/state and cell/state; publishes shape/predicted and shape/marker, from the subscription callback of tendon/state
-only. Each shape is a function of its own pulled length and the mounted profile alone, and states are taken by their stamps (the
-first in every period of the rate), so that a bag replays to the same bits on the same machine. A state that comes while another
-is being solved waits alone: older ones are dropped, never shown late. The rate in the message is that of the stamps solved.
+Subscribes tendon/state and cell/state; publishes shape/predicted and shape/marker, from the subscription callback of
+tendon/state only. Each shape is a function of its own pulled length and the mounted profile alone, and states are taken
+by their stamps (the first in every period of the rate), so that a bag replays to the same bits on the same machine. A
+state that comes while another is being solved waits alone: older ones are dropped, never shown late. The rate in the
+message is that of the stamps solved.
 """
 
 from __future__ import annotations

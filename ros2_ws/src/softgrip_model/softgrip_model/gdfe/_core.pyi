@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+# Private core of softgrip_model.gdfe; src/gdfe/binding.cpp.
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array = NDArray[np.float64]
+_Index = NDArray[np.int32]
+
+def simd_target() -> str: ...
+
+class Element:
+    volume: float
+    gradient: _Array
+    laplacian: _Array
+    min_jacobian: float
+
+def make_element(rest: _Array) -> Element: ...
+def min_jacobians(rest: _Array, hexes: _Index) -> _Array: ...
+
+class SecantTables:
+    def __init__(self, coefficients: _Array, cells: int, end: float, lame_per_mu: Sequence[float]) -> None: ...
+
+class CablePoint:
+    def __init__(self, nodes: Sequence[int], weights: Sequence[float], fixed: _Array) -> None: ...
+
+class Cable:
+    def __init__(
+        self,
+        points: Sequence[CablePoint],
+        entry: _Array,
+        law: int,
+        k_reading: int,
+        coefficients: Sequence[float],
+        radius_mm: float,
+    ) -> None: ...
+
+class Settings:
+    def __init__(
+        self,
+        law: int,
+        shape: int,
+        single_precision_factor: bool,
+        ordering: int,
+        window: int,
+        step_limit: float,
+    ) -> None: ...
+
+class Outcome:
+    converged: bool
+    iterations: int
+    residual: float
+    length_error: float
+    displacement: _Array
+    reaction: _Array
+    strain: list[float]
+    anchor_tension: list[float]
+    tension: list[list[float]]
+    shortening: list[float]
+    history: list[float]
+
+class Solver:
+    def __init__(
+        self,
+        rest: _Array,
+        hexes: _Index,
+        materials: Sequence[int],
+        tables: SecantTables,
+        matrix_weight: Sequence[float],
+        maps: Sequence[Sequence[int]],
+        cables: Sequence[Cable],
+        settings: Settings,
+    ) -> None: ...
+    def solve(
+        self,
+        prescribed: _Array,
+        load: _Array,
+        drives: Sequence[tuple[bool, float]],
+        tolerance: float,
+        force_floor: float,
+        length_tolerance: float,
+        max_iterations: int,
+        start: _Array,
+        start_tension: Sequence[float],
+    ) -> Outcome: ...
+    def internal_force(self, displacement: _Array) -> _Array: ...
+    def strain(self) -> list[float]: ...
+    def set_thesis_state(self, omega: Sequence[float], last_strain: Sequence[float]) -> None: ...
+    @property
+    def unknowns(self) -> int: ...
+    def factor_nonzeros(self, axis: int) -> int: ...
+    def factor_bytes(self, axis: int) -> int: ...
