@@ -60,7 +60,7 @@ def referenced(text: str, package: str) -> Iterator[tuple[str, str]]:
 
 
 def _action_parts(package: str, name: str, find: FindInterface) -> dict[str, str]:
-    """Definitions that rosidl derives from an action for its feedback topic; their names keep "action" in the middle."""
+    """Definitions that rosidl derives from an action for its feedback topic; names keep "action" in the middle."""
     action, _, suffix = name.rpartition("_")
     if suffix != "FeedbackMessage":
         raise BagError(f"expected the feedback message of an action, found {package}/action/{name}")
