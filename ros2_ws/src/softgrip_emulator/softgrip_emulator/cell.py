@@ -110,9 +110,10 @@ class EmulatedCell:
         self.wire_dir = wire_dir
         self.seed = seed
         self.clock = CellClock(time_scale)
+        self._epoch_s = time.time()
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
         self.rig = EmulatedRig(seed, rig_time_scale * time_scale)
-        self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to)
+        self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)
         self._settings = camera or CameraSettings()
@@ -123,7 +124,8 @@ class EmulatedCell:
             self.scene,
             self.board,
             self._look,
-            fps=self._settings.fps,
+            wall_time_s=self.epoch_time_s,
+            fps=self._settings.fps * time_scale,
             jpeg_quality=self._settings.jpeg_quality,
             random=np.random.default_rng([seed, 0x4652]).random,
         )
@@ -179,6 +181,12 @@ class EmulatedCell:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def epoch_time_s(self) -> float:
+        """The cell's time in seconds since the epoch: the wall's at real time, else what /clock says."""
+        if self.clock.scale == 1.0:
+            return time.time()
+        return self._epoch_s + self.clock.now_s()
+
     @property
     def stream_url(self) -> str:
         """Address of the camera's stream; empty before `open`."""
@@ -229,4 +237,4 @@ class EmulatedCell:
             self.faults.tick(now_s)
             self.plant.advance_to(now_s)
             spent_s = time.monotonic() - began_s
-            self._stop.wait(max(0.0005, _PLANT_PERIOD_S - spent_s))
+            self._stop.wait(max(0.0005, self.clock.wall_duration_s(_PLANT_PERIOD_S) - spent_s))

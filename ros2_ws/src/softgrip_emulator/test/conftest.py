@@ -9,6 +9,7 @@ from pathlib import Path
 import dynamixel_sdk
 import numpy as np
 import pytest
+
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import Servo
 from softgrip_emulator.dynamixel.table import load_model
@@ -37,6 +38,12 @@ def until():
         return True
 
     return wait
+
+
+@pytest.fixture(autouse=True)
+def patient_sdk(monkeypatch):
+    """The SDK waits 34 ms for a reply, less than a busy test machine may take to run the emulator's thread."""
+    monkeypatch.setattr("dynamixel_sdk.port_handler.LATENCY_TIMER", 100)
 
 
 @pytest.fixture
@@ -89,7 +96,7 @@ def read():
 
 @pytest.fixture(scope="session")
 def plain_finger():
-    """A finger without scatter or creep, almost without stretch: chapter 3, E 21.89 MPa, w 13, h 3, l 10, link 35 mm."""
+    """A finger without scatter or creep and hardly any stretch: E 21.89 MPa, w 13, h 3, l 10, link 35 mm."""
 
     def make(radii_mm=(8.5,) * 6, mu=0.0, presliding_m=1e-4):
         stiffness = 21.89e6 * 13e-3 * 3e-3**3 / 12.0 / 10e-3

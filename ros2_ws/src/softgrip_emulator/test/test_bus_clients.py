@@ -6,6 +6,7 @@ import math
 import dynamixel_sdk
 import pytest
 import rustypot
+
 from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S
 
 OK = dynamixel_sdk.COMM_SUCCESS

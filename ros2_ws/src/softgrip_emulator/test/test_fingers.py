@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant's finger against closed forms and the reference solution of an independent program (../reference finger.md, (P))."""
+"""The plant's finger against closed forms and the reference solution of an independent program (docs/finger.md, P)."""
 
 import math
 
 import numpy as np
 import pytest
+
 from softgrip_emulator.plant.fingers import FingerBank
 from softgrip_emulator.plant.truth import draw_finger
 
@@ -53,7 +54,7 @@ def test_friction_turns_round_when_the_finger_opens(plain_finger):
     closing_n, closing_q = bank.tension_n[0], bank.q[0].copy()
     pull(bank, 0.020)
     pull(bank, 0.010)
-    # With the cable sliding outwards the actuator holds with less than it pulled, and the finger's far joints are more bent.
+    # With the cable sliding outwards the actuator holds with less than it pulled, and the far joints are more bent.
     assert bank.tension_n[0] < 0.8 * closing_n
     assert bank.q[0, 2] > closing_q[2] + math.radians(3)
 
@@ -87,10 +88,12 @@ def test_the_result_does_not_depend_on_the_step(plain_finger, dt_s):
 
 def test_every_shipped_finger_survives_a_jerk(profiles):
     for profile in profiles.values():
-        bank = FingerBank([
-            draw_finger(profile.finger(slot), profile.material, profile=profile.id, serial="x", seed=3)
-            for slot in profile.slots
-        ])
+        bank = FingerBank(
+            [
+                draw_finger(profile.finger(slot), profile.material, profile=profile.id, serial="x", seed=3)
+                for slot in profile.slots
+            ]
+        )
         for wound_m in (0.03, 0.0, 0.03, -0.01, 0.015):
             for _ in range(200):
                 bank.step(np.full(len(bank.fingers), wound_m), 1e-3)

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise on the device's side of the bus: 100,000 random and mutated byte streams; nothing escapes, nothing wrong is obeyed."""
+"""Noise on the device's side of the bus: 100,000 random and mutated byte streams; nothing wrong is obeyed."""
 
 import random
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.packets import BROADCAST_ID, Instruction, PacketReader, crc16, encode
 from softgrip_emulator.dynamixel.servo import Servo
@@ -37,7 +38,8 @@ def good_packets(rng):
     if choice == 3:
         return encode(BROADCAST_ID, Instruction.SYNC_READ, bytes([132, 0, 4, 0, 1, 2, 3]))
     if choice == 4:
-        return encode(BROADCAST_ID, Instruction.SYNC_WRITE, bytes([116, 0, 4, 0, 1, *rng.randbytes(4), 2, *rng.randbytes(4)]))
+        goals = bytes([1, *rng.randbytes(4), 2, *rng.randbytes(4)])
+        return encode(BROADCAST_ID, Instruction.SYNC_WRITE, bytes([116, 0, 4, 0]) + goals)
     return encode(BROADCAST_ID, Instruction.FAST_SYNC_READ, bytes([126, 0, 10, 0, 3, 1]))
 
 
@@ -66,7 +68,11 @@ def is_well_formed(stream):
             continue
         length = int.from_bytes(stream[start + 5 : start + 7], "little")
         end = start + 7 + length
-        if length >= 3 and end <= len(stream) and crc16(stream[start : end - 2]) == int.from_bytes(stream[end - 2 : end], "little"):
+        if (
+            length >= 3
+            and end <= len(stream)
+            and crc16(stream[start : end - 2]) == int.from_bytes(stream[end - 2 : end], "little")
+        ):
             return True
     return False
 

@@ -4,6 +4,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from softgrip_emulator.dynamixel.packets import (
     BROADCAST_ID,
     HEADER,

@@ -4,6 +4,7 @@
 import math
 
 import pytest
+
 from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
 from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S, HardwareError, Servo
 from softgrip_emulator.dynamixel.table import available_models, load_model

@@ -86,7 +86,7 @@ class StreamServer:
         self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), handler)
         self._server.daemon_threads = True
         self._thread = threading.Thread(
-            target=self._server.serve_forever, kwargs={"poll_interval": 0.5}, name="camera-http", daemon=True
+            target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="camera-http", daemon=True
         )
 
     @property

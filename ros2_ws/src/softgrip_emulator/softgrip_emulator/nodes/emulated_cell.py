@@ -6,10 +6,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 from softgrip_emulator.cell import CameraSettings, EmulatedCell
 from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
@@ -20,7 +22,16 @@ from softgrip_emulator.plant.cell import ServoPlace, Supply
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_model.profile import Profile, ProfileError, load_directory
-from softgrip_nodekit import SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+from softgrip_nodekit import (
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    StartupError,
+    run,
+    to_time_message,
+)
 
 PARAMETERS = ParameterTable(
     Parameter("wire_dir", "/tmp/softgrip", "folder where servos, stand, gauge and the camera's files appear"),  # noqa: S108  a default for one user; the launch file gives a folder of its own
@@ -28,6 +39,15 @@ PARAMETERS = ParameterTable(
         "seed", 1, "of everything the emulated cell draws: fingers, friction, products, camera", "", 0, 2**31 - 1
     ),
     Parameter("time_scale", 1.0, "how much faster than real time the friction rig lives", "", 0.1, 1000.0),
+    Parameter(
+        "cell_time_scale",
+        1.0,
+        "how much faster than real time everything else lives; other than 1: its time is published on /clock, and the "
+        "other nodes need use_sim_time",
+        "",
+        0.05,
+        4.0,
+    ),
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index", "middle", "thumb"], "slots, each with a servo"),
     Parameter(
@@ -50,6 +70,11 @@ PARAMETERS = ParameterTable(
 )
 
 
+_CLOCK_PERIOD_S: Final = 0.005
+"""Wall time between two messages on /clock."""
+_SWITCH_INTERVAL_S: Final = 0.0005
+
+
 class EmulatedCellNode(Node):
     """Translates between services and an `EmulatedCell`."""
 
@@ -67,6 +92,9 @@ class EmulatedCellNode(Node):
         self.create_service(SetRig, "emulator/set_rig", self._on_rig)
         self.create_timer(1.0 / values["truth_rate"], self._publish_truth)
         self.create_timer(1.0, self._report)
+        if values["cell_time_scale"] != 1.0:
+            self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR)
+            self.create_timer(_CLOCK_PERIOD_S, self._publish_clock)
         self.get_logger().info(f"wires in {cell.wire_dir}, camera at {cell.stream_url}")
 
     @property
@@ -108,8 +136,13 @@ class EmulatedCellNode(Node):
         return f"angle {request.angle:.3f} rad, load {request.load:.3f} kg"
 
     def _publish_truth(self) -> None:
-        stamp = self.get_clock().now().to_msg()
-        self._truth.publish(convert.to_truth_message(self.cell.truth(), stamp))
+        self._truth.publish(convert.to_truth_message(self.cell.truth(), self._stamp()))
+
+    def _publish_clock(self) -> None:
+        self._clock_publisher.publish(Clock(clock=self._stamp()))
+
+    def _stamp(self) -> Time:
+        return to_time_message(round(self.cell.epoch_time_s() * 1e9))
 
     def _report(self) -> None:
         plant = self.cell.plant
@@ -148,6 +181,7 @@ def _open_cell(values: dict[str, Any]) -> EmulatedCell:
             Path(values["wire_dir"]),
             seed=values["seed"],
             rig_time_scale=values["time_scale"],
+            time_scale=values["cell_time_scale"],
             chain=_chain(values),
             supply=_supply(values),
             camera=CameraSettings(
@@ -197,6 +231,8 @@ def _supply(values: dict[str, Any]) -> Supply:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
+    # The bus must answer within fractions of a millisecond while the plant computes.
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
     sys.exit(run(EmulatedCellNode, args))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -37,6 +38,7 @@ REST_STEP_S: Final = 0.004
 _REST_AFTER_S: Final = 0.3
 _REST_SPEED_RAD_S: Final = 1e-3
 _MAX_OFFSET_M: Final = 0.1
+_READING_CATCH_UP_S: Final = 0.006
 _MAX_LAG_S: Final = 0.25
 """Further behind the clock than this, the plant skips time instead of taking the processor from the others."""
 
@@ -203,6 +205,13 @@ class CellPlant:
                 if self.now_s + dt_s > now_s:
                     return
                 self.step(dt_s)
+            # Let go of the interpreter: a thread that waits for the lock would else not get it before the last step.
+            time.sleep(0)
+
+    def catch_up(self, now_s: float) -> None:
+        """Live a little towards `now_s`, so that a reading is fresh; a long way is left to the cell's own thread."""
+        if now_s - self.now_s < _READING_CATCH_UP_S:
+            self.advance_to(now_s)
 
     def step(self, dt_s: float = STEP_S) -> None:
         """One step of everything."""
@@ -214,8 +223,6 @@ class CellPlant:
                 self._power(index, servo, supply_v)
                 drive = servo.step(self.now_s, dt_s)
                 motor.step(drive, float(self.bank.tension_n[index]), supply_v, dt_s)
-                if self.slots[index] in self.disturbances.jammed:
-                    motor.shaft.velocity_rad_s = 0.0
                 moving = moving or abs(motor.shaft.velocity_rad_s) > _REST_SPEED_RAD_S
             self._apply_disturbances()
             wound_m = self.wound_m()
@@ -250,4 +257,5 @@ class CellPlant:
         for index, slot in enumerate(self.slots):
             self.bank.broken[index] = slot in faults.broken_tendons
             self.bank.slack_m[index] = self._base_slack[index] + faults.extra_slack_m.get(slot, 0.0)
+            self.motors[index].jammed = slot in faults.jammed
             self.motors[index].extra_heat_w = faults.extra_heat_w.get(slot, 0.0)

@@ -24,6 +24,7 @@ class Motor:
     friction_factor: float = 1.0
     """Gear friction of this copy relative to the ratings."""
     extra_heat_w: float = 0.0
+    jammed: bool = False
 
     def step(self, drive: Drive, tension_n: float, supply_v: float, dt_s: float) -> None:
         """Advance shaft, current and temperature by one step (semi-implicit Euler).
@@ -47,6 +48,8 @@ class Motor:
         friction_nm = self.friction_factor * (ratings.gear_friction_nm + 0.06 * tension_n * self.spool_radius_m)
         impulse = dt_s * friction_nm / ratings.inertia_kgm2
         velocity = max(0.0, velocity - impulse) if velocity > 0.0 else min(0.0, velocity + impulse)
+        if self.jammed:
+            velocity = 0.0
         shaft.velocity_rad_s = velocity
         shaft.angle_rad += velocity * dt_s
         shaft.current_a = current

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The picture shows the true finger where the calibration says, the stream carries it with its time of capture."""
+
+import math
+import time
+import urllib.request
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from softgrip_emulator.camera.camera import Camera
+from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
+from softgrip_emulator.camera.scene import Light, Pose, Scene
+from softgrip_emulator.camera.stream import FrameBoard, StreamServer
+
+LINKS_M = (0.045, 0.027, 0.023)
+
+
+def pose_of(angles_deg):
+    heading = np.cumsum(np.radians(angles_deg))
+    steps = np.array(LINKS_M)[:, None] * np.stack([np.cos(heading), -np.sin(heading)], axis=1)
+    return Pose(np.vstack([[[0.0, 0.0]], np.cumsum(steps, axis=0)]), heading)
+
+
+def green_centres(image):
+    """Centres of green blobs, weighted by greenness: an independent, plain detector."""
+    blue, green, red = (image[..., i].astype(float) for i in range(3))
+    weight = np.clip(green - np.maximum(blue, red) - 25.0, 0.0, None)
+    count, labels = cv2.connectedComponents((weight > 0).astype(np.uint8))
+    centres = []
+    for label in range(1, count):
+        v, u = np.nonzero(labels == label)
+        if len(u) > 60:
+            share = weight[v, u] / weight[v, u].sum()
+            centres.append([(share * u).sum(), (share * v).sum()])
+    return np.array(centres)
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 480), (1280, 720)])
+@pytest.mark.parametrize("angles_deg", [(0, 0, 0), (30, 20, 15), (80, 45, 45), (10, 80, 40)])
+def test_every_marker_is_where_the_optics_say(width, height, angles_deg):
+    optics = draw_optics(width, height, seed=3)
+    scene = Scene(optics, seed=3)
+    pose = pose_of(angles_deg)
+    found = green_centres(scene.render(pose))
+    for true in optics.to_pixels(scene.markers_m(pose)):
+        assert np.linalg.norm(found - true, axis=1).min() < 0.35
+    assert len(found) == 5
+
+
+def test_distortion_is_opencvs():
+    optics = draw_optics(640, 480, seed=4)
+    points = np.array([[0.0, 0.0], [0.09, -0.01], [0.02, -0.09]])
+    mapped = points @ optics.homography[:, :2].T + optics.homography[:, 2]
+    rays = np.column_stack([(mapped[:, :2] / mapped[:, 2:] - optics.matrix[:2, 2]) / optics.matrix[0, 0], np.ones(3)])
+    expected, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), optics.matrix, optics.distortion)
+    assert optics.to_pixels(points) == pytest.approx(expected.reshape(-1, 2), abs=1e-6)
+
+
+def test_the_calibration_is_good_but_not_perfect(tmp_path):
+    true = draw_optics(640, 480, seed=5)
+    path = tmp_path / "camera_calibration.yaml"
+    write_calibration(path, calibrated(true, seed=5), "index", 5)
+    document = yaml.safe_load(path.read_text())
+    matrix = np.array(document["camera_matrix"]["data"]).reshape(3, 3)
+    distortion = np.array(document["distortion_coefficients"]["data"])
+    (plane,) = document["softgrip"]["planes"]
+    homography = np.array(plane["homography"]["data"]).reshape(3, 3)
+    points = np.array([[0.0, 0.0], [0.05, -0.03], [0.09, -0.01], [-0.02, -0.06]])
+    seen = cv2.undistortPoints(true.to_pixels(points).reshape(-1, 1, 2), matrix, distortion, P=matrix).reshape(-1, 2)
+    back = np.column_stack([seen, np.ones(4)]) @ np.linalg.inv(homography).T
+    error_mm = 1e3 * np.linalg.norm(back[:, :2] / back[:, 2:] - points, axis=1)
+    assert 0.005 < error_mm.max() < 1.0
+    assert (plane["finger"], plane["base_marker_m"], plane["marker_diameter_m"]) == ("index", 0.020, 0.005)
+
+
+def test_motion_blurs_and_exposure_changes_the_light():
+    scene = Scene(draw_optics(640, 480, seed=1), seed=1)
+    still = scene.render(pose_of((30, 20, 15)), pose_of((30, 20, 15)), Light(noise=0.0))
+    moving = scene.render(pose_of((30, 20, 15)), pose_of((20, 12, 8)), Light(noise=0.0))
+    assert cv2.Laplacian(moving, cv2.CV_64F).var() < 0.9 * cv2.Laplacian(still, cv2.CV_64F).var()
+    dark = scene.render(pose_of((30, 20, 15)), light=Light(gain=0.1))
+    bright = scene.render(pose_of((30, 20, 15)), light=Light(gain=3.0))
+    assert dark.mean() < 0.2 * still.mean()
+    assert (bright == 255).mean() > 0.05
+
+
+def test_noise_differs_from_frame_to_frame_and_an_empty_slot_shows_no_finger():
+    scene = Scene(draw_optics(640, 480, seed=1), seed=1)
+    empty = Pose(np.zeros((0, 2)), np.zeros(0))
+    first, second = scene.render(empty), scene.render(empty)
+    assert 1.0 < np.std(first.astype(float) - second) < 6.0
+    # the base marker is on the palm
+    assert len(green_centres(first)) == 1
+
+
+@pytest.fixture
+def stream(tmp_path):
+    board = FrameBoard()
+    scene = Scene(draw_optics(320, 240, seed=1), seed=1)
+    angle = [0.0]
+
+    def look():
+        angle[0] += 0.5
+        return pose_of((angle[0], 0, 0)), pose_of((angle[0], 0, 0))
+
+    camera = Camera(scene, board, look, fps=60.0, random=np.random.default_rng(1).random)
+    server = StreamServer(board)
+    server.start(tmp_path / "camera.url")
+    camera.start()
+    yield camera, (tmp_path / "camera.url").read_text().strip()
+    camera.close()
+    server.close()
+
+
+def parts(url, count):
+    """Independent reading of multipart/x-mixed-replace: (stamp, jpeg) pairs."""
+    with urllib.request.urlopen(url, timeout=5) as response:
+        boundary = response.headers.get_param("boundary").encode()
+        for _ in range(count):
+            assert response.readline().strip() == b"--" + boundary
+            headers = {}
+            while line := response.readline().strip():
+                name, _, value = line.decode().partition(": ")
+                headers[name] = value
+            yield float(headers["X-Timestamp"]), response.read(int(headers["Content-Length"]))
+            response.readline()
+
+
+def test_the_stream_has_frames_with_rising_stamps(stream):
+    _, url = stream
+    before_s = time.time()
+    rows = list(parts(url, 5))
+    stamps = [stamp for stamp, _ in rows]
+    assert before_s - 0.1 <= stamps[0] <= stamps[-1] <= time.time()
+    assert all(b > a for a, b in pairwise(stamps))
+    image = cv2.imdecode(np.frombuffer(rows[0][1], np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (240, 320, 3)
+
+
+def test_it_takes_no_frames_while_nobody_looks(stream, until):
+    camera, url = stream
+    list(parts(url, 2))
+    assert until(lambda: camera._board.viewers == 0)
+    taken = camera.frames_taken
+    assert not until(lambda: camera.frames_taken > taken + 1, 0.3)
+
+
+def test_camera_faults(stream):
+    camera, url = stream
+    camera.faults.frozen = True
+    frozen = [data for _, data in parts(url, 3)]
+    assert frozen[0] == frozen[1] == frozen[2]
+    camera.faults.frozen = False
+    camera.faults.gain = 0.05
+    assert cv2.imdecode(np.frombuffer(camera.take(), np.uint8), cv2.IMREAD_COLOR).mean() < 12
+    camera.faults.gain = 1.0
+    camera.faults.drop_share = 0.5
+    lost = sum(camera.take() is None for _ in range(60))
+    assert 15 < lost < 45
+
+
+def test_two_viewers_and_a_wrong_path(stream):
+    _, url = stream
+    assert len(list(parts(url, 2))) == len(list(parts(url, 2))) == 2
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(url.replace("stream.mjpg", "secret"), timeout=5)
+
+
+def test_headings_are_those_of_a_closing_finger():
+    # closing goes towards -y, which is down in the picture
+    optics = draw_optics(640, 480, seed=2)
+    tip = optics.to_pixels(pose_of((40, 30, 20)).joints_m)[-1]
+    base = optics.to_pixels(np.zeros((1, 2)))[0]
+    assert tip[1] > base[1] + 100
+    assert math.isfinite(tip[0])
