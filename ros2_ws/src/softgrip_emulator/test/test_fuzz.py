@@ -108,6 +108,11 @@ def test_any_bytes_in_any_pieces(pieces, baud):
             assert len(chunk.data) >= 11
 
 
+def test_a_group_read_longer_than_any_packet_is_not_answered():
+    asked = encode(BROADCAST_ID, Instruction.FAST_SYNC_READ, bytes.fromhex("0000 0080 00 01"))
+    assert make_chain().exchange(asked, 0.0, 57_600) == []
+
+
 # every instruction byte with any parameters, CRC right: what a confused host sends
 @given(st.sampled_from([1, 2, BROADCAST_ID, 0xFD, 0xFF]), st.integers(0, 255), st.binary(max_size=30))
 @settings(max_examples=1500, deadline=None)

@@ -164,6 +164,8 @@ class DynamixelChain:
     def _fast_read(self, requests: list[tuple[int, int, int]], by_id: dict[int, Servo], now_s: float) -> list[Chunk]:
         if any(servo.device_id in by_id and not servo.model.has_fast_sync_read for servo in self.servos):
             return []
+        if 1 + sum(length + 4 for _, _, length in requests) > _MAX_STATUS_BYTES:
+            return []
         replies: list[tuple[int, int, bytes]] = []
         complete = True
         delay_s = 0.0
@@ -184,7 +186,7 @@ class DynamixelChain:
         else:
             pieces = encode_fast_status(replies)
         data = b"".join(pieces)
-        return [Chunk(data, now_s + delay_s)] if 0 < len(data) <= _MAX_STATUS_BYTES else []
+        return [Chunk(data, now_s + delay_s)] if data else []
 
     @staticmethod
     def _group_write(writes: list[tuple[int, int, bytes]], listening: list[Servo], now_s: float) -> None:
