@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 from scipy.optimize import root
 
 from softgrip_model.finger import FRICTIONLESS, Control, Finger, Kernel, MomentLaw, Status, Strip, close, reason
@@ -185,7 +186,7 @@ def test_work_done_is_energy_stored_without_friction() -> None:
     finger = chapter_3_finger(OPTIMISED_ROUTING_MM)
     pulls = np.linspace(0.0, 18.0, 2001)
     found = close(finger, FRICTIONLESS, pulls)
-    work = np.trapezoid(found.actuator_tension_n[0], pulls)
+    work = trapezoid(found.actuator_tension_n[0], pulls)
     stiffness = 21.89 * 13 * 27 / (12 * 10)
     assert work == pytest.approx(0.5 * stiffness * (found.angle_rad[0, -1] ** 2).sum(), rel=1e-6)
 
