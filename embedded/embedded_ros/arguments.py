@@ -6,12 +6,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from embedded_ros.errors import ArgumentsError
+from embedded_ros.errors import ArgumentsError, UnknownArgumentsError
 from embedded_ros.names import Remap, parse_remap
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _IGNORED = {"--enable-rosout-logs", "--enable-stdout-logs", "--disable-stdout-logs", "--enable-external-lib-logs",
             "--disable-external-lib-logs"}  # fmt: skip
@@ -19,17 +22,7 @@ LEVELS = {"UNSET": 0, "DEBUG": 10, "INFO": 20, "WARN": 30, "WARNING": 30, "ERROR
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML 1.1 with ROS 2's reading of scalars: ``1e3`` is a float, ``0x1F`` an int; duplicate keys are refused."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002  yaml's signature
-        """Return the mapping of a node; a key that is there twice is an error."""
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
-            if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is there twice", key_node.start_mark)
-            seen.add(key)
-        return super().construct_mapping(node, deep)
+    """YAML 1.1, with ROS 2's reading of ``1e3`` as a float."""
 
 
 _Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
@@ -41,14 +34,21 @@ _Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
 
 def load_yaml(text: str, source: str) -> Any:
     """Parse YAML; ArgumentsError with source, line and reason when it does not parse."""
+    return _yaml(lambda loader: loader.get_single_data(), text, source)  # type: ignore[no-untyped-call]
+
+
+def _yaml(read: Callable[[_Loader], Any], text: str, source: str) -> Any:
+    loader = _Loader(text)
     try:
-        return yaml.load(text, _Loader)  # noqa: S506  a SafeLoader
+        return read(loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = f"{source}:{mark.line + 1}:{mark.column + 1}" if mark else source
         raise ArgumentsError(f"{place}: not valid YAML: {error.problem}") from error
     except yaml.YAMLError as error:
         raise ArgumentsError(f"{source}: not valid YAML: {error}") from error
+    finally:
+        loader.dispose()  # type: ignore[no-untyped-call]
 
 
 @dataclass
@@ -144,8 +144,9 @@ def _parse_one(item: str, items: Any, result: Arguments) -> None:
     elif item == "--log-config-file":
         raise ArgumentsError("--ros-args --log-config-file is not part of embedded/; it needs ROS 2")
     elif item not in _IGNORED:
-        raise ArgumentsError(
-            f"--ros-args {item}: unknown; expected -r, -p, --params-file, --log-level, --enclave, --disable-rosout-logs"
+        raise UnknownArgumentsError(
+            f"{[item]}: unknown after --ros-args; expected -r, -p, --params-file, --log-level, --enclave, "
+            "--disable-rosout-logs"
         )
 
 
@@ -193,36 +194,53 @@ def load_parameter_file(path: Path) -> list[tuple[str, dict[str, Any], str]]:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ArgumentsError(f"--params-file {path}: cannot be read: {error.strerror}") from error
-    data = load_yaml(text, str(path))
-    if data is None:
-        return []
     found: list[tuple[str, dict[str, Any], str]] = []
-    _walk(data, "", path, found)
+
+    def read(loader: _Loader) -> None:
+        root = loader.get_single_node()  # type: ignore[no-untyped-call]
+        if root is not None:
+            _ParameterFile(loader, path, found).nodes(root, "")
+
+    _yaml(read, text, str(path))
     return found
 
 
-def _walk(data: Any, prefix: str, path: Path, found: list[tuple[str, dict[str, Any], str]]) -> None:
-    if not isinstance(data, dict):
-        raise ArgumentsError(
-            f"{path}: {prefix or 'top level'}: expected 'node_name: {{ros__parameters: {{...}}}}', found {data!r}"
-        )
-    for key, value in data.items():
-        if key == "ros__parameters":
-            if not prefix:
-                raise ArgumentsError(f"{path}: ros__parameters: expected a node name (or /**) above it")
-            if not isinstance(value, dict):
-                raise ArgumentsError(f"{path}: {prefix}.ros__parameters: expected 'name: value' pairs, found {value!r}")
-            flat: dict[str, Any] = {}
-            _flatten(value, "", f"{path}: {prefix}", flat)
-            found.append((prefix, flat, str(path)))
-        else:
-            _walk(value, f"{prefix.rstrip('/')}/{str(key).lstrip('/')}" if prefix else str(key), path, found)
+class _ParameterFile:
+    """Walks the YAML nodes of a parameter file: a node name may stand there twice, a parameter may not."""
 
+    def __init__(self, loader: _Loader, path: Path, found: list[tuple[str, dict[str, Any], str]]) -> None:
+        self._loader = loader
+        self._path = path
+        self._found = found
 
-def _flatten(values: dict[Any, Any], prefix: str, where: str, flat: dict[str, Any]) -> None:
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            _flatten(value, f"{name}.", where, flat)
-        else:
-            flat[name] = parameter_value(value, f"{where}: {name}")
+    def _place(self, node: yaml.Node) -> str:
+        return f"{self._path}:{node.start_mark.line + 1}"
+
+    def _pairs(self, node: yaml.Node, expected: str) -> list[tuple[str, yaml.Node]]:
+        if not isinstance(node, yaml.MappingNode):
+            raise ArgumentsError(f"{self._place(node)}: expected {expected}, found {node.value!r}")
+        return [(str(key.value), value) for key, value in node.value]
+
+    def nodes(self, node: yaml.Node, prefix: str) -> None:
+        """Take in a mapping of namespaces and node names."""
+        for key, value in self._pairs(node, f"'node_name: {{ros__parameters: {{...}}}}' under '{prefix or 'top level'}'"):
+            if key == "ros__parameters":
+                if not prefix:
+                    raise ArgumentsError(f"{self._place(value)}: ros__parameters: expected a node name (or /**) above it")
+                flat: dict[str, Any] = {}
+                self.parameters(value, "", flat)
+                self._found.append((prefix, flat, str(self._path)))
+            else:
+                self.nodes(value, f"{prefix.rstrip('/')}/{key.lstrip('/')}" if prefix else key)
+
+    def parameters(self, node: yaml.Node, prefix: str, flat: dict[str, Any]) -> None:
+        """Take in a mapping of parameters, nested ones with dotted names."""
+        for key, value in self._pairs(node, "'name: value' pairs"):
+            name = f"{prefix}{key}"
+            if isinstance(value, yaml.MappingNode):
+                self.parameters(value, f"{name}.", flat)
+                continue
+            if name in flat:
+                raise ArgumentsError(f"{self._place(value)}: parameter '{name}' is there twice; keep one")
+            plain = self._loader.construct_object(value, deep=True)  # type: ignore[no-untyped-call]
+            flat[name] = parameter_value(plain, f"{self._place(value)}: {name}")

@@ -22,6 +22,10 @@ class ArgumentsError(EmbeddedError):
     """A ``--ros-args`` argument or parameter file that is wrong; names argument or file and key."""
 
 
+class UnknownArgumentsError(ArgumentsError):
+    """``--ros-args`` holds arguments that nobody knows."""
+
+
 class WireError(EmbeddedError):
     """The network cannot be used: port taken by something else, bad configuration."""
 

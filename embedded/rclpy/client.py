@@ -15,7 +15,6 @@ from embedded_ros.messages import deserialize, serialize
 from embedded_ros.session import Link
 from embedded_ros.wire import EntityKind
 from rclpy.endpoint import Endpoint
-from rclpy.exceptions import InvalidHandle
 from rclpy.task import Future
 
 if TYPE_CHECKING:
@@ -57,11 +56,7 @@ class Client(Endpoint):
         return self._name
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
-        """Call and wait for the response; another thread must spin the node.
-
-        Raises:
-            TimeoutError: no response in time.
-        """
+        """Call and wait; another thread must spin the node. Return the response, or None when time is up."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
         done = threading.Event()
@@ -71,15 +66,14 @@ class Client(Endpoint):
             # The future may be done without its executor running its callbacks: then nobody else spins.
             if not done.wait(timeout_sec):
                 self.remove_pending_request(future)
-                raise TimeoutError
+                return None
         return future.result()
 
     def call_async(self, request: Any) -> Future:
         """Call; the future ends with the response."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
-        if self._destroyed:
-            raise InvalidHandle("cannot use Destroyable because destruction was requested")
+        self._alive()
         payload = serialize(request)
         future = Future(executor=self._node.executor)
         with self._lock:
@@ -151,5 +145,3 @@ class Client(Endpoint):
 
     def _undeclare(self) -> None:
         self._querier.undeclare()
-        for future in list(self._pending.values()):
-            future.cancel()

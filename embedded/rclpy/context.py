@@ -12,9 +12,9 @@ import weakref
 from typing import TYPE_CHECKING, Any
 
 from embedded_ros import arguments, network
-from embedded_ros.errors import ArgumentsError, WireError
+from embedded_ros.errors import ArgumentsError, UnknownArgumentsError, WireError
 from embedded_ros.graph import Graph
-from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl import rcutils_logger
 
 if TYPE_CHECKING:
@@ -31,6 +31,22 @@ def domain_from_environment() -> int:
     if not text.isdigit() or int(text) > _MAX_DOMAIN:
         raise RCLError(f"ROS_DOMAIN_ID: expected a number 0..{_MAX_DOMAIN}, found {text!r}")
     return int(text)
+
+
+def parse_arguments(argv: list[str]) -> arguments.Arguments:
+    """Read ROS arguments.
+
+    Raises:
+        RCLInvalidROSArgsError, UnknownROSArgsError: an argument or parameter file is wrong.
+    """
+    for item in argv:
+        item.encode()
+    try:
+        return arguments.parse(argv)
+    except UnknownArgumentsError as error:
+        raise UnknownROSArgsError(f"Found unknown ROS arguments: {error}") from error
+    except ArgumentsError as error:
+        raise RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}") from error
 
 
 class Context:
@@ -72,10 +88,7 @@ class Context:
                 raise RuntimeError(f"Domain id ({domain_id}) should not be lower than zero.")
             if self._initialized:
                 raise RuntimeError("Context.init() must only be called once")
-            try:
-                self._arguments = arguments.parse(list(args if args is not None else sys.argv))
-            except ArgumentsError as error:
-                raise RCLInvalidROSArgsError(str(error)) from error
+            self._arguments = parse_arguments(list(args if args is not None else sys.argv))
             self._domain = domain_from_environment() if domain_id is None else domain_id
             self._initialized = self._ok = True
             if initialize_logging:

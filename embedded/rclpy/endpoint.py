@@ -12,6 +12,7 @@ from embedded_ros import wire
 from embedded_ros.graph import incompatible_policy
 from embedded_ros.session import Link
 from embedded_ros.wire import Entity, EntityKind
+from rclpy.destroyable import Destroyable
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -29,7 +30,7 @@ def full_type_name(kind: Any) -> str:
     return name
 
 
-class Endpoint:
+class Endpoint(Destroyable):
     """Base of the endpoints of a node."""
 
     def __init__(self, node: Node, kind: EntityKind, name: str, interface: Any, qos: QoSProfile) -> None:
@@ -61,9 +62,9 @@ class Endpoint:
         self._token: zenoh.LivelinessToken | None = None
 
     @property
-    def handle(self) -> Any:
-        """Itself; there is no C handle here."""
-        return self
+    def logger_name(self) -> str:
+        """The name of the node's logger."""
+        return str(self._node.get_logger().name)
 
     def _announce(self) -> None:
         """Declare the liveliness token, after everything it promises is there."""
@@ -97,8 +98,5 @@ class Endpoint:
                 self._token.undeclare()
             self._undeclare()
 
-    def __enter__(self) -> Any:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        self.destroy()
+        """Leave it as it is: ``with publisher.handle:`` only holds on to it."""

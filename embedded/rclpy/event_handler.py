@@ -71,6 +71,28 @@ QoSSubscriptionMatchedInfo = MatchedInfo
 QoSPublisherMatchedInfo = MatchedInfo
 
 
+class QoSCountInfo(NamedTuple):
+    """How often something happened."""
+
+    total_count: int
+    total_count_change: int
+
+
+QoSLivelinessLostInfo = QoSCountInfo
+QoSRequestedDeadlineMissedInfo = QoSCountInfo
+QoSOfferedDeadlineMissedInfo = QoSCountInfo
+IncompatibleTypeInfo = QoSCountInfo
+
+
+class QoSLivelinessChangedInfo(NamedTuple):
+    """How many publishers are alive; never told here."""
+
+    alive_count: int
+    not_alive_count: int
+    alive_count_change: int
+    not_alive_count_change: int
+
+
 class UnsupportedEventTypeError(NotImplementedError):
     """An event that the middleware cannot tell of; rmw_zenoh has no deadline and liveliness events either."""
 
@@ -178,10 +200,9 @@ class SubscriptionEventCallbacks:
         for name in ("deadline", "liveliness"):
             if getattr(self, name) is not None:
                 raise _unsupported(name)
-        logger = subscription._node.get_logger()
 
         def warn(event: QoSIncompatibleInfo) -> None:
-            logger.warning(
+            subscription._node.get_logger().warning(
                 f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
                 f"received from it. Last incompatible policy: {event.last_policy_kind.name}"
             )
@@ -222,10 +243,9 @@ class PublisherEventCallbacks:
         for name in ("deadline", "liveliness"):
             if getattr(self, name) is not None:
                 raise _unsupported(name)
-        logger = publisher._node.get_logger()
 
         def warn(event: QoSIncompatibleInfo) -> None:
-            logger.warning(
+            publisher._node.get_logger().warning(
                 f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages will be "
                 f"sent to it. Last incompatible policy: {event.last_policy_kind.name}"
             )

@@ -134,8 +134,6 @@ class Executor:
         with self._nodes_lock:
             if node in self._nodes:
                 self._nodes.discard(node)
-                if node._executor is self:
-                    node._executor = None
         self.wake()
 
     def get_nodes(self) -> list[Node]:
@@ -282,9 +280,9 @@ class Executor:
             raise TimeoutException
         limit = _LONGEST_WAIT_S if end is None else min(_LONGEST_WAIT_S, end - now)
         for node in nodes if nodes is not None else self.get_nodes():
-            for timer in node._timers:
-                due = timer._seconds_until_due()
-                if due is not None and due < limit and self.can_execute(timer):
+            for timed in (*node._timers, *node._waitables):
+                due = timed._seconds_until_due()
+                if due is not None and due < limit and self.can_execute(timed):
                     limit = due
         if self._ready_tasks or limit <= 0:
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from rclpy.destroyable import Destroyable
 from rclpy.utilities import get_default_context
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
-class GuardCondition:
+class GuardCondition(Destroyable):
     """Made by ``Node.create_guard_condition``."""
 
     def __init__(
@@ -25,7 +26,6 @@ class GuardCondition:
         self.callback_group = callback_group
         self._executor_event = False
         self._triggered = False
-        self._destroyed = False
         self._wake: Callable[[], None] = lambda: None
 
     def trigger(self) -> None:
@@ -39,7 +39,3 @@ class GuardCondition:
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
         self._triggered = False
         return (self.callback, ()) if self.callback is not None else None
-
-    def destroy(self) -> None:
-        """Forget it."""
-        self._destroyed = True

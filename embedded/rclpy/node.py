@@ -14,12 +14,11 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
 from rclpy.constants import S_TO_NS
+from rclpy.context import parse_arguments
+from rclpy.destroyable import Destroyable
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import (
-    InvalidServiceNameException,
-    InvalidTopicNameException,
-    NotInitializedException,
-)
+from rclpy.exceptions import NotInitializedException
+from rclpy.executors import Executor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl import rcutils_logger
 from rclpy.logging import get_logger
@@ -33,7 +32,7 @@ from rclpy.qos import (
     qos_profile_rosout_default,
     qos_profile_services_default,
 )
-from rclpy.qos_overriding_options import QoSOverridingOptions, declare_qos_parameters
+from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
 from rclpy.service import Service
 from embedded_ros.session import Link
 from rclpy.subscription import Subscription
@@ -52,7 +51,6 @@ if TYPE_CHECKING:
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.context import Context
-    from rclpy.executors import Executor
     from rclpy.impl.rcutils_logger import CallerId, RcutilsLogger
     from rclpy.parameter import Parameter
     from rclpy.waitable import Waitable
@@ -60,7 +58,7 @@ if TYPE_CHECKING:
 
 
 
-class Node(NodeParameters, NodeGraph):
+class Node(NodeParameters, NodeGraph, Destroyable):
     """A node: owns publishers, subscriptions, services, clients, timers and parameters."""
 
     def __init__(
@@ -80,7 +78,7 @@ class Node(NodeParameters, NodeGraph):
         enable_logger_service: bool = False,
     ) -> None:
         self._context = context or get_default_context()
-        self._executor: Executor | None = None
+        self._executor_reference: weakref.ref[Executor] | None = None
         self._publishers: list[Publisher] = []
         self._subscriptions: list[Subscription] = []
         self._clients: list[Client] = []
@@ -97,14 +95,15 @@ class Node(NodeParameters, NodeGraph):
         namespace = namespace or ""
         namespace = namespace if namespace.startswith("/") else "/" + namespace
         validate_namespace(namespace)
-        self._set_arguments(cli_args, use_global_arguments)
+        self._set_arguments(cli_args, use_global=use_global_arguments)
         own_name = next((a.node_name(node_name) for a in self._arguments if a.node_name(node_name) != node_name), node_name)
         self._namespace = next(
             (a.namespace(node_name, namespace) for a in self._arguments if a.namespace(node_name, namespace) != namespace),
             namespace,
         )
         self._name = own_name
-        self._logger = get_logger((self._namespace.replace("/", ".").strip(".") + "." + own_name).lstrip("."))
+        self._logger_name = (self._namespace.replace("/", ".").strip(".") + "." + own_name).lstrip(".")
+        self._logger = get_logger(self._logger_name)
         self._link = Link(self._context._session())
         self._node_id = next(self._context._ids)
         entity = Entity(self._context._domain, self._link.zid, self._node_id, self._node_id, EntityKind.NODE,
@@ -134,18 +133,8 @@ class Node(NodeParameters, NodeGraph):
 
             self._logger_service = LoggingService(self)
 
-    def _set_arguments(self, cli_args: list[str] | None, use_global: bool) -> None:  # noqa: FBT001
-        from embedded_ros.arguments import parse  # noqa: PLC0415
-        from embedded_ros.errors import ArgumentsError  # noqa: PLC0415
-        from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError  # noqa: PLC0415
-
-        self._arguments = []
-        if cli_args:
-            try:
-                items = cli_args if "--ros-args" in cli_args else list(cli_args)
-                self._arguments.append(parse(items))
-            except ArgumentsError as error:
-                raise RCLInvalidROSArgsError(str(error)) from error
+    def _set_arguments(self, cli_args: list[str] | None, *, use_global: bool) -> None:
+        self._arguments = [parse_arguments(list(cli_args))] if cli_args else []
         if use_global:
             self._arguments.append(self._context._arguments)
 
@@ -177,11 +166,6 @@ class Node(NodeParameters, NodeGraph):
         return self._context
 
     @property
-    def handle(self) -> Any:
-        """Itself; there is no C handle here."""
-        return self
-
-    @property
     def default_callback_group(self) -> CallbackGroup:
         """The group of entities that are given none."""
         return self._default_callback_group
@@ -189,22 +173,22 @@ class Node(NodeParameters, NodeGraph):
     @property
     def executor(self) -> Executor | None:
         """The executor that runs this node, if any."""
-        return self._executor
+        return self._executor_reference() if self._executor_reference is not None else None
 
     @executor.setter
     def executor(self, new_executor: Executor | None) -> None:
-        current = self._executor
+        current = self.executor
         if current is new_executor:
             return
         if current is not None:
             current.remove_node(self)
-        self._executor = new_executor
+        self._executor_reference = None if new_executor is None else weakref.ref(new_executor)
         if new_executor is not None:
             new_executor.add_node(self)
 
     def _wake(self) -> None:
-        executor = self._executor
-        if executor is not None:
+        reference = self._executor_reference
+        if reference is not None and (executor := reference()) is not None:
             executor.wake()
 
     def _wake_executor(self) -> None:
@@ -265,8 +249,7 @@ class Node(NodeParameters, NodeGraph):
         try:
             full = names.expand(name, self._name, self._namespace)
         except KeyError as error:
-            wrong = InvalidServiceNameException if kind == "service" else InvalidTopicNameException
-            raise wrong(name, f"unknown substitution {error}", name.find("{")) from None
+            raise ValueError(f"'{name}': unknown substitution {error}; known are node, ns, namespace") from None
         validate_full_topic_name(full, is_service=kind == "service")
         return full
 
@@ -322,7 +305,8 @@ class Node(NodeParameters, NodeGraph):
         check_is_valid_msg_type(msg_type)
         full = self._remapped(topic, "topic")
         if qos_overriding_options is not None:
-            profile = declare_qos_parameters("publisher", self, full, profile, qos_overriding_options)
+            profile = profile._copy()
+            _declare_qos_parameters(Publisher, self, full, profile, qos_overriding_options)
         group = self._group(callback_group)
         made = publisher_class(self, msg_type, full, profile, event_callbacks or PublisherEventCallbacks(), group)
         self._publishers.append(made)
@@ -346,7 +330,8 @@ class Node(NodeParameters, NodeGraph):
         check_is_valid_msg_type(msg_type)
         full = self._remapped(topic, "topic")
         if qos_overriding_options is not None:
-            profile = declare_qos_parameters("subscription", self, full, profile, qos_overriding_options)
+            profile = profile._copy()
+            _declare_qos_parameters(Subscription, self, full, profile, qos_overriding_options)
         group = self._group(callback_group)
         made = Subscription(
             self, msg_type, full, callback, group, profile, raw=raw,
@@ -501,10 +486,11 @@ class Node(NodeParameters, NodeGraph):
         if self._destroyed:
             return
         self._destroyed = True
-        if self._executor is not None:
-            self._executor.remove_node(self)
+        if (executor := self.executor) is not None:
+            executor.remove_node(self)
         if self._rosout is not None:
-            rcutils_logger.remove_sink(self._logger.name, self._to_rosout)
+            rcutils_logger.remove_sink(self._logger_name, self._to_rosout)
+            self._rosout.destroy()
         for rate in list(self._rates):
             self.destroy_rate(rate)
         for entities in (self._publishers, self._subscriptions, self._clients, self._services, self._timers, self._guards):
@@ -517,10 +503,8 @@ class Node(NodeParameters, NodeGraph):
         self._context._graph.remove(self._token_key)
         self._link.withdraw(self._token)
 
-    def __enter__(self) -> Node:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def destroy(self) -> None:
+        """Withdraw the node with all it owns."""
         self.destroy_node()
 
     # -- rosout -----------------------------------------------------------------------------------------------
@@ -528,8 +512,9 @@ class Node(NodeParameters, NodeGraph):
     def _start_rosout(self, qos: QoSProfile | int) -> None:
         from rcl_interfaces.msg import Log  # noqa: PLC0415  classes are made on first use
 
-        self._rosout = self.create_publisher(Log, "/rosout", qos, event_callbacks=_SILENT)
-        rcutils_logger.add_sink(self._logger.name, self._to_rosout)
+        name, profile = self._remapped("/rosout", "topic"), self._profile(qos)
+        self._rosout = Publisher(self, Log, name, profile, _SILENT, self._default_callback_group)
+        rcutils_logger.add_sink(self._logger_name, self._to_rosout)
 
     def _to_rosout(self, stamp_ns: float, severity: int, name: str, text: str, caller: CallerId) -> None:
         if self._rosout is None or not self._context._ok:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from embedded_ros.graph import names_and_types
 from embedded_ros.wire import Entity, EntityKind
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError
+from rclpy.exceptions import NameValidationException
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_node_name import validate_node_name
@@ -87,9 +88,16 @@ class NodeGraph:
         """Return the fully qualified name of a service."""
         raise NotImplementedError
 
+    def _resolved(self, name: str, *, service: bool) -> str:
+        if not isinstance(name, str):
+            raise TypeError(f"expected a name, found {name!r}")
+        try:
+            return self.resolve_service_name(name) if service else self.resolve_topic_name(name)
+        except NameValidationException as error:
+            raise ValueError(f"{'service' if service else 'topic'} name '{name}' is invalid: {error.error_msg}") from error
+
     def _count(self, name: str, kind: EntityKind) -> int:
-        service = kind in {EntityKind.SERVICE, EntityKind.CLIENT}
-        full = self.resolve_service_name(name) if service else self.resolve_topic_name(name)
+        full = self._resolved(name, service=kind in {EntityKind.SERVICE, EntityKind.CLIENT})
         return len(self._context._graph.endpoints(full, kind))
 
     def count_publishers(self, topic_name: str) -> int:
@@ -109,7 +117,7 @@ class NodeGraph:
         return self._count(service_name, EntityKind.CLIENT)
 
     def _info(self, topic_name: str, kind: EntityKind, no_mangle: bool) -> list[TopicEndpointInfo]:  # noqa: FBT001
-        full = topic_name if no_mangle else self.resolve_topic_name(topic_name)
+        full = topic_name if no_mangle else self._resolved(topic_name, service=False)
         validate_full_topic_name(full)
         return _infos(self._context._graph.endpoints(full, kind))
 

@@ -269,6 +269,9 @@ class NodeParameters:
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all or none."""
+        wrong = [item for item in parameter_list if not isinstance(item, Parameter)]
+        if wrong:
+            raise TypeError(f"expected rclpy.parameter.Parameter, found {wrong[0]!r}")
         for callback in self._pre_set_parameters_callbacks:
             parameter_list = callback(parameter_list)
         if self._pre_set_parameters_callbacks and not parameter_list:

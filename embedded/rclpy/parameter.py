@@ -109,7 +109,8 @@ class Parameter:
             return NotImplemented
         return (self._name, self._type_, self._value) == (other._name, other._type_, other._value)
 
-    __hash__ = None  # type: ignore[assignment]  # values may be lists
+    def __hash__(self) -> int:
+        return hash((self._name, self._type_))
 
     def get_parameter_value(self) -> Any:
         """Return the value as rcl_interfaces/ParameterValue."""
@@ -167,21 +168,27 @@ def parameter_dict_from_yaml_file(
         target_nodes: full names of the nodes wanted; all when None.
         namespace: put before each parameter's name.
     """
+    with Path(parameter_file).open(encoding="utf-8"):
+        pass  # rclpy's callers expect FileNotFoundError, not an error about arguments
+    entries = [("/" + name.lstrip("/"), values) for name, values, _ in arguments.load_parameter_file(Path(parameter_file))]
+    wanted = {"/" + node.lstrip("/") for node in target_nodes or [] if node}
+    chosen = [(name, values) for name, values in entries if _applies(name, wanted, use_wildcard=use_wildcard)]
+    if not chosen or (wanted and not any("*" not in name for name, _ in chosen) and not use_wildcard):
+        known = ", ".join(name for name, _ in entries) or "none"
+        raise RuntimeError(f"Param file does not contain selected parameters; it has some for: {known}")
+    # Wildcards first, so that what is written for a node itself wins.
+    chosen.sort(key=lambda item: "*" not in item[0])
     found: dict[str, Any] = {}
-    entries = arguments.load_parameter_file(Path(parameter_file))
-    names = ["/" + pattern.lstrip("/") for pattern, _, _ in entries]
-    wanted = set(names) if target_nodes is None else {"/" + node.lstrip("/") for node in target_nodes}
-    matched = False
-    for full, (_, values, _) in zip(names, entries, strict=True):
-        if full == "/**":
-            if not use_wildcard:
-                continue
-        elif full not in wanted:
-            continue
-        matched = True
+    for _, values in chosen:
         for name, value in values.items():
-            dotted = f"{namespace}{PARAMETER_SEPARATOR_STRING}{name}" if namespace else name
-            found[dotted] = Parameter(dotted, value=value).to_parameter_msg()
-    if not matched:
-        raise RuntimeError("Param file does not contain any valid parameters")
+            full = namespace + name
+            found[full] = Parameter(full, value=value).to_parameter_msg()
     return found
+
+
+def _applies(name: str, wanted: set[str], *, use_wildcard: bool) -> bool:
+    if "*" not in name:
+        return not wanted or name in wanted
+    if not use_wildcard:
+        return False
+    return not wanted or any(arguments.matches(name, node) for node in wanted)

@@ -44,16 +44,12 @@ class ParameterService:
         return response
 
     def _get(self, request: Any, response: Any) -> Any:
-        from rcl_interfaces.msg import ParameterValue  # noqa: PLC0415  classes are made on first use
-
         for name in request.names:
             try:
                 response.values.append(self._node.get_parameter(name).get_parameter_value())
-            except ParameterNotDeclaredException:
+            except (ParameterNotDeclaredException, ParameterUninitializedException):
                 response.values = []
                 return response
-            except ParameterUninitializedException:
-                response.values.append(ParameterValue())
         return response
 
     def _types(self, request: Any, response: Any) -> Any:

@@ -11,7 +11,6 @@ from embedded_ros.messages import serialize
 from embedded_ros.wire import EntityKind
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.endpoint import Endpoint
-from rclpy.exceptions import InvalidHandle
 
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
@@ -55,8 +54,7 @@ class Publisher(Endpoint):
             payload = msg
         else:
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
-        if self._destroyed:
-            raise InvalidHandle("cannot use Destroyable because destruction was requested")
+        self._alive()
         if not self._node.context._ok:
             raise RCLError("Failed to publish: publisher's context is invalid")
         self._sequence += 1

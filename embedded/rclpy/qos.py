@@ -149,9 +149,6 @@ class QoSProfile:
             raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
         for name, default in _DEFAULTS.items():
             setattr(self, name, kwargs.get(name, 0 if name == "depth" else default))
-        if self.history == HistoryPolicy.KEEP_LAST and self.depth == 0:
-            warnings.warn("A zero depth with KEEP_LAST doesn't make sense; no data could be stored. This will be "
-                          "interpreted as SYSTEM_DEFAULT", stacklevel=2)  # fmt: skip
 
     history: HistoryPolicy
     depth: int
@@ -228,6 +225,12 @@ def _make_property(name: str) -> property:
             raise AssertionError(f"{name}: expected {kind.__name__}, found {value!r}")
         if name == "depth" and value < 0:
             raise ValueError(f"depth: expected 0 or more, found {value}")
+        if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
+            warnings.warn(
+                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. This will be interpreted as "
+                "SYSTEM_DEFAULT",
+                stacklevel=3,
+            )
         setattr(self, "_" + name, value)
 
     return property(get, put, doc=f"The {name.replace('_', ' ')}.")
@@ -291,4 +294,16 @@ def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile
     policy = incompatible_policy(publisher_qos._to_wire(), subscription_qos._to_wire())
     if policy is not None:
         return QoSCompatibility.ERROR, f"ERROR: offered and requested {policy} do not match"
+    for name, offered_weak, requested_strong in (
+        ("reliability", ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
+        ("durability", DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+        ("liveliness", LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC),
+    ):
+        offered, requested = getattr(publisher_qos, name), getattr(subscription_qos, name)
+        open_offer, open_request = offered.name in _UNSETTLED, requested.name in _UNSETTLED
+        if (open_offer and requested == requested_strong) or (open_request and offered == offered_weak):
+            return QoSCompatibility.WARNING, f"WARNING: {name}: {offered.name} offered, {requested.name} requested"
     return QoSCompatibility.OK, ""
+
+
+_UNSETTLED = {"SYSTEM_DEFAULT", "UNKNOWN"}

@@ -65,41 +65,41 @@ class QoSOverridingOptions:
         return cls(kinds, callback=callback, entity_id=entity_id)
 
 
-def declare_qos_parameters(
-    kind: str, node: Node, topic: str, qos: QoSProfile, options: QoSOverridingOptions
-) -> QoSProfile:
-    """Declare ``qos_overrides.<topic>.<kind>[_id].<policy>`` and return the profile they give."""
+def _declare_qos_parameters(
+    entity_type: type, node: Node, topic_name: str, qos: QoSProfile, options: QoSOverridingOptions
+) -> None:
+    """Declare ``qos_overrides.<topic>.<publisher|subscription>[_id].<policy>`` and put their values into ``qos``."""
     from rcl_interfaces.msg import ParameterDescriptor  # noqa: PLC0415  classes are made on first use
 
-    result = qos._copy()
     suffix = f"_{options.entity_id}" if options.entity_id else ""
+    prefix = f"qos_overrides.{topic_name}.{entity_type.__name__.lower()}{suffix}"
     for policy in options.policy_kinds:
         attribute = policy.name.lower()
-        current = getattr(qos, attribute)
-        name = f"qos_overrides.{topic}.{kind}{suffix}.{attribute}"
+        name = f"{prefix}.{attribute}"
         descriptor = ParameterDescriptor(name=name, description=f"qos policy {attribute}", read_only=True)
         try:
-            value = node.declare_parameter(name, _to_parameter(current), descriptor).value
+            value = node.declare_parameter(name, _get_qos_policy_parameter(qos, policy), descriptor).value
         except ParameterAlreadyDeclaredException:
             value = node.get_parameter(name).value
         try:
-            setattr(result, attribute, _from_parameter(current, value))
+            setattr(qos, attribute, _like(getattr(qos, attribute), value))
         except (KeyError, ValueError, AssertionError) as error:
             raise InvalidQosOverridesError(f"{name}: {value!r} is no value of this policy") from error
     if options.callback is not None:
-        verdict = options.callback(result)
+        verdict = options.callback(qos)
         if not verdict.successful:
-            raise InvalidQosOverridesError(f"{topic}: QoS overrides refused: {verdict.reason}")
-    return result
+            raise InvalidQosOverridesError(f"{topic_name}: QoS overrides refused: {verdict.reason}")
 
 
-def _to_parameter(value: Any) -> Any:
+def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> Any:
+    """Return the value of a policy as a parameter can hold it."""
+    value = getattr(qos, policy.name.lower())
     if isinstance(value, QoSPolicyEnum):
         return value.short_key
     return value.nanoseconds if isinstance(value, Duration) else value
 
 
-def _from_parameter(like: Any, value: Any) -> Any:
-    if isinstance(like, QoSPolicyEnum):
-        return type(like).get_from_short_key(value)
-    return Duration(nanoseconds=value) if isinstance(like, Duration) else value
+def _like(old: Any, value: Any) -> Any:
+    if isinstance(old, QoSPolicyEnum):
+        return type(old).get_from_short_key(value)
+    return Duration(nanoseconds=value) if isinstance(old, Duration) else value

@@ -45,15 +45,15 @@ class TimeSource:
             clock._set_ros_time_is_active(enabled)
         if enabled:
             self._subscribe_to_clock_topic()
-        elif self._clock_sub is not None and (node := self._node()) is not None:
+        elif self._clock_sub is not None and (node := self._get_node()) is not None:
             node.destroy_subscription(self._clock_sub)
             self._clock_sub = None
 
-    def _node(self) -> Node | None:
+    def _get_node(self) -> Node | None:
         return self._node_weak_ref() if self._node_weak_ref is not None else None
 
     def _subscribe_to_clock_topic(self) -> None:
-        node = self._node()
+        node = self._get_node()
         if self._clock_sub is None and node is not None:
             from rosgraph_msgs.msg import Clock  # noqa: PLC0415  only nodes on simulated time need it
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock, ClockChange, TimeJump
-from rclpy.exceptions import InvalidHandle, ROSInterruptException
+from rclpy.destroyable import Destroyable
+from rclpy.exceptions import ROSInterruptException
 from rclpy.time import Time
 from rclpy.utilities import get_default_context
 
@@ -33,7 +34,7 @@ class TimerInfo:
         return self.expected_call_time.clock_type
 
 
-class Timer:
+class Timer(Destroyable):
     """Made by ``Node.create_timer``; its period is in nanoseconds of its clock."""
 
     def __init__(
@@ -64,11 +65,6 @@ class Timer:
         clock._wakers.add(self)
 
     @property
-    def handle(self) -> Any:
-        """Itself; there is no C handle here."""
-        return self
-
-    @property
     def clock(self) -> Clock:
         """The clock it goes by."""
         return self._clock
@@ -84,10 +80,6 @@ class Timer:
         self._alive()
         self._period_ns = int(value)
         self._wake()
-
-    def _alive(self) -> None:
-        if self._destroyed:
-            raise InvalidHandle("cannot use Destroyable because destruction was requested")
 
     def is_ready(self) -> bool:
         """Whether it is due."""
@@ -162,7 +154,7 @@ class Timer:
 
     def destroy(self) -> None:
         """Forget it."""
-        self._destroyed = True
+        super().destroy()
         self._canceled = True
 
 

@@ -9,8 +9,11 @@ from rclpy.exceptions import NoTypeSupportImportedException
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:
     """Raise unless the class is an interface type."""
-    if not hasattr(msg_or_srv_type, "_TEXT"):
-        raise NoTypeSupportImportedException
+    if hasattr(msg_or_srv_type, "_TEXT"):
+        return
+    if not isinstance(msg_or_srv_type, type):
+        raise AttributeError(f"expected an interface class, found {msg_or_srv_type!r}")
+    raise NoTypeSupportImportedException
 
 
 def check_is_valid_msg_type(msg_type: Any) -> None:

@@ -21,6 +21,10 @@ class Waitable:
     def _is_ready(self) -> bool:
         raise NotImplementedError
 
+    def _seconds_until_due(self) -> float | None:
+        """Return real seconds until it is ready by itself; None when it waits for others."""
+        return None
+
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
         raise NotImplementedError
 

@@ -184,6 +184,9 @@ class ActionClient(Waitable):
         future = Future(executor=self._node.executor)
 
         def answered(response: Future) -> None:
+            if response.cancelled():
+                future.cancel()
+                return
             if response._exception is not None:
                 future.set_exception(response._exception)
                 return
@@ -212,6 +215,7 @@ class ActionClient(Waitable):
         def keep_status(done: Future) -> None:
             if done._exception is None and done._result is not None:
                 goal_handle._status = done._result.status
+            self._feedback_callbacks.pop(bytes(goal_handle.goal_id.uuid), None)
 
         future.add_done_callback(keep_status)
         return future

@@ -230,7 +230,15 @@ class ActionServer(Waitable):
     # -- waiting ----------------------------------------------------------------------------------------------
 
     def _is_ready(self) -> bool:
-        return self._goal._is_ready() or self._cancel._is_ready() or self._result._is_ready()
+        due = self._seconds_until_due()
+        requests = self._goal._is_ready() or self._cancel._is_ready() or self._result._is_ready()
+        return requests or (due is not None and due <= 0)
+
+    def _seconds_until_due(self) -> float | None:
+        if self._result_timeout < 0:
+            return None
+        ends = [goal._ended_at for goal in list(self._goal_handles.values()) if goal._ended_at is not None]
+        return min(ends) + self._result_timeout - time.monotonic() if ends else None
 
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
         self._expire()
@@ -244,7 +252,7 @@ class ActionServer(Waitable):
         return None
 
     def _expire(self) -> None:
-        """Forget goals that ended longer ago than the result timeout; looked at when a request comes."""
+        """Forget goals that ended longer ago than the result timeout."""
         if self._result_timeout < 0:
             return
         limit = time.monotonic() - self._result_timeout
@@ -293,7 +301,9 @@ class ActionServer(Waitable):
             if goal_handle._status is Status.ACCEPTED:
                 goal_handle.executing()
             goal_handle.abort()
-        goal_handle._set_result(result)
+        future = self._result_futures.get(bytes(goal_handle.goal_id.uuid))
+        if result is not None or (future is not None and not future.done()):
+            goal_handle._set_result(result)
 
     async def _execute_cancel_request(self, request: Any, header: RequestHeader) -> None:
         infos, code = goals_to_cancel(request, list(self._goal_handles.values()))

@@ -62,10 +62,10 @@ def level_of(name: str) -> LoggingSeverity:
 def effective_level(name: str) -> LoggingSeverity:
     """Return the level that applies to a name: its own, else its nearest parent's, else INFO."""
     while True:
+        if not name:
+            return LoggingSeverity(_levels.get(name, _DEFAULT_LEVEL))
         if _levels.get(name):
             return LoggingSeverity(_levels[name])
-        if not name:
-            return _DEFAULT_LEVEL
         name = name.rpartition(".")[0]
 
 
@@ -143,12 +143,9 @@ class RcutilsLogger:
             kwargs: ``once``, ``skip_first``, ``throttle_duration_sec`` (with ``throttle_time_source_type``), per call site.
         """
         severity = LoggingSeverity(severity)
-        name = kwargs.pop("name", self.name) or self.name
-        enabled = severity >= effective_level(name)
-        if not kwargs and not enabled:
-            return False
+        name = kwargs.get("name", self.name) or self.name
         caller = _caller()
-        if not self._passes(caller, severity, kwargs) or not enabled:
+        if not self._passes(caller, severity, kwargs) or severity < effective_level(name):
             return False
         stamp_ns = time.time_ns()
         text = str(message)
@@ -164,25 +161,28 @@ class RcutilsLogger:
     def _passes(self, caller: CallerId, severity: int, kwargs: dict[str, Any]) -> bool:
         unknown = set(kwargs) - _FILTERS
         if unknown:
-            raise TypeError(f"parameter(s) {sorted(unknown)} not supported by logging; expected {sorted(_FILTERS)}")
+            raise TypeError(f"parameter {sorted(unknown)[0]!r} is not one of the recognized {sorted(_FILTERS)}")
         if "throttle_time_source_type" in kwargs and "throttle_duration_sec" not in kwargs:
             raise TypeError("required parameter 'throttle_duration_sec' not specified for the throttle filter")
         known = self._contexts.get(caller)
         now = dict(kwargs, severity=severity)
         if known is None:
-            known = self._contexts[caller] = {"settings": now, "calls": 0, "last": None}
+            known = self._contexts[caller] = {"settings": now, "last": 0}
         elif known["settings"] != now:
-            what = "severity" if known["settings"]["severity"] != severity else "filter parameters"
-            raise ValueError(f"Logger {what} cannot be changed between calls.")
-        known["calls"] += 1
-        if kwargs.get("skip_first") and known["calls"] == 1:
+            before = known["settings"]
+            changed = next((key for key in ("severity", "name") if before.get(key) != now.get(key)), "filter parameters")
+            raise ValueError(f"Logger {changed} cannot be changed between calls.")
+        if kwargs.get("throttle_duration_sec") and not _throttle(
+            known, kwargs["throttle_duration_sec"], kwargs.get("throttle_time_source_type")
+        ):
+            return False
+        if kwargs.get("skip_first") and not known.get("skipped"):
+            known["skipped"] = True
             return False
         if kwargs.get("once"):
             if known.get("logged"):
                 return False
             known["logged"] = True
-        if "throttle_duration_sec" in kwargs:
-            return _throttle(known, kwargs["throttle_duration_sec"], kwargs.get("throttle_time_source_type"))
         return True
 
     def debug(self, message: str, **kwargs: Any) -> bool:
@@ -212,15 +212,14 @@ def _throttle(known: dict[str, Any], period_s: float, source: Any) -> bool:
     if not isinstance(period_s, int | float):
         raise TypeError(f"throttle_duration_sec: expected seconds, found {period_s!r}")
     if source is None:
-        now_ns = time.monotonic_ns()
+        now_ns = time.time_ns()
     elif hasattr(source, "now"):
         now_ns = source.now().nanoseconds
     elif isinstance(source, str) and source in ClockType.__members__:
         now_ns = time.monotonic_ns() if source == "STEADY_TIME" else time.time_ns()
     else:
         raise ValueError(f"Received throttle_time_source_type of {source!r} is not a valid clock or clock type")
-    last = known["last"]
-    if last is not None and 0 <= now_ns - last < period_s * 1e9:
+    if 0 <= now_ns - known["last"] < period_s * 1e9:
         return False
     known["last"] = now_ns
     return True
