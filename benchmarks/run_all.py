@@ -62,9 +62,8 @@ def draw(claims: list[dict[str, Any]], path: Path) -> None:
     for claim in claims:
         goal, value = claim["goal"], claim["value"]
         if goal and value and goal > 0 and value > 0:
-            rows.append(
-                (f"{claim['script']}: {claim['name']}", goal / value if claim["better"] == "lower" else value / goal)
-            )
+            factor = goal / value if claim["better"] == "lower" else value / goal
+            rows.append((f"{claim['script']}: {claim['name']}", factor))
     if not rows:
         return
     figure = Figure(figsize=(9.0, 0.28 * len(rows) + 1.2), layout="constrained")
