@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -38,3 +39,14 @@ def test_its_figures_are_there() -> None:
 def test_every_figure_can_be_drawn(generator: ModuleType, tmp_path: Path) -> None:
     generator.draw(tmp_path)
     assert len(list(tmp_path.glob("finger_*.png"))) == 3
+
+
+def test_its_example_runs() -> None:
+    written = (ROOT / "docs" / "finger.md").read_text(encoding="utf-8")
+    example = written.split("```python\n")[1].split("```")[0]
+    names: dict[str, Any] = {}
+    exec(compile(example, "docs/finger.md", "exec"), names)
+    assert names["closing"].angle_rad.shape == (1, 200, 3)
+    assert names["shapes"].gradient.routing.shape == (50, 2, 8, 6)
+    assert names["path"].slide.shape == (3, 6)
+    assert names["path"].contact_force[1, 0] > 0.0

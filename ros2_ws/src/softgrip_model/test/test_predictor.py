@@ -132,6 +132,14 @@ def test_no_pair_across_a_gap_of_the_tendon_stream() -> None:
     assert matcher.add_measured(200 * MILLISECOND, "lost") == []
 
 
+def test_velocity_that_nobody_gives_comes_from_the_lengths() -> None:
+    matcher: Matcher[str] = Matcher()
+    for t in range(3):
+        matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 2e-4 * t, math.nan, 1.0))
+    ((sample, _),) = matcher.add_measured(15 * MILLISECOND, "seen")
+    assert sample.velocity == pytest.approx(0.02)
+
+
 class Closings:
     """Empty closings of a finger whose friction and stiffness differ from what the session believes."""
 

@@ -7,6 +7,8 @@ received, not on the order in which two topics came in, and a replay gives the s
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -22,6 +24,7 @@ class TendonSample:
     """[ns]"""
     pulled_length: float
     velocity: float
+    """NaN when the source gives none: it is then taken from the pulled lengths"""
     tension: float
 
 
@@ -47,6 +50,10 @@ class Matcher(Generic[Measured]):
                 return []  # a repeated or late sample; time only goes back when a source restarts
             self._samples.clear()
             self._waiting.clear()
+        if math.isnan(sample.velocity) and self._samples:
+            last = self._samples[-1]
+            velocity = (sample.pulled_length - last.pulled_length) / (1e-9 * (sample.stamp - last.stamp))
+            sample = dataclasses.replace(sample, velocity=velocity)
         self._samples.append(sample)
         while sample.stamp - self._samples[0].stamp > self._span:
             self._samples.pop(0)
