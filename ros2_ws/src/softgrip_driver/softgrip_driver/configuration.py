@@ -13,7 +13,7 @@ from softgrip_driver.dynamixel.bringup import Servo
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.tendon.gripper import Policies, StopPolicy
+from softgrip_driver.tendon.gripper import GripperController, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import Spool, TorqueModel
 
@@ -53,6 +53,7 @@ class DriverConfiguration:
         port, baud, reply_margin: of the bus.
         servos: one for each tendon.
         limits: by tendon.
+        grippers: by tendon, the gripper it belongs to.
         policies: of the whole gripper.
         loop_rate: [Hz]
         bus_watchdog: [s]
@@ -65,11 +66,16 @@ class DriverConfiguration:
     reply_margin: float
     servos: tuple[Servo, ...]
     limits: Mapping[str, TendonLimits]
+    grippers: Mapping[str, str]
     policies: Policies
     loop_rate: float
     bus_watchdog: float
     write_eeprom: bool
     zero_file: Path | None
+
+    def controller(self) -> GripperController:
+        """Return the controller, knowing nothing yet."""
+        return GripperController(self.limits, self.policies, self.grippers)
 
     def backend(self) -> DynamixelBackend:
         """Return the backend, not connected."""
@@ -101,6 +107,7 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         reply_margin=values["reply_margin_s"],
         servos=tuple(_servo(values, tendons, index, limits) for index in range(len(tendons))),
         limits=dict.fromkeys(tendons, limits),
+        grippers=dict(zip(tendons, _per_tendon(values, "grippers", tendons), strict=True)),
         policies=Policies(
             estop=StopPolicy[values["estop_policy"].upper()],
             command_timeout=values["command_timeout_s"],

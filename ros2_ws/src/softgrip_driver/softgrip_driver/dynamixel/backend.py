@@ -242,7 +242,7 @@ class DynamixelBackend:
         live.powered, live.current_units = None, None
 
     def mark_session(self, tendon: str, mark: int) -> None:
-        """Keep the mark in the goal PWM, up to 15 units (1.7 %) below its limit: a restart puts it back to the limit."""
+        """Keep the mark in the goal PWM, up to 15 units (1.7 %) below its limit, where a restart puts it back."""
         live = self._live[tendon]
         self.bus.write(live.servo.servo_id, reg.GOAL_PWM, live.pwm_limit - mark, attempts=2)
         live.mark = mark

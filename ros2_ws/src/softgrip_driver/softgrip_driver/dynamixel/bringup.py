@@ -93,8 +93,8 @@ def identify(bus: Bus, servo: Servo) -> Identity:
         number, firmware = bus.ping(servo.servo_id, attempts=_ATTEMPTS)
     except (NoReplyError, CorruptReplyError) as error:
         raise DeviceNotFoundError(
-            f"tendon '{servo.tendon}': expected a {servo.model.name} with ID {servo.servo_id} at {bus.port.baudrate} baud on "
-            f"{bus.port.port_name}, found {_who_answers(bus)}; check power and cable, or run "
+            f"tendon '{servo.tendon}': expected a {servo.model.name} with ID {servo.servo_id} at {bus.port.baudrate} "
+            f"baud on {bus.port.port_name}, found {_who_answers(bus)}; check power and cable, or run "
             "`ros2 run softgrip_driver scan`"
         ) from error
     if number != servo.model.number:
@@ -156,8 +156,8 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool) -> Iterator[str]:
     error = HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, _ATTEMPTS))
     if error & ~HardwareError.INPUT_VOLTAGE:
         raise WrongDeviceError(
-            f"tendon '{servo.tendon}', ID {servo_id}: expected a servo without hardware errors, found {error!r}; remove the "
-            "cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
+            f"tendon '{servo.tendon}', ID {servo_id}: expected a servo without hardware errors, found {error!r}; "
+            "remove the cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
         )
     bus.write(servo_id, reg.TORQUE_ENABLE, 0, _ATTEMPTS)
     bus.write(servo_id, reg.BUS_WATCHDOG, 0, _ATTEMPTS)

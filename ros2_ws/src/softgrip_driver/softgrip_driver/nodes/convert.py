@@ -11,9 +11,9 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.tendon.drive import DriveSnapshot
 from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
 from softgrip_driver.tendon.loop import LoopSnapshot
+from softgrip_driver.tendon.status import DriveSnapshot
 from softgrip_driver.tendon.trajectory import Trajectory
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray

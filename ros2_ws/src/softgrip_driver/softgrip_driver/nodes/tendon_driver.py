@@ -25,7 +25,7 @@ from softgrip_driver.errors import ConfigurationError, DriverError
 from softgrip_driver.nodes import convert
 from softgrip_driver.nodes.tendon_health import report_health
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
-from softgrip_driver.tendon.gripper import GripperController, Ticket
+from softgrip_driver.tendon.gripper import Ticket
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
 from softgrip_driver.tendon.motions import Outcome
 from softgrip_driver.tendon.session import ZeroKeeper
@@ -38,6 +38,8 @@ from softgrip_nodekit import RELIABLE, SENSOR, Diagnostics, StartupError, run, t
 FIRST_READING = 2.0
 #: [s] between feedback messages of a move
 FEEDBACK_PERIOD = 0.05
+#: [s] between looks at the health
+HEALTH_PERIOD = 0.5
 #: [s] a move may take beyond the time its way needs
 MOVE_GRACE = 10.0
 #: [s] after which a thread that computes gives way to the bus thread; Python's default of 5 ms is a control period
@@ -104,9 +106,7 @@ class TendonDriver(LifecycleNode):
             self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
             for difference in identity.differences:
                 self.get_logger().warning(f"tendon '{identity.tendon}': corrected {difference}")
-        loop = BusLoop(
-            backend, GripperController(configuration.limits, configuration.policies), configuration.loop_rate
-        )
+        loop = BusLoop(backend, configuration.controller(), configuration.loop_rate)
         loop.start()
         self._backend, self._loop = backend, loop
         spools = {servo.tendon: servo.spool for servo in configuration.servos}
@@ -192,16 +192,26 @@ class TendonDriver(LifecycleNode):
             for snapshot in loop.since(sequence, 0.5):
                 sequence = snapshot.sequence
                 stamp = self._stamp(snapshot)
+                if not self.context.ok():
+                    return
                 if not snapshot.port_lost:
-                    self._state_publisher.publish(convert.to_joint_state(snapshot.drives, stamp))
+                    self._publish(self._state_publisher, convert.to_joint_state(snapshot.drives, stamp))
                 if snapshot.time >= status_due:
                     status_due = snapshot.time + self._status_period
-                    self._status_publisher.publish(convert.to_status(snapshot, stamp))
+                    self._publish(self._status_publisher, convert.to_status(snapshot, stamp))
                 if snapshot.time >= health_due:
-                    health_due = snapshot.time + 0.5
+                    health_due = snapshot.time + HEALTH_PERIOD
                     self._report(snapshot)
         if loop.failure is not None:
             self.get_logger().fatal(f"the bus loop has ended, torque is off: {loop.failure!r}")
+
+    def _publish(self, publisher: Any, message: Any) -> None:
+        try:
+            publisher.publish(message)
+        except Exception:
+            # Ctrl-C shuts the context down under this thread; rclpy has no public name for what publish raises then.
+            if self.context.ok():
+                raise
 
     def _report(self, snapshot: LoopSnapshot) -> None:
         backend = self._backend

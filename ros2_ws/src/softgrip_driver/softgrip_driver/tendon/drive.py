@@ -23,48 +23,7 @@ from softgrip_driver.tendon.guards import (
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
-
-
-@dataclass(frozen=True)
-class DriveSnapshot:
-    """What one drive is and does, for whoever watches.
-
-    Lengths [m] are pulled lengths; NaN until something was read. ``outcome`` and ``reason`` are the last motion's.
-    """
-
-    tendon: str
-    state: DriveState
-    homed: bool
-    length: float = math.nan
-    speed: float = math.nan
-    tension: float = math.nan
-    tension_stddev: float = math.nan
-    current: float = math.nan
-    temperature: float = math.nan
-    voltage: float = math.nan
-    hardware_error: int = 0
-    fault: str = ""
-    fault_reason: str = ""
-    outcome: Outcome | None = None
-    reason: str = ""
-    lost_replies: int = 0
-    time: float = 0.0
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass
-class DriveActions:
-    """What a step asks of the device.
-
-    Attributes:
-        setpoint: to be written, None = nothing.
-        power: True / False = switch, None = leave.
-        restore: reboot and set up the device again.
-    """
-
-    setpoint: Setpoint | None = None
-    power: bool | None = None
-    restore: bool = False
+from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 
 
 @dataclass
@@ -416,7 +375,7 @@ class Drive:
             self.set_fault("tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length")
 
     def _trim(self, step: Step, view: View) -> float:
-        """Correct what the servo's proportional position control leaves over under load; frozen at the tension limit."""
+        """Correct what the servo's proportional control leaves over under load; frozen at the tension limit."""
         m = self._m
         error = step.length - view.length
         if m.motion is not None and m.motion.state is DriveState.HOMING:

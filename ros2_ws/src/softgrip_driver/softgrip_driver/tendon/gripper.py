@@ -14,7 +14,7 @@ from functools import partial
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.faults import FAULTS
 from softgrip_driver.tendon.backend import DriveReading
-from softgrip_driver.tendon.drive import Drive, DriveActions, DriveSnapshot
+from softgrip_driver.tendon.drive import Drive
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import (
@@ -27,6 +27,7 @@ from softgrip_driver.tendon.motions import (
     Outcome,
     View,
 )
+from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 from softgrip_driver.tendon.trajectory import Trajectory
 
 MotionFactory = Callable[[View], Motion]
@@ -93,9 +94,14 @@ class GripperController:
     Args:
         limits: by tendon, in the order of the drives.
         policies: see Policies.
+        grippers: which gripper each tendon belongs to, where several hang on one port; a fault concerns its own
+            gripper only, the emergency stop all.
     """
 
-    def __init__(self, limits: Mapping[str, TendonLimits], policies: Policies) -> None:
+    def __init__(
+        self, limits: Mapping[str, TendonLimits], policies: Policies, grippers: Mapping[str, str] | None = None
+    ) -> None:
+        self._grippers = dict(grippers or {})
         self.policies = policies
         self.drives = {name: Drive(name, row, policies.continuous_tension) for name, row in limits.items()}
         self.estop = False
@@ -221,7 +227,8 @@ class GripperController:
             return
         self._opened_for.add(name)
         for other_name, other in self.drives.items():
-            if other_name == name or other.fault or not other.powered:
+            foreign = self._grippers.get(other_name) != self._grippers.get(name)
+            if other_name == name or foreign or other.fault or not other.powered:
                 continue
             if row.opens_others and other.homed:
                 self._begin(other_name, self._release_motion(other.limits), now)

@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 from softgrip_driver.errors import DriverError, PortLostError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
-from softgrip_driver.tendon.drive import DriveActions, DriveSnapshot
 from softgrip_driver.tendon.gripper import GripperController
+from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 
 Result = TypeVar("Result")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Zeros across restarts of the driver: recalled where the device proves that it has not restarted, kept after homing."""
+"""Zeros across restarts of the driver: recalled where the device has provably not restarted, kept after homing."""
 
 from __future__ import annotations
 
