@@ -145,6 +145,11 @@ def test_holding_band_of_the_tension() -> None:
     np.testing.assert_allclose(path.tension_n[:, 0], [10.0, 9.0, 7.5, 3.0], rtol=1e-9)
 
 
+def test_ranges_are_flagged_along_the_path() -> None:
+    path = follow(chapter_4_finger("power"), LAW, [1.0, 8.0, 20.0])
+    assert [bool(status & Status.TENSION_OUTSIDE) for status in path.status] == [True, False, True]
+
+
 def test_slack_forgets() -> None:
     finger = chapter_4_finger("hook")
     path = follow(finger, LAW, [12.0, 6.0, 0.0, 6.0])
@@ -260,4 +265,4 @@ def test_bad_requests_say_what_was_expected() -> None:
         sphere((0.0, 0.0, 30.0), 20.0)
     with pytest.raises(FingerError, match="at most 8"):
         follow(finger, LAW, [1.0], contacts=[JointLimit(0, 1.0)] * 9)
-    assert follow(finger, LAW, [5.0, math.nan, 6.0]).status.tolist() == [0, int(Status.BAD_TARGET), 0]
+    assert follow(finger, LAW, [7.0, math.nan, 8.0]).status.tolist() == [0, int(Status.BAD_TARGET), 0]

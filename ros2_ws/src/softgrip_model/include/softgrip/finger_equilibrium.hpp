@@ -47,7 +47,7 @@ struct Finger {
     for (int j = 0; j < n; ++j) {
       strip[j] = Strip(d.material, d.width_mm, d.thickness_mm[j], d.length_mm[j]);
       const double ra = d.routing_mm[2 * j], rb = d.routing_mm[2 * j + 1];
-      straight_span_mm[j] = Groove(d.opening_rad[j], 0.0, ra, rb).span_mm;
+      straight_span_mm[j] = groove(j, 0.0).span_mm;
       reach_mm += straight_span_mm[j] - std::abs(ra - rb);
     }
     link_span_mm[0] = d.cable.lead_mm + d.base_mm;
@@ -57,6 +57,16 @@ struct Finger {
       slope_rad[k] = std::atan2(dy, dx);
       link_span_mm[k] = std::hypot(dx, dy);
     }
+  }
+
+  Groove groove(int j, double q) const {
+    return {design.opening_rad[j], q, design.routing_mm[2 * j], design.routing_mm[2 * j + 1]};
+  }
+
+  // Signed bend of the cable at a routing point, given the groove it belongs to.
+  double bend_rad(int point, const Groove& groove, double q) const {
+    const int j = point / 2;
+    return point % 2 == 0 ? slope_rad[j] - groove.direction_rad : groove.direction_rad - slope_rad[j + 1] + q;
   }
 
   // From exit of joint k-1 to entry of joint k, in the frame of the link between them.
@@ -98,9 +108,9 @@ struct Joint {
   double diagonal;                 // d residual / dq
 
   Joint(const Finger& f, int j, double q, const friction::Tension& beyond)
-      : groove(f.design.opening_rad[j], q, f.design.routing_mm[2 * j], f.design.routing_mm[2 * j + 1]),
-        phi_entry(f.slope_rad[j] - groove.direction_rad),
-        phi_exit(groove.direction_rad - f.slope_rad[j + 1] + q),
+      : groove(f.groove(j, q)),
+        phi_entry(f.bend_rad(2 * j, groove, q)),
+        phi_exit(f.bend_rad(2 * j + 1, groove, q)),
         exit(f, phi_exit, beyond),
         across(beyond.before(exit.law)),
         entry(f, phi_entry, across),
@@ -272,7 +282,7 @@ inline State straight_start(const Finger& finger, Control control, double target
   PerJoint<double> compliance{};
   double pull_per_tension = 0.0, angle_per_tension = 0.0;
   for (int j = 0; j < d.joints; ++j) {
-    const double arm = Groove(d.opening_rad[j], 0.0, d.routing_mm[2 * j], d.routing_mm[2 * j + 1]).arm_mm;
+    const double arm = finger.groove(j, 0.0).arm_mm;
     compliance[j] = arm / finger.strip[j].initial_stiffness();
     pull_per_tension += arm * compliance[j];
     angle_per_tension += compliance[j];

@@ -122,8 +122,9 @@ class Strip {
 
 // Moment of the groove's stop: smooth (twice) where it starts, infinite where the flanks meet.
 inline Moment stop_moment(const Stop& stop, double opening_rad, double q) {
-  const double z = (q - opening_rad + stop.margin_rad) / stop.margin_rad;
-  if (stop.moment_Nmm == 0.0 || z <= 0.0) return {};
+  const double beyond = q - opening_rad + stop.margin_rad;
+  if (stop.moment_Nmm == 0.0 || beyond <= 0.0) return {};
+  const double z = beyond / stop.margin_rad;
   const double per_gap = 1.0 / (1.0 - z);
   const double value = stop.moment_Nmm * z * z * z * per_gap;
   return {value, stop.moment_Nmm * z * z * (3.0 - 2.0 * z) * per_gap * per_gap / stop.margin_rad};

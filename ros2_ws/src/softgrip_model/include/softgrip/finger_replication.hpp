@@ -76,9 +76,8 @@ class ReplicationRun {
     for (int i = 0; i < 2 * n; ++i) {
       const int j = i / 2;
       const double q = now_.angle_rad[j];
-      const Groove groove(d.opening_rad[j], q, d.routing_mm[2 * j], d.routing_mm[2 * j + 1]);
-      const double phi = i % 2 == 0 ? finger_.slope_rad[j] - groove.direction_rad
-                                    : groove.direction_rad - finger_.slope_rad[j + 1] + q;
+      const Groove groove = finger_.groove(j, q);
+      const double phi = finger_.bend_rad(i, groove, q);
       if (detail::distance_to_line(points[i + 1], points[i], points[i + 2]) >= clearance) {
         const friction::Evaluation e = friction::evaluate(finger_.friction.model, std::abs(phi), now_.tension_N[i + 1]);
         if (!e.has_value()) return now_.status = kFrictionBlowUp, now_;

@@ -115,7 +115,7 @@ class SensitivityPass {
 
     for (int p = 0; p < columns_; ++p) pulled_[p] += g.groove.arm_mm * angle[p];
     pulled_slope_ += g.groove.arm_mm * angle_slope_[j];
-    const GrooveRouting straight(Groove(d_.opening_rad[j], 0.0, ra, rb), ra, rb);
+    const GrooveRouting straight(finger_.groove(j, 0.0), ra, rb);
     pulled_[a] += straight.span_a - groove.span_a;
     pulled_[b] += straight.span_b - groove.span_b;
     stretch(g.tension, g.groove.span_mm);

@@ -28,10 +28,8 @@ inline Equilibrium slack(const Finger& finger) {
   out.pull_rate.fill(0.0);
   out.state.log_tip_tension = -HUGE_VAL;
   for (int j = 0; j < finger.design.joints; ++j) {
-    const Groove groove(finger.design.opening_rad[j], 0.0, finger.design.routing_mm[2 * j],
-                        finger.design.routing_mm[2 * j + 1]);
-    out.phi_rad[2 * j] = finger.slope_rad[j] - groove.direction_rad;
-    out.phi_rad[2 * j + 1] = groove.direction_rad - finger.slope_rad[j + 1];
+    const Groove groove = finger.groove(j, 0.0);
+    for (int i : {2 * j, 2 * j + 1}) out.phi_rad[i] = finger.bend_rad(i, groove, 0.0);
   }
   out.status = kSlack;
   return out;

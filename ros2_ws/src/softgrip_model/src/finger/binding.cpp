@@ -219,9 +219,8 @@ Numbers bends(const sf::Design& d, const Numbers& angle) {
   const sf::Finger finger(d, {});
   Numbers phi(2 * d.joints);
   for (int j = 0; j < d.joints; ++j) {
-    const sf::Groove g(d.opening_rad[j], angle[j], d.routing_mm[2 * j], d.routing_mm[2 * j + 1]);
-    phi[2 * j] = finger.slope_rad[j] - g.direction_rad;
-    phi[2 * j + 1] = g.direction_rad - finger.slope_rad[j + 1] + angle[j];
+    const sf::Groove groove = finger.groove(j, angle[j]);
+    for (int i : {2 * j, 2 * j + 1}) phi[i] = finger.bend_rad(i, groove, angle[j]);
   }
   return phi;
 }

@@ -35,7 +35,7 @@ class Assembly {
     jacobian.setZero(layout_.size(), layout_.size());
     residual.setZero(layout_.size());
     for (int i = 0; i < layout_.spans; ++i) tension_[i] = std::exp(at.log_tension[i]);
-    for (int j = 0; j < d_.joints; ++j) groove_[j] = groove(j);
+    for (int j = 0; j < d_.joints; ++j) groove_[j] = finger.groove(j, at.angle_rad[j]);
     add_moments();
     add_contacts();
     add_bends(before);
@@ -72,10 +72,6 @@ class Assembly {
   }
 
  private:
-  Groove groove(int j) const {
-    return {d_.opening_rad[j], at_.angle_rad[j], d_.routing_mm[2 * j], d_.routing_mm[2 * j + 1]};
-  }
-
   void add_moments() {
     for (int j = 0; j < d_.joints; ++j) {
       const double q = at_.angle_rad[j];
@@ -144,8 +140,7 @@ class Assembly {
   void add_bend(int i, double slipped, const Vector& slip_slope) {
     const int j = i / 2, row = d_.joints + i;
     const bool entry = i % 2 == 0;
-    const double phi = entry ? finger_.slope_rad[j] - groove_[j].direction_rad
-                             : groove_[j].direction_rad - finger_.slope_rad[j + 1] + at_.angle_rad[j];
+    const double phi = finger_.bend_rad(i, groove_[j], at_.angle_rad[j]);
     const double phi_slope = entry ? -groove_[j].d_direction : groove_[j].d_direction + 1.0;
     const double log_ratio = at_.log_tension[i] - at_.log_tension[i + 1];
     const PointFriction<friction::Slopes::State> pulled(finger_, phi, {finger_.friction, at_.log_tension[i + 1]});
@@ -298,6 +293,11 @@ std::uint32_t Path::flags(const PathStep& step) const {
     const double q = step.angle_rad[j];
     if (d.stop.moment_Nmm > 0.0 && q > d.opening_rad[j] - d.stop.margin_rad) found |= kStopEngaged;
     if (finger_.strip[j].surface_strain(q) > d.material.max_strain) found |= kStrainOutside;
+    const Groove groove = finger_.groove(j, q);
+    for (int i : {2 * j, 2 * j + 1}) {
+      const double low = std::min(step.log_tension[i], step.log_tension[i + 1]);
+      found |= range_flags(finger_, finger_.bend_rad(i, groove, q), low);
+    }
   }
   return found;
 }

@@ -16,7 +16,7 @@
 
 namespace softgrip::gdfe {
 
-enum class Law : std::uint8_t { Calibrated = 0, Thesis = 1 };
+enum class Law : std::uint8_t { Calibrated = 0, Thesis = 1, Rigorous = 2 };
 enum class VolumeShape : std::uint8_t { Proj = 0, Scale = 1 };
 
 inline constexpr std::size_t kBlock = 8;

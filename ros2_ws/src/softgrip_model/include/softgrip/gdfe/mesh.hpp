@@ -33,6 +33,9 @@ struct Element {
   double min_jacobian;                    // least det of the isoparametric map at Gauss points and corners
 };
 
+// d N_a / d (xi, eta, zeta) of the eight corners.
+Corners shape_slopes(double xi, double eta, double zeta);
+
 // Corner coordinates X (8x3) -> element data.
 Element make_element(const Corners& rest);
 

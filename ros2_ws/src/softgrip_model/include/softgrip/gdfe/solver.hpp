@@ -15,6 +15,7 @@
 #include "softgrip/gdfe/factor.hpp"
 #include "softgrip/gdfe/local_step.hpp"
 #include "softgrip/gdfe/mesh.hpp"
+#include "softgrip/gdfe/ogden.hpp"
 
 namespace softgrip::gdfe {
 
@@ -64,10 +65,13 @@ class Solver {
  public:
   Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
          const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
-         const Settings& settings);
+         std::vector<OgdenMaterial> ogden, const Settings& settings);
 
   // From a start state (displacements and anchor tensions).
   Outcome solve(const Task& task, const Nodes& start, const std::vector<double>& start_tension);
+
+  // Strain energy at a state, of the rigorous law.
+  double energy(const Nodes& displacement);
 
   // Corner forces of all elements at a state, and the elements' strains.
   Nodes internal_force(const Nodes& displacement);
@@ -90,6 +94,8 @@ class Solver {
     double tension_scale = 1.0;  // of the tension's place in the state vector
   };
 
+  void place(const Nodes& displacement);
+  void add_element_forces();
   void build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
                   const std::array<DofMap, 3>& maps);
   void build_point_columns();
@@ -106,6 +112,7 @@ class Solver {
   Settings settings_;
   SecantTables tables_;
   ElementBlocks blocks_;
+  std::unique_ptr<OgdenElements> ogden_;  // of the rigorous law
   std::array<Axis, 3> axes_;
   std::size_t unknowns_ = 0;  // of the mesh; cables' anchor tensions follow in the state vector
   std::vector<Cable> cables_;
