@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "softgrip_cell": {"softgrip_model"},
     "softgrip_bag": set(),
     "softgrip_bringup": set(),
-    "softgrip_demo": {"softgrip_model", "softgrip_vision", "softgrip_cell"},
+    "softgrip_demo": {"softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
 }
 
 

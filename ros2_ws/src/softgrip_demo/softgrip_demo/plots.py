@@ -92,6 +92,29 @@ def joints_figure(closing: Closing) -> str:
         return _svg(figure)
 
 
+def demonstration_figure(closing: Closing, human: np.ndarray) -> str:
+    """Joint angles over their sum, as Fig 4.5: the person (thin) and the printed finger (dots).
+
+    Args:
+        closing: of the finger set.
+        human: (rows, joints) [rad] flexion of the person's index finger, growing in its sum.
+    """
+    measured = np.array([s.measured_angles for s in closing.samples]) * DEGREES
+    shown = human * DEGREES
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(3.7, 3.1), layout="constrained")
+        axes = figure.subplots()
+        for joint in range(measured.shape[1]):
+            colour = JOINT_COLOURS[joint % len(JOINT_COLOURS)]
+            axes.plot(shown.sum(axis=1), shown[:, joint], "-", color=colour, lw=1.0, label=f"J{joint} hand")
+            axes.plot(measured.sum(axis=1), measured[:, joint], ".", color=colour, ms=3, alpha=0.6)
+        axes.set(
+            xlabel="sum of joint angles [deg]", ylabel="joint angle [deg]", title=f"{closing.grasp}: as the hand does"
+        )
+        axes.legend(loc="upper left")
+        return _svg(figure)
+
+
 def tip_figure(closing: Closing) -> str:
     """The fingertip's path, measured and predicted, with the simulated shape at the end behind it."""
     measured = np.array([s.measured_tip for s in closing.samples]) * MILLIMETRES

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from softgrip_demo import plots
+from softgrip_design import trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from softgrip_demo.record import ShiftRecord
+    from softgrip_demo.record import Closing, ShiftRecord
 
 
 def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
@@ -26,7 +27,12 @@ def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
         summary=summary,
         friction_svg=plots.friction_figure(record.friction),
         closings=[
-            {"grasp": c.grasp, "joints_svg": plots.joints_figure(c), "tip_svg": plots.tip_figure(c)}
+            {
+                "grasp": c.grasp,
+                "joints_svg": plots.joints_figure(c),
+                "tip_svg": plots.tip_figure(c),
+                "demonstration_svg": _demonstration(c),
+            }
             for c in record.closings
             if c.samples
         ],
@@ -41,6 +47,14 @@ def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
             for frame in record.film
         ],
     )
+
+
+def _demonstration(closing: Closing) -> str:
+    """Return the comparison with a person's hand, empty where none was recorded for the grasp."""
+    path = trajectory.SHIPPED / f"hand_{closing.grasp}.csv"
+    if not path.exists():
+        return ""
+    return plots.demonstration_figure(closing, trajectory.load(path).closing("index"))
 
 
 def _data_url(path: Path) -> str:

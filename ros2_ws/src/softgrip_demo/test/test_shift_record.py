@@ -89,7 +89,7 @@ def test_the_page_holds_everything_itself(record: ShiftRecord, tmp_path: Path) -
     summary = summarise(record, ReplayCheck("node", 5, identical=True, detail="", wall=0.5), 0.1)
     page = render(record, summary, tmp_path)
     assert "data:image/jpeg;base64,/9j/2Q==" in page
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 4
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:|//|/)|url\((?!#)""", page)
 
 
