@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import struct
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from softgrip_emulator.dynamixel.packets import StatusError
 from softgrip_emulator.dynamixel.table import EEPROM_END, LIMITED_BY, Item, ServoModel
@@ -13,6 +14,26 @@ if TYPE_CHECKING:
 
 _POSITION_MODE: Final = 3
 _GOALS: Final = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
+
+
+class PresentValues(NamedTuple):
+    """The read-only items from address 120 to 146, in their order, raw units."""
+
+    realtime_tick: int
+    moving: int
+    moving_status: int
+    pwm: int
+    current: int
+    velocity: int
+    position: int
+    velocity_trajectory: int
+    position_trajectory: int
+    input_voltage: int
+    temperature: int
+
+
+_PRESENT: Final = struct.Struct("<HBBhhiiiiHB")
+_PRESENT_ADDRESS: Final = 120
 
 
 class WriteRefusedError(Exception):
@@ -39,6 +60,7 @@ class Registers:
             self._defined[item.address : item.end] = b"\1" * item.size
         for block in model.indirect:
             self._defined[block.data : block.data + block.count] = b"\1" * block.count
+        self._values: dict[str, int] = {}
         for item in model.items:
             self.put(item.name, item.default)
 
@@ -49,14 +71,20 @@ class Registers:
         return name in self._by_name
 
     def get(self, name: str) -> int:
-        """Value of an item, with its sign."""
-        item = self._by_name[name]
-        return int.from_bytes(self._memory[item.address : item.end], "little", signed=item.signed)
+        """Value of an item, with its sign. Of the present values use the sensors instead: see `put_present`."""
+        return self._values[name]
 
     def put(self, name: str, value: int) -> None:
         """Set an item, wrapped into its size."""
         item = self._by_name[name]
-        self._memory[item.address : item.end] = (value & ((1 << (8 * item.size)) - 1)).to_bytes(item.size, "little")
+        bits = 8 * item.size
+        value &= (1 << bits) - 1
+        self._memory[item.address : item.end] = value.to_bytes(item.size, "little")
+        self._values[name] = value - (1 << bits) if item.signed and value >> (bits - 1) else value
+
+    def put_present(self, block: PresentValues) -> None:
+        """Set all items from Realtime Tick to Present Temperature in one go."""
+        _PRESENT.pack_into(self._memory, _PRESENT_ADDRESS, *block)
 
     def lose_power(self) -> None:
         """RAM returns to its defaults; EEPROM stays."""
@@ -77,8 +105,10 @@ class Registers:
         return bytes(self._memory)
 
     def restore(self, snapshot: bytes) -> None:
-        """Bring the EEPROM part of a snapshot back."""
-        self._memory[7:EEPROM_END] = snapshot[7:EEPROM_END]
+        """Bring the writable EEPROM part of a snapshot back."""
+        for item in self.model.items:
+            if item.writable and item.address < EEPROM_END:
+                self.put(item.name, int.from_bytes(snapshot[item.address : item.end], "little"))
 
     # -- the host's access -----------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from softgrip_emulator.dynamixel.motion import (
     Motion,
 )
 from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
-from softgrip_emulator.dynamixel.registers import Registers, WriteRefusedError
+from softgrip_emulator.dynamixel.registers import PresentValues, Registers, WriteRefusedError
 from softgrip_emulator.dynamixel.table import (
     BAUD_OF_REGISTER,
     PULSES_PER_TURN,
@@ -391,23 +391,32 @@ class Servo:
     def _refresh(self, now_s: float) -> None:
         """Bring the read-only items up to date."""
         registers, shaft, sign = self.registers, self.shaft, self._direction
-        put = registers.put
         position = math.floor(self._present_pulses() + 0.5) + self.position_glitch_pulses
-        put("present_position", position)
-        put("present_velocity", round(sign * shaft.velocity_rad_s / _RAD_PER_PULSE / PULSES_PER_S_PER_VELOCITY_UNIT))
-        put("present_current", round(sign * shaft.current_a / self.model.motor.current_unit_a))
-        put("present_pwm", round(sign * shaft.duty * PWM_FULL_SCALE))
-        put("present_input_voltage", max(0, round(shaft.supply_v * 10.0)))
-        put("present_temperature", max(0, min(255, round(shaft.temperature_c))))
-        put("realtime_tick", int((now_s - self._powered_since_s) * 1000.0) % _TICK_MODULO)
-        put("moving", int(self._moving()))
-        put("velocity_trajectory", round(self._motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT))
-        put("position_trajectory", round(self._motion.position))
         in_position = registers.get("operating_mode") in POSITION_MODES and (
             abs(registers.get("goal_position") - position) <= registers.get("moving_threshold")
         )
         profile = 0x02 | (0x30 if registers.get("profile_acceleration") else 0x10)
-        put("moving_status", int(in_position) | (profile if self._motion.profile_active else 0))
+        velocity = round(sign * shaft.velocity_rad_s / _RAD_PER_PULSE / PULSES_PER_S_PER_VELOCITY_UNIT)
+        registers.put_present(
+            PresentValues(
+                realtime_tick=int((now_s - self._powered_since_s) * 1000.0) % _TICK_MODULO,
+                moving=int(self._moving()),
+                moving_status=int(in_position) | (profile if self._motion.profile_active else 0),
+                pwm=_within(round(sign * shaft.duty * PWM_FULL_SCALE), 16),
+                current=_within(round(sign * shaft.current_a / self.model.motor.current_unit_a), 16),
+                velocity=_within(velocity, 32),
+                position=_within(position, 32),
+                velocity_trajectory=_within(round(self._motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT), 32),
+                position_trajectory=_within(round(self._motion.position), 32),
+                input_voltage=max(0, round(shaft.supply_v * 10.0)),
+                temperature=max(0, min(255, round(shaft.temperature_c))),
+            )
+        )
+
+
+def _within(value: int, bits: int) -> int:
+    top = (1 << (bits - 1)) - 1
+    return max(-top - 1, min(top, value))
 
 
 def _u16(data: bytes) -> int:

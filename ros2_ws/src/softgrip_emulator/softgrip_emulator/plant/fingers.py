@@ -60,6 +60,10 @@ class FingerBank:
         self._opening = opening
         self._ra = per_joint("entry_radius_m", 1e-3)
         self._rb = per_joint("exit_radius_m", 1e-3)
+        self._entry_along = self._ra * np.sin(self._half)
+        self._entry_inward = self._ra * np.cos(self._half)
+        self._radii_squared = self._ra**2 + self._rb**2
+        self._radii_product = self._ra * self._rb
         self._beta = self._link_slopes()
         moments = np.zeros((3, count, joints))
         moments[0] = _PADDING_STIFFNESS
@@ -90,7 +94,8 @@ class FingerBank:
         self.joint_speed = np.zeros((count, joints))
         self._relaxed = np.zeros((count, joints))
         self._bristle = np.zeros((count, 2 * joints))
-        self._slid_from = self._distal_cable(np.zeros((count, joints)), np.zeros((count, 2 * joints)), self._c0)
+        self._slid_from = self._distal_cable(np.zeros((count, 2 * joints)), self._c0)
+        self._span = self._free_span(self.q)
         self._speed = np.zeros((count, 2 * joints))
         self.tension_n = np.zeros(count)
         self.span_tension_n = np.zeros((count, 2 * joints))
@@ -109,6 +114,7 @@ class FingerBank:
             ):
                 mine[index, :width] = theirs[index, :width]
             self.tension_n[index] = before.tension_n[index]
+        self._span = self._free_span(self.q)
 
     # -- geometry --------------------------------------------------------------------------------------------------
 
@@ -130,24 +136,23 @@ class FingerBank:
     def _free_span(self, q: Array) -> tuple[Array, Array]:
         """Cable length in each groove and its lever arm about the joint [m]."""
         gap = self._opening - q
-        c = np.sqrt(np.maximum(self._ra**2 + self._rb**2 - 2.0 * self._ra * self._rb * np.cos(gap), 1e-10))
-        return c, self._ra * self._rb * np.sin(gap) / c
+        c = np.sqrt(np.maximum(self._radii_squared - 2.0 * self._radii_product * np.cos(gap), 1e-10))
+        return c, self._radii_product * np.sin(gap) / c
 
     def _wrap_angles(self, q: Array) -> Array:
         """Bend of the cable at each routing contact [rad], (F, 2J)."""
-        sin_h, cos_h = np.sin(self._half), np.cos(self._half)
         # Exit point turned by -q about the joint, minus entry point.
-        dx = self._rb * np.sin(self._half - q) + self._ra * sin_h
-        dy = -self._rb * np.cos(self._half - q) + self._ra * cos_h
+        turned = self._half - q
+        dx = self._rb * np.sin(turned) + self._entry_along
+        dy = self._entry_inward - self._rb * np.cos(turned)
         slope = np.arctan2(dy, dx)
         wrap = np.empty((len(q), 2 * self.joints))
         wrap[:, 0::2] = np.abs(self._beta[:, :-1] - slope)
         wrap[:, 1::2] = np.abs(slope - self._beta[:, 1:] + q)
         return wrap
 
-    def _distal_cable(self, q: Array, span_tension: Array, c: Array) -> Array:
+    def _distal_cable(self, span_tension: Array, c: Array) -> Array:
         """Unstretched cable beyond each contact [m], (F, 2J): less of it means cable came out past the contact."""
-        del q
         path = np.empty_like(span_tension)
         path[:, 0::2] = c
         path[:, 1::2] = self._link_span
@@ -156,7 +161,7 @@ class FingerBank:
 
     def pulled_length_m(self) -> Array:
         """How much cable the present joint angles take in [m], (F,)."""
-        return np.asarray((self._c0 - self._free_span(self.q)[0]).sum(axis=1))
+        return np.asarray((self._c0 - self._span[0]).sum(axis=1))
 
     # -- motion ----------------------------------------------------------------------------------------------------
 
@@ -170,7 +175,7 @@ class FingerBank:
                 closing [N m/rad], (F, J, J).
         """
         q = self.q
-        c, arm = self._free_span(q)
+        c, arm = self._span
         drop = self._bristle * self._friction(q)
         ratio = np.exp(-np.cumsum(drop, axis=1))
         joint_ratio, link_ratio = ratio[:, 0::2], ratio[:, 1::2]
@@ -206,6 +211,7 @@ class FingerBank:
         tension = np.maximum(tension - pull * (arm * change).sum(axis=1), 0.0)
         self.tension_n = tension
         self.span_tension_n = tension[:, None] * ratio
+        self._span = self._free_span(self.q)
         self._slide(dt_s)
 
     def _friction(self, q: Array) -> Array:
@@ -219,7 +225,7 @@ class FingerBank:
 
     def _slide(self, dt_s: float) -> None:
         """Turn the bristles by what the cable has travelled over each contact."""
-        beyond = self._distal_cable(self.q, self.span_tension_n, self._free_span(self.q)[0])
+        beyond = self._distal_cable(self.span_tension_n, self._span[0])
         travel = self._slid_from - beyond
         self._slid_from = beyond
         # The bristle heads for the sign of the motion and gets there within a few presliding lengths.

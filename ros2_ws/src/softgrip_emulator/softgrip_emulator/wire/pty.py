@@ -182,7 +182,7 @@ class PtyPort:
         if data or (due_s is not None and due_s <= now_s):
             line.baud = host_baud(master) or line.baud
             line.queue(self._device.exchange(data, line.arrival_s(len(data), now_s), line.baud))
-        for piece in line.take(self.clock.now_s()):
+        if piece := line.take(self.clock.now_s()):
             self._write(master, piece)
 
     def _pause_s(self, line: _Line) -> float | None:
@@ -254,10 +254,10 @@ class _Line:
                 self._tx_busy_until_s = max(self._tx_busy_until_s, start_s) + self._duration_s(len(piece))
                 self._pending.append(Chunk(piece, self._tx_busy_until_s))
 
-    def take(self, now_s: float) -> list[bytes]:
-        due = []
+    def take(self, now_s: float) -> bytes:
+        due = b""
         while self._pending and self._pending[0].start_s <= now_s:
-            due.append(self._pending.popleft().data)
+            due += self._pending.popleft().data
         return due
 
     def next_s(self) -> float | None:
