@@ -10,6 +10,7 @@ import os
 import sys
 import threading
 import time
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from rclpy.task import Future, Task
@@ -72,8 +73,8 @@ class Executor:
         self._is_shutdown = False
         self._is_spinning = False
         self._spin_lock = threading.Lock()
-        self._running = 0
-        self._idle = threading.Condition()
+        self._active: set[int] = set()
+        self._idle = threading.Event()
         self._callbacks: Iterator[tuple[Task, Any, Node | None]] | None = None
         # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
         self._wake_lock = threading.Lock()
@@ -145,10 +146,14 @@ class Executor:
         """Stop; return whether running callbacks ended in time."""
         self._is_shutdown = True
         self.wake()
-        with self._idle:
-            limit = None if timeout_sec is None or timeout_sec < 0 else timeout_sec
-            if not self._idle.wait_for(lambda: self._running == 0, limit):
+        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        # A callback may shut its own executor down: it does not wait for itself.
+        while self._active - {threading.get_ident()}:
+            if end is not None and time.monotonic() >= end:
                 return False
+            self._idle.clear()
+            if self._active - {threading.get_ident()}:
+                self._idle.wait(_LONGEST_WAIT_S if end is None else max(0.0, end - time.monotonic()))
         with self._nodes_lock:
             for node in list(self._nodes):
                 self.remove_node(node)
@@ -183,7 +188,7 @@ class Executor:
         """Run callbacks until a future is over or time is up."""
         self._enter_spin()
         try:
-            future.add_done_callback(lambda _: self.wake())
+            future._add_waker(self.wake)
             if timeout_sec is None or timeout_sec < 0:
                 while self._context.ok() and not future._pending_is_over() and not self._is_shutdown:
                     self._spin_once_impl(None, future._pending_is_over)
@@ -201,7 +206,7 @@ class Executor:
     ) -> None:
         """Run one callback unless the future is over."""
         self._enter_spin()
-        future.add_done_callback(lambda _: self.wake())
+        future._add_waker(self.wake)
         try:
             self._spin_once_impl(timeout_sec, future._pending_is_over)
         finally:
@@ -298,17 +303,20 @@ class Executor:
             entity._executor_event = False
             if entity.callback_group is not None:
                 entity.callback_group.ending_execution(entity)
-            with self._idle:
-                self._running -= 1
-                self._idle.notify_all()
             self.wake()
 
-        self._running += 1
         return _Handler(self, work or (_nothing, ()), finish, entity, node)
 
     def _run(self, task: Task) -> None:
         """Run a task one step and see to what comes next."""
-        task()
+        me = threading.get_ident()
+        self._active.add(me)
+        try:
+            task()
+        finally:
+            self._active.discard(me)
+            if self._is_shutdown:
+                self._idle.set()
         if task._pending_is_over():
             self._pending_tasks.pop(task, None)
             return
@@ -379,7 +387,9 @@ class MultiThreadedExecutor(Executor):
         super().__init__(context=context)
         if num_threads is None:
             num_threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 2)
-        self._executor = concurrent.futures.ThreadPoolExecutor(max(2, num_threads), thread_name_prefix="rclpy")
+        if num_threads == 1:
+            warnings.warn("MultiThreadedExecutor with a single thread: use the SingleThreadedExecutor instead", stacklevel=2)
+        self._executor = concurrent.futures.ThreadPoolExecutor(num_threads, thread_name_prefix="rclpy")
         self._failed: collections.deque[Task] = collections.deque()
 
     def _spin_once_impl(
@@ -389,7 +399,7 @@ class MultiThreadedExecutor(Executor):
             handler, _, _ = self.wait_for_ready_callbacks(
                 timeout_sec, None, lambda: bool(self._failed) or condition()
             )
-        except (ShutdownException, TimeoutException):
+        except (ExternalShutdownException, ShutdownException, TimeoutException):
             return
         except ConditionReachedException:
             handler = None  # type: ignore[assignment]
@@ -408,7 +418,8 @@ class MultiThreadedExecutor(Executor):
         """Stop, and wait for the threads."""
         if not super().shutdown(timeout_sec):
             return False
-        self._executor.shutdown(wait=wait_for_threads)
+        inside = threading.get_ident() in self._active
+        self._executor.shutdown(wait=wait_for_threads and not inside)
         return True
 
 
