@@ -33,7 +33,7 @@ class NumpyFinger:
 
     def __init__(self, finger: Finger, law: FrictionLaw) -> None:
         self.entry, self.exit = np.array(finger.routing_mm[::2]), np.array(finger.routing_mm[1::2])
-        self.stiffness = finger.strip.modulus_mpa[2] * finger.width_mm * np.array(finger.thickness_mm) ** 3
+        self.stiffness = finger.strip.modulus_mpa[2] * np.array(finger.widths_mm) * np.array(finger.thickness_mm) ** 3
         self.stiffness /= 12.0 * np.array(finger.length_mm)
         s = math.sqrt(0.5)
         ahead = np.array(finger.link_mm[:-1]) - s * (self.exit[:-1] + self.entry[1:])

@@ -123,7 +123,7 @@ def residual(x: np.ndarray, finger: Finger, law: FrictionLaw, pull: float) -> np
     a, b, c = finger.strip.modulus_mpa
     moments = []
     for j in range(n):
-        k, half, w = q[j] / finger.length_mm[j], finger.thickness_mm[j] / 2, finger.width_mm
+        k, half, w = q[j] / finger.length_mm[j], finger.thickness_mm[j] / 2, finger.widths_mm[j]
         moments.append(2 * w * (a * k**3 * half**5 / 15 + b * k * abs(k) * half**4 / 8 + c * k * half**3 / 3))
     return np.array([*(m - spans[2 * j + 1] * arms[j] for j, m in enumerate(moments)), pulled - pull])
 
@@ -140,6 +140,7 @@ def test_against_an_independent_solver(joints: int) -> None:
             length_mm=tuple(rng.uniform(9, 14, joints)),
             routing_mm=tuple(rng.uniform(5, 12, 2 * joints)),
             width_mm=15.0,
+            strip_width_mm=tuple(rng.uniform(10, 16, joints)),
             strip=Strip(TANGENT_MODULUS_MPA),
             stop_moment_nmm=0.0,
         )

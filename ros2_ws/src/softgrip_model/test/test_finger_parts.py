@@ -135,7 +135,7 @@ def test_impossible_fingers_say_what_is_wrong() -> None:
         ({"length_mm": (10.0, 10.0)}, "length_mm: expected 3 values, found 2"),
         ({"routing_mm": (8.5,) * 5}, "routing_mm: expected 6 values, found 5"),
         ({"routing_mm": (8.5, 30.0, 30.0, 8.5, 8.5, 8.5)}, r"link_mm\[0\]: 35.0 is shorter than"),
-        ({"width_mm": math.nan}, "width_mm: expected > 0, found nan"),
+        ({"width_mm": math.nan}, r"widths_mm\[0\]: expected > 0, found nan"),
         ({"opening_rad": (3.5,) * 3}, r"opening_rad\[0\]: expected between the stop's margin and pi"),
         ({"thickness_mm": ()}, "expected 1 to 6 joints, found 0"),
     ]

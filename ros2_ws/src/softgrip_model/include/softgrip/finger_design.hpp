@@ -49,7 +49,7 @@ struct Cable {
 struct Design {
   int joints = 0;
   double base_mm = 0.0;
-  double width_mm = 0.0;
+  PerJoint<double> width_mm{};      // of the bending strip
   PerJoint<double> link_mm{};       // link j runs from joint j to joint j+1, the last one to the tip
   PerJoint<double> thickness_mm{};  // h
   PerJoint<double> length_mm{};     // l, of the bending strip
@@ -84,7 +84,7 @@ inline bool finite_positive(double value) { return std::isfinite(value) && value
 
 // True when the numbers describe a finger; the Python face says which one does not.
 inline bool sound(const Design& d) {
-  if (d.joints < 1 || d.joints > kMaxJoints || !finite_positive(d.width_mm)) return false;
+  if (d.joints < 1 || d.joints > kMaxJoints) return false;
   if (!finite_positive(d.material.constant_MPa) || !std::isfinite(d.material.quadratic_MPa + d.material.linear_MPa)) {
     return false;
   }
@@ -92,8 +92,8 @@ inline bool sound(const Design& d) {
   if (!(d.stop.moment_Nmm >= 0.0) || !finite_positive(d.stop.margin_rad) || !(d.angle_smoothing_rad >= 0.0)) return false;
   for (int j = 0; j < d.joints; ++j) {
     const bool lengths = finite_positive(d.link_mm[j]) && finite_positive(d.thickness_mm[j]) &&
-                         finite_positive(d.length_mm[j]) && finite_positive(d.routing_mm[2 * j]) &&
-                         finite_positive(d.routing_mm[2 * j + 1]);
+                         finite_positive(d.length_mm[j]) && finite_positive(d.width_mm[j]) &&
+                         finite_positive(d.routing_mm[2 * j]) && finite_positive(d.routing_mm[2 * j + 1]);
     if (!lengths || !(d.opening_rad[j] > d.stop.margin_rad && d.opening_rad[j] < M_PI)) return false;
     const double taken = d.routing_mm[2 * j + 1] * std::sin(0.5 * d.opening_rad[j]) +
                          (j + 1 < d.joints ? d.routing_mm[2 * j + 2] * std::sin(0.5 * d.opening_rad[j + 1]) : 0.0);

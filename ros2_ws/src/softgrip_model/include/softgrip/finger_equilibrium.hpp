@@ -45,7 +45,7 @@ struct Finger {
     const int n = d.joints;
     log_tension = {f.tension_N.low > 0.0 ? std::log(f.tension_N.low) : -HUGE_VAL, std::log(f.tension_N.high)};
     for (int j = 0; j < n; ++j) {
-      strip[j] = Strip(d.material, d.width_mm, d.thickness_mm[j], d.length_mm[j]);
+      strip[j] = Strip(d.material, d.width_mm[j], d.thickness_mm[j], d.length_mm[j]);
       const double ra = d.routing_mm[2 * j], rb = d.routing_mm[2 * j + 1];
       straight_span_mm[j] = groove(j, 0.0).span_mm;
       reach_mm += straight_span_mm[j] - std::abs(ra - rb);

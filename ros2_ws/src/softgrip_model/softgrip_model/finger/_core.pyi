@@ -14,7 +14,7 @@ class Design:
         self,
         *,
         base_mm: float,
-        width_mm: float,
+        width_mm: Sequence[float],
         link_mm: Sequence[float],
         thickness_mm: Sequence[float],
         length_mm: Sequence[float],

@@ -61,6 +61,7 @@ class Finger:
         length_mm: n, l of the bending strips.
         routing_mm: 2 n, r: entry and exit of joint 0, of joint 1, ...
         width_mm: w.
+        strip_width_mm: n, where the strips' widths differ; empty = all are w.
         strip: material.
         opening_rad: n, of the grooves.
         base_mm: rigid part before joint 0.
@@ -77,6 +78,7 @@ class Finger:
     routing_mm: tuple[float, ...]
     width_mm: float
     strip: Strip
+    strip_width_mm: tuple[float, ...] = ()
     opening_rad: tuple[float, ...] = ()
     base_mm: float = 0.0
     compliance_per_n: float = 0.0
@@ -96,6 +98,11 @@ class Finger:
     def joints(self) -> int:
         """Number of joints, n."""
         return len(self.thickness_mm)
+
+    @property
+    def widths_mm(self) -> tuple[float, ...]:
+        """Width of each strip, n."""
+        return self.strip_width_mm or (self.width_mm,) * self.joints
 
     @property
     def length_from_joint_mm(self) -> float:
@@ -144,15 +151,20 @@ class Finger:
         n = self.joints
         if not 1 <= n <= MAX_JOINTS:
             return [f"expected 1 to {MAX_JOINTS} joints, found {n}"]
-        counts = {"link_mm": n, "thickness_mm": n, "length_mm": n, "opening_rad": n, "routing_mm": 2 * n}
+        counts = {
+            "link_mm": n,
+            "thickness_mm": n,
+            "length_mm": n,
+            "opening_rad": n,
+            "widths_mm": n,
+            "routing_mm": 2 * n,
+        }
         found = []
         for name, count in counts.items():
             values = getattr(self, name)
             if len(values) != count:
                 found.append(f"{name}: expected {count} values, found {len(values)}")
             found += [f"{name}[{i}]: expected > 0, found {v!r}" for i, v in enumerate(values) if not 0 < v < math.inf]
-        if not 0.0 < self.width_mm < math.inf:
-            found.append(f"width_mm: expected > 0, found {self.width_mm!r}")
         if not 0.0 < self.strip.modulus_mpa[2] < math.inf:
             found.append(f"modulus_mpa: expected c > 0, found {self.strip.modulus_mpa[2]!r}")
         for name in ("base_mm", "compliance_per_n", "lead_mm", "stop_moment_nmm", "smoothing_rad"):
@@ -179,7 +191,7 @@ class Finger:
     def _core(self) -> _core.Design:
         return _core.Design(
             base_mm=self.base_mm,
-            width_mm=self.width_mm,
+            width_mm=self.widths_mm,
             link_mm=self.link_mm,
             thickness_mm=self.thickness_mm,
             length_mm=self.length_mm,

@@ -25,7 +25,7 @@ void fill(std::array<double, N>& to, const Numbers& from, std::size_t count, con
   std::copy(from.begin(), from.end(), to.begin());
 }
 
-sf::Design make_design(double base, double width, const Numbers& link, const Numbers& thickness, const Numbers& length,
+sf::Design make_design(double base, const Numbers& width, const Numbers& link, const Numbers& thickness, const Numbers& length,
                        const Numbers& opening, const Numbers& routing, const std::array<double, 3>& modulus,
                        int moment_law, double max_strain, double stop_margin, double stop_moment, double compliance,
                        double lead, double smoothing) {
@@ -34,7 +34,7 @@ sf::Design make_design(double base, double width, const Numbers& link, const Num
   if (n < 1 || n > sf::kMaxJoints) throw std::invalid_argument("expected 1 to 6 joints");
   d.joints = static_cast<int>(n);
   d.base_mm = base;
-  d.width_mm = width;
+  fill(d.width_mm, width, n, "width_mm");
   fill(d.link_mm, link, n, "link_mm");
   fill(d.thickness_mm, thickness, n, "thickness_mm");
   fill(d.length_mm, length, n, "length_mm");
@@ -228,7 +228,7 @@ Numbers bends(const sf::Design& d, const Numbers& angle) {
 // Moment of one strip with its slopes to angle and thickness.
 py::tuple strip_moment(const sf::Design& d, int joint, double q) {
   if (joint < 0 || joint >= d.joints) throw std::invalid_argument("no such joint");
-  const sf::Strip strip(d.material, d.width_mm, d.thickness_mm[joint], d.length_mm[joint]);
+  const sf::Strip strip(d.material, d.width_mm[joint], d.thickness_mm[joint], d.length_mm[joint]);
   const sf::Moment moment = strip.at(q);
   return py::make_tuple(moment.value_Nmm, moment.d_angle, strip.d_thickness(q));
 }
