@@ -3,8 +3,8 @@
 
 Clean: the three designs of Fig 4.4 closing 0 .. 20 mm, sensor noise of one grey level. Hard: the same with noise, blur,
 motion, exposure, colour cast, a moving shadow, green clutter and decoys, JPEG 50 .. 95, things passing in front of one
-or two markers for up to 15 frames, and two fingers crossing. A plain tracker (HSV threshold with the ranges of Emio.API,
-contours, moments, nearest neighbour, started with the true places) sees the same frames.
+or two markers for up to 15 frames, and two fingers crossing. A plain tracker (HSV threshold with the ranges of
+Emio.API, contours, moments, nearest neighbour, started with the true places) sees the same frames.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import argparse
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -182,17 +182,18 @@ def hard_runs(count: int, seed: int) -> Iterator[Run]:
             decoys=int(random.integers(5, 20)),
             seed=seed * 1000 + number,
         )
-        fixed = {
-            "noise": float(random.uniform(1.5, 6.0)),
-            "blur": float(random.uniform(0.6, 1.8)),
-            "exposure": float(random.uniform(0.55, 1.35)),
-            "channel_gains": tuple(random.uniform(0.85, 1.15, 3)),
-            "shadow": float(random.uniform(0.0, 0.6)),
-            "jpeg": int(random.integers(50, 96)),
-        }
+        blue, green, red = random.uniform(0.85, 1.15, 3).tolist()
+        fixed = Conditions(
+            noise=float(random.uniform(1.5, 6.0)),
+            blur=float(random.uniform(0.6, 1.8)),
+            exposure=float(random.uniform(0.55, 1.35)),
+            channel_gains=(blue, green, red),
+            shadow=float(random.uniform(0.0, 0.6)),
+            jpeg=int(random.integers(50, 96)),
+        )
         swing = float(random.uniform(0.0, 8.0))
         conditions = [
-            Conditions(**fixed, motion_px=swing * abs(math.sin(k / 7)), shadow_edge=0.25 + 0.5 * k / FRAMES)
+            replace(fixed, motion_px=swing * abs(math.sin(k / 7)), shadow_edge=0.25 + 0.5 * k / FRAMES)
             for k in range(FRAMES)
         ]
         yield Run(grasp, scene, fingers, conditions, passers(random, scene, "index", grasp))

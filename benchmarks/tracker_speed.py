@@ -79,8 +79,8 @@ def main() -> int:
         suffix = "" if count == 1 else f" {count} fingers"
         claim(f"fps{suffix}", statistics.median(rates), "1/s", better="higher", goal=GOAL_FPS, runs=args.runs,
               note=f"{what}; {spread(rates, '1/s')}", peer=PEER, peer_value=peer_rate)  # fmt: skip
-        claim(f"p95 latency{suffix}", statistics.median(late), "ms", better="lower", goal=1e3 / GOAL_FPS, runs=args.runs,
-              note=f"{what}; {spread(late, 'ms')}", peer=PEER, peer_value=peer_late)  # fmt: skip
+        claim(f"p95 latency{suffix}", statistics.median(late), "ms", better="lower", goal=1e3 / GOAL_FPS,
+              runs=args.runs, note=f"{what}; {spread(late, 'ms')}", peer=PEER, peer_value=peer_late)  # fmt: skip
     return 0
 
 

@@ -192,7 +192,7 @@ class PlaneMap:
 
 def _apply(homography: Array, points: NDArray[np.floating]) -> Array:
     mapped = points @ homography[:, :2].T + homography[:, 2]
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+    return np.asarray(mapped[:, :2] / mapped[:, 2:], dtype=np.float64)
 
 
 def load(path: Path | str) -> Calibration:

@@ -58,8 +58,8 @@ class CameraNode(Node):
         self._calibration = self._load_calibration()
         self._diagnostics = Diagnostics(self, self._calibration.camera_serial if self._calibration else "")
         self._compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
-        self._raw = self.create_publisher(Image, "camera/image_raw", SENSOR) if self._values["publish_raw"] else None
-        self._info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
+        self._pixels = self.create_publisher(Image, "camera/image_raw", SENSOR) if self._values["publish_raw"] else None
+        self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
         self._frames_ready = self.create_guard_condition(self._publish_ready)
         self._published = 0
         self._last_stamp_ns = 0
@@ -102,14 +102,14 @@ class CameraNode(Node):
         self._size_problem = self._check_size(frame)
         try:
             compressed = convert.to_compressed_message(frame, self._values["jpeg_quality"], header)
-            raw = convert.to_image_message(frame.pixels(), header) if self._raw is not None else None
+            raw = convert.to_image_message(frame.pixels(), header) if self._pixels is not None else None
         except FrameError as error:
             self._diagnostics.set("frames", Health.ERROR, str(error))
             return
-        self._info.publish(convert.to_camera_info(self._calibration, frame.width, frame.height, header))
+        self._camera_info.publish(convert.to_camera_info(self._calibration, frame.width, frame.height, header))
         self._compressed.publish(compressed)
-        if self._raw is not None and raw is not None:
-            self._raw.publish(raw)
+        if self._pixels is not None and raw is not None:
+            self._pixels.publish(raw)
         self._published += 1
         self._last_stamp_ns = frame.stamp_ns
 

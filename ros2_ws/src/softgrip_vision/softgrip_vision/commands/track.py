@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measure the joint angles of fingers in a video: what one did by hand, frame by frame.
+
+Writes into the output folder:
+  track.csv     one line per frame and finger: time, joint angles and tip with standard deviations, markers
+  track.png     joint angles and tip over time, with their uncertainty
+  overlay.mp4   the video with what was found drawn in
+
+Example:
+  ros2 run softgrip_vision track closing.mp4 --calibration camera.yaml --out out/closing --links-mm 45 27 23
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+from rich.console import Console
+from rich.progress import Progress
+
+from softgrip_vision import calibration
+from softgrip_vision.errors import VisionError
+from softgrip_vision.layout import ChainLayout, FingerSetup
+from softgrip_vision.overlay import draw
+from softgrip_vision.readings import FingerReading
+from softgrip_vision.report import plot, write_csv
+from softgrip_vision.sources import open_source
+from softgrip_vision.tracker import Tracker
+
+console = Console()
+#: Files have no other time line than their own.
+START_NS = 0
+SECONDS_PER_NS = 1e-9
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the command."""
+    arguments = _parser().parse_args(argv)
+    try:
+        _track(arguments)
+    except (VisionError, OSError) as error:
+        console.print(f"track: {error}", style="red", highlight=False)
+        sys.exit(1)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="track", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("video", metavar="VIDEO", help="video file or folder of pictures")
+    parser.add_argument("--calibration", type=Path, required=True, help="of the camera (calibrate_camera)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--links-mm", type=float, nargs="+", default=[45.0, 27.0, 23.0], metavar="MM",
+                        help="link lengths, joint to joint, the last one to the tip (default 45 27 23)")  # fmt: skip
+    parser.add_argument("--fingers", nargs="+", help="which planes of the calibration to look at (default: all)")
+    parser.add_argument("--hue", type=float, default=120.0, help="colour of the markers [deg] (default 120: green)")
+    parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    return parser
+
+
+def _track(arguments: argparse.Namespace) -> None:
+    known = calibration.load(arguments.calibration)
+    names = arguments.fingers or [plane.finger for plane in known.planes]
+    layout = ChainLayout(tuple(length * 1e-3 for length in arguments.links_mm))
+    tracker = Tracker(tuple(FingerSetup(name, arguments.hue) for name in names), {"video": layout}, known, "video")
+    source = open_source(arguments.video, start_ns=START_NS)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    overlay: cv2.VideoWriter | None = None
+    rows: list[tuple[float, FingerReading]] = []
+    try:
+        with Progress(console=console) as progress:
+            task = progress.add_task("tracking", total=getattr(source, "frame_count", 0) or None)
+            while (frame := source.read()) is not None:
+                image, time = frame.pixels(), frame.stamp_ns * SECONDS_PER_NS
+                readings = tracker.measure(image, time)
+                rows += [(time, reading) for reading in readings]
+                if not arguments.no_overlay:
+                    overlay = overlay or _writer(arguments.out / "overlay.mp4", source, (frame.width, frame.height))
+                    overlay.write(draw(image, readings))
+                progress.advance(task)
+    finally:
+        source.close()
+        if overlay is not None:
+            overlay.release()
+    write_csv(rows, arguments.out / "track.csv")
+    plot(rows, arguments.out / "track.png")
+    _summary(rows, arguments.out)
+
+
+def _writer(path: Path, source: object, size: tuple[int, int]) -> cv2.VideoWriter:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), getattr(source, "fps", 30.0), size)
+    if not writer.isOpened():
+        raise VisionError(f"{path}: expected to write an MP4 video there, found that OpenCV cannot")
+    return writer
+
+
+def _summary(rows: Sequence[tuple[float, FingerReading]], out: Path) -> None:
+    for finger in sorted({reading.finger for _, reading in rows}):
+        mine = [reading for _, reading in rows if reading.finger == finger]
+        silent = [reading.problem for reading in mine if reading.pose is None]
+        text = f"{finger}: pose in {len(mine) - len(silent)} of {len(mine)} frames"
+        if silent:
+            most = max(set(silent), key=silent.count)
+            text += f"; most often missing because: {most}"
+        console.print(text, highlight=False)
+    console.print(f"results in {out}", highlight=False)
+
+
+if __name__ == "__main__":
+    main()
