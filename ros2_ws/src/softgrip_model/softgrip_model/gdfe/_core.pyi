@@ -23,6 +23,9 @@ def min_jacobians(rest: _Array, hexes: _Index) -> _Array: ...
 class SecantTables:
     def __init__(self, coefficients: _Array, cells: int, end: float, lame_per_mu: Sequence[float]) -> None: ...
 
+class OgdenMaterial:
+    def __init__(self, moduli: Sequence[float], exponents: Sequence[float], bulk: float) -> None: ...
+
 class CablePoint:
     def __init__(self, nodes: Sequence[int], weights: Sequence[float], fixed: _Array) -> None: ...
 
@@ -42,6 +45,7 @@ class Settings:
         self,
         law: int,
         shape: int,
+        metric: int,
         single_precision_factor: bool,
         ordering: int,
         window: int,
@@ -71,6 +75,7 @@ class Solver:
         matrix_weight: Sequence[float],
         maps: Sequence[Sequence[int]],
         cables: Sequence[Cable],
+        ogden: Sequence[OgdenMaterial],
         settings: Settings,
     ) -> None: ...
     def solve(
@@ -85,6 +90,7 @@ class Solver:
         start: _Array,
         start_tension: Sequence[float],
     ) -> Outcome: ...
+    def energy(self, displacement: _Array) -> float: ...
     def internal_force(self, displacement: _Array) -> _Array: ...
     def strain(self) -> list[float]: ...
     def set_thesis_state(self, omega: Sequence[float], last_strain: Sequence[float]) -> None: ...

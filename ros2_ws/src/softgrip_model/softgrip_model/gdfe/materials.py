@@ -75,6 +75,10 @@ class Linear:
         """Return E (stretch - 1)."""
         return np.asarray(self.modulus * (stretch - 1.0))
 
+    def tangent_modulus(self, strain: Array) -> Array:
+        """Return E at strains (any shape)."""
+        return np.full_like(np.asarray(strain, dtype=np.float64), self.modulus)
+
     def initial_modulus(self) -> float:
         """Return E."""
         return self.modulus
@@ -109,6 +113,11 @@ class StressPolynomial:
         slope = polynomial.deriv()(self.strain_range[1])
         return np.asarray(np.sign(strain) * (polynomial(inside) + slope * (size - inside)))
 
+    def tangent_modulus(self, strain: Array) -> Array:
+        """Return the slope of the stress at strains (any shape), at the end of the range beyond it."""
+        slope = np.polynomial.Polynomial((0.0, *self.coefficients)).deriv()
+        return np.asarray(slope(np.minimum(np.abs(strain), self.strain_range[1])))
+
     def initial_modulus(self) -> float:
         """Return c1."""
         return self.coefficients[0]
@@ -134,6 +143,16 @@ class Ogden:
             )
         if 0.0 in self.exponents or self.initial_modulus() <= 0.0:
             raise GdfeError(f"material {self.name!r}: expected alpha other than 0 and a positive sum of mu")
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus at rest, sum mu."""
+        return sum(self.moduli)
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K = 2 mu (1 + nu) / (3 (1 - 2 nu)) of the volume term; CalculiX' D1 is 2 / K."""
+        return 2.0 * self.shear_modulus * (1.0 + self.poisson) / (3.0 * (1.0 - 2.0 * self.poisson))
 
     def nominal_stress(self, stretch: Array) -> Array:
         """Return sum 2 mu / alpha (l^(alpha-1) - l^(-alpha/2-1)) at stretches (any shape)."""

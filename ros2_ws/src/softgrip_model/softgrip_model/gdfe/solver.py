@@ -15,7 +15,7 @@ from softgrip_model.friction.laws import FrictionLaw, k_index, law_index
 from softgrip_model.gdfe import _core
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RoutingPoint
-from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, secant_table, shear_secant
+from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, Ogden, secant_table, shear_secant
 from softgrip_model.gdfe.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -27,6 +27,7 @@ class Law(StrEnum):
 
     CALIBRATED = "calibrated"
     THESIS = "thesis"
+    RIGOROUS = "rigorous"
 
 
 class VolumeShape(StrEnum):
@@ -34,6 +35,13 @@ class VolumeShape(StrEnum):
 
     PROJ = "proj"
     SCALE = "scale"
+
+
+class Metric(StrEnum):
+    """Stiffness of the elements' hourglass patterns: the FE Laplacian's, or that of the thesis' matrix N."""
+
+    LAPLACIAN = "laplacian"
+    CENTRING = "centring"
 
 
 class Ordering(StrEnum):
@@ -46,6 +54,7 @@ class Ordering(StrEnum):
 
 _LAW = {law: index for index, law in enumerate(Law)}
 _SHAPE = {shape: index for index, shape in enumerate(VolumeShape)}
+_METRIC = {metric: index for index, metric in enumerate(Metric)}
 _ORDERING = {ordering: index for index, ordering in enumerate(Ordering)}
 
 
@@ -138,6 +147,7 @@ class Settings:
     Attributes:
         law: local law.
         volume_shape: V^v.
+        metric: of the hourglass patterns.
         single_precision_factor: keep the factor in float; residuals are always computed in double.
         ordering: of the factor.
         window: of the Anderson acceleration, 0 = plain iteration.
@@ -146,6 +156,7 @@ class Settings:
 
     law: Law = Law.CALIBRATED
     volume_shape: VolumeShape = VolumeShape.PROJ
+    metric: Metric = Metric.LAPLACIAN
     single_precision_factor: bool = True
     ordering: Ordering = Ordering.AUTOMATIC
     window: int = 10
@@ -232,9 +243,11 @@ class Solver:
                 weights[mesh.materials].tolist(),
                 supports.maps(),
                 [cable.core() for cable in self.cables],
+                self._ogden(),
                 _core.Settings(
                     _LAW[s.law],
                     _SHAPE[s.volume_shape],
+                    _METRIC[s.metric],
                     s.single_precision_factor,
                     _ORDERING[s.ordering],
                     s.window,
@@ -245,10 +258,42 @@ class Solver:
             raise GdfeError(f"{error}; prescribe displacements so that no part can move freely") from error
 
     def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:
-        """Return k of every material: 1 for the thesis law, else 2 mu + lame at rest."""
+        """Return k of every material: 1 for the thesis law, else 2 mu + lame at rest, or what the rigorous law needs."""
         if self.settings.law is Law.THESIS:
             return np.ones(len(self.materials))
+        if self.settings.law is Law.RIGOROUS:
+            return np.array([2.0 * (o.shear_modulus + o.bulk_modulus / 3.0) for o in self._ogden_materials()])
         return np.array([tables[4 * i, 0] * (2.0 + lame) for i, lame in enumerate(lame_per_mu)])
+
+    def _ogden_materials(self) -> list[Ogden]:
+        found = [material for material in self.materials if isinstance(material, Ogden)]
+        if len(found) < len(self.materials):
+            others = [material.name for material in self.materials if not isinstance(material, Ogden)]
+            raise GdfeError(f"the rigorous law takes Ogden (or neo-Hookean) materials only, found {', '.join(others)}")
+        return found
+
+    def _ogden(self) -> list[_core.OgdenMaterial]:
+        if self.settings.law is not Law.RIGOROUS:
+            return []
+        return [_core.OgdenMaterial(o.moduli, o.exponents, o.bulk_modulus) for o in self._ogden_materials()]
+
+    def set_thesis_state(self, omega: Array, last_strain: Array) -> None:
+        """Set the thesis law's shape factor and last converged strain of every element, both (m,)."""
+        self._core.set_thesis_state(omega.tolist(), last_strain.tolist())
+
+    def internal_force(self, displacement: Array) -> Array:
+        """Return the elements' forces on the nodes, (n, 3), at displacements (n, 3)."""
+        return self._core.internal_force(displacement)
+
+    def strain(self) -> Array:
+        """Return the equivalent strain (nu = 0.5) of every element at the state last looked at, (m,)."""
+        return np.array(self._core.strain())
+
+    def energy(self, displacement: Array) -> float:
+        """Return the strain energy at displacements (n, 3); the rigorous law only."""
+        if self.settings.law is not Law.RIGOROUS:
+            raise GdfeError(f"only the law 'rigorous' has an energy, this solver has {self.settings.law!r}")
+        return self._core.energy(displacement)
 
     def rest(self) -> State:
         """Return the undeformed state."""

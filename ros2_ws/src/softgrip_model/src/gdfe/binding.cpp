@@ -34,7 +34,7 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("gradient", &gdfe::Element::gradient)
       .def_readonly("laplacian", &gdfe::Element::laplacian)
       .def_readonly("min_jacobian", &gdfe::Element::min_jacobian);
-  module.def("make_element", &gdfe::make_element, py::arg("rest"));
+  module.def("make_element", [](const gdfe::Corners& rest) { return gdfe::make_element(rest); }, py::arg("rest"));
   module.def(
       "min_jacobians",
       [](const gdfe::Nodes& rest, const gdfe::Hexes& hexes) {
@@ -50,6 +50,12 @@ PYBIND11_MODULE(_core, module) {
 
   py::class_<gdfe::SecantTables>(module, "SecantTables")
       .def(py::init(&make_tables), py::arg("coefficients"), py::arg("cells"), py::arg("end"), py::arg("lame_per_mu"));
+
+  py::class_<gdfe::OgdenMaterial>(module, "OgdenMaterial")
+      .def(py::init([](std::vector<double> moduli, std::vector<double> exponents, double bulk) {
+             return gdfe::OgdenMaterial{std::move(moduli), std::move(exponents), bulk};
+           }),
+           py::arg("moduli"), py::arg("exponents"), py::arg("bulk"));
 
   py::class_<gdfe::CablePoint>(module, "CablePoint")
       .def(py::init([](std::vector<std::int32_t> nodes, std::vector<double> weights, const Eigen::Vector3d& fixed) {
@@ -72,11 +78,11 @@ PYBIND11_MODULE(_core, module) {
            py::arg("radius_mm"));
 
   py::class_<gdfe::Settings>(module, "Settings")
-      .def(py::init([](int law, int shape, bool single_precision_factor, int ordering, int window, double step_limit) {
+      .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int window, double step_limit) {
              return gdfe::Settings{static_cast<gdfe::Law>(law), static_cast<gdfe::VolumeShape>(shape),
-                                   single_precision_factor, static_cast<gdfe::Ordering>(ordering), window, step_limit};
+                                   static_cast<gdfe::Metric>(metric), single_precision_factor, static_cast<gdfe::Ordering>(ordering), window, step_limit};
            }),
-           py::arg("law"), py::arg("shape"), py::arg("single_precision_factor"), py::arg("ordering"), py::arg("window"),
+           py::arg("law"), py::arg("shape"), py::arg("metric"), py::arg("single_precision_factor"), py::arg("ordering"), py::arg("window"),
            py::arg("step_limit"));
 
   py::class_<gdfe::Outcome>(module, "Outcome")
@@ -96,11 +102,12 @@ PYBIND11_MODULE(_core, module) {
       .def(py::init([](const gdfe::Nodes& rest, const gdfe::Hexes& hexes, const std::vector<int>& materials,
                        const gdfe::SecantTables& tables, const std::vector<double>& matrix_weight,
                        const std::array<gdfe::DofMap, 3>& maps, const std::vector<gdfe::Cable>& cables,
-                       const gdfe::Settings& settings) {
-             return std::make_unique<gdfe::Solver>(rest, hexes, materials, tables, matrix_weight, maps, cables, settings);
+                       const std::vector<gdfe::OgdenMaterial>& ogden, const gdfe::Settings& settings) {
+             return std::make_unique<gdfe::Solver>(rest, hexes, materials, tables, matrix_weight, maps, cables, ogden,
+                                                   settings);
            }),
            py::arg("rest"), py::arg("hexes"), py::arg("materials"), py::arg("tables"), py::arg("matrix_weight"),
-           py::arg("maps"), py::arg("cables"), py::arg("settings"))
+           py::arg("maps"), py::arg("cables"), py::arg("ogden"), py::arg("settings"))
       .def(
           "solve",
           [](gdfe::Solver& solver, const gdfe::Nodes& prescribed, const gdfe::Nodes& load,
@@ -119,6 +126,7 @@ PYBIND11_MODULE(_core, module) {
           },
           py::arg("prescribed"), py::arg("load"), py::arg("drives"), py::arg("tolerance"), py::arg("force_floor"),
           py::arg("length_tolerance"), py::arg("max_iterations"), py::arg("start"), py::arg("start_tension"))
+      .def("energy", &gdfe::Solver::energy, py::arg("displacement"))
       .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
       .def("strain",
            [](gdfe::Solver& solver) {

@@ -6,9 +6,7 @@
 #include <limits>
 
 namespace softgrip::gdfe {
-namespace {
 
-// d N_a / d (xi, eta, zeta), 8x3.
 Corners shape_slopes(double xi, double eta, double zeta) {
   Corners slopes;
   for (int a = 0; a < 8; ++a) {
@@ -19,6 +17,8 @@ Corners shape_slopes(double xi, double eta, double zeta) {
   }
   return slopes;
 }
+
+namespace {
 
 Eigen::Matrix<double, 8, 4> hourglass_patterns() {
   Eigen::Matrix<double, 8, 4> patterns;
@@ -35,7 +35,7 @@ double jacobian(const Corners& rest, double xi, double eta, double zeta) {
 
 }  // namespace
 
-Element make_element(const Corners& rest) {
+Element make_element(const Corners& rest, Metric metric) {
   Element element;
   element.volume = 0.0;
   element.gradient.setZero();
@@ -58,6 +58,13 @@ Element make_element(const Corners& rest) {
   const Eigen::Matrix<double, 8, 4> gamma = patterns - element.gradient * element.hourglass_rest.transpose();
   const Eigen::Matrix4d inverse = (gamma.transpose() * gamma).inverse();
   element.hourglass_stiffness = inverse * (gamma.transpose() * element.laplacian * gamma) * inverse;
+  if (metric == Metric::Centring) {
+    // Omega (I - 1 1^T / 8) on the patterns; Omega = V0 tr(G^T G) / 3 makes both metrics agree on a cube's affine motions
+    const double omega = element.volume * element.gradient.squaredNorm() / 3.0;
+    element.hourglass_stiffness = omega * inverse;
+    element.laplacian = element.volume * element.gradient * element.gradient.transpose() +
+                        gamma * element.hourglass_stiffness * gamma.transpose();
+  }
   return element;
 }
 

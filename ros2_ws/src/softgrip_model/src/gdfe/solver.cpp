@@ -11,12 +11,15 @@ namespace {
 // A residual that grows this much between two iterations shows a history that no longer fits.
 constexpr double kGrowth = 4.0;
 
-std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes) {
+// How often one step is halved when it leaves what the law has a value for.
+constexpr int kHalvings = 12;
+
+std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric metric) {
   std::vector<Element> elements(static_cast<std::size_t>(hexes.rows()));
   for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
     Corners corners;
     for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(e, a));
-    elements[static_cast<std::size_t>(e)] = make_element(corners);
+    elements[static_cast<std::size_t>(e)] = make_element(corners, metric);
   }
   return elements;
 }
@@ -25,17 +28,20 @@ std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes) {
 
 Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
                const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
-               const Settings& settings)
+               std::vector<OgdenMaterial> ogden, const Settings& settings)
     : nodes_(static_cast<std::size_t>(rest.rows())),
       rest_(std::move(rest)),
       settings_(settings),
       tables_(std::move(tables)),
-      blocks_(make_elements(rest_, hexes), hexes, materials),
+      blocks_(make_elements(rest_, hexes, settings.metric), hexes, materials),
       cables_(std::move(cables)),
       cable_work_(cables_.size()) {
+  if (settings_.law == Law::Rigorous) {
+    ogden_ = std::make_unique<OgdenElements>(rest_, hexes, materials, std::move(ogden));
+  }
   position_.resize(3 * nodes_);
   force_.resize(3 * nodes_);
-  const std::vector<Element> elements = make_elements(rest_, hexes);
+  const std::vector<Element> elements = make_elements(rest_, hexes, settings_.metric);
   for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
   build_axes(elements, hexes, matrix_weight, maps);
   build_point_columns();
@@ -268,10 +274,10 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
   Anderson accelerate(state.size(), settings_.window);
   Outcome outcome;
   double last_norm = 0.0;
+  int halvings = 0;
   for (int iteration = 0;; ++iteration) {
     expand(task, state);
-    std::fill(force_.begin(), force_.end(), 0.0);
-    local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force_.data(), nodes_, 0, blocks_.blocks);
+    add_element_forces();
     pull_cables(task, state);
     outcome.residual = out_of_balance(task, residual);
     outcome.history.push_back(outcome.residual);
@@ -287,7 +293,14 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
       if (!slack) outcome.length_error = std::max(outcome.length_error, std::abs(gap));
     }
     outcome.converged = sound && outcome.residual <= task.tolerance && outcome.length_error <= task.length_tolerance;
-    if (outcome.converged || !sound || iteration >= task.max_iterations) break;
+    if (outcome.converged || iteration >= task.max_iterations) break;
+    if (!sound) {  // an element turned inside out, or the cable wrapped too far: half the way back
+      if (iteration == 0 || ++halvings > kHalvings) break;
+      for (std::size_t i = 0; i < state.size(); ++i) state[i] -= step[i] *= 0.5;
+      accelerate.forget();
+      continue;
+    }
+    halvings = 0;
 
     precondition(residual);
     drive_lengths(task, state, residual);
@@ -300,8 +313,11 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     double largest = 0.0;
     for (std::size_t i = 0; i < unknowns_; ++i) largest = std::max(largest, std::abs(step[i]));
     const double cap = settings_.step_limit > 0.0 && largest > settings_.step_limit ? settings_.step_limit / largest : 1.0;
-    for (std::size_t i = 0; i < state.size(); ++i) state[i] += cap * step[i];
-    for (std::size_t c = 0; c < cables_.size(); ++c) state[unknowns_ + c] = std::max(state[unknowns_ + c], 0.0);
+    for (std::size_t i = 0; i < state.size(); ++i) state[i] += step[i] *= cap;
+    for (std::size_t c = 0; c < cables_.size(); ++c) {
+      double& tension = state[unknowns_ + c];
+      if (tension < 0.0) step[unknowns_ + c] -= tension, tension = 0.0;
+    }
   }
   Outcome full = report(task, state);
   full.converged = outcome.converged;
@@ -333,15 +349,34 @@ Outcome Solver::report(const Task& task, const std::vector<double>& state) const
   return outcome;
 }
 
-Nodes Solver::internal_force(const Nodes& displacement) {
+void Solver::place(const Nodes& displacement) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (std::size_t i = 0; i < nodes_; ++i) {
       const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
       position_[axis * nodes_ + i] = rest_(row, column) + displacement(row, column);
     }
   }
+}
+
+void Solver::add_element_forces() {
   std::fill(force_.begin(), force_.end(), 0.0);
-  local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force_.data(), nodes_, 0, blocks_.blocks);
+  if (ogden_) {
+    ogden_->add_forces(position_.data(), force_.data(), blocks_.strain.data(), nodes_, 0, blocks_.elements);
+  } else {
+    local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force_.data(), nodes_, 0,
+               blocks_.blocks);
+  }
+}
+
+double Solver::energy(const Nodes& displacement) {
+  if (!ogden_) throw std::logic_error("only the rigorous law has an energy");
+  place(displacement);
+  return ogden_->energy(position_.data(), nodes_);
+}
+
+Nodes Solver::internal_force(const Nodes& displacement) {
+  place(displacement);
+  add_element_forces();
   Nodes force(static_cast<Eigen::Index>(nodes_), 3);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (std::size_t i = 0; i < nodes_; ++i) {

@@ -36,7 +36,10 @@ struct Element {
 // d N_a / d (xi, eta, zeta) of the eight corners.
 Corners shape_slopes(double xi, double eta, double zeta);
 
+// Stiffness of the hourglass patterns: of the FE Laplacian, or of the thesis' centring matrix N (1.5 times that on cubes).
+enum class Metric : std::uint8_t { Laplacian = 0, Centring = 1 };
+
 // Corner coordinates X (8x3) -> element data.
-Element make_element(const Corners& rest);
+Element make_element(const Corners& rest, Metric metric = Metric::Laplacian);
 
 }  // namespace softgrip::gdfe

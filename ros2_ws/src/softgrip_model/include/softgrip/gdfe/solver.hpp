@@ -22,6 +22,7 @@ namespace softgrip::gdfe {
 struct Settings {
   Law law = Law::Calibrated;
   VolumeShape shape = VolumeShape::Proj;
+  Metric metric = Metric::Laplacian;
   bool single_precision_factor = true;
   Ordering ordering = Ordering::Automatic;
   int window = 10;           // of the Anderson acceleration; 0 = plain iteration
