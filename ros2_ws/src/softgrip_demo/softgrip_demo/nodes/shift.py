@@ -49,6 +49,7 @@ PARAMETERS = ParameterTable(
     Parameter(
         "expected_streams", ["tendon/state", "camera/image_raw/compressed"], "topics that say that the cell is up"
     ),
+    Parameter("swap_attempts", 3, "times the operator seats the fingers anew when their check fails", "", 1, 10),
     Parameter("profile_dir", "", "folder of the finger profiles"),
     Parameter("calibration", "", "file with the camera's calibration"),
     Parameter("cable_radius", 0.000125, "of the cable on the rig", "m", 1e-5, 0.01),
@@ -159,9 +160,13 @@ class Shift:
                 return serials
             return ()
 
-        result = self._cell.swap(finger_set, confirm, serials)
-        if result.outcome != result.SUCCEEDED:
-            raise ShiftError(f"swap to {finger_set} failed: {result.reason}")
+        for attempt in range(1, self._values["swap_attempts"] + 1):
+            result = self._cell.swap(finger_set, confirm, serials)
+            if result.outcome == result.SUCCEEDED:
+                break
+            self._log.warning(f"swap to {finger_set}, attempt {attempt}: {result.reason}")
+        else:
+            raise ShiftError(f"swap to {finger_set} failed {attempt} times; the last time: {result.reason}")
         self._log.info(f"swap to {finger_set}: {result.reason}")
         self._mounted = finger_set
         self._swaps += 1
