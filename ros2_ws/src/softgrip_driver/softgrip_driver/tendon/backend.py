@@ -106,4 +106,4 @@ class TendonBackend(Protocol):
         """Let one drive hold its present position, or let go of the tendon."""
 
     def mark_session(self, tendon: str, mark: int) -> None:
-        """Leave a number 1..15 in the device's volatile memory."""
+        """Leave a number 1..15 in the device's volatile memory; 0 takes it away."""

@@ -67,6 +67,8 @@ class Drive:
         self.limits = limits
         self._continuous = continuous_tension
         self.powered = False
+        #: the zero is void, and the mark that vouches for it in the device must go
+        self.zero_lost = False
         self._m = _Memory()
         self._reset_guards()
 
@@ -131,6 +133,11 @@ class Drive:
     @property
     def _frame(self) -> float:
         return self._m.zero if self._m.zero is not None else self._m.origin
+
+    @property
+    def position(self) -> float:
+        """[m] in the device's frame; NaN until read."""
+        return math.nan if self._m.reading is None else self._m.reading.position
 
     @property
     def session_mark(self) -> int | None:
@@ -231,8 +238,9 @@ class Drive:
             return
         if self.busy:
             m.outcome, m.reason = Outcome.FAULT, m.fault_reason
-        if row.recovery is Recovery.HOME:
-            m.zero = None
+        if row.recovery is Recovery.HOME and m.zero is not None:
+            m.zero = m.mark = None
+            self.zero_lost = True
         if m.reading is not None and self.powered:
             self._hold_here()
 

@@ -238,12 +238,25 @@ class BusLoop:
         try:
             readings = self._backend.read()
             self._act(self._controller.step(time.monotonic(), readings))
+            self._void_marks(readings)
             self._restore_a_step(readings)
         except PortLostError as error:
             self._port_lost = str(error)
             self._reopen_at = now
             self._restores.clear()
             self._controller.lose_port(self._port_lost)
+
+    def _void_marks(self, readings: Mapping[str, DriveReading]) -> None:
+        """Take the mark away where a fault has voided the zero, so that no later start of the driver trusts it."""
+        for tendon, drive in self._controller.drives.items():
+            if drive.zero_lost and tendon in readings:
+                drive.zero_lost = False
+                try:
+                    self._backend.mark_session(tendon, 0)
+                except PortLostError:
+                    raise
+                except DriverError:
+                    drive.zero_lost = True
 
     def _reopened(self, now: float) -> bool:
         if now < self._reopen_at:

@@ -19,6 +19,9 @@ class SpeedProfile:
     position: float
     velocity: float = 0.0
 
+    #: [m] of way that is none
+    NEGLIGIBLE = 1e-9
+
     def step(self, target: float, speed: float, acceleration: float, dt: float) -> float:
         """Advance by ``dt`` [s] towards ``target`` [m] and return the new position [m]."""
         distance = target - self.position
@@ -30,7 +33,7 @@ class SpeedProfile:
         change = max(-acceleration * dt, min(acceleration * dt, wanted - self.velocity))
         self.velocity += change
         moved = self.velocity * dt
-        arrives = abs(moved) >= abs(distance) and moved * distance >= 0.0
+        arrives = abs(distance) < self.NEGLIGIBLE or (abs(moved) >= abs(distance) and moved * distance >= 0.0)
         if arrives and abs(self.velocity) <= 2.0 * acceleration * dt:
             self.position, self.velocity = target, 0.0
         else:

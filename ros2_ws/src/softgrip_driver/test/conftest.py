@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bench: emulated servos and fingers on a pseudo-terminal, with the driver's own loop on the other end."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.dynamixel.bringup import Servo
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.tendon.backend import DriveReading
+from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.loop import BusLoop
+from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_emulator.clock import CellClock
+from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.faults import BUS_FAULTS
+from softgrip_emulator.plant.cell import CellPlant
+from softgrip_emulator.wire.faulty import FaultyWire
+from softgrip_emulator.wire.pty import PtyPort
+from softgrip_model.profile import load_directory
+
+PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
+TENDONS = ("index", "middle", "thumb")
+BAUD = 1_000_000
+
+
+class Bench:
+    """Emulator and driver with the serial wire between them."""
+
+    def __init__(self, folder: Path, *, rate: float, limits: TendonLimits, policies: Policies, seed: int = 3) -> None:
+        self.clock = CellClock()
+        self.plant = CellPlant(load_directory(PROFILES), seed=seed)
+        self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
+        self.bus_wire = FaultyWire(
+            DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up), seed
+        )
+        self.bus_port = PtyPort(folder / "servos", self.bus_wire, clock=self.clock)
+        self._stop = threading.Event()
+        self._living = threading.Thread(target=self._live, daemon=True)
+        model = MODELS["XL330-M288"]
+        torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
+        self.servos = [Servo(name, i, model, Spool(0.010, 1), torque) for i, name in enumerate(TENDONS, start=1)]
+        self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=0.008)
+        self.backend = DynamixelBackend(self.bus, self.servos, watchdog=0.08)
+        self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies)
+        self.loop = BusLoop(self.backend, self.controller, rate, history=4096)
+        self.identities = ()
+        self.undo = []
+
+    def _live(self) -> None:
+        while not self._stop.wait(0.003):
+            self.plant.advance_to(self.clock.now_s())
+
+    def open(self) -> Bench:
+        self.bus_port.start()
+        self._living.start()
+        self.identities = self.backend.connect()
+        self.loop.start()
+        assert self.until(lambda seen: all(drive.time > 0.0 for drive in seen.drives), 5.0)
+        return self
+
+    def close(self) -> None:
+        self.clear()
+        self.loop.stop()
+        self.backend.disconnect()
+        self._stop.set()
+        self._living.join(2.0)
+        self.bus_port.close()
+
+    def hold_taut(self, tension: float = 5.0) -> None:
+        """Take hold with the true zeros, as after a homing, and pull every tendon to a tension."""
+        self.loop.power(on=True)
+        slack = self.plant.bank.slack_m - self.plant.wound_m()
+        for index, name in enumerate(TENDONS):
+            self.loop.mark_session(name, index + 1)
+            here = self.loop.call(lambda c, _, n=name: c.drives[n].position)
+            zero = here + float(slack[index])
+            self.loop.call(lambda c, _, n=name, z=zero, m=index + 1: c.drives[n].set_zero(z, m))
+        if tension:
+            request = MoveRequest([], MoveMode.TENSION, [tension], 0.03)
+            outcome, reason = self.run(self.loop.call(lambda c, now: c.move(request, now)))
+            assert outcome == 0, reason
+
+    def run(self, ticket, deadline: float = 15.0):
+        """Wait for the end of a request; return (outcome, reason)."""
+        self.until(lambda _: self.result(ticket)[0] is not None, deadline)
+        return self.result(ticket)
+
+    def result(self, ticket):
+        return self.controller.result(ticket)
+
+    def until(self, condition, deadline: float = 3.0):
+        """Wait until a snapshot meets a condition; the snapshot, or None."""
+        return self.loop.wait_for(condition, deadline)
+
+    def cause(self, fault: str, **arguments) -> float:
+        """Start a fault by the emulator's name; return the time [s, monotonic] it began."""
+        began = time.monotonic()
+        self.undo.append(BUS_FAULTS[fault](self, **arguments))
+        return began
+
+    def clear(self) -> None:
+        """End all faults."""
+        while self.undo:
+            self.undo.pop()()
+
+    def drive(self, name: str):
+        """The last snapshot of one drive."""
+        return next(drive for drive in self.loop.snapshot.drives if drive.tendon == name)
+
+
+@pytest.fixture
+def bench(tmp_path, request):
+    """An opened bench; `@pytest.mark.parametrize("bench", [{...}], indirect=True)` changes its settings."""
+    settings = {"rate": 200.0, "limits": TendonLimits(), "policies": Policies()} | getattr(request, "param", {})
+    one = Bench(tmp_path, **settings)
+    try:
+        yield one.open()
+    finally:
+        one.close()
+
+
+@pytest.fixture
+def reading():
+    """Make a DriveReading from what matters."""
+
+    def make(time_s, position, velocity=0.0, tension=0.0, **others):
+        values = {"tension_stddev": 0.5, "pull": tension, "powered": True, "session_mark": 1, "temperature": 30.0}
+        return DriveReading(time_s, position, velocity, tension, **(values | others))
+
+    return make
+
+
+@pytest.fixture
+def spring_finger():
+    """A closed-form finger for pure tests: slack up to `taut` [m], then a spring; the servo follows its setpoint."""
+
+    class SpringFinger:
+        def __init__(self, taut=0.003, stiffness=1000.0, position=0.0):
+            self.taut, self.stiffness, self.position, self.velocity, self.time = taut, stiffness, position, 0.0, 0.0
+            self.broken = False
+
+        @property
+        def tension(self):
+            return 0.0 if self.broken else max(0.0, self.stiffness * (self.position - self.taut))
+
+        def advance(self, dt, setpoint):
+            """Follow a setpoint with a lag of 20 ms, never beyond its tension limit."""
+            goal = setpoint.position
+            if not self.broken:
+                goal = min(goal, self.taut + setpoint.tension_limit / self.stiffness)
+            moved = (goal - self.position) * (1.0 - math.exp(-dt / 0.02))
+            self.position += moved
+            self.velocity = moved / dt
+            self.time += dt
+
+        def read(self, make, **others):
+            return make(self.time, self.position, self.velocity, self.tension, **others)
+
+    return SpringFinger
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Print the fault matrix after its tests."""
+    rows = getattr(config, "fault_table", None)
+    if not rows:
+        return
+    heads = ("fault on the wire or the tendon", "while", "named", "state and time to safe", "recovers by")
+    widths = [max(len(row[i]) for row in [heads, *rows]) for i in range(len(heads))]
+    terminalreporter.write_sep("=", "fault matrix, 200 Hz, 3 servos at 1 Mbaud")
+    for row in [heads, *rows]:
+        terminalreporter.write_line("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)))

@@ -1,0 +1,317 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller stepped by hand over a finger in closed form: no bus, no clock, no thread."""
+
+import re
+
+import numpy as np
+import pytest
+
+from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, StopPolicy
+from softgrip_driver.tendon.homing import knee
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.trajectory import Trajectory
+
+DT = 0.005
+LIMITS = TendonLimits()
+
+
+class Rig:
+    """A gripper of closed-form fingers and its controller, with time passed in."""
+
+    def __init__(self, finger, reading, names=("a", "b"), policies=None, grippers=None):
+        self.fingers = {name: finger() for name in names}
+        self.reading, self.now = reading, 0.0
+        self.controller = GripperController(dict.fromkeys(names, LIMITS), policies or Policies(), grippers)
+        self.others = {name: {} for name in names}
+        self.silent, self.actions = set(), {}
+        self.cycle()
+
+    def on(self, homed=True):
+        for name, drive in self.controller.drives.items():
+            drive.switch_on()
+            if homed:
+                drive.set_zero(self.fingers[name].taut, 1)
+        return self
+
+    def cycle(self):
+        self.now += DT
+        readings = {}
+        for name, finger in self.fingers.items():
+            finger.time = self.now
+            if name not in self.silent:
+                readings[name] = finger.read(self.reading, **self.others[name])
+        self.actions = self.controller.step(self.now, readings)
+        for name, action in self.actions.items():
+            if action.setpoint is not None and name not in self.silent:
+                self.fingers[name].advance(DT, action.setpoint)
+
+    def run(self, ticket, deadline=20.0):
+        end = self.now + deadline
+        while self.controller.result(ticket)[0] is None and self.now < end:
+            self.cycle()
+        return self.controller.result(ticket)
+
+    def pass_time(self, duration):
+        for _ in range(round(duration / DT)):
+            self.cycle()
+
+    def move(self, length, names=(), **others):
+        return self.controller.move(MoveRequest(names, MoveMode.LENGTH, [length], **others), self.now)
+
+    def drive(self, name="a"):
+        return self.controller.drives[name]
+
+
+@pytest.fixture
+def rig(spring_finger, reading):
+    return Rig(spring_finger, reading).on()
+
+
+def test_a_move_ends_at_its_target(rig):
+    outcome, reason = rig.run(rig.move(0.010))
+    assert outcome is Outcome.REACHED, reason
+    for name, finger in rig.fingers.items():
+        assert finger.position - finger.taut == pytest.approx(0.010, abs=LIMITS.position_tolerance)
+        assert rig.drive(name).state is DriveState.HOLDING
+
+
+def test_a_move_stops_at_its_tension_limit(rig):
+    outcome, reason = rig.run(rig.move(0.020, tension_limit=6.0))
+    assert outcome is Outcome.TENSION_LIMIT
+    assert "6.0 N" in reason
+    assert all(finger.tension <= 6.05 for finger in rig.fingers.values())
+
+
+def test_a_move_to_a_tension_gets_there_from_both_sides(rig):
+    for target in (12.0, 4.0):
+        ticket = rig.controller.move(MoveRequest([], MoveMode.TENSION, [target]), rig.now)
+        outcome, reason = rig.run(ticket)
+        assert outcome is Outcome.REACHED, reason
+        rig.pass_time(0.2)
+        assert rig.fingers["a"].tension == pytest.approx(target, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("request_", "text"),
+    [
+        (MoveRequest(["c"], MoveMode.LENGTH, [0.01]), r"out of \['a', 'b'\]"),
+        (MoveRequest([], MoveMode.LENGTH, [0.05]), "between 0 and 0.035 m, found 0.05 m"),
+        (MoveRequest([], MoveMode.LENGTH, [float("nan")]), "between 0 and"),
+        (MoveRequest([], MoveMode.TENSION, [99.0]), "between 0 and 35 N"),
+        (MoveRequest([], MoveMode.LENGTH, [0.01], speed=9.0), "speed up to"),
+        (MoveRequest([], MoveMode.LENGTH, [0.01], tension_limit=99.0), "tension limit up to"),
+        (MoveRequest([], MoveMode.LENGTH, [0.01, 0.01, 0.01]), "one target or 2"),
+    ],
+)
+def test_a_wrong_request_is_refused_with_its_reason_and_moves_nothing(rig, request_, text):
+    ticket = rig.controller.move(request_, rig.now)
+    outcome, reason = rig.controller.result(ticket)
+    assert outcome is Outcome.REFUSED
+    assert re.search(text, reason)
+    assert not rig.drive().busy
+
+
+def test_nothing_moves_before_homing_or_without_power(spring_finger, reading):
+    rig = Rig(spring_finger, reading)
+    assert "not powered" in rig.move(0.01).refusal
+    rig.on(homed=False)
+    assert "not homed" in rig.move(0.01).refusal
+    assert "nothing to release" in rig.controller.release(rig.now).refusal
+
+
+@pytest.mark.parametrize("taut", [-0.006, 0.0, 0.004, 0.015])
+def test_homing_finds_where_the_tendon_gets_taut(spring_finger, reading, taut):
+    rig = Rig(spring_finger, reading, names=("a",)).on(homed=False)
+    rig.fingers["a"].taut = taut
+    outcome, reason = rig.run(rig.controller.home(rig.now))
+    assert outcome is Outcome.REACHED, reason
+    assert rig.drive().zero == pytest.approx(taut, abs=3e-4)
+    assert rig.fingers["a"].position == pytest.approx(taut, abs=6e-4)
+
+
+def test_homing_gives_up_within_its_travel_and_says_why(spring_finger, reading):
+    rig = Rig(spring_finger, reading, names=("a",)).on(homed=False)
+    rig.fingers["a"].broken = True
+    outcome, reason = rig.run(rig.controller.home(rig.now))
+    assert outcome is Outcome.FAULT
+    assert "is the tendon attached" in reason
+    assert rig.fingers["a"].position <= LIMITS.homing_travel - LIMITS.slack_travel + 1e-3
+    assert not rig.drive().homed
+
+
+def test_the_knee_of_a_hinge_is_found_in_noise():
+    rng = np.random.default_rng(2)
+    lengths = np.linspace(0.0, 0.012, 240)
+    forces = 0.4 + 1100.0 * np.maximum(0.0, lengths - 0.0107) + rng.normal(0.0, 0.1, 240)
+    assert knee(list(zip(lengths, forces, strict=True)), 0.012) == pytest.approx(0.0107, abs=3e-4)
+
+
+def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(rig):
+    first = Trajectory.checked([0.5], [0.010], [], LIMITS.travel)
+    rig.controller.follow({"a": first}, rig.now)
+    rig.pass_time(0.25)
+    before = rig.fingers["a"].position
+    second = Trajectory.checked([0.5], [0.012], [], LIMITS.travel)
+    ticket = rig.controller.follow({"a": second}, rig.now)
+    rig.cycle()
+    assert abs(rig.fingers["a"].position - before) < LIMITS.speed * DT * 1.5
+    outcome, reason = rig.run(ticket)
+    assert outcome is Outcome.REACHED, reason
+    rig.pass_time(0.3)
+    assert rig.fingers["a"].position - rig.fingers["a"].taut == pytest.approx(0.012, abs=5e-4)
+
+
+def test_a_newer_command_cancels_the_older(rig):
+    older = rig.move(0.030)
+    rig.pass_time(0.05)
+    newer = rig.move(0.005)
+    assert rig.controller.result(older)[0] is Outcome.CANCELLED
+    assert rig.run(newer)[0] is Outcome.REACHED
+
+
+def test_release_keeps_its_speed(rig):
+    rig.run(rig.move(0.020))
+    ticket = rig.controller.release(rig.now)
+    fastest = 0.0
+    while rig.controller.result(ticket)[0] is None:
+        rig.cycle()
+        assert rig.drive().state in {DriveState.RELEASING, DriveState.HOLDING}
+        fastest = max(fastest, -rig.fingers["a"].velocity)
+    assert rig.controller.result(ticket)[0] is Outcome.REACHED
+    assert 0.5 * LIMITS.release_speed < fastest < 1.5 * LIMITS.release_speed
+
+
+def test_estop_lets_go_or_holds_as_the_policy_says_and_stays_until_reset(spring_finger, reading):
+    for policy in StopPolicy:
+        rig = Rig(spring_finger, reading, policies=Policies(estop=policy)).on()
+        rig.move(0.020)
+        rig.pass_time(0.1)
+        actions = rig.controller.stop_emergency()
+        assert {action.power for action in actions.values()} == ({False} if policy is StopPolicy.LET_GO else set())
+        before = rig.fingers["a"].position
+        rig.pass_time(0.3)
+        assert abs(rig.fingers["a"].position - before) < 1e-3
+        assert "estop_reset" in rig.move(0.01).refusal
+        rig.controller.reset()
+        assert rig.drive().fault == ""
+
+
+def test_a_broken_tendon_stops_its_drive_and_opens_the_others(rig):
+    rig.run(rig.move(0.012))
+    rig.pass_time(0.4)
+    rig.fingers["a"].broken = True
+    rig.pass_time(0.2)
+    assert rig.drive("a").fault == "tendon_broken"
+    assert rig.drive("a").state is DriveState.STOPPED
+    assert not rig.drive("a").homed
+    assert rig.drive("b").state is DriveState.RELEASING
+    rig.pass_time(3.0)
+    assert rig.fingers["b"].position == pytest.approx(rig.fingers["b"].taut, abs=1e-3)
+    assert "estop_reset, then tendon/home" in rig.move(0.01, ["a"]).refusal
+
+
+def test_a_fault_concerns_its_own_gripper_only(spring_finger, reading):
+    rig = Rig(spring_finger, reading, names=("a", "b", "c"), grippers={"a": "l", "b": "l", "c": "r"}).on()
+    rig.run(rig.move(0.012))
+    rig.pass_time(0.4)
+    rig.fingers["a"].broken = True
+    rig.pass_time(0.2)
+    assert rig.drive("b").state is DriveState.RELEASING
+    assert rig.drive("c").state is DriveState.HOLDING
+
+
+def test_a_silent_drive_stops_what_moves_with_it_and_comes_back(rig):
+    ticket = rig.move(0.030)
+    rig.pass_time(0.1)
+    rig.silent.add("a")
+    rig.pass_time(LIMITS.no_reply + 3 * DT)
+    assert rig.drive("a").state is DriveState.DISCONNECTED
+    assert rig.drive("b").state is DriveState.HOLDING
+    assert rig.controller.result(ticket)[0] is Outcome.FAULT
+    rig.silent.clear()
+    rig.cycle()
+    assert rig.drive("a").fault == ""
+    assert rig.run(rig.move(0.010))[0] is Outcome.REACHED
+
+
+def test_a_lost_session_mark_is_a_reboot_and_demands_homing(rig):
+    rig.run(rig.move(0.010))
+    rig.others["a"] = {"session_mark": 0}
+    rig.cycle()
+    assert rig.actions["a"].power is False
+    assert rig.drive("a").fault == "rebooted"
+    assert not rig.drive("a").homed
+
+
+def test_a_position_glitch_is_ridden_through_and_a_lasting_one_is_a_fault(rig):
+    rig.run(rig.move(0.010))
+    rig.fingers["a"].position -= 0.0628
+    rig.cycle()
+    rig.fingers["a"].position += 0.0628
+    rig.pass_time(0.1)
+    assert rig.drive("a").fault == ""
+    rig.fingers["a"].position -= 0.0628
+    rig.pass_time(0.1)
+    assert rig.drive("a").fault == "position_jump"
+    assert not rig.drive("a").homed
+
+
+def test_an_overload_shutdown_is_restored_at_once_without_a_zero(rig):
+    rig.run(rig.move(0.010))
+    rig.others["a"] = {"faults": ("overload",), "hardware_error": 0x20, "powered": False}
+    rig.cycle()
+    assert rig.actions["a"].restore
+    rig.cycle()
+    assert not rig.actions["a"].restore
+    rig.others["a"] = {"session_mark": 0}
+    rig.cycle()
+    action = rig.drive("a").restored(success=True)
+    assert action.power is True
+    assert not rig.drive("a").homed
+
+
+def test_tension_above_the_hard_limit_is_latched_and_held_with_less(rig):
+    rig.run(rig.move(0.010))
+    rig.fingers["a"].stiffness = 9000.0
+    rig.pass_time(0.1)
+    assert rig.drive("a").fault == "tension_exceeded"
+    assert rig.actions["a"].setpoint.tension_limit <= LIMITS.tension_hold
+    rig.fingers["a"].stiffness = 1000.0
+    rig.pass_time(0.1)
+    assert rig.drive("a").fault == "tension_exceeded"
+    rig.controller.reset()
+    assert rig.run(rig.move(0.005))[0] is Outcome.REACHED
+
+
+def test_heat_reduces_the_tension_then_stops_and_ends_by_itself(rig):
+    rig.run(rig.move(0.010))
+    rig.others["a"] = {"temperature": 60.0}
+    rig.cycle()
+    assert rig.actions["a"].setpoint.tension_limit == pytest.approx(0.5 * LIMITS.tension_soft)
+    rig.others["a"] = {"temperature": 66.0}
+    rig.pass_time(0.05)
+    assert rig.drive("a").fault == "over_temperature"
+    rig.others["a"] = {"temperature": 50.0}
+    rig.cycle()
+    assert rig.drive("a").fault == ""
+
+
+def test_without_commands_a_hold_reduces_its_tension_and_releases_later(spring_finger, reading):
+    rig = Rig(spring_finger, reading, policies=Policies(command_timeout=1.0, release_after=1.0)).on()
+    rig.run(rig.move(0.010))
+    rig.pass_time(1.2)
+    assert rig.drive().fault == "command_timeout"
+    assert rig.actions["a"].setpoint.tension_limit == LIMITS.tension_hold
+    rig.pass_time(4.0)
+    assert rig.fingers["a"].position == pytest.approx(rig.fingers["a"].taut, abs=1e-3)
+    assert rig.run(rig.move(0.005))[0] is Outcome.REACHED
+    assert rig.drive().fault == ""
+
+
+def test_a_jam_is_a_stall_with_its_place(rig):
+    rig.fingers["a"].advance = lambda dt, setpoint: None
+    outcome, reason = rig.run(rig.move(0.020, ["a"]))
+    assert outcome is Outcome.FAULT
+    assert "from the target" in reason
+    assert rig.drive("a").fault == "stalled"

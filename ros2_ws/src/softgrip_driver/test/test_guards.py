@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each guard on made-up samples: it speaks when it must and is silent when it must be."""
+
+import math
+
+import pytest
+
+from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.tendon.guards import (
+    BreakGuard,
+    JumpGuard,
+    MedianFilter,
+    OverloadGuard,
+    SlackGuard,
+    StallGuard,
+    ThermalGuard,
+)
+from softgrip_driver.tendon.limits import TendonLimits
+
+LIMITS = TendonLimits()
+DT = 0.005
+
+
+def steps(duration):
+    return [i * DT for i in range(round(duration / DT))]
+
+
+def test_one_wild_sample_does_not_pass_the_median():
+    median = MedianFilter()
+    assert [median.step(x) for x in (1.0, 1.1, 99.0, 1.2)] == [1.0, pytest.approx(1.05), 1.1, 1.2]
+
+
+def test_a_glitch_is_dropped_and_a_lasting_jump_is_a_lost_position():
+    guard = JumpGuard(LIMITS)
+    assert guard.step(0.0, 0.010)
+    assert not guard.step(DT, 0.010 - 0.0628)
+    assert not guard.lost
+    assert guard.step(2 * DT, 0.010)
+    for i in range(3, 7):
+        assert not guard.step(i * DT, -0.0528)
+    assert guard.lost
+
+
+def test_the_fastest_motion_is_no_jump():
+    guard = JumpGuard(LIMITS)
+    assert all(guard.step(t, LIMITS.speed * t) for t in steps(0.5))
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.3, 1.9])
+def test_tension_that_vanishes_is_a_broken_tendon_within_the_confirmation(rest):
+    guard = BreakGuard(LIMITS)
+    assert not any(guard.step(t, 8.0) for t in steps(0.3))
+    spoke = [t for t in steps(0.2) if guard.step(0.3 + t, rest)]
+    assert spoke[0] == pytest.approx(LIMITS.break_confirm, abs=2 * DT)
+
+
+@pytest.mark.parametrize(
+    "tension",
+    [
+        lambda t: 8.0 - 10.0 * t if t < 0.5 else 3.0,
+        lambda t: 2.5 if t < 0.3 else 0.0,
+        lambda t: 8.0 if abs(t - 0.3) > 0.5 * LIMITS.break_confirm else 0.0,
+        lambda t: 9.0 if 0.30 < t < 0.34 else 0.2,
+    ],
+    ids=["slow relief", "never enough tension to tell", "a dip that recovers", "a spike of acceleration"],
+)
+def test_what_is_no_break(tension):
+    guard = BreakGuard(LIMITS)
+    assert not any(guard.step(t, tension(t)) for t in steps(1.0))
+
+
+def test_slack_needs_travel_pulling_and_time():
+    def spoke(pulled, tension, pulling, duration):
+        guard = SlackGuard(LIMITS)
+        return any([guard.step(t, pulled, tension, pulling=pulling) for t in steps(duration)])
+
+    assert spoke(0.012, 0.1, True, 0.1)
+    assert not spoke(0.002, 0.1, True, 0.1)
+    assert not spoke(0.012, 0.1, False, 0.1)
+    assert not spoke(0.012, 2.0, True, 0.1)
+    assert not spoke(0.012, 0.1, True, 0.03)
+
+
+def test_a_stall_is_standing_although_moving():
+    still, crawling, idle = (StallGuard(0.4) for _ in range(3))
+    assert [t for t in steps(0.6) if still.step(t, 0.01, moving=True)][0] == pytest.approx(0.4, abs=2 * DT)
+    assert not any(crawling.step(t, 0.001 * t, moving=True) for t in steps(2.0))
+    assert not any(idle.step(t, 0.01, moving=False) for t in steps(2.0))
+
+
+def test_heat_derates_stops_and_releases_with_hysteresis():
+    guard = ThermalGuard(LIMITS)
+    assert guard.step(math.nan) == 1.0
+    assert guard.step(54.0) == 1.0
+    assert guard.step(60.0) == pytest.approx(0.5)
+    guard.step(65.0)
+    assert guard.tripped
+    guard.step(60.0)
+    assert guard.tripped
+    guard.step(54.9)
+    assert not guard.tripped
+
+
+def test_overload_backs_off_in_the_time_of_its_differential_equation_and_never_below_what_holds():
+    guard = OverloadGuard(20.0)
+    time = 0.0
+    while guard.step(40.0, DT) == math.inf:
+        time += DT
+    # h' = (4 - h) / tau from 0: h = 1 at tau ln(4/3).
+    assert time == pytest.approx(OverloadGuard.TIME_CONSTANT * math.log(4.0 / 3.0), rel=0.01)
+    assert guard.step(40.0, DT) == pytest.approx(18.0)
+    for _ in range(int(30.0 / DT)):
+        guard.step(18.0, DT)
+    assert not guard.backed_off
+
+
+def test_limits_in_the_wrong_order_are_refused():
+    with pytest.raises(ConfigurationError, match="tension_soft <= tension_hard"):
+        TendonLimits(tension_soft=50.0, tension_hard=45.0)
+    with pytest.raises(ConfigurationError, match="above 0"):
+        TendonLimits(speed=0.0)
