@@ -162,7 +162,7 @@ class PlaneMap:
     def __init__(self, lens: Lens, plane: FingerPlane) -> None:
         self._lens = lens
         self._to_image = plane.homography
-        self._to_plane = np.linalg.inv(plane.homography)
+        self._to_plane: Array = np.asarray(np.linalg.inv(plane.homography), dtype=np.float64)
 
     def to_pixels(self, points: Array) -> Array:
         """Return (n, 2) pixels of (n, 2) plane points [m]."""

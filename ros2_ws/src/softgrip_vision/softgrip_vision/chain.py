@@ -23,7 +23,7 @@ MOUNT_STDDEV = (2e-3, 2e-3, math.radians(2.0))
 #: Random walk of the mount [m/sqrt(s), m/sqrt(s), rad/sqrt(s)]: it is screwed down.
 MOUNT_DRIFT = (2e-5, 2e-5, math.radians(0.02))
 #: [rad/s] one standard deviation of a joint's speed, and [s] how long it keeps a speed (Singer's model, first order).
-SPEED_STDDEV = 3.0
+SPEED_STDDEV = 5.0
 SPEED_TIME = 0.15
 #: Stop refining a measurement's linearisation below this step [rad], or after so many steps.
 RELINEARISE_STEP = 1e-3
@@ -171,4 +171,5 @@ class ChainFilter:
 def inverse2(matrix: Array) -> Array:
     """Return the inverse of a (2, 2) matrix (closed form: a tenth of numpy's time at this size)."""
     (a, b), (c, d) = matrix.tolist()
-    return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+    scale = 1.0 / (a * d - b * c)
+    return np.array([[d * scale, -b * scale], [-c * scale, a * scale]])

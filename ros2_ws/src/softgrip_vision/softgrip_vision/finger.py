@@ -4,7 +4,7 @@
 Per frame: predict the chain; look for each marker, base to tip, in a small window where the chain says it is, refined
 by every marker already found; accept the spot that fits place, size and colour, or none; angles and tip are the state
 of the filter. A marker that was out of sight has to prove itself (:meth:`FingerTracker._returns`). When too little is
-seen for too long, search the whole image again (search.py).
+seen, or something is missing for too long, search the whole image for the whole chain (search.py).
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ KNOWN_HUE_HALF_ANGLE = 40.0
 LONGEST_GAP = 0.5
 #: A place expected to better than this share of a marker's diameter leaves no room for another marker.
 SURE_REACH = 0.3
+#: With more markers out of sight than this, the whole image is searched at once.
+MOST_HIDDEN = 2
 #: [m] and relative: how far the distance to the marker before may be off the link's length.
 LINK_TOLERANCE = (0.5e-3, 0.02)
 #: [rad/s] faster than this no joint moves; between two sightings of a marker that comes back.
@@ -128,6 +130,7 @@ class FingerTracker:
         self._colour = ColourModel(self.setup.hue_deg)
         self._stamp = math.nan
         self._last_sound = math.nan
+        self._last_complete = math.nan
         self._in_sight: list[bool] = []
         self._returning: dict[int, tuple[float, Array]] = {}
 
@@ -151,23 +154,30 @@ class FingerTracker:
             stamp: [s] of capture, as given to :meth:`advance`.
             rivals: (k, 2) [px] where the markers of other fingers are expected.
         """
+        self._stamp = stamp
         if self._filter is None:
             problem = self._acquire(image)
             if problem:
                 return self._silent(problem)
-            self._last_sound = stamp
-        self._stamp = stamp
+            self._last_sound = self._last_complete = stamp
         assert self._filter is not None
+        seen = self._follow_all(image, self._filter, rivals)
+        doubtful = seen.count(None) > MOST_HIDDEN or stamp - self._last_complete > self.options.patience
+        # A joint may have moved faster than predicted, or a marker changed its looks for good.
+        if doubtful and not self._acquire(image):
+            seen = self._follow_all(image, self._filter, rivals)
+        return self._conclude(self._filter, seen, stamp)
+
+    def _follow_all(self, image: Image, chain: ChainFilter, rivals: Array) -> list[Seen | None]:
         seen: list[Seen | None] = []
         for marker in range(self.layout.joints + 2):
-            seen.append(self._follow(image, self._filter, marker, seen, rivals))
+            seen.append(self._follow(image, chain, marker, seen, rivals))
         self._in_sight = [found is not None for found in seen]
-        return self._conclude(self._filter, seen, stamp)
+        return seen
 
     def _acquire(self, image: Image) -> str:
         """Search the region; return why nothing was found, or an empty text."""
-        self._colour = ColourModel(self.setup.hue_deg)
-        spots = search_spots(image, self._region, self._colour, self._diameter_px)
+        spots = search_spots(image, self._region, ColourModel(self.setup.hue_deg), self._diameter_px)
         found = find_chain(spots, self._map, self._geometry)
         if found is None:
             return (
@@ -183,6 +193,7 @@ class FingerTracker:
         self._colour = ColourModel(hue_of(np.median(colours, axis=0)), KNOWN_HUE_HALF_ANGLE)
         self._looks = [Looks(spot.area_px, spot.height, surround_of(image, spot)) for spot in found.spots]
         self._in_sight = [True] * len(found.spots)
+        self._returning.clear()
         self._filter = ChainFilter(self._geometry)
         self._filter.place(found.points)
 
@@ -276,7 +287,9 @@ class FingerTracker:
     def _conclude(self, chain: ChainFilter, seen: list[Seen | None], stamp: float) -> FingerReading:
         names = self.layout.marker_names
         hidden = [name for name, found in zip(names, seen, strict=True) if found is None]
-        if len(hidden) <= 2:
+        if not hidden:
+            self._last_complete = stamp
+        if len(hidden) <= MOST_HIDDEN:
             self._last_sound = stamp
         elif stamp - self._last_sound > self.options.patience:
             self.reset()
