@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from softgrip_emulator.commands.fuzz_bus import fuzz_at_random, holds_packet, mutate
 from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.packets import BROADCAST_ID, Instruction, PacketReader, crc16, encode
+from softgrip_emulator.dynamixel.packets import BROADCAST_ID, Instruction, PacketReader, encode
 from softgrip_emulator.dynamixel.servo import Servo
 from softgrip_emulator.dynamixel.table import load_model
 
@@ -43,40 +44,6 @@ def good_packets(rng):
     return encode(BROADCAST_ID, Instruction.FAST_SYNC_READ, bytes([126, 0, 10, 0, 3, 1]))
 
 
-def mutated(packet, rng):
-    data = bytearray(packet)
-    for _ in range(rng.randrange(1, 4)):
-        place = rng.randrange(len(data))
-        kind = rng.randrange(4)
-        if kind == 0:
-            data[place] ^= 1 << rng.randrange(8)
-        elif kind == 1:
-            del data[place]
-        elif kind == 2:
-            data.insert(place, rng.randrange(256))
-        else:
-            data[place] = rng.choice((0x00, 0xFD, 0xFF))
-        if not data:
-            return b"\xff"
-    return bytes(data)
-
-
-def is_well_formed(stream):
-    """Independent judgement: does a whole packet with a right CRC stand in the stream?"""
-    for start in range(len(stream) - 9):
-        if stream[start : start + 4] != b"\xff\xff\xfd\x00":
-            continue
-        length = int.from_bytes(stream[start + 5 : start + 7], "little")
-        end = start + 7 + length
-        if (
-            length >= 3
-            and end <= len(stream)
-            and crc16(stream[start : end - 2]) == int.from_bytes(stream[end - 2 : end], "little")
-        ):
-            return True
-    return False
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_mutated_streams_neither_raise_nor_change_a_register():
@@ -86,13 +53,13 @@ def test_mutated_streams_neither_raise_nor_change_a_register():
     obeyed = 0
     for number in range(STREAMS):
         kind = rng.randrange(3)
-        stream = rng.randbytes(rng.randrange(1, 40)) if kind == 0 else mutated(good_packets(rng), rng)
+        stream = rng.randbytes(rng.randrange(1, 40)) if kind == 0 else mutate(good_packets(rng), rng)
         # Each stream comes after a pause that ends a packet begun before.
         chain.exchange(stream, float(number), 57_600)
         after = values(chain)
         if after != before:
             obeyed += 1
-            assert is_well_formed(stream), stream.hex(" ")
+            assert holds_packet(stream), stream.hex(" ")
             before = after
     # Some mutations cancel out; a handful of streams are whole packets again.
     assert obeyed < STREAMS // 100
@@ -133,3 +100,11 @@ def test_the_chain_still_answers_after_noise():
         servo.registers.put("status_return_level", 2)
     (reply,) = chain.exchange(encode(1, Instruction.PING), 1e6, 57_600)
     assert reply.data.startswith(bytes.fromhex("FFFFFD000107005500B004"))
+
+
+def test_the_fuzz_command_finds_nothing_and_knows_a_packet():
+    assert fuzz_at_random(0.3, seed=2) >= 500
+    packet = encode(1, Instruction.PING)
+    assert holds_packet(b"noise" + packet + b"noise")
+    assert not holds_packet(packet[:-1])
+    assert not holds_packet(packet[:-1] + b"\x00")

@@ -89,7 +89,11 @@ class FingerBank:
         self._link_span = self._link_spans()
         self._eye = np.eye(joints)
         self.friction_scale = 1.0
+        self._start_straight()
 
+    def _start_straight(self) -> None:
+        """Straight fingers, loose tendons."""
+        count, joints = self.link_m.shape
         self.q = np.zeros((count, joints))
         self.joint_speed = np.zeros((count, joints))
         self._relaxed = np.zeros((count, joints))
