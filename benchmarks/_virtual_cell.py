@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Press, Step
@@ -28,10 +29,13 @@ from softgrip_driver.tendon.motions import Outcome
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.plant.cell import CellPlant
+from softgrip_emulator.rig.truth import FrictionTruth
 from softgrip_model.finger.matching import TendonSample as ModelSample
-from softgrip_model.finger.predictor import Validity
+from softgrip_model.finger.predictor import ActiveFriction, Validity
 from softgrip_model.finger.session import Session
 from softgrip_model.finger.wear import WearSettings
+from softgrip_model.friction.fit import fit
+from softgrip_model.friction.measurements import Measurements
 from softgrip_model.profile import Profile, load_directory
 
 SLOTS = ("index", "middle", "thumb")
@@ -92,6 +96,7 @@ class VirtualCell:
     def __init__(self, seed: int, finger_set: str, rate: float = 100.0, copy: int = 1) -> None:
         self.profiles: Mapping[str, Profile] = load_directory(PROFILES)
         self.plant = CellPlant(self.profiles, seed=seed)
+        self._friction = calibrated(seed)
         self.period_s = 1.0 / rate
         limits = TendonLimits(break_confirm=0.15)
         model = MODELS["XL330-M288"]
@@ -110,6 +115,7 @@ class VirtualCell:
         serials = [f"{finger_set}-{slot}-{copy}" for slot in SLOTS]
         self.plant.mount(list(SLOTS), serials, [finger_set] * 3)
         self.session = Session(self.profiles, dict.fromkeys(SLOTS, said or finger_set), WearSettings())
+        self.session.set_friction(self._friction)
 
     @property
     def now_ns(self) -> int:
@@ -255,6 +261,15 @@ class VirtualCell:
                     MoveRequest(SLOTS, MoveMode.LENGTH, [max(0.0, s.length) for s in self.controller.snapshots()]), now_s
                 )
                 self.controller.cancel(ticket, now_s)
+
+
+def calibrated(seed: int) -> ActiveFriction:
+    """A friction model as the rig's nine points give it: 200, 600, 1000 g at 10, 50, 90 degrees, 1 % scatter."""
+    truth, rng = FrictionTruth.from_seed(seed), np.random.default_rng(seed)
+    angle, low_n = (g.ravel() for g in np.meshgrid(np.radians([10.0, 50.0, 90.0]), 9.81 * np.array([0.2, 0.6, 1.0])))
+    high_n = truth.ratio(angle, low_n) * low_n * rng.normal(1.0, 0.01, angle.size)
+    found = fit(Measurements(angle, low_n, high_n), radius_mm=3.125)
+    return ActiveFriction(f"nine points, seed {seed}", found.law)
 
 
 def task(product: Product, finger_set: str, checks: Mapping[str, FingerCheck], *, confirm_lift: bool = True) -> GraspTask:

@@ -79,7 +79,9 @@ class Cell:
         self._note = ""
         self._availability = Availability(clocks.monotonic_s())
         self._catalogue = library.catalogue()
-        cut: OpenOperation | None = journal.recover()
+        #: What was going on when the last manager ended without finishing it.
+        self.cut_off: OpenOperation | None = journal.recover()
+        cut = self.cut_off
         self._slots = journal.slots()
         self._counts = journal.counts()
         if cut is not None:
@@ -107,12 +109,14 @@ class Cell:
 
     @property
     def mode(self) -> Mode:
-        """What the cell is doing; a fault outranks everything but the e-stop."""
+        """What the cell is doing; a fault outranks everything but the e-stop. Unknown until the driver was heard."""
         if self._driver.estop:
             return Mode.ESTOP
         if self._driver.faults:
             return Mode.FAULT
-        return self._busy if self._busy is not None else Mode.IDLE
+        if self._busy is not None:
+            return self._busy
+        return Mode.IDLE if self._driver.heard else Mode.UNKNOWN
 
     def update_driver(self, driver: DriverFacts) -> None:
         """Take what the driver says."""

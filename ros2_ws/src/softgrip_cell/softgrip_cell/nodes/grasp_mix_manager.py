@@ -58,6 +58,7 @@ class GraspMixManager(Node):
         self._friction: FrictionModel | None = None
         self._pairing = Pairing()
         self._published: Any = None
+        self._to_release = False
         self._diagnostics = Diagnostics(self)
         self._database = self._start(lambda: Database(values["database_url"], exclusive=True))
         try:
@@ -65,6 +66,8 @@ class GraspMixManager(Node):
         except StartupError:
             self._database.close()
             raise
+        # A swap that was cut off may have left fingers half closed, with nothing between them.
+        self._to_release = self._cell.cut_off is not None and self._cell.cut_off.kind == "swap"
         self._driver = DriverLink(self, self._slots, values["open_speed_m_per_s"])
         self._grasp = GraspServer(self, self._cell, self._driver, self._grasp_settings)
         self._swap = SwapServer(
@@ -159,6 +162,9 @@ class GraspMixManager(Node):
 
     def _watch(self) -> None:
         """What no message tells: silence, and a person who does not come back."""
+        if self._to_release and not self._driver.missing():
+            self._to_release = False
+            self._driver.release(self._released_after_restart)
         self._swap.watch_clock()
         self._update_driver()
         if time.monotonic() - self._state_at_s > SILENCE_S:
@@ -170,6 +176,10 @@ class GraspMixManager(Node):
         health = {Mode.FAULT: Health.ERROR, Mode.ESTOP: Health.ERROR, Mode.UNKNOWN: Health.WARN}.get(mode, Health.OK)
         state = self._cell.state()
         self._diagnostics.set("cell", health, state["fault"] or state["reason"] or mode.name.lower(), state)
+
+    def _released_after_restart(self, success: bool, message: str) -> None:
+        said = "done" if success else message
+        self.get_logger().info(f"a swap was cut off by the last end of this node; tendon/release: {said}")
 
     def _on_select(self, request: Any, response: Any) -> Any:
         try:
