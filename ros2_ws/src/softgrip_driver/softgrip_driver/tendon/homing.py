@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find the zero of the pulled length: where the tendon of the straight finger just becomes taut.
 
-Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
-the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
+Let out until slack, wind in slowly against a small tension until the drive stands, then pay out again steadily. While
+paying out, force over length falls as long as the tendon is taut and is flat once it is slack (the gears'
+friction); the knee between the two is the zero. It is read on the way out because there the motor neither starts up
+nor runs into its current limit. Go to the zero from the slack side, as every closing does.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from collections.abc import Sequence
 from enum import Enum, auto
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
@@ -20,11 +23,16 @@ from softgrip_driver.tendon.profile import SpeedProfile
 MIN_SAMPLES = 8
 #: [m] resolution of the knee
 KNEE_STEP = 1e-4
+#: times the median residual that makes a sample an outlier
+OUTLIER = 3.0
+
+Array = NDArray[np.float64]
 
 
 class _Phase(Enum):
     LET_OUT = auto()
     TAKE_UP = auto()
+    PAY_OUT = auto()
     GO_TO_ZERO = auto()
 
 
@@ -40,10 +48,8 @@ class Homing:
     STANDING = 1e-3
     #: share of the homing tension that counts as there
     TAUT = 0.7
-    #: share of the homing tension from which the device's own limit may act
-    SATURATED = 0.9
-    #: [m] of winding in that are left out, while the motor gets up to speed
-    RUN_UP = 1e-3
+    #: share of the homing speed from which a sample of paying out counts
+    STEADY = 0.7
 
     state = DriveState.HOMING
     winding_in = False
@@ -68,6 +74,8 @@ class Homing:
             return self._let_out(view)
         if self._phase is _Phase.TAKE_UP:
             return self._take_up(view)
+        if self._phase is _Phase.PAY_OUT:
+            return self._pay_out(view)
         return self._go_to_zero(view)
 
     def _let_out(self, view: View) -> Step:
@@ -83,30 +91,38 @@ class Homing:
         end = self._start - limits.slack_travel + limits.homing_travel
         if self._profile.position - view.length < limits.lead:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
-        running = view.speed > self.STANDING and view.length > self._start - limits.slack_travel + self.RUN_UP
-        # At the limit the device holds the current constant: such samples say nothing about the rise.
-        if running and view.pull < self.SATURATED * tension:
-            self._samples.append((view.length, view.pull))
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
         if not taut:
             self._taut_since = None
         elif self._taut_since is None:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
-            self.zero = knee(self._samples, view.length)
             self._profile = SpeedProfile(view.length)
-            self._phase = _Phase.GO_TO_ZERO
-        if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
+            self._start = view.length
+            self._phase = _Phase.PAY_OUT
+        at_end = self._profile.position == end and view.length > end - limits.position_tolerance
+        if self._phase is _Phase.TAKE_UP and at_end:
             return self._failed(
                 view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
             )
         return Step(self._profile.position, tension)
 
+    def _pay_out(self, view: View) -> Step:
+        limits = self._limits
+        end = self._start - limits.slack_travel
+        self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
+        if view.speed <= -self.STEADY * limits.homing_speed:
+            self._samples.append((view.length, view.pull))
+        if self._profile.position == end:
+            self.zero = knee(self._samples, self._start)
+            self._phase = _Phase.GO_TO_ZERO
+        return Step(self._profile.position, limits.tension_hold)
+
     def _go_to_zero(self, view: View) -> Step:
         assert self.zero is not None
         limits = self._limits
         self._profile.step(self.zero, limits.homing_speed, limits.acceleration, view.dt)
-        if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
+        if self._profile.position == self.zero and self.zero - view.length <= limits.position_tolerance:
             return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
         return Step(self._profile.position, limits.tension_hold)
 
@@ -117,18 +133,29 @@ class Homing:
 def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
     """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
 
+    Fitted twice: the second time without the samples that stand out from the first fit (a jerk of the motor, a late
+    reading).
+
     Args:
-        samples: (length [m], force [N]) while winding in at a steady speed.
-        end: [m] where the drive stood in the end; returned when the samples show no rise.
+        samples: (length [m], force [N]) at a steady speed, in any order.
+        end: [m] where the drive stood against the tension; returned when the samples show no rise.
     """
     if len(samples) < MIN_SAMPLES:
         return end
     x, force = np.array(samples).T
-    best, best_cost = end, float(((force - force.mean()) ** 2).sum())
+    x0, residuals = _hinge(x, force, end)
+    kept = np.abs(residuals) <= OUTLIER * max(float(np.median(np.abs(residuals))), 1e-9)
+    return _hinge(x[kept], force[kept], end)[0] if kept.sum() >= MIN_SAMPLES else x0
+
+
+def _hinge(x: Array, force: Array, end: float) -> tuple[float, Array]:
+    """Return the best x0 on a grid, and the residuals there."""
+    best, best_residuals = end, force - force.mean()
     for x0 in np.arange(x.min(), end, KNEE_STEP):
-        design = np.column_stack((np.ones_like(x), np.maximum(0.0, x - x0)))
-        solution, _, rank, _ = np.linalg.lstsq(design, force, rcond=None)
-        cost = float(((force - design @ solution) ** 2).sum())
-        if rank == 2 and solution[1] > 0.0 and cost < best_cost:
-            best, best_cost = float(x0), cost
-    return best
+        rise = np.maximum(0.0, x - x0)
+        centred = rise - rise.mean()
+        slope = float(centred @ force) / max(float(centred @ centred), 1e-18)
+        residuals = force - force.mean() - slope * centred
+        if slope > 0.0 and residuals @ residuals < best_residuals @ best_residuals:
+            best, best_residuals = float(x0), residuals
+    return best, best_residuals
