@@ -95,6 +95,7 @@ def _router_configuration(port: int) -> zenoh.Config:
         "connect/endpoints": [],
         "listen/endpoints": [f"tcp/localhost:{port}"],
         "listen/exit_on_failure": True,
+        "scouting/delay": 0,
         "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
         "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
         "scouting/gossip/autoconnect_strategy": {"router": {"to_router": "always", "to_peer": "always"}},

@@ -48,6 +48,7 @@ class Link:
         """Declare a publisher; transient local keeps the last ``depth`` samples for late subscriptions."""
         reliable = qos.reliability == 1
         options: dict[str, Any] = {
+            "express": True,  # no waiting for more to send: latency before throughput
             "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
             "congestion_control": zenoh.CongestionControl.BLOCK
             if reliable and qos.history == 2
@@ -92,6 +93,7 @@ class Link:
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.QueryConsolidation(zenoh.ConsolidationMode.NONE),
+            express=True,
             **options,
         )
 

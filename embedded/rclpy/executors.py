@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import warnings
+from types import CoroutineType
 from typing import TYPE_CHECKING, Any
 
 from rclpy.task import Future, Task
@@ -64,6 +65,8 @@ class TimeoutObject:
 class Executor:
     """Base of the executors."""
 
+    _others_wait = False  # whether another thread waits for entities that a callback gives back
+
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = context or get_default_context()
         self._nodes: set[Node] = set()
@@ -75,7 +78,7 @@ class Executor:
         self._spin_lock = threading.Lock()
         self._active: set[int] = set()
         self._idle = threading.Event()
-        self._callbacks: Iterator[tuple[Task, Any, Node | None]] | None = None
+        self._callbacks: Iterator[Task | _Work] | None = None
         # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
         self._wake_lock = threading.Lock()
         self._wake_lock.acquire()
@@ -127,7 +130,8 @@ class Executor:
                 return False
             self._nodes.add(node)
             node.executor = self
-        self.wake()
+        if self._is_spinning:
+            self.wake()
         return True
 
     def remove_node(self, node: Node) -> None:
@@ -135,12 +139,13 @@ class Executor:
         with self._nodes_lock:
             if node in self._nodes:
                 self._nodes.discard(node)
-        self.wake()
+        if self._is_spinning:
+            self.wake()
 
     def get_nodes(self) -> list[Node]:
         """Return the nodes."""
         with self._nodes_lock:
-            return list(self._nodes)
+            return [*self._nodes]
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop; return whether running callbacks ended in time."""
@@ -235,6 +240,15 @@ class Executor:
         Raises:
             TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: instead.
         """
+        item = self._next(timeout_sec, nodes, condition)
+        if isinstance(item, _Work):
+            return Task(self._execute, (item,), executor=self), item.entity, item.node
+        return item, *self._pending_tasks.get(item, (None, None))
+
+    def _next(
+        self, timeout_sec: float | TimeoutObject | None, nodes: list[Node] | None, condition: Callable[[], bool]
+    ) -> Task | _Work:
+        """Wait for what is to be run next."""
         if isinstance(timeout_sec, TimeoutObject):
             timeout_sec = timeout_sec.timeout
         end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
@@ -250,40 +264,54 @@ class Executor:
                 return found
             self._wait(end, nodes)
 
-    def _next_ready(self, nodes: list[Node] | None) -> tuple[Task, Any, Node | None] | None:
+    def _next_ready(self, nodes: list[Node] | None) -> Task | _Work | None:
         """Return work, going round: all that was ready at one look comes before a second look."""
-        for _ in range(2):
-            if self._callbacks is None:
-                self._callbacks = self._look(nodes)
+        if self._callbacks is not None:
             found = next(self._callbacks, None)
             if found is not None:
                 return found
+        self._callbacks = self._look(nodes)
+        found = next(self._callbacks, None)
+        if found is None:
             self._callbacks = None
-        return None
+        return found
 
-    def _look(self, nodes: list[Node] | None) -> Iterator[tuple[Task, Any, Node | None]]:
+    def _look(self, nodes: list[Node] | None) -> Iterator[Task | _Work]:
         for _ in range(len(self._ready_tasks)):
             with contextlib.suppress(IndexError):
                 task = self._ready_tasks.popleft()
-                entity, node = self._pending_tasks.get(task, (None, None))
-                if nodes is None or node is None or node in nodes:
-                    yield task, entity, node
+                _, owner = self._pending_tasks.get(task, (None, None))
+                if nodes is None or owner is None or owner in nodes:
+                    yield task
                 else:
                     self._ready_tasks.append(task)
         for node in nodes if nodes is not None else self.get_nodes():
             for entity in node._entities():
                 if entity._is_ready() and self.can_execute(entity):
-                    entity._executor_event = True
-                    if entity.callback_group is not None and not entity.callback_group.beginning_execution(entity):
-                        entity._executor_event = False
-                        continue
-                    yield self._made(entity, node), entity, node
+                    work = self._taken(entity, node)
+                    if work is not None:
+                        yield work
+
+    def _taken(self, entity: Any, node: Node) -> _Work | None:
+        """Take what an entity has; None when another thread was faster or it was garbage."""
+        group = entity.callback_group
+        entity._executor_event = True
+        if group is not None and not group.beginning_execution(entity):
+            entity._executor_event = False
+            return None
+        work = _Work(self, entity, node, entity._take())
+        if work.taken is None:
+            work.finish()
+            return None
+        return work
 
     def _wait(self, end: float | None, nodes: list[Node] | None) -> None:
-        now = time.monotonic()
-        if end is not None and now >= end:
-            raise TimeoutException
-        limit = _LONGEST_WAIT_S if end is None else min(_LONGEST_WAIT_S, end - now)
+        limit = _LONGEST_WAIT_S
+        if end is not None:
+            left = end - time.monotonic()
+            if left <= 0:
+                raise TimeoutException
+            limit = min(limit, left)
         for node in nodes if nodes is not None else self.get_nodes():
             for timed in (*node._timers, *node._waitables):
                 due = timed._seconds_until_due()
@@ -295,32 +323,49 @@ class Executor:
 
     # -- running ----------------------------------------------------------------------------------------------
 
-    def _made(self, entity: Any, node: Node) -> Task:
-        """Return a task that takes what an entity has and runs its callback."""
-        work = None if self._is_shutdown else entity._take()
-
-        def finish() -> None:
-            entity._executor_event = False
-            if entity.callback_group is not None:
-                entity.callback_group.ending_execution(entity)
-            self.wake()
-
-        return _Handler(self, work or (_nothing, ()), finish, entity, node)
-
-    def _run(self, task: Task) -> None:
-        """Run a task one step and see to what comes next."""
+    @contextlib.contextmanager
+    def _busy(self) -> Iterator[None]:
+        """Mark this thread as running a callback; ``shutdown`` waits for it."""
         me = threading.get_ident()
         self._active.add(me)
         try:
-            task()
+            yield
         finally:
             self._active.discard(me)
             if self._is_shutdown:
                 self._idle.set()
+
+    def _execute(self, work: _Work) -> None:
+        """Run a callback. A plain function is done then; a coroutine goes on as a task."""
+        callback, args, *done = work.taken or (_nothing, ())
+        pending = None
+        me = threading.get_ident()
+        self._active.add(me)
+        try:
+            result = callback(*args)
+            if result.__class__ is CoroutineType:
+                pending = _Continuation(self, result, work, done)
+            elif done:
+                done[0](result)
+        finally:
+            self._active.discard(me)
+            if self._is_shutdown:
+                self._idle.set()
+            if pending is None:
+                work.finish()
+        if pending is not None:
+            self._pending_tasks[pending] = (work.entity, work.node)
+            self._run(pending)
+            if pending.done():
+                pending.result()
+
+    def _run(self, task: Task) -> None:
+        """Run a task one step and see to what comes next."""
+        with self._busy():
+            task()
         if task._pending_is_over():
             self._pending_tasks.pop(task, None)
             return
-        self._pending_tasks.setdefault(task, (getattr(task, "entity", None), getattr(task, "node", None)))
         awaited = task._awaited
         if awaited is None:
             self._call_task_in_next_spin(task)
@@ -328,37 +373,51 @@ class Executor:
             awaited._add_waker(lambda: self._call_task_in_next_spin(task))
 
 
-class _Handler(Task):
-    """A callback of an entity; plain functions run without the machinery of coroutines."""
+class _Work:
+    """What an entity had ready: callback, arguments, and maybe what to do with the result."""
 
-    def __init__(
-        self,
-        executor: Executor,
-        work: tuple[Any, ...],
-        finish: Callable[[], None],
-        entity: Any,
-        node: Node,
-    ) -> None:
-        super().__init__(work[0], work[1], executor=executor)
-        self._finish: Callable[[], None] | None = finish
-        self._reply: Callable[[Any], None] | None = work[2] if len(work) > 2 else None
+    __slots__ = ("entity", "executor", "node", "taken")
+
+    def __init__(self, executor: Executor, entity: Any, node: Node, taken: tuple[Any, ...] | None) -> None:
+        self.executor = executor
         self.entity = entity
         self.node = node
+        self.taken = taken
+
+    def finish(self) -> None:
+        """Give the entity and its group back."""
+        entity = self.entity
+        entity._executor_event = False
+        if entity.callback_group is not None:
+            entity.callback_group.ending_execution(entity)
+        if self.executor._others_wait:
+            self.executor.wake()
+
+
+class _Continuation(Task):
+    """A coroutine that a callback of an entity began; the entity is given back when it ends."""
+
+    def __init__(
+        self, executor: Executor, coroutine: Coroutine[Any, Any, Any], work: _Work, done: list[Callable[[Any], None]]
+    ) -> None:
+        super().__init__(_nothing, executor=executor)
+        self._handler = coroutine
+        self._work: _Work | None = work
+        self._use_result = done
 
     def __call__(self) -> None:
-        """Run one step; give the entity back when it was the last."""
-        try:
-            super().__call__()
-        finally:
-            if self._pending_is_over() and self._finish is not None:
-                finish, self._finish = self._finish, None
-                try:
-                    if self._reply is not None and self._exception is None:
-                        self._reply(self._result)
-                except Exception as error:  # noqa: BLE001  raised where the handler is
-                    self.set_exception(error)
-                finally:
-                    finish()
+        """Run one step."""
+        super().__call__()
+        if self._pending_is_over() and self._work is not None:
+            work, self._work = self._work, None
+            try:
+                if self._use_result and self._exception is None and not self._cancelled:
+                    self._use_result[0](self._result)
+            except Exception as error:  # noqa: BLE001  raised where the task's result is asked for
+                self.set_exception(error)
+            finally:
+                work.finish()
+                work.executor.wake()
 
 
 def _nothing() -> None:
@@ -372,16 +431,21 @@ class SingleThreadedExecutor(Executor):
         self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] = lambda: False
     ) -> None:
         try:
-            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+            item = self._next(timeout_sec, None, condition)
         except (ShutdownException, TimeoutException, ConditionReachedException):
             return
-        self._run(handler)
-        if handler.done() and (isinstance(handler, _Handler) or handler._exception is not None):
-            handler.result()
+        if isinstance(item, _Work):
+            self._execute(item)
+            return
+        self._run(item)
+        if item.done() and item._exception is not None:
+            item.result()
 
 
 class MultiThreadedExecutor(Executor):
     """Runs callbacks in a pool of threads."""
+
+    _others_wait = True
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(context=context)
@@ -390,28 +454,31 @@ class MultiThreadedExecutor(Executor):
         if num_threads == 1:
             warnings.warn("MultiThreadedExecutor with a single thread: use the SingleThreadedExecutor instead", stacklevel=2)
         self._executor = concurrent.futures.ThreadPoolExecutor(num_threads, thread_name_prefix="rclpy")
-        self._failed: collections.deque[Task] = collections.deque()
+        self._failed: collections.deque[BaseException] = collections.deque()
 
     def _spin_once_impl(
         self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] = lambda: False
     ) -> None:
         try:
-            handler, _, _ = self.wait_for_ready_callbacks(
-                timeout_sec, None, lambda: bool(self._failed) or condition()
-            )
+            item = self._next(timeout_sec, None, lambda: bool(self._failed) or condition())
         except (ExternalShutdownException, ShutdownException, TimeoutException):
             return
         except ConditionReachedException:
-            handler = None  # type: ignore[assignment]
-        if handler is not None:
-            self._executor.submit(self._work, handler)
-        if self._failed:
-            self._failed.popleft().result()
+            if self._failed:
+                raise self._failed.popleft() from None
+            return
+        self._executor.submit(self._run_in_pool, item)
 
-    def _work(self, handler: Task) -> None:
-        self._run(handler)
-        if handler.done() and handler._exception is not None:
-            self._failed.append(handler)
+    def _run_in_pool(self, item: Task | _Work) -> None:
+        try:
+            if isinstance(item, _Work):
+                self._execute(item)
+            else:
+                self._run(item)
+                if item.done() and item._exception is not None:
+                    item.result()
+        except BaseException as error:  # noqa: BLE001  raised again by the thread that spins
+            self._failed.append(error)
             self.wake()
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:

@@ -97,7 +97,7 @@ class Service(Endpoint):
         if self._destroyed or not self._node.context._ok:
             return
         attachment = wire.encode_attachment(header.sequence, time.time_ns(), header.gid)
-        header.query.reply(self._key, serialize(response), attachment=attachment)
+        header.query.reply(self._key, serialize(response), attachment=attachment, express=True)
         header.query.drop()
 
     def configure_introspection(self, *_: object) -> None:
