@@ -206,7 +206,12 @@ class Stack:
         """Start a role."""
         command = [self._python, str(Path(__file__).resolve()), *map(str, arguments)]
         return subprocess.Popen(
-            command, env=self._environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            command,
+            env=self._environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
 
 

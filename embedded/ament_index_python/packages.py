@@ -34,11 +34,11 @@ def get_package_prefix(package_name: str) -> str:
     return packages[package_name]
 
 
-def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:  # noqa: ARG001, FBT001, FBT002
+def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:  # noqa: ARG001
     """Return the folder that holds launch/, config/ and other data of a package."""
     return get_package_prefix(package_name)
 
 
-def get_package_share_path(package_name: str, print_warning: bool = True) -> Path:  # noqa: ARG001, FBT001, FBT002
+def get_package_share_path(package_name: str, print_warning: bool = True) -> Path:  # noqa: ARG001
     """Return the share folder as a path."""
     return Path(get_package_prefix(package_name))

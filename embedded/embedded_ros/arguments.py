@@ -27,7 +27,9 @@ class _Loader(yaml.SafeLoader):
 
 _Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
     "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(?:\d+\.\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"),
+    re.compile(
+        r"^[-+]?(?:\d+\.\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+    ),
     list("-+0123456789."),
 )
 
@@ -223,10 +225,14 @@ class _ParameterFile:
 
     def nodes(self, node: yaml.Node, prefix: str) -> None:
         """Take in a mapping of namespaces and node names."""
-        for key, value in self._pairs(node, f"'node_name: {{ros__parameters: {{...}}}}' under '{prefix or 'top level'}'"):
+        for key, value in self._pairs(
+            node, f"'node_name: {{ros__parameters: {{...}}}}' under '{prefix or 'top level'}'"
+        ):
             if key == "ros__parameters":
                 if not prefix:
-                    raise ArgumentsError(f"{self._place(value)}: ros__parameters: expected a node name (or /**) above it")
+                    raise ArgumentsError(
+                        f"{self._place(value)}: ros__parameters: expected a node name (or /**) above it"
+                    )
                 flat: dict[str, Any] = {}
                 self.parameters(value, "", flat)
                 self._found.append((prefix, flat, str(self._path)))

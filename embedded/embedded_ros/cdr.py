@@ -202,7 +202,9 @@ class _Reader(_Source):
             self.emit(f"{place} = d[o:o + n - 1].decode() if n else ''; o += n")
         else:
             self.emit("if 4 * n > size - o: raise ValueError")
-            self.emit(f"{place} = np.frombuffer(d, '<u4', n, o).astype('<u2').tobytes().decode('utf-16-le'); o += 4 * n")
+            self.emit(
+                f"{place} = np.frombuffer(d, '<u4', n, o).astype('<u2').tobytes().decode('utf-16-le'); o += 4 * n"
+            )
 
     def sequence(self, kind: FieldType, place: str, owner: type) -> None:
         length = str(kind.size)
@@ -272,6 +274,8 @@ def make_deserializer(kind: type) -> Callable[[bytes], Any]:
         try:
             return read(data)
         except (struct.error, ValueError, UnicodeDecodeError) as error:
-            raise CdrError(f"{kind.__name__}: {len(data)} bytes are no such message ({error or 'too short'})") from error
+            raise CdrError(
+                f"{kind.__name__}: {len(data)} bytes are no such message ({error or 'too short'})"
+            ) from error
 
     return deserialize

@@ -122,7 +122,7 @@ def names_and_types(entities: Iterable[Entity]) -> list[tuple[str, list[str]]]:
     return [(name, sorted(types)) for name, types in sorted(found.items())]
 
 
-def incompatible_policy(offered: wire.WireQos, requested: wire.WireQos) -> str | None:  # noqa: PLR0911  one policy each
+def incompatible_policy(offered: wire.WireQos, requested: wire.WireQos) -> str | None:
     """Return the first policy for which DDS would not match a publisher with a subscription (OMG DDS 1.4, 2.2.3)."""
     if offered.durability == 2 and requested.durability == 1:
         return "DURABILITY_QOS_POLICY"

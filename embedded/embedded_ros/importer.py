@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 _KINDS = ("msg", "srv", "action")
-_SUFFIXES = ("_msgs", "_srvs", "_interfaces", "_actions")  # how ROS 2 asks such packages to be named; spares other imports
+_SUFFIXES = (
+    "_msgs",
+    "_srvs",
+    "_interfaces",
+    "_actions",
+)  # how ROS 2 asks such packages to be named; spares other imports
 
 
 class InterfaceFinder:

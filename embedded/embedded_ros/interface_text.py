@@ -186,7 +186,9 @@ def _parse_scalar(text: str, base: str) -> object:
         quoted = len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'"
         return str(ast.literal_eval(text)) if quoted else text
     if base == "bool":
-        return {"true": True, "1": True, "false": False, "0": False}[text.lower()] if text.lower() in _BOOLS else int("x")
+        return (
+            {"true": True, "1": True, "false": False, "0": False}[text.lower()] if text.lower() in _BOOLS else int("x")
+        )
     if base in {"float32", "float64"}:
         return float(text)
     value = int(text, 0)

@@ -142,7 +142,9 @@ class LaunchReader:
         unknown = set(self._given) - {argument.name for argument in self.description.arguments}
         if unknown:
             known = ", ".join(argument.name for argument in self.description.arguments) or "none"
-            raise LaunchError(f"{path}: launch argument(s) {', '.join(sorted(unknown))} not declared; declared are: {known}")
+            raise LaunchError(
+                f"{path}: launch argument(s) {', '.join(sorted(unknown))} not declared; declared are: {known}"
+            )
         return self.description
 
     def _file(self, path: Path, frame: _Frame) -> None:
@@ -170,12 +172,18 @@ class LaunchReader:
             if name in _REFUSED:
                 raise LaunchError(f"{here}: '{name}' is not part of embedded/; it needs ROS 2")
             if name not in self._actions:
-                raise LaunchError(f"{here}: unknown action '{name}'; expected one of {', '.join(sorted(self._actions))}")
+                raise LaunchError(
+                    f"{here}: unknown action '{name}'; expected one of {', '.join(sorted(self._actions))}"
+                )
             try:
                 self._actions[name](body, frame, here)
             except LaunchError as error:
                 text = str(error)
-                raise (error if text.startswith(str(frame.scope.file)) or ".yaml:" in text.split(" ")[0] else LaunchError(f"{here}: {name}: {error}")) from error  # noqa: E501
+                raise (
+                    error
+                    if text.startswith(str(frame.scope.file)) or ".yaml:" in text.split(" ", maxsplit=1)[0]
+                    else LaunchError(f"{here}: {name}: {error}")
+                ) from error  # noqa: E501
             except EmbeddedError as error:
                 raise LaunchError(f"{here}: {name}: {error}") from error
 
@@ -228,7 +236,9 @@ class LaunchReader:
                 raise LaunchError(f"{where}: launch argument '{name}' is required: give {name}:=value")
             frame.scope.variables[name] = default
         if choices and frame.scope.variables[name] not in choices:
-            raise LaunchError(f"{where}: {name}: expected {' or '.join(choices)}, found {frame.scope.variables[name]!r}")
+            raise LaunchError(
+                f"{where}: {name}: expected {' or '.join(choices)}, found {frame.scope.variables[name]!r}"
+            )
 
     def _let(self, body: Any, frame: _Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
@@ -348,7 +358,9 @@ class LaunchReader:
             output=output,
             respawn=truth(self._text(body, "respawn", frame, "false")),
             respawn_delay_s=_number(self._text(body, "respawn_delay", frame, "0"), "respawn_delay"),
-            respawn_max_retries=int(_number(self._text(body, "respawn_max_retries", frame, "-1"), "respawn_max_retries")),
+            respawn_max_retries=int(
+                _number(self._text(body, "respawn_max_retries", frame, "-1"), "respawn_max_retries")
+            ),
             on_exit_shutdown=on_exit is not None,
             delay_s=frame.delay_s,
         )
@@ -466,7 +478,9 @@ def _number(text: str, what: str) -> float:
 
 
 def _temporary(text: str) -> str:
-    with tempfile.NamedTemporaryFile("w", prefix="launch_params_", suffix=".yaml", delete=False, encoding="utf-8") as file:
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="launch_params_", suffix=".yaml", delete=False, encoding="utf-8"
+    ) as file:
         file.write(text)
     return file.name
 

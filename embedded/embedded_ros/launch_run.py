@@ -87,7 +87,7 @@ class LaunchRunner:
         try:
             popen = subprocess.Popen(
                 process.command[0] if process.shell else process.command,
-                shell=process.shell,  # noqa: S602  the launch file's own word
+                shell=process.shell,
                 cwd=process.cwd,
                 env=environment,
                 stdin=subprocess.DEVNULL,
@@ -104,13 +104,16 @@ class LaunchRunner:
         running = _Running(process, popen, starts)
         self._running.append(running)
         self._say("INFO", process.label, f"process started with pid [{popen.pid}]")
-        for stream, to_screen in ((popen.stdout, process.output in {"screen", "both", "full"}), (popen.stderr, process.output != "own_log")):
+        for stream, to_screen in (
+            (popen.stdout, process.output in {"screen", "both", "full"}),
+            (popen.stderr, process.output != "own_log"),
+        ):
             reader = threading.Thread(target=self._read, args=(running, stream, to_screen), daemon=True)
             reader.start()
             running.readers.append(reader)
         threading.Thread(target=self._wait, args=(running,), daemon=True).start()
 
-    def _read(self, running: _Running, stream: IO[bytes], to_screen: bool) -> None:  # noqa: FBT001
+    def _read(self, running: _Running, stream: IO[bytes], to_screen: bool) -> None:
         with stream:
             for line in stream:
                 self._events.put(_Event("line", running, (line.decode(errors="replace").rstrip("\n"), to_screen)))
@@ -162,7 +165,11 @@ class LaunchRunner:
             self._say("INFO", process.label, f"process has finished cleanly [pid {running.popen.pid}]")
         elif not self._stopping or code not in {-signal.SIGINT, -signal.SIGTERM, 130, 143}:
             command = " ".join(process.command)
-            self._say("ERROR", process.label, f"process has died [pid {running.popen.pid}, exit code {code}, cmd '{command}'].")
+            self._say(
+                "ERROR",
+                process.label,
+                f"process has died [pid {running.popen.pid}, exit code {code}, cmd '{command}'].",
+            )
         if self._stopping:
             return
         again = process.respawn and (process.respawn_max_retries < 0 or running.starts <= process.respawn_max_retries)

@@ -40,7 +40,7 @@ class _Constants(type):
             raise AttributeError(f"{cls.__name__}.{name} is a constant")
         super().__setattr__(name, value)
 
-    def __prepare__(name: str, bases: tuple[type, ...], **_: object) -> dict[str, object]:  # type: ignore[override]  # noqa: N805
+    def __prepare__(name: str, bases: tuple[type, ...], **_: object) -> dict[str, object]:  # type: ignore[override]
         return {}
 
 

@@ -134,9 +134,7 @@ class Registry:
         send_goal = self._make_service(
             f"{name}_SendGoal",
             MessageText(f"{name}_SendGoal_Request", (Field("goal_id", _UUID), Field("goal", FieldType(goal.name)))),
-            MessageText(
-                f"{name}_SendGoal_Response", (Field("accepted", FieldType("bool")), Field("stamp", _TIME))
-            ),
+            MessageText(f"{name}_SendGoal_Response", (Field("accepted", FieldType("bool")), Field("stamp", _TIME))),
         )
         get_result = self._make_service(
             f"{name}_GetResult",

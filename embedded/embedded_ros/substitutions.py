@@ -149,9 +149,7 @@ _EVAL_NAMES = {
 
 def _command(scope: Scope, *parts: str) -> str:
     try:
-        done = subprocess.run(
-            shlex.split(parts[0]), capture_output=True, text=True, check=True, env=scope.environment
-        )
+        done = subprocess.run(shlex.split(parts[0]), capture_output=True, text=True, check=True, env=scope.environment)
     except (OSError, subprocess.CalledProcessError) as error:
         raise LaunchError(f"$(command {parts[0]}): {error}") from error
     return done.stdout
@@ -180,7 +178,7 @@ def _file_content(_: Scope, path: str) -> str:
         raise LaunchError(f"$(file-content {path}): {error.strerror}") from error
 
 
-def _boolean(value: bool) -> str:  # noqa: FBT001
+def _boolean(value: bool) -> str:
     return "true" if value else "false"
 
 

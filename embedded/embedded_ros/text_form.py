@@ -36,7 +36,9 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(_Truncated, lambda dumper, value: dumper.represent_scalar("tag:yaml.org,2002:str", str(value)))
 
 
-def to_plain(message: Message, limit: int | None = None, *, arrays: bool = True, strings: bool = True) -> dict[str, Any]:
+def to_plain(
+    message: Message, limit: int | None = None, *, arrays: bool = True, strings: bool = True
+) -> dict[str, Any]:
     """Return a message as dicts, lists and scalars.
 
     Args:
@@ -49,7 +51,7 @@ def to_plain(message: Message, limit: int | None = None, *, arrays: bool = True,
     return {item.name: _plain(getattr(message, item.name), item.type, limit, arrays, strings) for item in fields}
 
 
-def _plain(value: Any, kind: FieldType, limit: int | None, arrays: bool, strings: bool) -> Any:  # noqa: FBT001, PLR0911
+def _plain(value: Any, kind: FieldType, limit: int | None, arrays: bool, strings: bool) -> Any:  # noqa: PLR0911
     if kind.array:
         if not arrays:
             return f"<{kind.array if kind.array == 'fixed' else 'sequence'} type: {kind}, length: {len(value)}>"
@@ -73,7 +75,9 @@ def _cut(value: Any, limit: int | None) -> Any:
     return part.tolist() if isinstance(part, array.array | np.ndarray) else part
 
 
-def to_yaml(message: Any, limit: int | None = None, *, arrays: bool = True, strings: bool = True, flow: bool = False) -> str:
+def to_yaml(
+    message: Any, limit: int | None = None, *, arrays: bool = True, strings: bool = True, flow: bool = False
+) -> str:
     """Return a message as YAML text that ends in a newline; anything else as itself."""
     if not hasattr(type(message), "_TEXT"):
         return f"{message}\n" if not isinstance(message, list | tuple) else yaml.dump(message, Dumper=_Dumper)
@@ -117,7 +121,9 @@ def fill(message: Message, values: dict[str, Any]) -> list[Callable[[Any], None]
             try:
                 setattr(message, name, _typed(value, kind, message, stamps))
             except (TypeError, ValueError, OverflowError) as error:
-                raise FieldError(f"{type(message).__name__}.{name}: expected {kind}, found {value!r} ({error})") from error
+                raise FieldError(
+                    f"{type(message).__name__}.{name}: expected {kind}, found {value!r} ({error})"
+                ) from error
     return stamps
 
 

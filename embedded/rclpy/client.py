@@ -9,19 +9,19 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from rclpy.endpoint import Endpoint
+from rclpy.task import Future
+
 from embedded_ros import wire
 from embedded_ros.errors import CdrError, needs_ros2
 from embedded_ros.messages import deserialize, serialize
 from embedded_ros.session import Link
 from embedded_ros.wire import EntityKind
-from rclpy.endpoint import Endpoint
-from rclpy.task import Future
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import zenoh
-
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
     from rclpy.qos import QoSProfile

@@ -229,7 +229,7 @@ class ROSClock(Clock):
     def _now_ns(self) -> int:
         return self._override_ns if self._active else _time.time_ns()
 
-    def _set_ros_time_is_active(self, enabled: bool) -> None:  # noqa: FBT001  rclpy's signature
+    def _set_ros_time_is_active(self, enabled: bool) -> None:
         if enabled == self._active:
             return
         before = self._now_ns()

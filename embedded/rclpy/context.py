@@ -11,11 +11,12 @@ import threading
 import weakref
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.impl import rcutils_logger
+
 from embedded_ros import arguments, network
 from embedded_ros.errors import ArgumentsError, UnknownArgumentsError, WireError
 from embedded_ros.graph import Graph
-from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
-from rclpy.impl import rcutils_logger
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -7,12 +7,12 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 import zenoh
+from rclpy.destroyable import Destroyable
 
 from embedded_ros import wire
 from embedded_ros.graph import incompatible_policy
 from embedded_ros.session import Link
 from embedded_ros.wire import Entity, EntityKind
-from rclpy.destroyable import Destroyable
 
 if TYPE_CHECKING:
     from rclpy.node import Node

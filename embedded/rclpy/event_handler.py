@@ -7,11 +7,12 @@ import collections
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rclpy.qos import QoSPolicyKind
+from rclpy.waitable import Waitable
+
 from embedded_ros.errors import needs_ros2
 from embedded_ros.graph import incompatible_policy
 from embedded_ros.wire import Entity, EntityKind
-from rclpy.qos import QoSPolicyKind
-from rclpy.waitable import Waitable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,7 +124,7 @@ class EventHandler(Waitable):
         for other in graph.endpoints(endpoint._name, kind):
             self._on_change(other, True)
 
-    def _on_change(self, other: Entity, appeared: bool) -> None:  # noqa: FBT001  the graph's signature
+    def _on_change(self, other: Entity, appeared: bool) -> None:
         kind = EntityKind.SUBSCRIPTION if self._is_publisher else EntityKind.PUBLISHER
         mine = self._endpoint._entity
         if other.kind is not kind or other.name != mine.name or other.type != mine.type:

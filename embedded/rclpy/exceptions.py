@@ -28,7 +28,9 @@ class NameValidationException(Exception):  # noqa: N818
 
     def __init__(self, name_type: str, name: str, error_msg: str, invalid_index: int, *args: object) -> None:
         caret = " " * (len(name_type) + 2 + invalid_index + 1) + "^"
-        super().__init__(f"Invalid {name_type}: {error_msg}:\n  '{name}'\n{caret}", name, error_msg, invalid_index, *args)
+        super().__init__(
+            f"Invalid {name_type}: {error_msg}:\n  '{name}'\n{caret}", name, error_msg, invalid_index, *args
+        )
         self.name_type = name_type
         self.name = name
         self.error_msg = error_msg

@@ -206,9 +206,7 @@ class Executor:
         finally:
             self._exit_spin()
 
-    def spin_once_until_future_complete(
-        self, future: Future, timeout_sec: float | TimeoutObject | None = None
-    ) -> None:
+    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | TimeoutObject | None = None) -> None:
         """Run one callback unless the future is over."""
         self._enter_spin()
         future._add_waker(self.wake)
@@ -452,7 +450,9 @@ class MultiThreadedExecutor(Executor):
         if num_threads is None:
             num_threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 2)
         if num_threads == 1:
-            warnings.warn("MultiThreadedExecutor with a single thread: use the SingleThreadedExecutor instead", stacklevel=2)
+            warnings.warn(
+                "MultiThreadedExecutor with a single thread: use the SingleThreadedExecutor instead", stacklevel=2
+            )
         self._executor = concurrent.futures.ThreadPoolExecutor(num_threads, thread_name_prefix="rclpy")
         self._failed: collections.deque[BaseException] = collections.deque()
 
@@ -496,5 +496,3 @@ def __getattr__(name: str) -> Any:
 
         raise needs_ros2("EventsExecutor")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Expands relative and private names."""
 
-from embedded_ros import names
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
+
+from embedded_ros import names
 
 
 def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> str:

@@ -38,7 +38,7 @@ def clear_config() -> None:
     rcutils_logger.clear()
 
 
-def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> bool:  # noqa: ARG001, FBT001, FBT002
+def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> bool:  # noqa: ARG001
     """Set the level of a logger."""
     rcutils_logger.set_level(name, LoggingSeverity(level))
     return True

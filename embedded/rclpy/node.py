@@ -8,8 +8,6 @@ import math
 import weakref
 from typing import TYPE_CHECKING, Any
 
-from embedded_ros import names
-from embedded_ros.wire import Entity, EntityKind, encode_token
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
@@ -34,7 +32,6 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
 from rclpy.service import Service
-from embedded_ros.session import Link
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 from rclpy.timer import Rate, Timer
@@ -46,6 +43,10 @@ from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 from rclpy.validate_topic_name import validate_topic_name
 
+from embedded_ros import names
+from embedded_ros.session import Link
+from embedded_ros.wire import Entity, EntityKind, encode_token
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
@@ -54,8 +55,6 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import CallerId, RcutilsLogger
     from rclpy.parameter import Parameter
     from rclpy.waitable import Waitable
-
-
 
 
 class Node(NodeParameters, NodeGraph, Destroyable):
@@ -96,9 +95,15 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         namespace = namespace if namespace.startswith("/") else "/" + namespace
         validate_namespace(namespace)
         self._set_arguments(cli_args, use_global=use_global_arguments)
-        own_name = next((a.node_name(node_name) for a in self._arguments if a.node_name(node_name) != node_name), node_name)
+        own_name = next(
+            (a.node_name(node_name) for a in self._arguments if a.node_name(node_name) != node_name), node_name
+        )
         self._namespace = next(
-            (a.namespace(node_name, namespace) for a in self._arguments if a.namespace(node_name, namespace) != namespace),
+            (
+                a.namespace(node_name, namespace)
+                for a in self._arguments
+                if a.namespace(node_name, namespace) != namespace
+            ),
             namespace,
         )
         self._name = own_name
@@ -389,7 +394,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         callback: Callable[..., Any] | None,
         callback_group: CallbackGroup | None = None,
         clock: Clock | None = None,
-        autostart: bool = True,  # noqa: FBT001, FBT002  rclpy's signature
+        autostart: bool = True,
     ) -> Timer:
         """Make a timer; its clock is the node's unless one is given."""
         period = float(timer_period_sec) * S_TO_NS
@@ -421,7 +426,9 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         """Make a rate."""
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
-        made = Rate(self.create_timer(1.0 / frequency, None, MutuallyExclusiveCallbackGroup(), clock), context=self._context)
+        made = Rate(
+            self.create_timer(1.0 / frequency, None, MutuallyExclusiveCallbackGroup(), clock), context=self._context
+        )
         self._rates.append(made)
         return made
 
@@ -493,7 +500,14 @@ class Node(NodeParameters, NodeGraph, Destroyable):
             self._rosout.destroy()
         for rate in list(self._rates):
             self.destroy_rate(rate)
-        for entities in (self._publishers, self._subscriptions, self._clients, self._services, self._timers, self._guards):
+        for entities in (
+            self._publishers,
+            self._subscriptions,
+            self._clients,
+            self._services,
+            self._timers,
+            self._guards,
+        ):
             for entity in list(entities):  # type: ignore[attr-defined]
                 self._remove(entities, entity)  # type: ignore[arg-type]
         for waitable in list(self._waitables):

@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from embedded_ros.graph import names_and_types
-from embedded_ros.wire import Entity, EntityKind
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError
 from rclpy.exceptions import NameValidationException
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_node_name import validate_node_name
+
+from embedded_ros.graph import names_and_types
+from embedded_ros.wire import Entity, EntityKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -34,13 +35,19 @@ class NodeGraph:
         return [entity for entity in graph.snapshot(kind) if (entity.namespace, entity.node) == node]
 
     def get_publisher_names_and_types_by_node(
-        self, node_name: str, node_namespace: str, no_demangle: bool = False  # noqa: ARG002, FBT001, FBT002
+        self,
+        node_name: str,
+        node_namespace: str,
+        no_demangle: bool = False,  # noqa: ARG002
     ) -> list[tuple[str, list[str]]]:
         """Return (topic, types) that a node publishes."""
         return names_and_types(self._of_node(node_name, node_namespace, EntityKind.PUBLISHER))
 
     def get_subscriber_names_and_types_by_node(
-        self, node_name: str, node_namespace: str, no_demangle: bool = False  # noqa: ARG002, FBT001, FBT002
+        self,
+        node_name: str,
+        node_namespace: str,
+        no_demangle: bool = False,  # noqa: ARG002
     ) -> list[tuple[str, list[str]]]:
         """Return (topic, types) that a node subscribes to."""
         return names_and_types(self._of_node(node_name, node_namespace, EntityKind.SUBSCRIPTION))
@@ -53,7 +60,7 @@ class NodeGraph:
         """Return (service, types) that a node calls."""
         return names_and_types(self._of_node(node_name, node_namespace, EntityKind.CLIENT))
 
-    def get_topic_names_and_types(self, no_demangle: bool = False) -> list[tuple[str, list[str]]]:  # noqa: ARG002, FBT001, FBT002
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> list[tuple[str, list[str]]]:  # noqa: ARG002
         """Return all (topic, types)."""
         return names_and_types(self._context._graph.snapshot(EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION))
 
@@ -94,7 +101,9 @@ class NodeGraph:
         try:
             return self.resolve_service_name(name) if service else self.resolve_topic_name(name)
         except NameValidationException as error:
-            raise ValueError(f"{'service' if service else 'topic'} name '{name}' is invalid: {error.error_msg}") from error
+            raise ValueError(
+                f"{'service' if service else 'topic'} name '{name}' is invalid: {error.error_msg}"
+            ) from error
 
     def _count(self, name: str, kind: EntityKind) -> int:
         full = self._resolved(name, service=kind in {EntityKind.SERVICE, EntityKind.CLIENT})
@@ -116,20 +125,16 @@ class NodeGraph:
         """Return how many clients a service has."""
         return self._count(service_name, EntityKind.CLIENT)
 
-    def _info(self, topic_name: str, kind: EntityKind, no_mangle: bool) -> list[TopicEndpointInfo]:  # noqa: FBT001
+    def _info(self, topic_name: str, kind: EntityKind, no_mangle: bool) -> list[TopicEndpointInfo]:
         full = topic_name if no_mangle else self._resolved(topic_name, service=False)
         validate_full_topic_name(full)
         return _infos(self._context._graph.endpoints(full, kind))
 
-    def get_publishers_info_by_topic(
-        self, topic_name: str, no_mangle: bool = False  # noqa: FBT001, FBT002
-    ) -> list[TopicEndpointInfo]:
+    def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return node, type, QoS and gid of each publisher of a topic."""
         return self._info(topic_name, EntityKind.PUBLISHER, no_mangle)
 
-    def get_subscriptions_info_by_topic(
-        self, topic_name: str, no_mangle: bool = False  # noqa: FBT001, FBT002
-    ) -> list[TopicEndpointInfo]:
+    def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return node, type, QoS and gid of each subscription of a topic."""
         return self._info(topic_name, EntityKind.SUBSCRIPTION, no_mangle)
 

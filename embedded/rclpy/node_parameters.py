@@ -22,8 +22,9 @@ from rclpy.validate_parameter_name import validate_parameter_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from embedded_ros.arguments import Arguments
     from rclpy.clock import Clock
+
+    from embedded_ros.arguments import Arguments
 
 _REL_TOL = 1e-6
 
@@ -47,7 +48,7 @@ class NodeParameters:
         """Return ``/namespace/name``."""
         raise NotImplementedError
 
-    def _init_parameters(self, overrides: list[Parameter] | None, allow_undeclared: bool) -> None:  # noqa: FBT001
+    def _init_parameters(self, overrides: list[Parameter] | None, allow_undeclared: bool) -> None:
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
         self._pre_set_parameters_callbacks: list[Callable[[list[Parameter]], list[Parameter]]] = []
@@ -84,7 +85,7 @@ class NodeParameters:
         name: str,
         value: Any = None,
         descriptor: Any = None,
-        ignore_override: bool = False,  # noqa: FBT001, FBT002  rclpy's signature
+        ignore_override: bool = False,
     ) -> Parameter:
         """Declare a parameter; overrides from the command line and files replace the value.
 
@@ -99,7 +100,7 @@ class NodeParameters:
         self,
         namespace: str,
         parameters: Sequence[tuple[Any, ...]],
-        ignore_override: bool = False,  # noqa: FBT001, FBT002  rclpy's signature
+        ignore_override: bool = False,
     ) -> list[Parameter]:
         """Declare parameters given as (name), (name, value or type) or (name, value or type, descriptor)."""
         found: list[Parameter] = []
@@ -129,7 +130,9 @@ class NodeParameters:
         second = given[1] if len(given) > 1 else None
         descriptor = given[2] if len(given) > 2 else _descriptor()
         if not isinstance(descriptor, type(_descriptor())):
-            raise TypeError(f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor.")
+            raise TypeError(
+                f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
+            )
         if len(given) == 1:
             warnings.warn(
                 f"when declaring parameter named '{name}', declaring a parameter only providing its name is deprecated. "
@@ -151,7 +154,9 @@ class NodeParameters:
             else:
                 descriptor.type = Parameter.Type.from_parameter_value(second).value
             if descriptor.type == 0:
-                raise ValueError("Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET")
+                raise ValueError(
+                    "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
+                )
         return name, second, descriptor
 
     def _declare(self, parameter: Parameter, descriptors: dict[str, Any]) -> None:

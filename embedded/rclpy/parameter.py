@@ -34,7 +34,7 @@ class Parameter:
         STRING_ARRAY = 9
 
         @classmethod
-        def from_parameter_value(cls, parameter_value: Any) -> Parameter.Type:  # noqa: PLR0911  one per type
+        def from_parameter_value(cls, parameter_value: Any) -> Parameter.Type:
             """Return the type of a Python value; TypeError when parameters have none for it."""
             if parameter_value is None:
                 return cls.NOT_SET
@@ -54,7 +54,7 @@ class Parameter:
                 raise TypeError("The given value is not a list of one of the allowed types")
             raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
 
-        def check(self, parameter_value: Any) -> bool:  # noqa: PLR0911  one per type
+        def check(self, parameter_value: Any) -> bool:
             """Whether a Python value has this type."""
             simple = {"BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str}
             if self.name == "NOT_SET":
@@ -156,7 +156,7 @@ def get_parameter_value(string_value: str) -> Any:
 
 def parameter_dict_from_yaml_file(
     parameter_file: str,
-    use_wildcard: bool = False,  # noqa: FBT001, FBT002  rclpy's signature
+    use_wildcard: bool = False,
     target_nodes: list[str] | None = None,
     namespace: str = "",
 ) -> dict[str, Any]:
@@ -170,7 +170,9 @@ def parameter_dict_from_yaml_file(
     """
     with Path(parameter_file).open(encoding="utf-8"):
         pass  # rclpy's callers expect FileNotFoundError, not an error about arguments
-    entries = [("/" + name.lstrip("/"), values) for name, values, _ in arguments.load_parameter_file(Path(parameter_file))]
+    entries = [
+        ("/" + name.lstrip("/"), values) for name, values, _ in arguments.load_parameter_file(Path(parameter_file))
+    ]
     wanted = {"/" + node.lstrip("/") for node in target_nodes or [] if node}
     chosen = [(name, values) for name, values in entries if _applies(name, wanted, use_wildcard=use_wildcard)]
     if not chosen or (wanted and not any("*" not in name for name, _ in chosen) and not use_wildcard):

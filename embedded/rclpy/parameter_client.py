@@ -72,7 +72,10 @@ class AsyncParameterClient:
         return future
 
     def list_parameters(
-        self, prefixes: list[str] | None = None, depth: int | None = None, callback: Callable[[Future], Any] | None = None
+        self,
+        prefixes: list[str] | None = None,
+        depth: int | None = None,
+        callback: Callable[[Future], Any] | None = None,
     ) -> Future:
         """List names."""
         return self._ask(self._srv.ListParameters, callback, prefixes=prefixes or [], depth=depth or 0)
@@ -93,7 +96,9 @@ class AsyncParameterClient:
         """Get types."""
         return self._ask(self._srv.GetParameterTypes, callback, names=names)
 
-    def set_parameters_atomically(self, parameters: Sequence[Any], callback: Callable[[Future], Any] | None = None) -> Future:
+    def set_parameters_atomically(
+        self, parameters: Sequence[Any], callback: Callable[[Future], Any] | None = None
+    ) -> Future:
         """Set all values or none."""
         return self._ask(self._srv.SetParametersAtomically, callback, parameters=_messages(parameters))
 
@@ -102,13 +107,13 @@ class AsyncParameterClient:
         return self.set_parameters([Parameter(name) for name in names], callback)
 
     def load_parameter_file(
-        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future], Any] | None = None  # noqa: FBT001, FBT002
+        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future], Any] | None = None
     ) -> Future:
         """Set what a file says."""
         return self.set_parameters(list(parameter_dict_from_yaml_file(parameter_file, use_wildcard).values()), callback)
 
     def load_parameter_file_atomically(
-        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future], Any] | None = None  # noqa: FBT001, FBT002
+        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future], Any] | None = None
     ) -> Future:
         """Set all that a file says, or nothing."""
         values = parameter_dict_from_yaml_file(parameter_file, use_wildcard).values()

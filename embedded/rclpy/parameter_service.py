@@ -30,9 +30,7 @@ class ParameterService:
             (srv.SetParameters, "set_parameters", self._set),
             (srv.SetParametersAtomically, "set_parameters_atomically", self._set_atomically),
         ):
-            node.create_service(
-                kind, f"~/{name}", callback, qos_profile=qos_profile_parameters, callback_group=group
-            )
+            node.create_service(kind, f"~/{name}", callback, qos_profile=qos_profile_parameters, callback_group=group)
 
     def _describe(self, request: Any, response: Any) -> Any:
         for name in request.names:

@@ -6,11 +6,12 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.endpoint import Endpoint
+
 from embedded_ros import wire
 from embedded_ros.messages import serialize
 from embedded_ros.wire import EntityKind
-from rclpy._rclpy_pybind11 import RCLError
-from rclpy.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
@@ -37,9 +38,7 @@ class Publisher(Endpoint):
         self.msg_type = msg_type
         self._sequence = 0
         self._publisher = self._link.publisher(self._key, self._wire_qos)
-        self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(
-            callback_group, self, topic
-        )
+        self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(callback_group, self, topic)
         self._announce()
 
     def publish(self, msg: Any) -> None:

@@ -7,9 +7,10 @@ import warnings
 from enum import Enum, IntEnum
 from typing import Any, Self
 
+from rclpy.duration import Duration, Infinite
+
 from embedded_ros import wire
 from embedded_ros.graph import incompatible_policy
-from rclpy.duration import Duration, Infinite
 
 QOS_DURATION_INFINITE = Infinite
 QOS_DURATION_UNSPECIFIED = Duration()
@@ -192,7 +193,9 @@ class QoSProfile:
             self.depth or wire.DEFAULT_QOS.depth,
             duration(self.deadline),
             duration(self.lifespan),
-            1 if self.liveliness in {LivelinessPolicy.SYSTEM_DEFAULT, LivelinessPolicy.BEST_AVAILABLE} else int(self.liveliness),
+            1
+            if self.liveliness in {LivelinessPolicy.SYSTEM_DEFAULT, LivelinessPolicy.BEST_AVAILABLE}
+            else int(self.liveliness),
             duration(self.liveliness_lease_duration),
         )
 

@@ -8,17 +8,17 @@ import struct
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rclpy.endpoint import Endpoint
+
 from embedded_ros import wire
 from embedded_ros.errors import CdrError, needs_ros2
 from embedded_ros.messages import deserialize, serialize
 from embedded_ros.wire import EntityKind
-from rclpy.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import zenoh
-
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
@@ -93,7 +93,9 @@ class Service(Endpoint):
     def send_response(self, response: Any, header: RequestHeader) -> None:
         """Answer a request."""
         if not isinstance(response, self.srv_type.Response):
-            raise TypeError(f"the callback of '{self._name}' returned {type(response)}, expected {self.srv_type.Response}")
+            raise TypeError(
+                f"the callback of '{self._name}' returned {type(response)}, expected {self.srv_type.Response}"
+            )
         if self._destroyed or not self._node.context._ok:
             return
         attachment = wire.encode_attachment(header.sequence, time.time_ns(), header.gid)

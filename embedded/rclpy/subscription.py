@@ -10,18 +10,18 @@ import time
 from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rclpy.endpoint import Endpoint
+
 from embedded_ros import wire
 from embedded_ros.errors import CdrError
 from embedded_ros.graph import incompatible_policy
 from embedded_ros.messages import deserialize
 from embedded_ros.wire import EntityKind
-from rclpy.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import zenoh
-
     from rclpy.callback_groups import CallbackGroup
     from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
     from rclpy.node import Node
@@ -68,9 +68,7 @@ class Subscription(Endpoint):
         self._queue: collections.deque[_Received] = collections.deque(maxlen=depth)
         self._accepted: dict[bytes, bool] = {}
         self._last: dict[bytes, int] = {}
-        self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(
-            callback_group, self, topic
-        )
+        self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(callback_group, self, topic)
         self._subscriber = self._link.subscription(self._key, self._wire_qos, self._on_sample)
         self._announce()
 
@@ -82,9 +80,7 @@ class Subscription(Endpoint):
     @callback.setter
     def callback(self, value: Callable[..., Any]) -> None:
         parameters = inspect.signature(value).parameters.values()
-        positional = [
-            item for item in parameters if item.kind in {item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD}
-        ]
+        positional = [item for item in parameters if item.kind in {item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD}]
         star = any(item.kind is item.VAR_POSITIONAL for item in parameters)
         required = [item for item in positional if item.default is item.empty]
         if len(required) > 2 or (not positional and not star):
@@ -170,4 +166,3 @@ class Subscription(Endpoint):
 
     def _undeclare(self) -> None:
         self._subscriber.undeclare()
-

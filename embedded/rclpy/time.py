@@ -117,5 +117,3 @@ class Time:
         if not isinstance(msg, Message):
             raise TypeError("Must pass a builtin_interfaces.msg.Time object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)
-
-

@@ -163,7 +163,11 @@ def _takes_info(callback: Callable[..., Any]) -> bool:
         parameters = inspect.signature(callback).parameters.values()
     except (TypeError, ValueError):
         return False
-    required = [item for item in parameters if item.default is item.empty and item.kind not in {item.VAR_KEYWORD, item.VAR_POSITIONAL}]
+    required = [
+        item
+        for item in parameters
+        if item.default is item.empty and item.kind not in {item.VAR_KEYWORD, item.VAR_POSITIONAL}
+    ]
     return len(required) == 1
 
 

@@ -6,10 +6,11 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any
 
-from embedded_ros import wire
-from embedded_ros.wire import Entity, EntityKind
 from rclpy.qos import QoSProfile, qos_profile_unknown
 from rclpy.type_hash import TypeHash
+
+from embedded_ros import wire
+from embedded_ros.wire import Entity, EntityKind
 
 
 class TopicEndpointTypeEnum(IntEnum):

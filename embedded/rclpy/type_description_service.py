@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from embedded_ros.errors import EmbeddedError
-from embedded_ros.registry import registry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_services_default
+
+from embedded_ros.errors import EmbeddedError
+from embedded_ros.registry import registry
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -31,7 +32,7 @@ class TypeDescriptionService:
                 name=name, type=ParameterType.PARAMETER_BOOL, read_only=True,
                 description="Start the ~/get_type_description service for this node.",
             )  # fmt: skip
-            node.declare_parameter(name, True, descriptor)  # noqa: FBT003  rclpy's signature
+            node.declare_parameter(name, True, descriptor)
         value = node.get_parameter(name)
         if value.type_ is not Parameter.Type.BOOL:
             raise ValueError(f"Invalid type for parameter '{name}' {value.type_!r} should be bool")

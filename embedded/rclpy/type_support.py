@@ -3,8 +3,9 @@
 
 from typing import Any
 
-from embedded_ros.messages import Message
 from rclpy.exceptions import NoTypeSupportImportedException
+
+from embedded_ros.messages import Message
 
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:

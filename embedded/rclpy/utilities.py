@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rclpy.constants import S_TO_NS
 
@@ -88,5 +88,3 @@ def get_available_rmw_implementations() -> set[str]:
 def ament_available() -> bool:
     """Whether an ament index is there; the workspace is used from source instead."""
     return "AMENT_PREFIX_PATH" in os.environ
-
-

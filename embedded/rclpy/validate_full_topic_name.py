@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks fully qualified topic and service names."""
 
-from embedded_ros import names
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
+
+from embedded_ros import names
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> bool:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks namespaces."""
 
-from embedded_ros import names
 from rclpy.exceptions import InvalidNamespaceException
+
+from embedded_ros import names
 
 
 def validate_namespace(namespace: str) -> bool:

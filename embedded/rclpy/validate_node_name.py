@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks node names."""
 
-from embedded_ros import names
 from rclpy.exceptions import InvalidNodeNameException
+
+from embedded_ros import names
 
 
 def validate_node_name(node_name: str) -> bool:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks topic and service names as typed."""
 
-from embedded_ros import names
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
+
+from embedded_ros import names
 
 TOPIC_SEPARATOR_STRING = "/"
 

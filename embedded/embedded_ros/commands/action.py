@@ -65,9 +65,10 @@ def _info(arguments: argparse.Namespace) -> None:
 
 
 def _send_goal(arguments: argparse.Namespace) -> str | None:
+    from rclpy.action import ActionClient  # noqa: PLC0415  as above
+
     from embedded_ros.registry import registry  # noqa: PLC0415  verbs on the graph start without it
     from embedded_ros.text_form import fill, parse_values, to_yaml  # noqa: PLC0415  as above
-    from rclpy.action import ActionClient  # noqa: PLC0415  as above
 
     kind = registry().interface(arguments.action_type)
     if not hasattr(kind, "Goal"):

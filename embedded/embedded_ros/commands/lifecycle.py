@@ -15,7 +15,9 @@ _TIMEOUT_S = 30.0  # a transition may home hardware
 
 def run(argv: list[str]) -> int | str | None:
     """Run a verb."""
-    parser = argparse.ArgumentParser(prog="ros2 lifecycle", description="Look at and change the state of lifecycle nodes.")
+    parser = argparse.ArgumentParser(
+        prog="ros2 lifecycle", description="Look at and change the state of lifecycle nodes."
+    )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="verb")
     nodes = verbs.add_parser("nodes", help="output a list of nodes with lifecycle")
     nodes.add_argument("-c", "--count-nodes", action="store_true", help="only display the number of nodes")

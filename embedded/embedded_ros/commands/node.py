@@ -27,9 +27,13 @@ def run(argv: list[str]) -> int | str | None:
     listing.add_argument("-c", "--count-nodes", action="store_true", help="only display the number of nodes")
     info = verbs.add_parser("info", help="output information about a node")
     info.add_argument("node_name", help="full name of the node, such as /talker")
-    info.add_argument("--include-hidden", action="store_true", help="display hidden topics, services and actions as well")
+    info.add_argument(
+        "--include-hidden", action="store_true", help="display hidden topics, services and actions as well"
+    )
     for verb in verbs.choices.values():
-        verb.add_argument("--no-daemon", action="store_true", help="accepted for compatibility; there is no daemon here")
+        verb.add_argument(
+            "--no-daemon", action="store_true", help="accepted for compatibility; there is no daemon here"
+        )
         verb.add_argument("--spin-time", type=float, help="accepted for compatibility")
     arguments = parser.parse_args(argv)
     return {"list": _list, "info": _info}[arguments.verb](arguments)

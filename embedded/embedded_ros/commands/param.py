@@ -47,7 +47,9 @@ def run(argv: list[str]) -> int | str | None:
     load.add_argument("--no-use-wildcard", action="store_true", help="do not load parameters in the '/**' namespace")
     for verb in verbs.choices.values():
         common.add_hidden(verb)
-        verb.add_argument("--timeout", type=float, default=1.0, help="seconds to wait until the node is up (default: 1)")
+        verb.add_argument(
+            "--timeout", type=float, default=1.0, help="seconds to wait until the node is up (default: 1)"
+        )
     arguments = parser.parse_args(argv)
     with common.node("param") as node:
         if arguments.node_name:
@@ -133,7 +135,9 @@ def _report(result: Any, name: str = "") -> None:
 
 
 def _describe(node: Any, arguments: argparse.Namespace) -> str | None:
-    response = _ask(node, arguments.node_name, "DescribeParameters", "describe_parameters", names=arguments.parameter_names)
+    response = _ask(
+        node, arguments.node_name, "DescribeParameters", "describe_parameters", names=arguments.parameter_names
+    )
     if response is None:
         return f"no answer from the parameter services of {arguments.node_name}"
     for descriptor in response.descriptors:

@@ -18,7 +18,9 @@ def run(argv: list[str]) -> int:
     parser.add_argument("--prefix", help="command to put before the executable, such as 'gdb -ex run --args'")
     parser.add_argument("package_name", help="name of the package")
     parser.add_argument("executable_name", help="name of the executable (ros2 pkg executables PACKAGE lists them)")
-    parser.add_argument("argv", nargs=argparse.REMAINDER, help="arguments for the executable, such as --ros-args -p key:=value")
+    parser.add_argument(
+        "argv", nargs=argparse.REMAINDER, help="arguments for the executable, such as --ros-args -p key:=value"
+    )
     arguments = parser.parse_args(argv)
     command = workspace.executable(arguments.package_name, arguments.executable_name)
     command = [*shlex.split(arguments.prefix or ""), *command, *arguments.argv]

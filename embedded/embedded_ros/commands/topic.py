@@ -59,7 +59,9 @@ def _topics(*, include_hidden: bool) -> list[tuple[str, list[str], int, int]]:
 
 def _add_list(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-t", "--show-types", action="store_true", help="additionally show the topic type")
-    parser.add_argument("-c", "--count-topics", action="store_true", help="only display the number of topics discovered")
+    parser.add_argument(
+        "-c", "--count-topics", action="store_true", help="only display the number of topics discovered"
+    )
     parser.add_argument("--include-hidden-topics", action="store_true", help="consider hidden topics as well")
     parser.add_argument("-v", "--verbose", action="store_true", help="list full details about each topic")
     parser.set_defaults(function=_list)
@@ -84,7 +86,9 @@ def _list(arguments: argparse.Namespace) -> None:
 
 def _add_info(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("topic_name", help="name of the topic, such as /chatter")
-    parser.add_argument("-v", "--verbose", action="store_true", help="print node, type hash, gid and QoS of each endpoint")
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="print node, type hash, gid and QoS of each endpoint"
+    )
     parser.set_defaults(function=_info)
 
 
@@ -139,8 +143,14 @@ def _add_qos(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--qos-profile", default=default, help=f"preset to start from (default: {default})")
     parser.add_argument("--qos-depth", type=int, metavar="N", help="queue size")
     parser.add_argument("--qos-history", choices=["keep_last", "keep_all", "system_default"], help="history")
-    parser.add_argument("--qos-reliability", choices=["reliable", "best_effort", "best_available", "system_default"], help="reliability")
-    parser.add_argument("--qos-durability", choices=["transient_local", "volatile", "best_available", "system_default"], help="durability")
+    parser.add_argument(
+        "--qos-reliability", choices=["reliable", "best_effort", "best_available", "system_default"], help="reliability"
+    )
+    parser.add_argument(
+        "--qos-durability",
+        choices=["transient_local", "volatile", "best_available", "system_default"],
+        help="durability",
+    )
 
 
 def _qos(arguments: argparse.Namespace) -> tuple[Any, bool]:
@@ -205,7 +215,9 @@ def _add_echo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--flow-style", action="store_true", help="collections in one line")
     parser.add_argument("--no-lost-messages", action="store_true", help="do not report when a message is lost")
     parser.add_argument("--raw", action="store_true", help="echo the raw binary representation")
-    parser.add_argument("--filter", dest="filter_expr", help="Python expression on m, the message, that says what to print")
+    parser.add_argument(
+        "--filter", dest="filter_expr", help="Python expression on m, the message, that says what to print"
+    )
     parser.add_argument("--once", action="store_true", help="print the first message received and then exit")
     parser.add_argument("--timeout", type=float, metavar="N", help="stop after so many seconds without a first message")
     parser.set_defaults(function=_echo)
@@ -274,8 +286,12 @@ def _flat(value: Any) -> list[str]:
 
 def _add_hz(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("topic_name", help="name of the topic")
-    parser.add_argument("-w", "--window", type=int, default=10000, help="number of messages to average over (default: 10000)")
-    parser.add_argument("--filter", dest="filter_expr", help="only messages for which this Python expression on m is true")
+    parser.add_argument(
+        "-w", "--window", type=int, default=10000, help="number of messages to average over (default: 10000)"
+    )
+    parser.add_argument(
+        "--filter", dest="filter_expr", help="only messages for which this Python expression on m is true"
+    )
     parser.set_defaults(function=_hz)
 
 
@@ -318,7 +334,9 @@ def _rate(intervals: deque[float]) -> str:
 
 def _add_bw(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("topic_name", help="name of the topic")
-    parser.add_argument("-w", "--window", type=int, default=100, help="number of messages to average over (default: 100)")
+    parser.add_argument(
+        "-w", "--window", type=int, default=100, help="number of messages to average over (default: 100)"
+    )
     parser.set_defaults(function=_bw)
 
 
@@ -359,13 +377,21 @@ def _add_pub(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("message_type", help="type, such as std_msgs/msg/String")
     parser.add_argument("values", nargs="?", default="{}", help="fields as a YAML dictionary, such as '{data: hello}'")
     parser.add_argument("-r", "--rate", type=float, default=1.0, metavar="N", help="publishing rate in Hz (default: 1)")
-    parser.add_argument("-p", "--print", type=int, default=1, metavar="N", help="only print every N-th message (0: none)")
+    parser.add_argument(
+        "-p", "--print", type=int, default=1, metavar="N", help="only print every N-th message (0: none)"
+    )
     group = parser.add_mutually_exclusive_group()
     group.add_argument("-1", "--once", action="store_true", help="publish one message and exit")
-    group.add_argument("-t", "--times", type=int, default=0, metavar="N", help="publish this number of times and then exit")
-    parser.add_argument("-w", "--wait-matching-subscriptions", type=int, metavar="N", help="wait for this many subscriptions")
+    group.add_argument(
+        "-t", "--times", type=int, default=0, metavar="N", help="publish this number of times and then exit"
+    )
+    parser.add_argument(
+        "-w", "--wait-matching-subscriptions", type=int, metavar="N", help="wait for this many subscriptions"
+    )
     parser.add_argument("--max-wait-time-secs", type=float, metavar="N", help="how long to wait for them")
-    parser.add_argument("--keep-alive", type=float, default=0.1, metavar="N", help="seconds to stay after the last message")
+    parser.add_argument(
+        "--keep-alive", type=float, default=0.1, metavar="N", help="seconds to stay after the last message"
+    )
     parser.add_argument("-n", "--node-name", help="name of the publishing node")
     _add_qos(parser, "default")
     parser.set_defaults(function=_pub)
@@ -385,7 +411,9 @@ def _pub(arguments: argparse.Namespace) -> str | None:
         profile, _ = _qos(arguments)
         publisher = node.create_publisher(kind, arguments.topic_name, profile)
         wanted = arguments.wait_matching_subscriptions
-        problem = _wait_for_subscriptions(publisher, int(times != 0) if wanted is None else wanted, arguments.max_wait_time_secs)
+        problem = _wait_for_subscriptions(
+            publisher, int(times != 0) if wanted is None else wanted, arguments.max_wait_time_secs
+        )
         if problem:
             return problem
         print("publisher: beginning loop", flush=True)

@@ -10,8 +10,6 @@ import weakref
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from embedded_ros.wire import EntityKind
 from rclpy.client import Client
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
@@ -19,6 +17,8 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.type_support import check_is_valid_action_type
 from rclpy.waitable import Waitable
+
+from embedded_ros.wire import EntityKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable

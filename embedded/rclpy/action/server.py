@@ -286,7 +286,9 @@ class ActionServer(Waitable):
             self._publish_status()
             await await_or_execute(self._handle_accepted_callback, goal_handle)
 
-    async def _execute_goal(self, execute_callback: Callable[[ServerGoalHandle], Any], goal_handle: ServerGoalHandle) -> None:
+    async def _execute_goal(
+        self, execute_callback: Callable[[ServerGoalHandle], Any], goal_handle: ServerGoalHandle
+    ) -> None:
         try:
             result = await await_or_execute(execute_callback, goal_handle)
         except Exception as error:  # noqa: BLE001  the client must get an answer whatever the callback did
@@ -352,7 +354,9 @@ class ActionServer(Waitable):
 
     # -- callbacks --------------------------------------------------------------------------------------------
 
-    def register_handle_accepted_callback(self, handle_accepted_callback: Callable[[ServerGoalHandle], Any] | None) -> None:
+    def register_handle_accepted_callback(
+        self, handle_accepted_callback: Callable[[ServerGoalHandle], Any] | None
+    ) -> None:
         """Set what is called with each accepted goal."""
         self._handle_accepted_callback = handle_accepted_callback or default_handle_accepted_callback
 

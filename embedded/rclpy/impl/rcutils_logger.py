@@ -41,7 +41,7 @@ class CallerId(NamedTuple):
 
 
 def _caller() -> CallerId:
-    frame: FrameType | None = sys._getframe(1)  # noqa: SLF001  inspect.stack() reads source files: too slow here
+    frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename == __file__:
         frame = frame.f_back
     if frame is None:
@@ -170,7 +170,9 @@ class RcutilsLogger:
             known = self._contexts[caller] = {"settings": now, "last": 0}
         elif known["settings"] != now:
             before = known["settings"]
-            changed = next((key for key in ("severity", "name") if before.get(key) != now.get(key)), "filter parameters")
+            changed = next(
+                (key for key in ("severity", "name") if before.get(key) != now.get(key)), "filter parameters"
+            )
             raise ValueError(f"Logger {changed} cannot be changed between calls.")
         if kwargs.get("throttle_duration_sec") and not _throttle(
             known, kwargs["throttle_duration_sec"], kwargs.get("throttle_time_source_type")
@@ -223,5 +225,3 @@ def _throttle(known: dict[str, Any], period_s: float, source: Any) -> bool:
         return False
     known["last"] = now_ns
     return True
-
-

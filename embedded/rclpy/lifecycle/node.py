@@ -54,7 +54,9 @@ class LifecycleNodeMixin(ManagedEntity):
             (srv.GetAvailableTransitions, "get_transition_graph", self._on_get_transition_graph),
         ):
             node.create_service(kind, f"~/{name}", callback, callback_group=group)
-        self._transition_event = Node.create_publisher(node, TransitionEvent, "~/transition_event", QoSProfile(depth=10))
+        self._transition_event = Node.create_publisher(
+            node, TransitionEvent, "~/transition_event", QoSProfile(depth=10)
+        )
 
     # -- transitions ------------------------------------------------------------------------------------------
 
@@ -127,7 +129,9 @@ class LifecycleNodeMixin(ManagedEntity):
         for entity in self._managed_entities:
             code = getattr(entity, callback_name)(state)
             if not isinstance(code, TransitionCallbackReturn):
-                raise TypeError(f"{callback_name}() of {type(entity)}: expected a TransitionCallbackReturn, found {code!r}")
+                raise TypeError(
+                    f"{callback_name}() of {type(entity)}: expected a TransitionCallbackReturn, found {code!r}"
+                )
             if code is not TransitionCallbackReturn.SUCCESS:
                 return code
         return TransitionCallbackReturn.SUCCESS

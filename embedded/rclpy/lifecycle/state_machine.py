@@ -53,7 +53,9 @@ STATES = (UNKNOWN, UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED, CONFIGURING, CLEAN
           DEACTIVATING, ERRORPROCESSING)  # fmt: skip
 
 
-def _outcomes(first_id: int, start: LifecycleState, success: LifecycleState, failure: LifecycleState) -> list[Transition]:
+def _outcomes(
+    first_id: int, start: LifecycleState, success: LifecycleState, failure: LifecycleState
+) -> list[Transition]:
     error = FINALIZED if start is ERRORPROCESSING else ERRORPROCESSING
     return [
         Transition(first_id, "transition_success", start, success),
