@@ -23,8 +23,8 @@ def expected_outcome(product: str, finger_set: str) -> str:
     return str(read_catalogue().products[product].marks[finger_set])
 
 
-def serials_of(finger_set: str, slots: Sequence[str]) -> list[str]:
-    """Return the first printed finger of a set for every slot.
+def serials_of(finger_set: str, slots: Sequence[str], copy: int = 0) -> list[str]:
+    """Return a printed finger of a set for every slot; ``copy`` chooses among several of a kind.
 
     Raises:
         ShiftError: no such finger was printed.
@@ -33,9 +33,11 @@ def serials_of(finger_set: str, slots: Sequence[str]) -> list[str]:
     serials = []
     for slot in slots:
         fitting = sorted(s for s, p in passports.items() if p.profile == finger_set and p.finger == slot)
-        if not fitting:
-            raise ShiftError(f"expected a printed {finger_set} finger for slot {slot}, found none in the passports")
-        serials.append(fitting[0])
+        if copy >= len(fitting):
+            raise ShiftError(
+                f"expected {copy + 1} printed {finger_set} fingers for slot {slot}, found {len(fitting)} in the passports"
+            )
+        serials.append(fitting[copy])
     return serials
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,6 @@ PARAMETERS = ParameterTable(
     Parameter(
         "expected_streams", ["tendon/state", "camera/image_raw/compressed"], "topics that say that the cell is up"
     ),
-    Parameter("swap_attempts", 3, "times the operator seats the fingers anew when their check fails", "", 1, 10),
     Parameter("profile_dir", "", "folder of the finger profiles"),
     Parameter("calibration", "", "file with the camera's calibration"),
     Parameter("cable_radius", 0.000125, "of the cable on the rig", "m", 1e-5, 0.01),
@@ -75,6 +75,7 @@ class Shift:
         self._stages: list[Stage] = []
         self._film: tuple[Frame, ...] = ()
         self._mounted = ""
+        self._copies: Counter[str] = Counter()
         self._swaps = 0
 
     def run(self) -> None:
@@ -149,7 +150,21 @@ class Shift:
         if finger_set == self._mounted:
             return
         slots = self._values["slots"]
-        serials = serials_of(finger_set, slots)
+        while True:
+            serials = serials_of(finger_set, slots, self._copies[finger_set])
+            result = self._cell.swap(finger_set, self._seat(finger_set, serials), serials)
+            if result.outcome == result.SUCCEEDED:
+                break
+            # The cell no longer trusts these fingers: take the next ones from the store.
+            self._log.warning(f"swap to {finger_set}: {result.reason}")
+            self._copies[finger_set] += 1
+        self._log.info(f"swap to {finger_set}: {result.reason}")
+        self._mounted = finger_set
+        self._swaps += 1
+
+    def _seat(self, finger_set: str, serials: Sequence[str]) -> Callable[[str, str], Sequence[str]]:
+        """Return what the hands do at each step of a swap."""
+        slots = self._values["slots"]
 
         def confirm(step: str, instruction: str) -> Sequence[str]:
             self._log.info(f"swap: {instruction}")
@@ -160,16 +175,7 @@ class Shift:
                 return serials
             return ()
 
-        for attempt in range(1, self._values["swap_attempts"] + 1):
-            result = self._cell.swap(finger_set, confirm, serials)
-            if result.outcome == result.SUCCEEDED:
-                break
-            self._log.warning(f"swap to {finger_set}, attempt {attempt}: {result.reason}")
-        else:
-            raise ShiftError(f"swap to {finger_set} failed {attempt} times; the last time: {result.reason}")
-        self._log.info(f"swap to {finger_set}: {result.reason}")
-        self._mounted = finger_set
-        self._swaps += 1
+        return confirm
 
     def _closing(self, finger_set: str) -> Closing:
         """Mount a set and close it empty, 0 to full pull, in front of the camera."""
