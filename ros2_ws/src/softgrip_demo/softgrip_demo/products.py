@@ -35,7 +35,7 @@ def serials_of(finger_set: str, slots: Sequence[str], copy: int = 0) -> list[str
         fitting = sorted(s for s, p in passports.items() if p.profile == finger_set and p.finger == slot)
         if copy >= len(fitting):
             raise ShiftError(
-                f"expected {copy + 1} printed {finger_set} fingers for slot {slot}, found {len(fitting)} in the passports"
+                f"expected {copy + 1} printed {finger_set} fingers for slot {slot}, found {len(fitting)} passports"
             )
         serials.append(fitting[copy])
     return serials
