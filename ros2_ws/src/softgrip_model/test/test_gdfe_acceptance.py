@@ -80,7 +80,9 @@ def test_small_strain_modulus_and_poisson_ratio_of_a_shape_factor(omega):
 def test_stiffness_ratio_in_closed_form():
     assert stiffness_ratio(np.array(0.9), np.array(0.03)) == pytest.approx(21.00, abs=0.005)
     np.testing.assert_allclose(
-        stiffness_ratio(np.array(0.9), 0.9 / np.array([10.0, 30.0])), 0.6897 * np.array([10.0, 30.0]) + 0.3103, rtol=1e-4
+        stiffness_ratio(np.array(0.9), 0.9 / np.array([10.0, 30.0])),
+        0.6897 * np.array([10.0, 30.0]) + 0.3103,
+        rtol=1e-4,
     )
 
 
@@ -156,9 +158,7 @@ def test_rotation_by_the_calibrated_law_against_calculix():
 
 def test_tension_by_the_rigorous_law():
     case, materials = tension(poisson=0.49)
-    solver = Solver(
-        case.mesh, materials, case.supports, settings=Settings(law=Law.RIGOROUS, window=20, step_limit=1.0)
-    )
+    solver = Solver(case.mesh, materials, case.supports, settings=Settings(law=Law.RIGOROUS, window=20, step_limit=1.0))
     found = march(solver, case.loading, 10, first_guess=case.first_guess)
     assert found.completed
     assert 100.0 * joint_position(case, found.last.displacement) == pytest.approx(35.50, abs=0.01)
@@ -167,9 +167,7 @@ def test_tension_by_the_rigorous_law():
 
 def test_rotation_by_the_rigorous_law_against_calculix():
     case, materials = rotation(poisson=0.49)
-    solver = Solver(
-        case.mesh, materials, case.supports, settings=Settings(law=Law.RIGOROUS, window=20, step_limit=1.0)
-    )
+    solver = Solver(case.mesh, materials, case.supports, settings=Settings(law=Law.RIGOROUS, window=20, step_limit=1.0))
     found = march(solver, case.loading, 10)
     mean, largest = difference(found.last.displacement, case.reference())
     assert found.completed

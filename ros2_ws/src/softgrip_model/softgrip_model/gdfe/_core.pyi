@@ -2,12 +2,13 @@
 # Private core of softgrip_model.gdfe; src/gdfe/binding.cpp.
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-_Array = NDArray[np.float64]
-_Index = NDArray[np.int32]
+_Array: TypeAlias = NDArray[np.float64]
+_Index: TypeAlias = NDArray[np.int32]
 
 def simd_target() -> str: ...
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A finger of a profile as hexahedra: links, V grooves, hinge strips, and where its cable runs. Lengths in mm.
 
-Frame: x along the straight finger, closing towards -y, z across; the joints' apexes lie on y = 0. Above each apex the
-hinge strip (length l, thickness h), below it the groove: straight walls at +-l/2 down to where the flanks of the
+Frame: x along the straight finger, closing towards -y, z across; the joints lie on y = 0, in the middle of their hinge
+strips (length l, thickness h). Below a strip the groove: straight walls at +-l/2 down to where the flanks of the
 profile's opening are wider, then those flanks. The rigid base in front of the first joint is not meshed: the strip of
 joint 0 is clamped.
 """
@@ -75,26 +75,31 @@ class FingerMesh:
     link_nodes: tuple[Index, ...]
 
 
-def mesh_finger(finger: Finger, resolution: Resolution | None = None, body_height_mm: float = 12.0) -> FingerMesh:
+def mesh_finger(
+    finger: Finger, resolution: Resolution | None = None, body_height_mm: float = 12.0, strip_below: float = 0.5
+) -> FingerMesh:
     """Return the mesh of a finger.
 
     Args:
         finger: as the kernel computes it.
         resolution: elements along its parts.
-        body_height_mm: depth of the links below the apexes.
+        body_height_mm: depth of the links below the joints.
+        strip_below: share of each strip's thickness that lies below its joint; 0.5: the strip bends about the joint as
+            the kernel assumes, 0: the joint is the apex of the printed groove.
 
     Raises:
         GdfeError: links too short for their grooves, body shallower than the routing.
     """
-    grid = _Grid(finger, resolution or Resolution(), body_height_mm)
+    grid = _Grid(finger, resolution or Resolution(), body_height_mm, strip_below)
     return grid.finger_mesh()
 
 
 class _Grid:
     """Columns along x, rows from the bottom of the body to the top of the strip; groove cells are left out."""
 
-    def __init__(self, finger: Finger, resolution: Resolution, body_height_mm: float) -> None:
+    def __init__(self, finger: Finger, resolution: Resolution, body_height_mm: float, strip_below: float) -> None:
         self.finger, self.resolution, self.depth = finger, resolution, body_height_mm
+        self.strip_below = strip_below
         self.apex = finger.base_mm + np.concatenate([[0.0], np.cumsum(finger.link_mm[:-1])])
         self.end = finger.base_mm + sum(finger.link_mm)
         r = resolution
@@ -157,18 +162,22 @@ class _Grid:
         """Return x and y of a grid line crossing."""
         r, finger = self.resolution, self.finger
         kind, joint, share = self.columns[column]
-        depth = self.depth * max(0.0, 1.0 - row / r.body_rows)
-        above = max(0, row - r.body_rows) / r.hinge_through
-        thickness = finger.thickness_mm
+        height = finger.thickness_mm[joint]
+        if kind == "link":
+            height += share * (finger.thickness_mm[min(joint + 1, finger.joints - 1)] - height)
+        bottom = -self.strip_below * height
+        if row < r.body_rows:
+            y = -self.depth + row / r.body_rows * (bottom + self.depth)
+            depth = -y
+        else:
+            y = bottom + (row - r.body_rows) / r.hinge_through * height
+            depth = 0.0
+        if kind == "hinge" and share not in {0.0, 1.0}:
+            return float(self.apex[joint]) + (share - 0.5) * finger.length_mm[joint], y
         if kind == "hinge":
-            x = self.apex[joint] + (share - 0.5) * finger.length_mm[joint]
-            if share in (0.0, 1.0) and depth > 0.0:
-                x = self.apex[joint] + math.copysign(self.half_groove(joint, depth), share - 0.5)
-            return float(x), -depth if depth > 0.0 else above * thickness[joint]
+            return float(self.apex[joint]) + math.copysign(self.half_groove(joint, depth), share - 0.5), y
         left, right = self.link_ends(joint, depth)
-        following = thickness[min(joint + 1, finger.joints - 1)]
-        height = thickness[joint] + share * (following - thickness[joint])
-        return left + share * (right - left), -depth if depth > 0.0 else above * height
+        return left + share * (right - left), y
 
     def _line(self, link: int, share_index: int) -> int:
         """Number of the column line at a link's start (0) .. end (link_along)."""
@@ -184,7 +193,7 @@ class _Grid:
 
     def _routing(self, mesh: Mesh, column_of: NDArray[np.int_]) -> tuple[RoutingPoint, ...]:
         finger, points = self.finger, []
-        body = mesh.nodes[:, 1] < 1e-9
+        body = mesh.nodes[:, 1] < -0.49 * self.strip_below * min(finger.thickness_mm) + 1e-9
         for joint in range(finger.joints):
             half = 0.5 * finger.opening_rad[joint]
             for side, radius in ((-1.0, finger.routing_mm[2 * joint]), (1.0, finger.routing_mm[2 * joint + 1])):

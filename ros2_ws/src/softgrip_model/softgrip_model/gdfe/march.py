@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loads applied in increments, each started from the extrapolation of the ones before; halved where one does not converge."""
+"""Loads in increments, each started from the extrapolation of those before; halved where one does not converge."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ def march(
         solver: to march with.
         loading: what acts at a share 0..1 of the load.
         increments: how many.
-        tolerance, length_tolerance, max_iterations: of every solve.
+        tolerance: of every solve.
+        length_tolerance: of every solve.
+        max_iterations: of every solve.
         halvings: how often an increment is halved before the march is given up.
         first_guess: (n, 3) displacement at full load that the first increment starts from, scaled; None = rest.
         before: called before every increment with the last converged state, None at rest.

@@ -258,7 +258,7 @@ class Solver:
             raise GdfeError(f"{error}; prescribe displacements so that no part can move freely") from error
 
     def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:
-        """Return k of every material: 1 for the thesis law, else 2 mu + lame at rest, or what the rigorous law needs."""
+        """Return k of every material: 1 for the thesis law, else about the stiffest it answers with at rest."""
         if self.settings.law is Law.THESIS:
             return np.ones(len(self.materials))
         if self.settings.law is Law.RIGOROUS:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The three bars of thesis section 5.4 as boundary values, with CalculiX' answers: what tests, commands and benchmarks share."""
+"""The three bars of thesis section 5.4 with CalculiX' answers: what tests, commands and benchmarks share."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ void solve(const PanelStore<T>& store, double* const* columns, int count, std::s
   double scale[3];
   for (int k = 0; k < count; ++k) {
     double largest = 0.0;
-    for (std::size_t i = 0; i < size; ++i) largest = std::fmax(largest, std::fabs(columns[k][i]));
+    for (std::size_t i = 0; i < size; ++i) largest = std::max(largest, std::abs(columns[k][i]));
     scale[k] = largest > 0.0 ? largest : 1.0;
     T* x = work + static_cast<std::size_t>(k) * (size + kPad);
     const double inverse = 1.0 / scale[k];

@@ -27,7 +27,7 @@ struct Panel {
   std::size_t rows;     // offset of its row numbers
 };
 
-inline constexpr int kPad = 16;
+inline constexpr int kPad = 8;
 
 template <class T>
 struct PanelStore {

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""simulate: hyperelastic solids from a case file, or a finger closed by its tendon; a table, VTU and PNG."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from softgrip_model import gdfe, profile
+from softgrip_model.finger import Finger, FingerError, close
+from softgrip_model.finger.predictor import assumed_friction
+from softgrip_model.gdfe import RESOLUTIONS, Closing, ClosingSettings, GdfeError, Law, Mesh, Settings, Solver
+from softgrip_model.gdfe.case_file import Case, FingerCase, load_case
+from softgrip_model.gdfe.march import March, march
+from softgrip_model.gdfe.materials import Linear, StressPolynomial
+from softgrip_model.gdfe.mesh_file import write_mesh
+from softgrip_model.gdfe.picture import draw_shapes
+from softgrip_model.gdfe.rigid import check_held
+from softgrip_model.gdfe.thesis import ThesisState, force_unit
+from softgrip_model.gdfe.thesis_bars import difference, reference_displacements
+
+Array = NDArray[np.float64]
+
+EPILOG = """\
+laws:
+  calibrated  constant matrix, forces in newtons, path-independent (default of most cases)
+  rigorous    Q1P0 finite elements of Ogden materials on the same constant matrix: slower, no calibration
+  thesis      shape factors as the thesis writes them: reproduction only, its forces mean nothing
+
+examples:
+  simulate rotation
+  simulate tension --law rigorous --json tension.json
+  simulate my_case.yaml --refine 2 --out results
+  simulate finger_closing
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a case gave: rows of the table, data for JSON, the shape to draw, and whether it got to its full load."""
+
+    rows: list[tuple[str, str]]
+    data: dict[str, Any]
+    mesh: Mesh
+    displacement: Array
+    strain: Array
+    unit: str
+    reference: Array | None
+    completed: bool
+
+
+def shipped_cases() -> dict[str, Path]:
+    """Return name -> file of the cases that come with the package."""
+    return {path.stem: path for path in sorted((Path(gdfe.__file__).parent / "cases").glob("*.yaml"))}
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    made = argparse.ArgumentParser(
+        prog="simulate", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    made.add_argument("case", help=f"case file (YAML), or one that is shipped: {', '.join(shipped_cases())}")
+    made.add_argument("--law", choices=[str(law) for law in Law], help="instead of the case's own")
+    made.add_argument("--mesh", type=Path, metavar="FILE", help="hexahedra to use instead of the case's mesh (meshio)")
+    made.add_argument("--refine", type=int, default=1, metavar="N", help="N times as many elements each way of a bar")
+    made.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for VTU and PNG (default: here)")
+    made.add_argument("--json", type=Path, metavar="FILE", help="write the figures of the table here")
+    made.add_argument("--profiles", type=Path, metavar="DIR", help="folder of profiles (default: softgrip_bringup's)")
+    return made
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command; 0 when the full load was reached, 1 when not, 2 for a case that cannot be simulated."""
+    options = parser().parse_args(args)
+    path = shipped_cases().get(options.case, Path(options.case))
+    console = Console()
+    try:
+        case = load_case(path, mesh_file=options.mesh, refine=options.refine)
+        if isinstance(case, FingerCase):
+            result = _finger(case, options)
+        else:
+            law = Law(options.law) if options.law else case.law
+            result = _solid(replace(case, law=law), console)
+    except (GdfeError, FingerError, profile.ProfileError) as error:
+        print(f"simulate: {error}", file=sys.stderr)
+        return 2
+    table = Table("", "", title=escape(case.title), show_header=False)
+    for row in result.rows:
+        table.add_row(*(escape(text) for text in row))
+    console.print(table)
+    options.out.mkdir(parents=True, exist_ok=True)
+    stem = options.out / path.stem
+    write_mesh(stem.with_suffix(".vtu"), result.mesh, result.displacement, cell_data={"strain": result.strain})
+    shape = (case.title, result.displacement, result.strain)
+    draw_shapes(stem.with_suffix(".png"), result.mesh, [shape], result.unit, result.reference)
+    console.print(escape(f"wrote {stem.with_suffix('.vtu')} and {stem.with_suffix('.png')}"))
+    if options.json:
+        options.json.write_text(json.dumps(result.data, indent=1), encoding="utf-8")
+    return 0 if result.completed else 1
+
+
+def _solid(case: Case, console: Console) -> Result:
+    check_held(case.mesh, case.supports)
+    started = time.perf_counter()
+    slack = 0.0 if case.law is not Law.RIGOROUS else 0.05 * float(np.ptp(case.mesh.nodes, axis=0).min())
+    window = 20 if case.law is Law.RIGOROUS else 10
+    settings = Settings(law=case.law, volume_shape=case.volume_shape, window=window, step_limit=slack)
+    solver = Solver(case.mesh, case.materials, case.supports, settings=settings)
+    state = _thesis_state(solver, case) if case.law is Law.THESIS else None
+    prepared = time.perf_counter()
+    increments = case.increments if case.law is Law.CALIBRATED else max(10, case.increments)
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("load", total=1.0)
+        found = march(
+            solver,
+            case.loading,
+            increments,
+            tolerance=case.tolerance,
+            before=state.before if state else None,
+            progress=lambda share: progress.update(bar, completed=share),
+        )
+    solved = time.perf_counter()
+    force = case.newtons if state is None else case.newtons * force_unit(state.moduli, state.omega)
+    return _solid_result(case, found, force, prepared - started, solved - prepared)
+
+
+def _thesis_state(solver: Solver, case: Case) -> ThesisState:
+    known = [m for m in case.materials if isinstance(m, Linear | StressPolynomial)]
+    if len(known) < len(case.materials):
+        raise GdfeError("the law 'thesis' needs tangent moduli: linear or polynomial materials only")
+    return ThesisState(solver, known)
+
+
+def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, solve_s: float) -> Result:
+    last = found.last
+    largest = float(np.linalg.norm(last.displacement, axis=1).max())
+    held = {name: newtons * last.reaction[case.face(name)].sum(axis=0) for name in ("left", "right")}
+    data: dict[str, Any] = {
+        "case": case.title,
+        "law": str(case.law),
+        "hexahedra": len(case.mesh.hexes),
+        "completed": found.completed,
+        "reason": found.reason,
+        "share_of_load": found.shares[-1],
+        "iterations": found.iterations,
+        "residual": last.residual,
+        "prepare_s": prepare_s,
+        "solve_s": solve_s,
+        "largest_displacement": largest,
+        "unit": case.length_unit,
+        "reaction_n": {name: force.tolist() for name, force in held.items()},
+        "largest_strain": float(last.strain.max()),
+    }
+    rows = [
+        ("law", f"{case.law}, {len(case.mesh.hexes)} hexahedra"),
+        ("load reached", f"{100 * found.shares[-1]:.0f} %  {found.reason}".strip()),
+        ("residual", f"{last.residual:.1e} of the reactions, {found.iterations} iterations"),
+        ("time", f"{1e3 * prepare_s:.1f} ms to prepare, {1e3 * solve_s:.1f} ms to solve"),
+        ("largest displacement", f"{largest:.4g} {case.length_unit}"),
+        ("largest equivalent strain", f"{last.strain.max():.3f}"),
+    ]
+    rows += [(f"force on the {name} face", ", ".join(f"{f:.4g}" for f in force) + " N") for name, force in held.items()]
+    joint = _material_border(case, last.displacement)
+    if joint is not None:
+        data["joint_share"] = joint
+        rows.append(("joint of the materials", f"{100 * joint:.2f} % of the length"))
+    reference = None
+    if case.compare.reference:
+        reference = reference_displacements(case.compare.reference)
+        if reference.shape == case.mesh.nodes.shape and found.completed:
+            mean, most = difference(last.displacement, reference)
+            data["difference_to_calculix"] = {"mean": mean, "largest": most}
+            rows.append(
+                ("difference to CalculiX", f"mean {100 * mean:.2f} %, largest {100 * most:.2f} % of the largest")
+            )
+        else:
+            reference = None
+    rows += [(f"published: {what}", text) for what, text in case.compare.published.items()]
+    strains = {m.name: last.strain[case.mesh.materials == i] for i, m in enumerate(case.materials)}
+    for material in case.materials:
+        most = float(strains[material.name].max())
+        if most > material.strain_range[1]:
+            rows.append(("warning", f"{material.name}: strain {most:.2f}, known up to {material.strain_range[1]:.2f}"))
+    return Result(rows, data, case.mesh, last.displacement, last.strain, case.length_unit, reference, found.completed)
+
+
+def _material_border(case: Case, displacement: Array) -> float | None:
+    """Return where two materials meet along x, as a share of the deformed length; None unless there are two."""
+    mesh = case.mesh
+    if len(case.materials) != 2:
+        return None
+    shared = np.intersect1d(mesh.hexes[mesh.materials == 0], mesh.hexes[mesh.materials == 1])
+    x = mesh.nodes[:, 0] + displacement[:, 0]
+    left, right = x[case.face("left")].mean(), x[case.face("right")].mean()
+    return float((x[shared].mean() - left) / (right - left)) if len(shared) else None
+
+
+def _finger(case: FingerCase, options: argparse.Namespace) -> Result:
+    if options.law and options.law != Law.CALIBRATED:
+        raise GdfeError(f"a finger is computed with the law 'calibrated', found {options.law!r}")
+    if case.resolution not in RESOLUTIONS:
+        raise GdfeError(f"finger.resolution: expected one of {', '.join(RESOLUTIONS)}, found {case.resolution!r}")
+    profiles = profile.load_directory(options.profiles or profile.shipped_directory())
+    if case.profile not in profiles:
+        raise GdfeError(f"finger.profile: expected one of {', '.join(sorted(profiles))}, found {case.profile!r}")
+    chosen = profiles[case.profile]
+    resolution = RESOLUTIONS[case.resolution].refined(options.refine)
+    started = time.perf_counter()
+    closing = Closing(chosen, case.finger, ClosingSettings(resolution=resolution, travel_mm=1e3 * case.pull_m))
+    prepare_s = time.perf_counter() - started
+    pulls = case.pull_m * np.arange(1, case.steps + 1) / case.steps
+    shapes = [closing.shape(float(pull)) for pull in pulls]
+    rigid = close(Finger.from_profile(chosen, case.finger), assumed_friction(chosen).law, 1e3 * pulls)
+    reached = [shape for shape in shapes if shape.converged]
+    last = reached[-1]
+    states = [
+        {
+            "pulled_m": float(pull),
+            "tip_m": shape.tip.tolist(),
+            "tension_n": list(shape.tension),
+            "converged": shape.converged,
+            "iterations": shape.iterations,
+            "solve_s": shape.solve_time,
+            "pseudo_rigid_tip_m": (1e-3 * rigid.tip_mm[0, k]).tolist(),
+            "pseudo_rigid_tension_n": float(rigid.tension_n[0, k, 0]),
+        }
+        for k, (pull, shape) in enumerate(zip(pulls, shapes, strict=True))
+    ]
+    data = {"case": case.title, "hexahedra": closing.hexahedra, "prepare_s": prepare_s, "states": states}
+    rows = [
+        ("mesh", f"{closing.hexahedra} hexahedra, {1e3 * prepare_s:.0f} ms for the keyframes"),
+        ("converged up to", f"{1e3 * last.pulled_length:.1f} mm of {1e3 * case.pull_m:.1f} mm pulled"),
+        ("time of a shape", f"median {1e3 * float(np.median([s.solve_time for s in reached])):.1f} ms"),
+    ]
+    for state in states[max(0, len(states) // 5 - 1) :: max(1, len(states) // 5)]:
+        tip, other = state["tip_m"], state["pseudo_rigid_tip_m"]
+        ours = f"tip {1e3 * tip[0]:.1f}, {1e3 * tip[1]:.1f} mm at {state['tension_n'][0]:.2f} N"
+        rigid_text = f"{1e3 * other[0]:.1f}, {1e3 * other[1]:.1f} mm at {state['pseudo_rigid_tension_n']:.2f} N"
+        rows.append((f"pulled {1e3 * state['pulled_m']:.1f} mm", f"{ours}; pseudo-rigid {rigid_text}"))
+    mesh = closing.finger_mesh.mesh
+    displacement = 1e3 * last.vertices - mesh.nodes
+    return Result(rows, data, mesh, displacement, last.strain, "mm", None, len(reached) == len(shapes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
