@@ -8,6 +8,7 @@ stopped.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,8 @@ from std_srvs.srv import Trigger
 
 from softgrip_driver.errors import DriverError, NoReplyError, PortLostError
 from softgrip_driver.nodes import convert_friction as convert
-from softgrip_driver.nodes.rig_parameters import PARAMETERS, measurement_settings
+from softgrip_driver.nodes.rig_parameters import PARAMETERS, make_bench, measurement_settings
 from softgrip_driver.rig.bench import Bench
-from softgrip_driver.rig.build import make_gauge, make_stage
 from softgrip_driver.rig.clock import ScaledClock
 from softgrip_driver.rig.errors import StoppedError
 from softgrip_driver.rig.procedure import JudgedPoint, Operator, Outcome, Procedure, Step
@@ -79,9 +79,9 @@ class FrictionRig(LifecycleNode):
 
     def _open_store(self) -> None:
         try:
-            self._store = ModelStore(self._folder)
-            model_id = self._store.active or self._values["initial_model"]
-            self._friction_active.publish(convert.model_message(self._store.get(model_id)))
+            self._models = ModelStore(self._folder)
+            model_id = self._models.active or self._values["initial_model"]
+            self._friction_active.publish(convert.model_message(self._models.get(model_id)))
         except (FrictionError, OSError) as error:
             raise StartupError(f"model_dir {self._folder}: {error}") from error
         self._active_id = model_id
@@ -90,17 +90,14 @@ class FrictionRig(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Connect and identify both devices."""
-        values = self._values
         try:
-            self._bench = Bench(
-                make_stage(values["stage"], values["stage_port"]), make_gauge(values["gauge"], values["gauge_port"])
-            )
-            identities = self._bench.open()
+            bench = make_bench(self._values)
+            identities = bench.open(patience=self._values["connect_timeout"])
         except DriverError as error:
-            self._bench = None
             self.startup_problem = str(error)
             self._diagnostics.set("rig", Health.ERROR, str(error))
             return TransitionCallbackReturn.FAILURE
+        self._bench = bench
         for identity in identities:
             self.get_logger().info(f"connected: {identity.model}")
             for warning in identity.warnings:
@@ -153,10 +150,9 @@ class FrictionRig(LifecycleNode):
             goal_handle.succeed()
             result.outcome = CalibrateFriction.Result.SUCCEEDED
         except StoppedError as error:
-            cancelled = goal_handle.is_cancel_requested
             result.outcome = CalibrateFriction.Result.CANCELLED
             result.reason = f"{error}; accepted points are kept: resume the plan to go on"
-            (goal_handle.canceled if cancelled else goal_handle.abort)()
+            self.announce(goal_handle.canceled if goal_handle.is_cancel_requested else goal_handle.abort)
         except (DriverError, FrictionError) as error:
             result.outcome = CalibrateFriction.Result.FAILED
             result.reason = "; ".join([str(error), *getattr(error, "__notes__", [])])
@@ -192,7 +188,7 @@ class FrictionRig(LifecycleNode):
             result.reason = f"guide pulley: T1/T2 = {outcome.pulley_ratio:.4f}, taken out of every later point"
             return
         model = outcome.calibration.model
-        self._store.add(model)
+        self._models.add(model)
         result.model = convert.model_message(model)
         result.reason = model.reason
         usable = model.verdict is ModelVerdict.USABLE
@@ -214,17 +210,27 @@ class FrictionRig(LifecycleNode):
         response.message = "" if response.success else "nothing to confirm: no step is waiting"
         return response
 
-    def publish_sample(self, sample: Sample) -> None:
-        """Publish a raw reading."""
+    def announce(self, send: Callable[..., None], *messages: Any) -> bool:
+        """Send something; False when the process is ending (rclpy has no public name for what it raises then)."""
+        try:
+            send(*messages)
+        except Exception:
+            if self.context.ok():
+                raise
+            return False
+        return True
+
+    def publish_sample(self, sample: Sample) -> bool:
+        """Publish a raw reading; False when the process is ending."""
         stamp = self.get_clock().now().to_msg()
         frame = self._values["gauge_frame"]
-        self._wrench.publish(convert.wrench_message(sample, stamp, frame))
-        self._stage_state.publish(convert.stage_message(sample, stamp, frame))
+        sent = self.announce(self._wrench.publish, convert.wrench_message(sample, stamp, frame))
+        return sent and self.announce(self._stage_state.publish, convert.stage_message(sample, stamp, frame))
 
     def publish_point(self, judged: JudgedPoint) -> FrictionSample:
         """Publish one attempt at one point."""
         message = convert.sample_message(judged, self.get_clock().now().to_msg())
-        self._samples.publish(message)
+        self.announce(self._samples.publish, message)
         return message
 
     def _look(self) -> None:
@@ -253,7 +259,7 @@ class FrictionRig(LifecycleNode):
     # -- models ------------------------------------------------------------------------------------------------------
 
     def _make_active(self, model_id: str) -> None:
-        model = self._store.activate(model_id)
+        model = self._models.activate(model_id)
         self._active_id = model_id
         self._friction_active.publish(convert.model_message(model))
 
@@ -272,7 +278,7 @@ class FrictionRig(LifecycleNode):
     def _on_list(
         self, _: ListFrictionModels.Request, response: ListFrictionModels.Response
     ) -> ListFrictionModels.Response:
-        models, problems = self._store.readable()
+        models, problems = self._models.readable()
         now = datetime.now(UTC)
         response.models = [convert.model_message(model) for model in models]
         response.ages = [float(model.age(now)) for model in models]
@@ -295,7 +301,8 @@ class _Session(Operator):
         self._answer = threading.Condition()
 
     def tell(self, step: Step) -> None:
-        self._goal_handle.publish_feedback(convert.feedback_message(step))
+        if not self._node.announce(self._goal_handle.publish_feedback, convert.feedback_message(step)):
+            raise StoppedError("the process is ending")
 
     def confirmed(self, step: Step) -> None:
         with self._answer:
@@ -313,7 +320,8 @@ class _Session(Operator):
             self.accepted.pop(point.index, None)
 
     def sampled(self, sample: Sample) -> None:
-        self._node.publish_sample(sample)
+        if not self._node.publish_sample(sample):
+            raise StoppedError("the process is ending")
 
     def confirm(self) -> bool:
         """Take the person's confirmation; False when nothing waits for it."""

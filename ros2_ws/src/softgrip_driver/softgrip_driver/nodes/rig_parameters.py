@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from softgrip_driver.rig.build import GAUGES, STAGES
+from softgrip_driver.rig.bench import Bench
+from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
 from softgrip_driver.rig.procedure import Settings
 from softgrip_driver.rig.pull import PullSettings
 from softgrip_driver.rig.slide import SlideSettings
@@ -18,7 +19,15 @@ PARAMETERS = ParameterTable(
     Parameter("stage_port", "/dev/softgrip/stand", "serial port of the stage", device=True),
     Parameter("gauge", "gcl2", "kind of force gauge", choices=GAUGES),
     Parameter("gauge_port", "/dev/softgrip/gauge", "serial port of the gauge", device=True),
+    Parameter("stream_baud", 115200, "of a streaming gauge", "1/s", 1200, 3000000),
+    Parameter(
+        "stream_line", "grams", "of a streaming gauge: raw, time_raw, grams, newtons, openscale, scale or a pattern"
+    ),
+    Parameter(
+        "counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; its sign is that of pulling", "1/N"
+    ),
     Parameter("gauge_frame", "load_cell", "frame of the gauge; tension is along its z"),
+    Parameter("connect_timeout", 6.0, "to wait for the devices to appear when configuring", "s", 0.0, 60.0),
     Parameter("model_dir", "~/.softgrip/friction", "folder of friction models and of the record of plans"),
     Parameter("initial_model", "braid-tpu", "id of the active model until one is chosen"),
     Parameter("time_scale", 1.0, "rig seconds per second; above 1 only with an emulated rig", "1", 0.01, 1000.0),
@@ -42,6 +51,18 @@ PARAMETERS = ParameterTable(
     Parameter("gauge_gain_stddev", 0.001, "relative error of the gauge's own calibration", "1", 0.0, 0.1),
     Parameter("zero_drift_limit", 0.05, "of the gauge's zero over a plan", "N", 0.001, 10.0),
 )
+
+
+def make_bench(values: dict[str, Any]) -> Bench:
+    """Return the devices that the parameters name, not yet connected.
+
+    Raises:
+        ConfigurationError: a line format that cannot be.
+    """
+    stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
+    return Bench(
+        make_stage(values["stage"], values["stage_port"]), make_gauge(values["gauge"], values["gauge_port"], stream)
+    )
 
 
 def measurement_settings(values: dict[str, Any], pulley_ratio: float, pulley_stddev: float) -> Settings:

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import DeviceNotFoundError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.rig.devices import Gauge, Identity, Stage
 from softgrip_driver.rig.pull import Sample
+
+#: [s] between attempts to connect.
+_RETRY_PERIOD = 0.1
 
 
 class BusyError(DriverError):
@@ -27,18 +31,29 @@ class Bench:
     def __init__(self, stage: Stage, gauge: Gauge) -> None:
         self.stage, self.gauge = stage, gauge
         self._in_use = threading.Lock()
+        self._closed = threading.Event()
 
-    def open(self) -> tuple[Identity, Identity]:
+    def open(self, patience: float = 0.0) -> tuple[Identity, Identity]:
         """Connect and identify both.
+
+        Args:
+            patience: [s] to keep trying while a device is not there yet.
 
         Raises:
             DriverError: of whichever is not there; the other one is closed again.
         """
-        try:
-            return self.stage.open(), self.gauge.open()
-        except DriverError:
-            self.close()
-            raise
+        self._closed.clear()
+        end = time.monotonic() + patience
+        while True:
+            try:
+                return self.stage.open(), self.gauge.open()
+            except (DeviceNotFoundError, PortLostError, NoReplyError):
+                self._disconnect()
+                if time.monotonic() >= end or self._closed.wait(_RETRY_PERIOD):
+                    raise
+            except DriverError:
+                self._disconnect()
+                raise
 
     @contextmanager
     def measuring(self) -> Iterator[None]:
@@ -76,12 +91,16 @@ class Bench:
         if not self._in_use.acquire(blocking=False):
             return
         try:
-            self.close()
+            self._disconnect()
             self.open()
         finally:
             self._in_use.release()
 
     def close(self) -> None:
-        """Stop the stage and disconnect both. Never raises."""
+        """Stop the stage and disconnect both, also while somebody waits in `open`. Never raises."""
+        self._closed.set()
+        self._disconnect()
+
+    def _disconnect(self) -> None:
         self.stage.close()
         self.gauge.close()

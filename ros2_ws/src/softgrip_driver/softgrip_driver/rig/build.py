@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.rig import mark10
+from softgrip_driver.rig import grbl, mark10
+from softgrip_driver.rig.amplifier import StreamAmplifier, line_format
 from softgrip_driver.rig.devices import Gauge, Stage
+from softgrip_driver.rig.grbl import GrblStage
 from softgrip_driver.rig.line_port import LinePort
 from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
 
-STAGES = ("mark10",)
-GAUGES = ("gcl2",)
+STAGES = ("mark10", "grbl")
+GAUGES = ("gcl2", "stream")
 
 
 def make_stage(kind: str, port: str) -> Stage:
@@ -22,15 +26,30 @@ def make_stage(kind: str, port: str) -> Stage:
     """
     if kind == "mark10":
         return Mark10Stand(LinePort(port, mark10.BAUD))
+    if kind == "grbl":
+        return GrblStage(LinePort(port, grbl.BAUD))
     raise ConfigurationError(f"stage: expected one of {', '.join(STAGES)}, found '{kind}'")
 
 
-def make_gauge(kind: str, port: str) -> Gauge:
+@dataclass(frozen=True)
+class StreamSettings:
+    """Of a streaming amplifier: baud [1/s], line format (name or pattern), raw counts per newton (sign included)."""
+
+    baud: int = 115200
+    line: str = "grams"
+    counts_per_newton: float = 1.0
+
+
+def make_gauge(kind: str, port: str, stream: StreamSettings | None = None) -> Gauge:
     """Return a gauge, not yet connected.
 
     Raises:
-        ConfigurationError: no such kind.
+        ConfigurationError: no such kind, or a line format that cannot be.
     """
     if kind == "gcl2":
         return Mark10Gauge(LinePort(port, mark10.BAUD))
+    if kind == "stream":
+        settings = stream or StreamSettings()
+        line = line_format(settings.line, abs(settings.counts_per_newton))
+        return StreamAmplifier(LinePort(port, settings.baud), line, 1.0 if settings.counts_per_newton >= 0.0 else -1.0)
     raise ConfigurationError(f"gauge: expected one of {', '.join(GAUGES)}, found '{kind}'")

@@ -13,6 +13,8 @@ from softgrip_driver.rig.line_port import LinePort
 
 _UNIT = "N"
 _LOW_BATTERY = 3
+#: Force lines to look through for an answer while automatic output is on.
+_MOST_LINES = 20
 #: [N] what may be left after zeroing: noise.
 _ZERO_TOLERANCE = 0.1
 
@@ -31,11 +33,8 @@ class Mark10Gauge:
     def open(self) -> Identity:
         """Connect, silence automatic output, set newtons and present force, and check that it took."""
         self._port.open()
-        self._send("AOUT0")
-        self._port.drain(quiet=0.05)
         found = self._settings()
-        self._send(_UNIT)
-        self._send("CUR")
+        self.restore()
         taken = self._settings()
         if (taken.unit, taken.mode, taken.auto_output) != (_UNIT, "CUR", 0):
             raise RefusedError(
@@ -96,9 +95,14 @@ class Mark10Gauge:
         self._port.close()
 
     def _settings(self) -> mark10.GaugeSettings:
+        """Ask for the settings; automatic output may talk in between."""
         self._port.drain()
         self._send("LIST")
-        return mark10.parse_list(self._port.read_line())
+        for _ in range(_MOST_LINES):
+            line = self._port.read_line()
+            if b";" in line or line.startswith(b"*"):
+                break
+        return mark10.parse_list(line)
 
     def _send(self, word: str) -> None:
         self._port.write(word.encode("ascii") + b"\r")

@@ -35,7 +35,7 @@ class Mark10Stand:
         return Identity(f"Mark-10 stand (status {status})")
 
     def zero(self) -> None:
-        """Make this the zero of travel, and check that it is: only PC control obeys.
+        """Make this the zero of travel, and check that it is.
 
         Raises:
             RefusedError: travel is not zero afterwards.

@@ -15,7 +15,7 @@ import numpy as np
 
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.rig.errors import UnitChangedError
+from softgrip_driver.rig.errors import StoppedError, UnitChangedError
 from softgrip_driver.rig.journal import Journal, Measured, Request
 from softgrip_driver.rig.plan import ADAPTIVE, PULLEY, Point, next_point, points_of
 from softgrip_driver.rig.pull import PullSettings, RigClock, Sample, record_pull
@@ -115,6 +115,9 @@ class Settings:
 LEAST_PULLEY_STDDEV = 0.002
 
 
+_ZERO_READINGS = 20
+
+
 class PlanFailedError(DriverError):
     """A plan came to no model; says which point and why."""
 
@@ -155,6 +158,7 @@ class Procedure:
         self._stage, self._gauge = stage, gauge
         self._operator, self._clock = operator, clock
         self._settings, self._folder = settings, folder
+        self._zero = 0.0
 
     def run(self, request: Request, *, resume: bool = False) -> Outcome:
         """Measure a plan and fit its model.
@@ -172,7 +176,7 @@ class Procedure:
         points = dict(enumerate(points_of(journal.request.plan, journal.request.angles, journal.request.loads)))
         # An adaptive plan's own points lie beyond its first ones.
         points |= {i: Point(m.angle, m.load) for i, m in journal.points.items()}
-        self._zero(points, journal)
+        self._set_zero(points, journal)
         for index in sorted(points):
             if index not in journal.points:
                 self._measure(journal, index, points)
@@ -224,7 +228,9 @@ class Procedure:
             trace = record_pull(self._stage, self._gauge, self._settings.pull, self._clock, self._operator.sampled)
         except (UnitChangedError, CorruptReplyError, NoReplyError) as error:
             return _unmeasured(point, str(error))
-        return analyse(trace, point.angle, point.load, self._settings.slide, self._settings.pulley_ratio)
+        return analyse(
+            trace.without(self._zero), point.angle, point.load, self._settings.slide, self._settings.pulley_ratio
+        )
 
     def _doubt(self, journal: Journal, point: Point, slide: Slide) -> str:
         """Friction grows with the angle: a point that falls clearly below a smaller angle's has the wrong angle."""
@@ -241,18 +247,28 @@ class Procedure:
 
     # -- zero ------------------------------------------------------------------------------------------------------
 
-    def _zero(self, points: dict[int, Point], journal: Journal) -> None:
+    def _set_zero(self, points: dict[int, Point], journal: Journal) -> None:
         first = next((points[i] for i in sorted(points) if i not in journal.points), points[0])
         off = Point(first.angle, 0.0)
         text = "Take the weight off and leave the cable slack: the gauge is set to zero."
         self._operator.confirmed(Step(Phase.SET_UP, 0, len(points), off, text))
         self._gauge.tare()
+        # The gauge takes one noisy reading for its zero; the mean of many says what that left.
+        self._zero = self._mean_tension()
+
+    def _mean_tension(self) -> float:
+        readings = []
+        for _ in range(_ZERO_READINGS):
+            readings.append(self._gauge.tension())
+            if self._clock.wait(self._settings.pull.sample_period):
+                raise StoppedError("the measurement was stopped")
+        return float(np.mean(readings))
 
     def _check_zero(self, points: dict[int, Point], journal: Journal) -> None:
         off = Point(points[max(points)].angle, 0.0)
         text = "Take the weight off and leave the cable slack: the gauge's zero is checked."
         self._operator.confirmed(Step(Phase.SET_UP, len(points) - 1, len(points), off, text))
-        drift = float(np.median([self._gauge.tension() for _ in range(5)]))
+        drift = self._mean_tension() - self._zero
         if abs(drift) > self._settings.zero_drift_limit:
             for index in list(journal.points):
                 journal.withdraw(index, "the gauge's zero drifted")

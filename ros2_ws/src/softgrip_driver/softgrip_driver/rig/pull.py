@@ -87,6 +87,11 @@ class Trace:
     pull: Stroke
     release: Stroke
 
+    def without(self, zero: float) -> Trace:
+        """Return the trace with the gauge's zero [N] taken out."""
+        strokes = (Stroke(s.time, s.travel, s.tension - zero) for s in (self.rest, self.pull, self.release))
+        return Trace(*strokes)
+
 
 def record_pull(
     stage: Stage, gauge: Gauge, settings: PullSettings, clock: RigClock, on_sample: Callable[[Sample], None]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Self
 
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.rig.amplifier import StreamAmplifier
+from softgrip_emulator.rig.grbl import GrblStage
 from softgrip_emulator.rig.mark10_gauge import Mark10Gauge
 from softgrip_emulator.rig.mark10_stand import Mark10Stand
 from softgrip_emulator.rig.plant import RigPlant
@@ -36,17 +38,30 @@ class EmulatedRig:
         time_scale: cell seconds per wall second; the driver must be told the same.
         truth: what is so, instead of what the seed draws.
         clock: shared cell time, instead of an own one.
+        stage: "mark10" (test stand) or "grbl" (linear stage).
+        gauge: "gcl2" (Mark-10), or a format of `softgrip_emulator.rig.amplifier.FORMATS` for a streaming amplifier.
     """
 
     def __init__(
-        self, seed: int = 1, time_scale: float = 1.0, *, truth: RigTruth | None = None, clock: CellClock | None = None
+        self,
+        seed: int = 1,
+        time_scale: float = 1.0,
+        *,
+        truth: RigTruth | None = None,
+        clock: CellClock | None = None,
+        stage: str = "mark10",
+        gauge: str = "gcl2",
     ) -> None:
         self.clock = clock or CellClock(time_scale)
         self.truth = truth or RigTruth.from_seed(seed)
         self.plant = RigPlant(self.truth, seed)
         self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
-        self.stand = Mark10Stand(self.plant, self.cell)
-        self.gauge = Mark10Gauge(self.cell)
+        self.stand: Mark10Stand | GrblStage = (
+            GrblStage(self.plant) if stage == "grbl" else Mark10Stand(self.plant, self.cell)
+        )
+        self.gauge: Mark10Gauge | StreamAmplifier = (
+            Mark10Gauge(self.cell) if gauge == "gcl2" else StreamAmplifier(self.cell, gauge)
+        )
         self._ports: dict[str, PtyPort] = {}
         self._misplaced: dict[str, float] = {}
         self._active: dict[str, Callable[[], None]] = {}
@@ -119,40 +134,55 @@ class EmulatedRig:
                 undo()
 
     def _makers(self) -> dict[str, Callable[..., Callable[[], None]]]:
-        return {
+        makers: dict[str, Callable[..., Callable[[], None]]] = {
             "stand_silent": lambda: _flag(self.stand, "silent"),
             "gauge_silent": lambda: _flag(self.gauge, "silent"),
-            "illegal_command": lambda: _flag(self.gauge, "illegal"),
             "stand_reply_cut": lambda: _flag(self.stand, "reply_cut"),
             "gauge_reply_cut": lambda: _flag(self.gauge, "reply_cut"),
             "cell_stuck": lambda: _flag(self.cell, "stuck"),
-            "unit_switched": self._unit_switched,
-            "auto_return": self._auto_return,
-            "contaminated_stream": self._contaminated,
             "saturated": self._saturated,
             "drift": self._drift,
             "stage_jammed": self._jammed,
             "unplugged": self._unplugged,
             "wrong_weight": lambda factor=0.0: self._misplace("wrong_weight", float(factor)),
             "wrong_angle": lambda angle=-0.5: self._misplace("wrong_angle", float(angle)),
-            "battery_low": self._battery_low,
         }
+        return makers | self._stand_faults() | self._gauge_faults()
 
-    def _unit_switched(self, unit: str = "LB") -> Callable[[], None]:
-        self.gauge.panel_unit(unit)
-        return lambda: self.gauge.panel_unit("N")
+    def _stand_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
+        stand = self.stand
+        if isinstance(stand, GrblStage):
+            return {"alarm": lambda: _flag(stand, "alarm")}
 
-    def _auto_return(self) -> Callable[[], None]:
-        self.stand.panel_auto_return()
+        def auto_return() -> Callable[[], None]:
+            stand.panel_auto_return()
+            return lambda: setattr(stand, "pc_control", True)
 
-        def undo() -> None:
-            self.stand.pc_control = True
+        return {"auto_return": auto_return}
 
-        return undo
+    def _gauge_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
+        gauge = self.gauge
+        if isinstance(gauge, StreamAmplifier):
+            return {"contaminated_stream": lambda: _flag(gauge, "noisy")}
 
-    def _contaminated(self, rate: float = 50.0) -> Callable[[], None]:
-        self.gauge.panel_auto_output(int(rate), self.clock.now_s())
-        return lambda: self.gauge.panel_auto_output(0, self.clock.now_s())
+        def unit_switched(unit: str = "LB") -> Callable[[], None]:
+            gauge.panel_unit(unit)
+            return lambda: gauge.panel_unit("N")
+
+        def contaminated(rate: float = 50.0) -> Callable[[], None]:
+            gauge.panel_auto_output(int(rate), self.clock.now_s())
+            return lambda: gauge.panel_auto_output(0, self.clock.now_s())
+
+        def battery_low() -> Callable[[], None]:
+            gauge.battery = 3
+            return lambda: setattr(gauge, "battery", 0)
+
+        return {
+            "illegal_command": lambda: _flag(gauge, "illegal"),
+            "unit_switched": unit_switched,
+            "contaminated_stream": contaminated,
+            "battery_low": battery_low,
+        }
 
     def _saturated(self, capacity: float = 1.5) -> Callable[[], None]:
         before, self.cell.capacity = self.cell.capacity, capacity
@@ -185,14 +215,6 @@ class EmulatedRig:
 
         def undo() -> None:
             self._misplaced.pop(what, None)
-
-        return undo
-
-    def _battery_low(self) -> Callable[[], None]:
-        self.gauge.battery = 3
-
-        def undo() -> None:
-            self.gauge.battery = 0
 
         return undo
 

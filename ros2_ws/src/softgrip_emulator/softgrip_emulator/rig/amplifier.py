@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A load-cell amplifier that streams lines whether asked or not: HX711 on an Arduino, OpenScale, a scale."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from softgrip_emulator.wire.device import Chunk
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from softgrip_emulator.rig.sensor import LoadCell
+
+#: Counts per newton of the raw formats: a 50 N cell at gain 128.
+COUNTS_PER_NEWTON: Final = 80000.0
+_HIGHEST_CODE: Final = 8388607
+_GRAVITY: Final = 9.81
+
+
+def _raw(force: float) -> int:
+    return _HIGHEST_CODE if math.isinf(force) else round(force * COUNTS_PER_NEWTON)
+
+
+def _scale(force: float) -> str:
+    return "OL,GS,  -------kg" if math.isinf(force) else f"ST,GS,{force / _GRAVITY:+8.4f}kg"
+
+
+#: Format -> (force [N], time [s]) to a line.
+FORMATS: dict[str, Callable[[float, float], str]] = {
+    "raw": lambda force, _: f"{_raw(force)}",
+    "time_raw": lambda force, now: f"{round(now * 1e3)},{_raw(force)}",
+    "grams": lambda force, _: f"Reading: {1e3 * force / _GRAVITY:.2f} g",
+    "newtons": lambda force, _: f"{force:.3f} N",
+    "openscale": lambda force, now: f"{round(now * 1e3)},{force / _GRAVITY:.4f},kg,24.5,",
+    "scale": lambda force, _: _scale(force),
+}
+
+
+class StreamAmplifier:
+    """The amplifier (a `WireDevice`).
+
+    Args:
+        cell: its load cell.
+        line: one of `FORMATS`.
+        rate_hz: lines a second; HX711 gives 10 or 80.
+        baud: its speed.
+    """
+
+    def __init__(self, cell: LoadCell, line: str = "grams", rate_hz: float = 80.0, baud: int = 115200) -> None:
+        self._cell = cell
+        self._line = FORMATS[line]
+        self._period_s = 1.0 / rate_hz
+        self._baud = baud
+        self._next_s: float | None = None
+        #: Nothing comes any more. reply_cut: every line loses its second half, end included.
+        self.silent = False
+        self.reply_cut = False
+        #: Noise among the lines.
+        self.noisy = False
+
+    def opened(self, now_s: float) -> Sequence[Chunk]:
+        """The stream is met in the middle of a line."""
+        self._next_s = now_s + self._period_s
+        line = self._text(now_s)
+        return [] if self.silent else [Chunk(line[len(line) // 2 :], now_s)]
+
+    def due_s(self) -> float | None:
+        """When the next line goes out [s]."""
+        return None if self.silent else self._next_s
+
+    def exchange(self, data: bytes, now_s: float, baud: int) -> Sequence[Chunk]:  # noqa: ARG002  it does not listen
+        """The next line when due; what the host says is ignored."""
+        if self.silent or self._next_s is None or now_s < self._next_s:
+            return []
+        self._next_s = max(self._next_s + self._period_s, now_s)
+        if baud != self._baud:
+            return [Chunk(b"\xfe\x00\x86", now_s)]
+        line = self._text(now_s)
+        if self.reply_cut:
+            line = line[: len(line) // 2]
+        if self.noisy:
+            line = b"\xff#" + line
+        return [Chunk(line, now_s)]
+
+    def _text(self, now_s: float) -> bytes:
+        return self._line(self._cell.read(now_s), now_s).encode("ascii") + b"\r\n"

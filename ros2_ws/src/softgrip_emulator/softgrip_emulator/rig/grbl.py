@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A GRBL 1.1h controller whose X axis pulls the cable, at the device end of its wire.
+
+Opening the port resets it (Arduino); real-time bytes are obeyed at once, lines are answered by ok or error:N.
+Source: gnea/grbl, doc/markdown/{interface,jogging,commands}.md; checked against the compiled grbl-sim.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+from softgrip_emulator.wire.device import Chunk
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from softgrip_emulator.rig.plant import RigPlant
+
+BAUD: Final = 115200
+_MM: Final = 1e3
+_BANNER: Final = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+_REALTIME: Final = re.compile(rb"[?!~\x18\x84\x85\x90-\x9d\xa0\xa1]")
+_WORD: Final = re.compile(rb"([A-Z])(-?\d+(?:\.\d+)?)")
+_OFFSET_EVERY: Final = 10
+
+
+class GrblStage:
+    """The controller (a `WireDevice`).
+
+    Args:
+        plant: what it moves.
+        soft_limits_mm: of machine position ($130, $20=1).
+    """
+
+    def __init__(self, plant: RigPlant, soft_limits_mm: tuple[float, float] = (-200.0, 200.0)) -> None:
+        self._plant = plant
+        self._limits_mm = soft_limits_mm
+        self._buffer = b""
+        self._reports = 0
+        #: Set to lock it until $X.
+        self.alarm = False
+        #: No answer at all. reply_cut: replies lose their second half.
+        self.silent = False
+        self.reply_cut = False
+
+    def opened(self, now_s: float) -> Sequence[Chunk]:
+        """DTR resets the Arduino; a reset in motion loses the position."""
+        return [] if self.silent else [Chunk(self._reset(now_s), now_s)]
+
+    def due_s(self) -> float | None:
+        """GRBL speaks when spoken to (alarms aside)."""
+        return None
+
+    def exchange(self, data: bytes, now_s: float, baud: int) -> Sequence[Chunk]:
+        """Real-time bytes and lines to replies."""
+        if self.silent or baud != BAUD:
+            return []
+        out = b""
+        with self._plant.lock:
+            self._plant.advance(now_s)
+            for byte in _REALTIME.findall(data):
+                out += self._realtime(byte, now_s)
+            self._buffer += _REALTIME.sub(b"", data)
+            *lines, self._buffer = re.split(rb"\r\n|\r|\n", self._buffer)
+            for line in lines:
+                if line:
+                    out += self._line(line.replace(b" ", b"").upper())
+        if self.reply_cut and out:
+            out = out[: max(1, len(out) // 2)]
+        return [Chunk(out, now_s)] if out else []
+
+    # -- real time -------------------------------------------------------------------------------------------------
+
+    def _realtime(self, byte: bytes, now_s: float) -> bytes:
+        if byte == b"?":
+            return self._report()
+        if byte == b"\x18":
+            return self._reset(now_s)
+        if byte in {b"!", b"\x85", b"\x84"}:
+            # A hold of a jog cancels it, too (jogging.md).
+            self._plant.stop()
+        return b""
+
+    def _reset(self, now_s: float) -> bytes:
+        with self._plant.lock:
+            self._plant.advance(now_s)
+            in_motion = self._plant.velocity != 0.0
+            self._plant.stop()
+            self._buffer = b""
+            if in_motion:
+                self.alarm = True
+                return b"ALARM:3\r\n" + _BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"
+            return _BANNER
+
+    @property
+    def _state(self) -> bytes:
+        if self.alarm:
+            return b"Alarm"
+        return b"Jog" if self._plant.velocity else b"Idle"
+
+    def _report(self) -> bytes:
+        self._reports += 1
+        fields = [self._state, b"MPos:%.3f,0.000,0.000" % (self._plant.travel * _MM), b"Bf:15,128"]
+        fields.append(b"FS:%d,0" % round(abs(self._plant.velocity) * 60.0 * _MM))
+        if self._reports % _OFFSET_EVERY == 1:
+            fields.append(b"WCO:0.000,0.000,0.000")
+        return b"<" + b"|".join(fields) + b">\r\n"
+
+    # -- lines -----------------------------------------------------------------------------------------------------
+
+    def _line(self, line: bytes) -> bytes:
+        if line == b"$X":
+            self.alarm = False
+            return b"[MSG:Caution: Unlocked]\r\nok\r\n"
+        if line == b"$I":
+            return b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
+        if line.startswith(b"$J="):
+            return self._jog(line[3:])
+        error = b"3" if line.startswith(b"$") else b"9" if self.alarm else self._modal_error(line)
+        return b"error:%s\r\n" % error if error else b"ok\r\n"
+
+    @staticmethod
+    def _modal_error(line: bytes) -> bytes:
+        words = _WORD.findall(line)
+        if b"".join(letter + number for letter, number in words) != line:
+            return b"2"
+        known = {b"G21", b"G90", b"G91", b"G53", b"G4", b"G20"}
+        return b"" if all(letter != b"G" or letter + number in known for letter, number in words) else b"20"
+
+    def _jog(self, line: bytes) -> bytes:
+        if self.alarm:
+            return b"error:9\r\n"
+        words = dict.fromkeys(letter + number for letter, number in _WORD.findall(line))
+        values = {word[:1]: float(word[1:]) for word in words if word[:1] in b"XF"}
+        if b"".join(words) != line or b"X" not in values:
+            return b"error:16\r\n"
+        if not values.get(b"F"):
+            return b"error:22\r\n"
+        scale = 25.4 if b"G20" in words else 1.0
+        target_mm = values[b"X"] * scale + (self._plant.travel * _MM if b"G91" in words else 0.0)
+        if not self._limits_mm[0] <= target_mm <= self._limits_mm[1]:
+            return b"error:15\r\n"
+        self._plant.move(target_mm / _MM, values[b"F"] * scale / _MM / 60.0)
+        return b"ok\r\n"
