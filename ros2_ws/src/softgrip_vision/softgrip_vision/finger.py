@@ -21,7 +21,7 @@ from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2
 from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
-from softgrip_vision.looks import MOST_AREA, Looks, colour_at, surround_of
+from softgrip_vision.looks import MOST_AREA, Looks, alike, colour_at, surround_of
 from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
 from softgrip_vision.search import FoundChain, find_chain, search_spots
 from softgrip_vision.spots import Spot, Window, find_spots, window_around
@@ -40,6 +40,9 @@ KNOWN_HUE_HALF_ANGLE = 40.0
 LONGEST_GAP = 0.5
 #: A place expected to better than this share of a marker's diameter leaves no room for another marker.
 SURE_REACH = 0.3
+#: A marker that was in sight just now is taken at a place expected to this share of its diameter, when the marker
+#: before it on the chain is hidden.
+MODEST_REACH = 0.8
 #: With more markers out of sight than this, the whole image is searched at once.
 MOST_HIDDEN = 2
 #: [m] and relative: how far the distance to the marker before may be off the link's length.
@@ -159,13 +162,22 @@ class FingerTracker:
             problem = self._acquire(image)
             if problem:
                 return self._silent(problem)
-            self._last_sound = self._last_complete = stamp
-        assert self._filter is not None
+            self._last_sound = stamp
+            return self._confirm(image, rivals, stamp)
         seen = self._follow_all(image, self._filter, rivals)
         doubtful = seen.count(None) > MOST_HIDDEN or stamp - self._last_complete > self.options.patience
         # A joint may have moved faster than predicted, or a marker changed its looks for good.
         if doubtful and not self._acquire(image):
-            seen = self._follow_all(image, self._filter, rivals)
+            return self._confirm(image, rivals, stamp)
+        return self._conclude(self._filter, seen, stamp)
+
+    def _confirm(self, image: Image, rivals: Array, stamp: float) -> FingerReading:
+        """Conclude on a chain just found: every one of its markers has to stand the test of following."""
+        assert self._filter is not None
+        seen = self._follow_all(image, self._filter, rivals)
+        if None in seen:
+            self.reset()
+            return self._silent("a chain was found that does not hold; searching the whole image")
         return self._conclude(self._filter, seen, stamp)
 
     def _follow_all(self, image: Image, chain: ChainFilter, rivals: Array) -> list[Seen | None]:
@@ -185,13 +197,17 @@ class FingerTracker:
                 f"{len(spots)} spots of that colour and size that do not form it; check light, markers, profile and "
                 "calibration"
             )
+        if not alike(image, found.spots):
+            return "the markers found differ in size, colour or surroundings; is something green in the picture?"
         self._start(image, found)
         return ""
 
     def _start(self, image: Image, found: FoundChain) -> None:
         colours = [colour_at(image, spot) for spot in found.spots]
         self._colour = ColourModel(hue_of(np.median(colours, axis=0)), KNOWN_HUE_HALF_ANGLE)
-        self._looks = [Looks(spot.area_px, spot.height, surround_of(image, spot)) for spot in found.spots]
+        # All markers of a finger have one size; the middle one of five is better known than each.
+        area = float(np.median([spot.area_px for spot in found.spots]))
+        self._looks = [Looks(area, spot.height, surround_of(image, spot)) for spot in found.spots]
         self._in_sight = [True] * len(found.spots)
         self._returning.clear()
         self._filter = ChainFilter(self._geometry)
@@ -224,6 +240,11 @@ class FingerTracker:
             self._returning.pop(marker, None)
             return None
         surround = surround_of(image, best.spot)
+        if parent is None and marker > 0:
+            # Nothing near holds it: only a place that is well known will do.
+            trusted = SURE_REACH if not self._in_sight[marker] else MODEST_REACH
+            if reach > trusted * self._diameter_px or not looks.resembles(best.spot, surround):
+                return None
         if not self._in_sight[marker] and not self._returns(marker, best, surround, reach):
             return None
         chain.update(marker, best.point, best.noise)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ MOST_AREA = 1.7
 HEIGHT_FACTOR = 3.0
 #: Natural logarithm of how much the brightness around a marker, relative to its own, may differ when it comes back.
 SURROUND_TOLERANCE = 0.4
+#: Largest over smallest among the markers of one finger in one frame: area, height (some may be in shadow), surround.
+ALIKE_AREA, ALIKE_HEIGHT, ALIKE_SURROUND = 1.2, 4.0, 2.3
 #: Radius of the ring around a marker that shows the finger, in marker radii, and its samples.
 RING_RADIUS = 1.4
 RING_SAMPLES = 16
@@ -81,6 +84,18 @@ class Looks:
         size = math.exp(-0.5 * (math.log(spot.area_px / self.area_px) / 0.25) ** 2)
         contrast = 1.0 - math.exp(-spot.height / (4.0 * spot.noise))
         return size * contrast * spot.solidity * math.exp(-0.5 * distance / gate)
+
+
+def alike(image: Image, spots: Sequence[Spot]) -> bool:
+    """Return whether spots, base to tip, may be the markers of one finger: same size, similar light, same body behind.
+
+    The base marker sits on the mount, so its surroundings may differ.
+    """
+    areas = [spot.area_px for spot in spots]
+    heights = [spot.height for spot in spots]
+    surrounds = [surround_of(image, spot) for spot in spots[1:]]
+    limits = ((areas, ALIKE_AREA), (heights, ALIKE_HEIGHT), (surrounds, ALIKE_SURROUND))
+    return all(max(values) <= factor * min(values) for values, factor in limits)
 
 
 def surround_of(image: Image, spot: Spot) -> float:

@@ -20,11 +20,13 @@ from softgrip_vision.spots import Spot, Window, find_spots
 Array = NDArray[np.float64]
 
 #: A marker keeps at least so many pixels across in the reduced search image.
-SEARCH_DIAMETER_PX = 4.0
+SEARCH_DIAMETER_PX = 5.0
 #: The search threshold in noise deviations of the reduced image, and its least value [grey levels].
 SEARCH_SIGMAS = 6.0
 SEARCH_FLOOR = 10.0
-#: Spots looked at in full resolution, most colourful first.
+#: Multiples of the threshold that are tried.
+SEARCH_LEVELS = (1.0, 2.0, 4.0, 8.0)
+#: Spots looked at in full resolution at each of them.
 MOST_SPOTS = 80
 #: Relative area of a marker against the calibrated one.
 AREA_RATIO = (0.4, 1.8)
@@ -70,21 +72,28 @@ def search_spots(image: Image, region: Window, colour: ColourModel, diameter_px:
     reduced = cv2.resize(view, size, interpolation=cv2.INTER_AREA) if factor > 1 else view
     signal = colour.signal(np.asarray(reduced, dtype=np.uint8))
     threshold = search_threshold(signal)
-    count, _, stats, _ = cv2.connectedComponentsWithStats((signal > threshold).astype(np.uint8), connectivity=8)
-    if count <= 1:
-        return []
-    areas = stats[1:, cv2.CC_STAT_AREA] * factor**2
-    wanted = np.flatnonzero((areas > 0.2 * area) & (areas < 4.0 * area)) + 1
-    if len(wanted) > MOST_SPOTS:
-        nearest = np.argsort(np.abs(np.log(areas[wanted - 1] / area)), kind="stable")
-        wanted = wanted[nearest[:MOST_SPOTS]]
+    strongest = float(signal.max())
     spots: list[Spot] = []
-    for index in wanted:
-        left, top, width, height = (int(value) * factor for value in stats[index, :4])
-        margin = math.ceil(diameter_px)
-        window = _clip(region.left + left - margin, region.top + top - margin, width, height, margin, image.shape)
-        spots += find_spots(image, window, colour, threshold, (AREA_RATIO[0] * area, AREA_RATIO[1] * area))
+    # What touches something green at a low threshold comes apart at a higher one.
+    for level in threshold * np.array(SEARCH_LEVELS):
+        if level >= strongest:
+            break
+        for left, top, width, height in _components(signal > level, area / factor**2):
+            margin = math.ceil(diameter_px)
+            corner = (region.left + left * factor - margin, region.top + top * factor - margin)
+            window = _clip(*corner, width * factor, height * factor, margin, image.shape)
+            spots += find_spots(image, window, colour, level, (AREA_RATIO[0] * area, AREA_RATIO[1] * area))
     return _distinct([spot for spot in spots if spot.roundness >= LEAST_ROUNDNESS], diameter_px)
+
+
+def _components(mask: NDArray[np.bool_], area: float) -> list[tuple[int, int, int, int]]:
+    """Return left, top, width, height of the components of roughly an area [px^2], those nearest to it first."""
+    count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    stats = stats[1:count]
+    areas = stats[:, cv2.CC_STAT_AREA]
+    stats = stats[(areas > 0.2 * area) & (areas < 4.0 * area)]
+    order = np.argsort(np.abs(np.log(stats[:, cv2.CC_STAT_AREA] / area)), kind="stable")[:MOST_SPOTS]
+    return [(int(left), int(top), int(width), int(height)) for left, top, width, height, _ in stats[order]]
 
 
 def _clip(left: int, top: int, width: int, height: int, margin: int, shape: tuple[int, ...]) -> Window:
