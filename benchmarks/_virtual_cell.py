@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The emulated cell in virtual time: plant and servo firmware of the emulator under the driver's own backend and controller.
+"""The emulated cell in virtual time: the emulator's plant and servos under the driver's own backend and controller.
 
-Nothing is left out but the serial port and the middleware: the driver's code reads registers and writes goals as it does on a
-bus, and what comes out is what tendon/state, tendon/status and finger/predicted would carry.
+Nothing is left out but the serial port and the middleware: the driver's code reads registers and writes goals as it does
+on a bus, and what comes out is what tendon/state, tendon/status and finger/predicted would carry.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Press, Step
@@ -40,6 +41,9 @@ from softgrip_model.profile import Profile, load_directory
 
 SLOTS = ("index", "middle", "thumb")
 PROFILES = Path(__file__).parents[1] / "ros2_ws/src/softgrip_bringup/profiles"
+
+
+CHECK = CheckSettings()
 
 
 class _VirtualBus(Bus):
@@ -154,9 +158,7 @@ class VirtualCell:
 
     def samples(self) -> tuple[ModelSample, ...]:
         """What tendon/state would carry now."""
-        return tuple(
-            ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots()
-        )
+        return tuple(ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots())
 
     def _cycle(self) -> None:
         target = self.plant.now_s + self.period_s
@@ -173,7 +175,6 @@ class VirtualCell:
                 setpoints[tendon] = action.setpoint
         if setpoints:
             self._backend.write(setpoints)
-
 
     # --- what grasp_mix_manager does with it --------------------------------------------------------------------------
 
@@ -197,7 +198,7 @@ class VirtualCell:
         """Open the fingers."""
         self.finish(self.move(0.0, 0.05), 5.0)
 
-    def check(self, settings: CheckSettings = CheckSettings()) -> Mapping[str, FingerCheck]:
+    def check(self, settings: CheckSettings = CHECK) -> Mapping[str, FingerCheck]:
         """Close on nothing and judge, as a swap does."""
         self.open()
         closing = EmptyClosing(SLOTS, settings)
@@ -258,7 +259,8 @@ class VirtualCell:
                 self.controller.move(MoveRequest(names, MoveMode.TENSION, command.tensions_n), now_s)
             else:
                 ticket = self.controller.move(
-                    MoveRequest(SLOTS, MoveMode.LENGTH, [max(0.0, s.length) for s in self.controller.snapshots()]), now_s
+                    MoveRequest(SLOTS, MoveMode.LENGTH, [max(0.0, s.length) for s in self.controller.snapshots()]),
+                    now_s,
                 )
                 self.controller.cancel(ticket, now_s)
 
@@ -272,11 +274,21 @@ def calibrated(seed: int) -> ActiveFriction:
     return ActiveFriction(f"nine points, seed {seed}", found.law)
 
 
-def task(product: Product, finger_set: str, checks: Mapping[str, FingerCheck], *, confirm_lift: bool = True) -> GraspTask:
+def task(
+    product: Product, finger_set: str, checks: Mapping[str, FingerCheck], *, confirm_lift: bool = True
+) -> GraspTask:
     """The task that the manager would begin; every finger has to have passed its check."""
     references = []
     for slot in SLOTS:
         reference = checks[slot].reference
         assert reference is not None, checks[slot]
         references.append(reference)
-    return GraspTask(product, product.recipe_for(finger_set), SLOTS, tuple(references), SLOTS.index("thumb"), confirm_lift)
+    return GraspTask(
+        product,
+        product.recipe_for(finger_set),
+        SLOTS,
+        tuple(references),
+        SLOTS.index("thumb"),
+        confirm_lift,
+        finger_set != "hook",
+    )

@@ -17,7 +17,7 @@ from softgrip_cell.grasp.values import GraspTask, Outcome, Verdict
 from softgrip_cell.observation import TendonSample
 from softgrip_cell.outcomes import SuccessEstimate, Tally, estimate
 from softgrip_cell.planner import Durations, Order, Plan, admissible_sets, plan_mix
-from softgrip_cell.products import Catalogue, FingerSet, Product
+from softgrip_cell.products import Catalogue, FingerSet, Grasp, Product
 from softgrip_cell.storage.journal import Journal, OpenOperation, Slot
 from softgrip_cell.storage.library import Library
 from softgrip_cell.swap.check import Finding, FingerCheck
@@ -231,7 +231,8 @@ class Cell:
         self._journal.begin("grasp", product_id, mounted.id)
         self._busy, self._product, self._note = Mode.GRASPING, product_id, ""
         names = tuple(slot.name for slot in self._slots)
-        return GraspTask(product, recipe, names, references, self._thumb, confirm_lift)
+        opposed = mounted.grasp is not Grasp.HOOK
+        return GraspTask(product, recipe, names, references, self._thumb, confirm_lift, opposed)
 
     def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
         """Write down what came of a grasp and give the cell back."""

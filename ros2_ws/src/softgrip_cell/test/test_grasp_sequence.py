@@ -47,6 +47,12 @@ def test_touching_from_one_side_only_holds_nothing(run, task, bench, contact_m) 
     assert "only" in verdict.reason
 
 
+def test_a_hook_carries_with_the_fingers_alone(run, task, bench) -> None:
+    made = replace(task("tomato_vine", confirm_lift=True), opposed=False)
+    verdict = verdict_of(run, GraspSequence(made, SETTINGS), bench(contact_m=(0.008, 0.009, math.inf)))
+    assert verdict.outcome is Outcome.GRIPPED
+
+
 @pytest.mark.parametrize("stiffness", [500.0, 2000.0, 8000.0])
 @pytest.mark.parametrize("product", ["egg", "grape", "muffin", "orange"])
 def test_force_stays_below_what_the_product_bears(run, task, bench, stiffness: float, product: str) -> None:

@@ -28,6 +28,10 @@ LEAST_TENSION_N: Final = 1.0
 KEEP_SHARE: Final = 0.85
 KEEP_PERIOD_S: Final = 0.1
 
+#: A hold counts when nothing had to be pulled again for REST_S; it has GIVING_WAY_S beyond the window for that [s].
+REST_S: Final = 0.3
+GIVING_WAY_S: Final = 3.0
+
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
 START_S: Final = 2.0
@@ -191,7 +195,12 @@ class GraspSequence:
             lifted_s = self._elapsed_s(began_ns)
             reason = f"lost after {lifted_s:.2f} s of lifting: {self._excess_text()}; before: {self._before}"
             return self._end(Outcome.SLIPPED, reason, began_ns)
-        if self._elapsed_s(now_ns) >= self._settings.lift_window_s and not self._runs:
+        over_s = self._elapsed_s(now_ns) - self._settings.lift_window_s
+        if over_s >= GIVING_WAY_S:
+            return self._end(
+                Outcome.SLIPPED, f"keeps giving way: {self._excess_text()}; before: {self._before}", now_ns
+            )
+        if over_s >= 0.0 and not self._runs and self._at_rest(now_ns):
             reason = f"held for {self._settings.lift_window_s:g} s: {self._excess_text()}"
             return self._end(Outcome.GRIPPED, reason, now_ns)
         return Step(self._phase, self._keep_up(now_ns))
@@ -218,6 +227,10 @@ class GraspSequence:
             pressing.append(reading.excess_n >= share * reading.threshold_n and not ran_out)
         return self._encloses(pressing)
 
+    def _at_rest(self, now_ns: int) -> bool:
+        """No finger had to be pulled again lately: what has to be followed all the time is not held."""
+        return now_ns - max(self._kept_since_ns.values()) >= REST_S * NANOSECONDS
+
     def _lost_tendon(self, now_ns: int) -> Step | None:
         settings = self._settings
         for name, reading in zip(self._task.slots, self._readings, strict=True):
@@ -237,8 +250,8 @@ class GraspSequence:
         return None
 
     def _encloses(self, fingers: Sequence[bool]) -> bool:
-        """The thumb and at least one finger against it."""
-        return fingers[self._task.thumb] and sum(fingers) > 1
+        """The thumb and at least one finger against it; with a hook any two fingers."""
+        return sum(fingers) > 1 and (fingers[self._task.thumb] or not self._task.opposed)
 
     def _began(self, what: str, condition: bool, now_ns: int, wait_s: float | None = None) -> int | None:
         """Follow a condition; return the stamp of the first sample of its run once the run is long enough.

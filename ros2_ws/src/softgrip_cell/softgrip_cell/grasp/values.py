@@ -39,6 +39,7 @@ class GraspTask:
         slots: names, in slot order.
         references: free motion of the finger in each slot.
         thumb: index of the slot that presses against the others.
+        opposed: the thumb has to press; a hook carries with the fingers alone.
         confirm_lift: watch the hold for the lift window before saying GRIPPED.
     """
 
@@ -48,6 +49,7 @@ class GraspTask:
     references: tuple[FreeReference, ...]
     thumb: int
     confirm_lift: bool
+    opposed: bool = True
 
 
 @dataclass(frozen=True)

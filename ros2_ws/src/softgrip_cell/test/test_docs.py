@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every ros2 command line in docs/cell.md fits the interfaces: type, fields, and name as the code has it."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[4]
+PAGE = ROOT / "docs" / "cell.md"
+CALL = re.compile(r'ros2 (?:service call|action send_goal)(?: --feedback)? (\S+) (\S+)/(srv|action)/(\S+) "(.*)"')
+CALLS = CALL.findall(PAGE.read_text())
+SERVED = {"/cell/select_product", "/cell/plan_mix", "/cell/confirm_step", "/cell/swap", "/cell/grasp"}
+
+
+def test_every_service_and_action_of_the_cell_is_shown() -> None:
+    assert {name for name, *_ in CALLS} >= SERVED
+    nodes = ROOT / "ros2_ws" / "src" / "softgrip_cell" / "softgrip_cell" / "nodes"
+    code = "".join(path.read_text() for path in nodes.glob("*.py"))
+    assert {f"/{name}" for name in re.findall(r'"(cell/\w+)"', code)} - {"/cell/state"} == SERVED
+
+
+@pytest.mark.parametrize(("name", "package", "kind", "interface", "text"), CALLS)
+def test_a_documented_call_fits_its_interface(name: str, package: str, kind: str, interface: str, text: str) -> None:
+    found = getattr(importlib.import_module(f"{package}.{kind}"), interface)
+    request = found.Request if kind == "srv" else found.Goal
+    fields = yaml.safe_load(text)
+    message = request(**fields)
+    assert set(fields) <= set(request.get_fields_and_field_types())
+    for field, value in fields.items():
+        assert type(getattr(message, field)) is type(value) or list(getattr(message, field)) == value
+
+
+def test_console_scripts_are_those_of_the_page() -> None:
+    scripts = re.findall(r"ros2 run softgrip_cell (\w+)", PAGE.read_text())
+    declared = (ROOT / "ros2_ws/src/softgrip_cell/setup.cfg").read_text()
+    assert scripts
+    assert all(f"    {script} = softgrip_cell." in declared for script in scripts)
