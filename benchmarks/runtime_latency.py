@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Latency, loss, rate and start-up of embedded/, and of the real rclpy when a ROS 2 is sourced.
 
-Two processes; the sender puts the monotonic clock, which processes of one machine share, into the message. The same file
-is run as the processes: `python runtime_latency.py ROLE ...` with whatever rclpy its interpreter finds.
+Two processes; the sender puts the monotonic clock, which processes of one machine share, into the message. The same
+file is run as the processes: `python runtime_latency.py ROLE ...` with whatever rclpy its interpreter finds.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 ROUNDS = 3
 JOINTS = 12
@@ -150,7 +153,12 @@ def serve() -> None:
 
     node.create_service(Trigger, "trigger", answer)
     print(READY, flush=True)
-    threading.Thread(target=lambda: (sys.stdin.readline(), rclpy.shutdown()), daemon=True).start()
+
+    def stop_with_input() -> None:
+        sys.stdin.readline()
+        rclpy.shutdown()
+
+    threading.Thread(target=stop_with_input, daemon=True).start()
     try:
         rclpy.spin(node)
     except ExternalShutdownException:
@@ -354,7 +362,14 @@ def main() -> None:
     if role is None:
         report()
     else:
-        {"receive": receive, "send": send, "serve": serve, "call": call, "start_up": start_up}[role](**arguments)
+        roles_by_name: dict[str, Callable[..., None]] = {
+            "receive": receive,
+            "send": send,
+            "serve": serve,
+            "call": call,
+            "start_up": start_up,
+        }
+        roles_by_name[role](**arguments)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ class _Loader(yaml.SafeLoader):
     """YAML 1.1, with ROS 2's reading of ``1e3`` as a float."""
 
 
-_Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
+_Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(
         r"^[-+]?(?:\d+\.\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
@@ -36,7 +36,7 @@ _Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
 
 def load_yaml(text: str, source: str) -> Any:
     """Parse YAML; ArgumentsError with source, line and reason when it does not parse."""
-    return _yaml(lambda loader: loader.get_single_data(), text, source)  # type: ignore[no-untyped-call]
+    return _yaml(lambda loader: loader.get_single_data(), text, source)
 
 
 def _yaml(read: Callable[[_Loader], Any], text: str, source: str) -> Any:
@@ -50,7 +50,7 @@ def _yaml(read: Callable[[_Loader], Any], text: str, source: str) -> Any:
     except yaml.YAMLError as error:
         raise ArgumentsError(f"{source}: not valid YAML: {error}") from error
     finally:
-        loader.dispose()  # type: ignore[no-untyped-call]
+        loader.dispose()
 
 
 @dataclass
@@ -91,11 +91,11 @@ def matches(pattern: str, full_node_name: str) -> bool:
     """Whether a node key of a parameter file names a node; ``*`` is one token, ``**`` any number of them."""
     pattern = "/" + pattern.lstrip("/")
     expression = ""
-    for token in pattern.split("/")[1:]:
-        if token == "**":
+    for part in pattern.split("/")[1:]:
+        if part == "**":
             expression += r"(?:/\w+)*"
         else:
-            expression += "/" + re.escape(token).replace(r"\*", r"\w+")
+            expression += "/" + re.escape(part).replace(r"\*", r"\w+")
     return re.fullmatch(expression, full_node_name) is not None
 
 
@@ -182,7 +182,7 @@ def parameter_value(value: Any, where: str) -> Any:
         if len(kinds) <= 1 and kinds <= {bool, int, float, str}:
             return value
     raise ArgumentsError(
-        f"{where}: expected true/false, a number, text, or a list of one of these, found {type(value).__name__} {value!r}"
+        f"{where}: expected true/false, a number, text or a list of these, found {type(value).__name__} {value!r}"
     )
 
 
@@ -199,7 +199,7 @@ def load_parameter_file(path: Path) -> list[tuple[str, dict[str, Any], str]]:
     found: list[tuple[str, dict[str, Any], str]] = []
 
     def read(loader: _Loader) -> None:
-        root = loader.get_single_node()  # type: ignore[no-untyped-call]
+        root = loader.get_single_node()
         if root is not None:
             _ParameterFile(loader, path, found).nodes(root, "")
 
@@ -248,5 +248,5 @@ class _ParameterFile:
                 continue
             if name in flat:
                 raise ArgumentsError(f"{self._place(value)}: parameter '{name}' is there twice; keep one")
-            plain = self._loader.construct_object(value, deep=True)  # type: ignore[no-untyped-call]
+            plain = self._loader.construct_object(value, deep=True)
             flat[name] = parameter_value(plain, f"{self._place(value)}: {name}")

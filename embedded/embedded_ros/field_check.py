@@ -76,30 +76,29 @@ def _check_items(kind: FieldType, value: Any, where: str, owner: Message) -> Non
 
 
 def _check_element(kind: FieldType, value: Any, where: str, owner: Message) -> None:
-    if kind.base in {"float32", "float64"}:
-        if not isinstance(value, float):
-            raise _wrong(where, "float", value)
-        if kind.base == "float32" and FLOAT32_MAX < abs(value) < float("inf"):
-            raise ValueError(f"{where}: expected a float32 (at most {FLOAT32_MAX:g}), found {value!r}")
-    elif kind.text:
+    if kind.text:
         _check_text(kind, value, where)
-    elif kind.base == "bool":
-        if not isinstance(value, bool):
-            raise _wrong(where, "bool", value)
     elif kind.base == "byte":
         if not (isinstance(value, bytes) and len(value) == 1):
             raise _wrong(where, "bytes of length 1", value)
     elif kind.primitive:
-        if not isinstance(value, int):
-            raise _wrong(where, "int", value)
-        low, high = INTEGER_RANGES["uint8" if kind.base == "char" else kind.base]
-        if not low <= value <= high:
-            raise ValueError(f"{where}: expected {kind.base} in [{low}, {high}], found {value}")
+        _check_number(kind.base, value, where)
+    elif not isinstance(value, owner._nested(kind.base)):
+        raise _wrong(where, kind.base, value)
     else:
-        nested = owner._nested(kind.base)
-        if not isinstance(value, nested):
-            raise _wrong(where, kind.base, value)
         explain(value, where)
+
+
+def _check_number(base: str, value: Any, where: str) -> None:
+    expected = {"float32": float, "float64": float, "bool": bool}.get(base, int)
+    if not isinstance(value, expected):
+        raise _wrong(where, expected.__name__, value)
+    if base == "float32" and FLOAT32_MAX < abs(value) < float("inf"):
+        raise ValueError(f"{where}: expected a float32 (at most {FLOAT32_MAX:g}), found {value!r}")
+    if expected is int:
+        low, high = INTEGER_RANGES["uint8" if base == "char" else base]
+        if not low <= value <= high:
+            raise ValueError(f"{where}: expected {base} in [{low}, {high}], found {value}")
 
 
 def _check_text(kind: FieldType, value: Any, where: str) -> None:

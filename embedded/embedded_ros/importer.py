@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lets ``from std_msgs.msg import String`` work: an import hook that makes message packages from their text.
 
-It steps aside when a real message package (built by rosidl) can be imported. Started by a .pth file, so it is kept small:
-everything else is imported when a message package is first asked for.
+It steps aside when a real message package (built by rosidl) can be imported. Started by a .pth file, so it is kept
+small: everything else is imported when a message package is first asked for.
 """
 
 from __future__ import annotations
 
 import sys
+from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +25,14 @@ _SUFFIXES = (
 )  # how ROS 2 asks such packages to be named; spares other imports
 
 
-class InterfaceFinder:
+class InterfaceFinder(MetaPathFinder):
     """Finds ``<pkg>`` and ``<pkg>.msg|srv|action`` of packages that define interfaces."""
 
     def find_spec(
-        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+        self,
+        name: str,
+        path: Sequence[str] | None = None,
+        target: ModuleType | None = None,  # noqa: ARG002  the protocol's signature
     ) -> ModuleSpec | None:
         """Return the spec of a package of interfaces, else None so that the next finder is asked."""
         package, _, kind = name.partition(".")
@@ -46,7 +50,7 @@ class InterfaceFinder:
         return ModuleSpec(name, _InterfaceLoader(), is_package=True)
 
 
-class _InterfaceLoader:
+class _InterfaceLoader(Loader):
     """Makes the modules; their classes come from the registry on first use."""
 
     def create_module(self, spec: ModuleSpec) -> None:
@@ -81,4 +85,4 @@ class _InterfaceLoader:
 def install() -> None:
     """Put the finder in front, once."""
     if not any(isinstance(finder, InterfaceFinder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, InterfaceFinder())  # type: ignore[arg-type]  # a duck-typed finder
+        sys.meta_path.insert(0, InterfaceFinder())

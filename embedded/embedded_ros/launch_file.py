@@ -23,12 +23,16 @@ from embedded_ros.substitutions import Scope, substitute, truth
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_PROCESS = {"name", "output", "cwd", "env", "if", "unless", "respawn", "respawn_delay", "respawn_max_retries", "launch-prefix",
-            "on_exit", "sigterm_timeout", "sigkill_timeout", "emulate_tty"}  # fmt: skip
+_PROCESS = {
+    "name", "output", "cwd", "env", "if", "unless", "respawn", "respawn_delay", "respawn_max_retries",
+    "launch-prefix", "on_exit",
+}  # fmt: skip
 _NODE = _PROCESS | {"pkg", "exec", "namespace", "param", "remap", "args", "ros_args", "exec_name"}
 _EXECUTABLE = _PROCESS | {"cmd", "shell"}
-_REFUSED = {"node_container", "load_composable_node", "ros_timer", "set_ros_log_dir", "reset", "reset_env", "composable_node",
-            "lifecycle_node"}  # fmt: skip
+_REFUSED = {
+    "node_container", "load_composable_node", "ros_timer", "set_ros_log_dir", "reset", "reset_env", "composable_node",
+    "lifecycle_node",
+}  # fmt: skip
 
 
 class Mapping(dict[str, Any]):
@@ -45,10 +49,10 @@ def _construct(loader: _Loader, node: yaml.MappingNode) -> Mapping:
     result = Mapping()
     result.line = node.start_mark.line + 1
     for key_node, value_node in node.value:
-        key = str(loader.construct_object(key_node, deep=True))  # type: ignore[no-untyped-call]
+        key = str(loader.construct_object(key_node, deep=True))
         if key in result:
             raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is there twice", key_node.start_mark)
-        result[key] = loader.construct_object(value_node, deep=True)  # type: ignore[no-untyped-call]
+        result[key] = loader.construct_object(value_node, deep=True)
     return result
 
 
@@ -183,7 +187,7 @@ class LaunchReader:
                     error
                     if text.startswith(str(frame.scope.file)) or ".yaml:" in text.split(" ", maxsplit=1)[0]
                     else LaunchError(f"{here}: {name}: {error}")
-                ) from error  # noqa: E501
+                ) from error
             except EmbeddedError as error:
                 raise LaunchError(f"{here}: {name}: {error}") from error
 

@@ -93,8 +93,9 @@ class LaunchRunner:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
+                text=False,
                 # Their own group: Ctrl-C in a terminal reaches them only through us, once, and helpers of theirs too.
-                **({"process_group": 0} if os.name == "posix" else {}),
+                process_group=0 if os.name == "posix" else None,
             )
         except OSError as error:
             self._say("ERROR", process.label, f"cannot be started: {error.strerror}: {process.command[0]}")

@@ -40,9 +40,6 @@ class _Constants(type):
             raise AttributeError(f"{cls.__name__}.{name} is a constant")
         super().__setattr__(name, value)
 
-    def __prepare__(name: str, bases: tuple[type, ...], **_: object) -> dict[str, object]:  # type: ignore[override]
-        return {}
-
 
 class Message(metaclass=_Constants):
     """Base of all message classes; subclasses are made by :func:`make_message`."""
@@ -173,7 +170,7 @@ def _default_factory(field: Field, owner: type[Message]) -> Callable[[], object]
         if kind.array == "fixed":
             values = np.zeros(kind.size, code) if default is None else np.array(default, code)
             return values.copy
-        start = array.array(code, default or [])  # type: ignore[arg-type]
+        start: array.array[Any] = array.array(code, list(default) if isinstance(default, list) else [])
         return lambda: start[:]
     if kind.array:
         if default is not None:
@@ -185,8 +182,7 @@ def _default_factory(field: Field, owner: type[Message]) -> Callable[[], object]
     if kind.primitive:
         value = _ZERO.get(kind.base, 0) if default is None else default
         return lambda: value
-    nested = owner._nested(kind.base)
-    return nested
+    return owner._nested(kind.base)
 
 
 def _property(field: Field) -> property:
@@ -236,13 +232,14 @@ def make_message(text: MessageText, lookup: Callable[[str], type[Message]]) -> t
         "SLOT_TYPES": tuple(field.type for field in text.fields),
         **constants,
     }
-    made: type[Message] = _Constants(name, (Message,), body)
+    made: Any = _Constants(name, (Message,), body)
     for field in text.fields:
         plain = not (field.type.array and field.type.base in ARRAY_CODES) and not checks_fields()
         # A plain field is the slot itself under its public name: no Python code runs on access.
         setattr(made, field.name, made.__dict__["_" + field.name] if plain else _property(field))
     made._constants = constants
-    return made
+    result: type[Message] = made
+    return result
 
 
 def parse_file(path: Path, package: str, kind: str) -> list[MessageText]:

@@ -151,7 +151,7 @@ def parse_remap(text: str) -> Remap:
 def remap_name(full_name: str, kind: str, node_name: str, namespace: str, rules: list[Remap]) -> str:
     """Apply the first rule that matches a fully qualified topic or service name."""
     for rule in rules:
-        if rule.kind in {"any", kind} and rule.node in {"", node_name}:
-            if expand(rule.source, node_name, namespace) == full_name:
-                return expand(rule.target, node_name, namespace)
+        concerned = rule.kind in {"any", kind} and rule.node in {"", node_name}
+        if concerned and expand(rule.source, node_name, namespace) == full_name:
+            return expand(rule.target, node_name, namespace)
     return full_name

@@ -160,7 +160,7 @@ class RouterKeeper:
         if self._thread is not None:
             self._thread.join()
         if self._router is not None:
-            self._router.close()
+            self._router.close()  # type: ignore[no-untyped-call]  # zenoh's stub
             self._router = None
 
 

@@ -81,7 +81,7 @@ class Registry:
             self._interfaces[full_name] = self._make_service(full_name, request, response)
         return self._interfaces[full_name]
 
-    def _make_service(self, full_name: str, request: MessageText, response: MessageText) -> type:
+    def _make_service(self, full_name: str, request: MessageText, response: MessageText) -> Any:
         event = MessageText(
             f"{full_name}_Event",
             (
@@ -129,7 +129,7 @@ class Registry:
             self._interfaces[full_name] = self._make_action(full_name, goal, result, feedback)
         return self._interfaces[full_name]
 
-    def _make_action(self, name: str, goal: MessageText, result: MessageText, feedback: MessageText) -> type:
+    def _make_action(self, name: str, goal: MessageText, result: MessageText, feedback: MessageText) -> Any:
         parts = {"Goal": self._add(goal), "Result": self._add(result), "Feedback": self._add(feedback)}
         send_goal = self._make_service(
             f"{name}_SendGoal",

@@ -92,7 +92,7 @@ class Link:
         return self._session.declare_querier(
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
-            consolidation=zenoh.QueryConsolidation(zenoh.ConsolidationMode.NONE),
+            consolidation=zenoh.ConsolidationMode.NONE,
             express=True,
             **options,
         )

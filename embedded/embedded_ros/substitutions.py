@@ -141,10 +141,12 @@ def _evaluate(_: Scope, *expression: str) -> str:
         raise LaunchError(f"$(eval {' '.join(expression)}): {error}") from error
 
 
-_EVAL_NAMES = {
-    name: getattr(__builtins__, name, None) if not isinstance(__builtins__, dict) else __builtins__[name]
-    for name in ("str", "int", "float", "bool", "abs", "min", "max", "round", "len")
-} | {"true": True, "false": False}
+_EVAL_NAMES: dict[str, Any] = {
+    **{kind.__name__: kind for kind in (str, int, float, bool)},
+    **{function.__name__: function for function in (abs, min, max, round, len)},
+    "true": True,
+    "false": False,
+}
 
 
 def _command(scope: Scope, *parts: str) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import array
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -114,9 +115,9 @@ def fill(message: Message, values: dict[str, Any]) -> list[Callable[[Any], None]
             raise FieldError(f"{type(message).__name__} has no field '{name}'; it has: {', '.join(known) or 'none'}")
         kind = known[name]
         if kind.base == "std_msgs/msg/Header" and value == "auto":
-            stamps.append(lambda now, header=getattr(message, name): setattr(header, "stamp", now))
+            stamps.append(functools.partial(setattr, getattr(message, name), "stamp"))
         elif kind.base == "builtin_interfaces/msg/Time" and value == "now":
-            stamps.append(lambda now, owner=message, field=name: setattr(owner, field, now))
+            stamps.append(functools.partial(setattr, message, name))
         else:
             try:
                 setattr(message, name, _typed(value, kind, message, stamps))
@@ -127,7 +128,9 @@ def fill(message: Message, values: dict[str, Any]) -> list[Callable[[Any], None]
     return stamps
 
 
-def _typed(value: Any, kind: FieldType, owner: Message, stamps: list[Callable[[Any], None]]) -> Any:
+def _typed(  # noqa: PLR0911  one per kind of type
+    value: Any, kind: FieldType, owner: Message, stamps: list[Callable[[Any], None]]
+) -> Any:
     if kind.array:
         if not isinstance(value, list):
             raise TypeError(f"expected a list, found {type(value).__name__}")

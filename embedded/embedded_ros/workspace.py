@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds the packages of the workspace in source: their folders, executables and interfaces.
 
-Folders that hold packages come from the environment variable EMBEDDED_WORKSPACE (separated like PATH) or else from the file
-that ``python -m embedded_ros.workspace FOLDER`` wrote into site-packages.
+Folders that hold packages come from the environment variable EMBEDDED_WORKSPACE (separated like PATH) or else from the
+file that ``python -m embedded_ros.workspace FOLDER`` wrote into site-packages.
 """
 
 from __future__ import annotations

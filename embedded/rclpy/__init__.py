@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rclpy.context import Context
 from rclpy.signals import (
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
 
 __all__ = [
     "Future", "SignalHandlerOptions", "create_node", "get_default_context", "get_global_executor",
@@ -37,7 +36,7 @@ class InitContextManager:
         self.context = context
         self._installed = installed
 
-    def __enter__(self) -> InitContextManager:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -8,7 +8,7 @@ import enum
 import threading
 import time as _time
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
@@ -107,7 +107,7 @@ class JumpHandle:
             self._clock._handles.remove(self)
         self._clock = None
 
-    def __enter__(self) -> JumpHandle:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -126,7 +126,7 @@ class Clock:
 
     _type: ClockType
 
-    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:
+    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:  # noqa: PYI034  may be a ROSClock
         """Return a ROSClock when ROS time is asked for."""
         if not isinstance(clock_type, ClockType):
             raise TypeError("Clock type must be a ClockType enum")
@@ -208,7 +208,7 @@ class Clock:
 class ROSClock(Clock):
     """System time, or what /clock says while it is active."""
 
-    def __new__(cls) -> ROSClock:
+    def __new__(cls) -> Self:
         """Make one."""
         return object.__new__(cls)
 

@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl import rcutils_logger
@@ -173,7 +173,7 @@ class Context:
             link, self._link = self._link, None
         if link is not None:
             session, keeper = link
-            session.close()
+            session.close()  # type: ignore[no-untyped-call]  # zenoh's stub
             if keeper is not None:
                 keeper.close()
 
@@ -181,7 +181,7 @@ class Context:
         """Give everything back."""
         self.try_shutdown()
 
-    def __enter__(self) -> Context:
+    def __enter__(self) -> Self:
         if not self._initialized:
             self.init()
         return self

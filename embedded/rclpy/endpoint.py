@@ -95,7 +95,7 @@ class Endpoint(Destroyable):
         self._node.context._graph.remove(self._token_key)
         with contextlib.suppress(zenoh.ZError):
             if self._token is not None:
-                self._token.undeclare()
+                self._link.withdraw(self._token)
             self._undeclare()
 
     def __exit__(self, *_: object) -> None:

@@ -247,8 +247,8 @@ class PublisherEventCallbacks:
 
         def warn(event: QoSIncompatibleInfo) -> None:
             publisher._node.get_logger().warning(
-                f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages will be "
-                f"sent to it. Last incompatible policy: {event.last_policy_kind.name}"
+                f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages "
+                f"will be sent to it. Last incompatible policy: {event.last_policy_kind.name}"
             )
 
         incompatible = self.incompatible_qos or (warn if self.use_default_callbacks else None)

@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from types import CoroutineType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rclpy.task import Future, Task
 from rclpy.utilities import get_default_context
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
     from rclpy.node import Node
+    from rclpy.timer import Timer
+    from rclpy.waitable import Waitable
 
 # Windows does not interrupt a waiting lock for Ctrl-C.
 _LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else 3600.0
@@ -164,7 +166,7 @@ class Executor:
                 self.remove_node(node)
         return True
 
-    def __enter__(self) -> Executor:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -311,7 +313,8 @@ class Executor:
                 raise TimeoutException
             limit = min(limit, left)
         for node in nodes if nodes is not None else self.get_nodes():
-            for timed in (*node._timers, *node._waitables):
+            everything: list[Timer | Waitable] = [*node._timers, *node._waitables]
+            for timed in everything:
                 due = timed._seconds_until_due()
                 if due is not None and due < limit and self.can_execute(timed):
                     limit = due

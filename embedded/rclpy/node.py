@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import weakref
 from typing import TYPE_CHECKING, Any
@@ -402,9 +403,8 @@ class Node(NodeParameters, NodeGraph, Destroyable):
             raise ValueError(f"expected a finite period, found {timer_period_sec}")
         group = self._group(callback_group)
         made = Timer(callback, group, int(period), clock or self._clock, context=self._context, autostart=autostart)
-        # The clock keeps its timers weakly and the node strongly, so a node that is dropped takes its timers along.
-        reference = weakref.ref(self)
-        made._wake = lambda: (node := reference()) is not None and node._wake()  # type: ignore[assignment]
+        # Weakly: a node that is dropped takes its timers along.
+        made._wake = functools.partial(_wake_node, weakref.ref(self))
         group.add_entity(made)
         self._timers.append(made)
         self._wake()
@@ -508,8 +508,8 @@ class Node(NodeParameters, NodeGraph, Destroyable):
             self._timers,
             self._guards,
         ):
-            for entity in list(entities):  # type: ignore[attr-defined]
-                self._remove(entities, entity)  # type: ignore[arg-type]
+            for entity in list(entities):
+                self._remove(entities, entity)
         for waitable in list(self._waitables):
             if hasattr(waitable, "destroy"):
                 waitable.destroy()
@@ -539,6 +539,12 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         )  # fmt: skip
         log.stamp.sec, log.stamp.nanosec = divmod(int(stamp_ns), S_TO_NS)
         self._rosout.publish(log)
+
+
+def _wake_node(reference: weakref.ref[Node]) -> None:
+    node = reference()
+    if node is not None:
+        node._wake()
 
 
 _SILENT = PublisherEventCallbacks(use_default_callbacks=False)

@@ -135,7 +135,7 @@ class NodeParameters:
             )
         if len(given) == 1:
             warnings.warn(
-                f"when declaring parameter named '{name}', declaring a parameter only providing its name is deprecated. "
+                f"when declaring parameter named '{name}', declaring a parameter only by its name is deprecated. "
                 "Pass a default value, a parameter type, or a descriptor with dynamic_typing=True",
                 stacklevel=4,
             )
@@ -149,7 +149,7 @@ class NodeParameters:
             return name, None, descriptor
         if not descriptor.dynamic_typing:
             message = getattr(type(second), "_TEXT", None)
-            if message is not None and message.name == "rcl_interfaces/msg/ParameterValue":
+            if second is not None and message is not None and message.name == "rcl_interfaces/msg/ParameterValue":
                 descriptor.type = second.type
             else:
                 descriptor.type = Parameter.Type.from_parameter_value(second).value
@@ -244,24 +244,10 @@ class NodeParameters:
         if depth < 0:
             raise ValueError("The depth must be greater than or equal to zero")
         result = ListParametersResult()
-        separator = PARAMETER_SEPARATOR_STRING
-
-        def wanted(name: str) -> bool:
-            if not prefixes:
-                return depth == 0 or name.count(separator) < depth
-            for prefix in prefixes:
-                if name == prefix:
-                    return True
-                if name.startswith(prefix + separator):
-                    rest = name[len(prefix) + 1 :]
-                    if depth == 0 or rest.count(separator) < depth:
-                        return True
-            return False
-
         for name in self._parameters:
-            if wanted(name):
+            if _listed(name, prefixes, depth):
                 result.names.append(name)
-                prefix = name.rpartition(separator)[0]
+                prefix = name.rpartition(PARAMETER_SEPARATOR_STRING)[0]
                 if prefix and prefix not in result.prefixes:
                     result.prefixes.append(prefix)
         return result
@@ -414,6 +400,15 @@ class NodeParameters:
     def remove_post_set_parameters_callback(self, callback: Callable[[list[Parameter]], None]) -> None:
         """Stop calling."""
         self._post_set_parameters_callbacks.remove(callback)
+
+
+def _listed(name: str, prefixes: list[str], depth: int) -> bool:
+    """Whether a name is within a depth (0 is any) of one of the prefixes (none is all)."""
+    separator = PARAMETER_SEPARATOR_STRING
+    rests = [name.removeprefix(prefix + separator) for prefix in prefixes if name.startswith(prefix + separator)]
+    if name in prefixes:
+        return True
+    return any(depth == 0 or rest.count(separator) < depth for rest in (rests if prefixes else [name]))
 
 
 def _descriptor(*, dynamic_typing: bool = False) -> Any:

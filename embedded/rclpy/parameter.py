@@ -42,14 +42,14 @@ class Parameter:
                 if isinstance(parameter_value, python):
                     return kind
             if isinstance(parameter_value, list | tuple | array.array):
-                for kind, python in (
+                for kind, item_type in (
                     (cls.BYTE_ARRAY, bytes),
                     (cls.BOOL_ARRAY, bool),
                     (cls.INTEGER_ARRAY, int),
                     (cls.DOUBLE_ARRAY, float),
                     (cls.STRING_ARRAY, str),
                 ):
-                    if all(isinstance(item, python) for item in parameter_value):
+                    if all(isinstance(item, item_type) for item in parameter_value):
                         return kind
                 raise TypeError("The given value is not a list of one of the allowed types")
             raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")

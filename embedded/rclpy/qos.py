@@ -226,7 +226,7 @@ def _make_property(name: str) -> property:
             value = kind(value)
         if not isinstance(value, kind) or (name == "depth" and isinstance(value, bool)):
             raise AssertionError(f"{name}: expected {kind.__name__}, found {value!r}")
-        if name == "depth" and value < 0:
+        if isinstance(value, int) and name == "depth" and value < 0:
             raise ValueError(f"depth: expected 0 or more, found {value}")
         if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
             warnings.warn(

@@ -80,7 +80,7 @@ class Service(Endpoint):
             return deserialize(query.payload.to_bytes(), self.srv_type.Request), RequestHeader(query, sequence, gid)
         except (CdrError, struct.error, ValueError) as error:
             self._node.get_logger().error(f"dropped a request to '{self._name}': {error}")
-            query.drop()
+            query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub
             return None
 
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...], Callable[[Any], None]] | None:
@@ -100,7 +100,7 @@ class Service(Endpoint):
             return
         attachment = wire.encode_attachment(header.sequence, time.time_ns(), header.gid)
         header.query.reply(self._key, serialize(response), attachment=attachment, express=True)
-        header.query.drop()
+        header.query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub
 
     def configure_introspection(self, *_: object) -> None:
         """Refuse: service events are outside the scope."""

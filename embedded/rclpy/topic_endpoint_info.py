@@ -31,13 +31,17 @@ class TopicEndpointInfo:
         unknown = {"_" + name for name in kwargs} - set(self.__slots__)
         if unknown:
             raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(sorted(unknown))}")
-        self.node_name = kwargs.get("node_name", "")
-        self.node_namespace = kwargs.get("node_namespace", "")
-        self.topic_type = kwargs.get("topic_type", "")
-        self.topic_type_hash = kwargs.get("topic_type_hash", TypeHash())
-        self.endpoint_type = kwargs.get("endpoint_type", TopicEndpointTypeEnum.INVALID)
-        self.endpoint_gid = kwargs.get("endpoint_gid", [])
-        self.qos_profile = kwargs.get("qos_profile", qos_profile_unknown)
+        defaults = {
+            "node_name": "",
+            "node_namespace": "",
+            "topic_type": "",
+            "topic_type_hash": TypeHash(),
+            "endpoint_type": TopicEndpointTypeEnum.INVALID,
+            "endpoint_gid": [],
+            "qos_profile": qos_profile_unknown,
+        }
+        for name, value in {**defaults, **kwargs}.items():
+            setattr(self, name, value)
 
     node_name: str
     node_namespace: str

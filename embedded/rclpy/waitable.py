@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entities of several kinds of work. Only rclpy's own (actions, events) exist here: there is no C wait set to add to."""
+"""Entities of several kinds of work. Only rclpy's own (actions, events) exist here: there is no C wait set."""
 
 from __future__ import annotations
 

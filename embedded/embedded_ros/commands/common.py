@@ -38,7 +38,7 @@ def graph() -> Iterator[Graph]:
         found.settle(SETTLE_S)
         yield found
     finally:
-        session.close()
+        session.close()  # type: ignore[no-untyped-call]  # zenoh's stub
 
 
 @contextlib.contextmanager

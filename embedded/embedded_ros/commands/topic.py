@@ -72,12 +72,14 @@ def _list(arguments: argparse.Namespace) -> None:
     if arguments.count_topics:
         print(len(topics))
     elif arguments.verbose:
-        for title, index, word in (("Published topics:", 2, "publisher"), ("Subscribed topics:", 3, "subscriber")):
+        for title, word, counts in (
+            ("Published topics:", "publisher", [(name, types, count) for name, types, count, _ in topics]),
+            ("Subscribed topics:", "subscriber", [(name, types, count) for name, types, _, count in topics]),
+        ):
             print(title)
-            for topic in topics:
-                count = int(topic[index])  # type: ignore[call-overload]  index 2 and 3 are the counts
+            for name, types, count in counts:
                 if count:
-                    print(f" * {topic[0]} [{', '.join(topic[1])}] {count} {word}{'s' if count > 1 else ''}")
+                    print(f" * {name} [{', '.join(types)}] {count} {word}{'s' if count > 1 else ''}")
             print()
     else:
         for name, types, _, _ in topics:

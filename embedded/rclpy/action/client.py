@@ -119,7 +119,7 @@ class ActionClient(Waitable):
         def client(kind: Any, name: str, qos: QoSProfile) -> Client:
             return Client(node, kind, base + name, qos, group)
 
-        def subscription(kind: Any, name: str, qos: QoSProfile, callback: Callable[[Any], None]) -> Subscription:
+        def subscription(kind: Any, name: str, qos: QoSProfile, callback: Callable[[Any], Any]) -> Subscription:
             events = SubscriptionEventCallbacks(use_default_callbacks=False)
             return Subscription(node, kind, base + name, callback, group, qos, raw=False, event_callbacks=events)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state machine of a goal (https://design.ros2.org/articles/actions.html) and which goals a cancel request means."""
+"""The states of a goal (https://design.ros2.org/articles/actions.html) and which goals a cancel request means."""
 
 from __future__ import annotations
 

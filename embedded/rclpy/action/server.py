@@ -293,7 +293,7 @@ class ActionServer(Waitable):
             result = await await_or_execute(execute_callback, goal_handle)
         except Exception as error:  # noqa: BLE001  the client must get an answer whatever the callback did
             result = None
-            self._logger.error(f"Error raised in execute callback: {error}")
+            self._logger.error(f"Error raised in execute callback: {error}")  # noqa: TRY400  a ROS logger
             traceback.print_exc()
         if result is not None and not isinstance(result, self._action_type.Result):
             self._logger.error(f"the execute callback returned {type(result)}, expected {self._action_type.Result}")

@@ -140,7 +140,7 @@ class RcutilsLogger:
         Args:
             message: the text.
             severity: how bad.
-            kwargs: ``once``, ``skip_first``, ``throttle_duration_sec`` (with ``throttle_time_source_type``), per call site.
+            kwargs: ``once``, ``skip_first``, ``throttle_duration_sec`` (``throttle_time_source_type``), per call site.
         """
         severity = LoggingSeverity(severity)
         name = kwargs.get("name", self.name) or self.name
@@ -161,7 +161,7 @@ class RcutilsLogger:
     def _passes(self, caller: CallerId, severity: int, kwargs: dict[str, Any]) -> bool:
         unknown = set(kwargs) - _FILTERS
         if unknown:
-            raise TypeError(f"parameter {sorted(unknown)[0]!r} is not one of the recognized {sorted(_FILTERS)}")
+            raise TypeError(f"parameter {min(unknown)!r} is not one of the recognized {sorted(_FILTERS)}")
         if "throttle_time_source_type" in kwargs and "throttle_duration_sec" not in kwargs:
             raise TypeError("required parameter 'throttle_duration_sec' not specified for the throttle filter")
         known = self._contexts.get(caller)
