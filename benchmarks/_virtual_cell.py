@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated cell in virtual time: the emulator's plant and servos under the driver's own backend and controller.
 
-Nothing is left out but the serial port and the middleware: the driver's code reads registers and writes goals as it does
-on a bus, and what comes out is what tendon/state, tendon/status and finger/predicted would carry.
+Nothing is left out but the serial port and the middleware: the driver's code reads registers and writes goals as it
+does on a bus, and what comes out is what tendon/state, tendon/status and finger/predicted would carry.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from softgrip_cell.storage import Database, Library
 def url(tmp_path: Path) -> str:
     place = f"sqlite:///{tmp_path}/cell.db"
     with Database(place) as database:
-        library = Library(database, lambda: 1_795_255_200_000_000_000)
+        library = Library(database, time.time_ns)
         library.import_catalogue(read_catalogue(), "test")
         library.import_passports(read_passports().values(), "test")
     return place

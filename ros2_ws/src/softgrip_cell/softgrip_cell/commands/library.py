@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run softgrip_cell library`: look at and edit products and fingers in the cell's database, beside a running cell."""
+"""`ros2 run softgrip_cell library`: see and edit products and fingers in the database, beside a running cell."""
 
 from __future__ import annotations
 
