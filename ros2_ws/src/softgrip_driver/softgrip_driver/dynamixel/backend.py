@@ -53,6 +53,9 @@ class _Live:
     misses: int = 0
     absent: bool = False
     probe_at: float = 0.0
+    probe_wait: float = 0.0
+    suspect: bool = False
+    stalled: bool = False
     alert: bool = False
     hardware_error: int = 0
     watchdog_tripped: bool = False
@@ -76,7 +79,8 @@ class DynamixelBackend:
 
     #: misses in a row after which a servo is left out of the group read
     MISSES = 3
-    #: [s] between questions to a servo that is left out
+    #: [s] between questions to a servo that is left out: often at first (a bad line), then seldom (a dead servo)
+    PROBE_FIRST = 0.01
     PROBE_PERIOD = 0.25
     #: [s] of plain sync reads after a fast one failed
     PLAIN_PERIOD = 1.0
@@ -142,8 +146,7 @@ class DynamixelBackend:
             return False
         self.bus.counters.reopened += 1
         for live in self._live.values():
-            live.absent, live.misses = False, 0
-            live.urgent = [_MARK, _TORQUE, _WATCHDOG]
+            live.absent, live.misses, live.suspect = False, 0, True
         return True
 
     def restore(self, tendon: str) -> Iterator[None]:
@@ -151,23 +154,29 @@ class DynamixelBackend:
         live = self._live[tendon]
         servo_id = live.servo.servo_id
         live.powered = live.mark = None
+        # It may be booting already.
+        yield from self._until_it_answers(servo_id)
         self.bus.reboot(servo_id)
+        yield from self._until_it_answers(servo_id)
+        for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
+            yield
+        self._after_set_up(live)
+        live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
+
+    def _until_it_answers(self, servo_id: int) -> Iterator[None]:
         deadline = time.monotonic() + self.REBOOT_TIMEOUT
         while True:
             yield
             try:
                 self.bus.ping(servo_id)
-                break
             except (NoReplyError, CorruptReplyError):
                 if time.monotonic() > deadline:
                     raise DeviceNotFoundError(
                         f"servo {servo_id}: expected it back within {self.REBOOT_TIMEOUT:.0f} s of its reboot, "
                         "found silence; switch its supply off and on"
                     ) from None
-        for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
-            yield
-        self._after_set_up(live)
-        live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
+            else:
+                return
 
     def _after_set_up(self, live: _Live) -> None:
         servo_id = live.servo.servo_id
@@ -185,7 +194,8 @@ class DynamixelBackend:
             self._watchdog_units
             and now - self._last_traffic > 0.9 * self._watchdog_units * reg.WATCHDOG_SECONDS_PER_UNIT
         ):
-            self._want_everywhere(_WATCHDOG)
+            for live in self._live.values():
+                live.suspect = live.stalled = True
         present = [live for live in self._live.values() if not live.absent]
         replies: dict[int, Reply] = {}
         if present:
@@ -202,7 +212,7 @@ class DynamixelBackend:
             reply = replies.get(live.servo.servo_id)
             if reply is None or reply.code:
                 self._missed(live, now)
-            else:
+            elif self._check_return(live):
                 readings[live.servo.tendon] = self._reading(live, reply)
         self._probe(now, readings)
         self._read_slowly(readings)
@@ -278,29 +288,45 @@ class DynamixelBackend:
     def _missed(self, live: _Live, now: float) -> None:
         live.misses += 1
         if live.misses >= self.MISSES:
-            live.absent = True
-            live.probe_at = now + self.PROBE_PERIOD
+            live.absent = live.suspect = True
+            live.probe_wait = self.PROBE_FIRST
+            live.probe_at = now + live.probe_wait
 
     def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
         due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
         if not due:
             return
         live = min(due, key=lambda one: one.probe_at)
-        live.probe_at = now + self.PROBE_PERIOD
+        live.probe_wait = min(2.0 * live.probe_wait, self.PROBE_PERIOD)
+        live.probe_at = now + live.probe_wait
         try:
             reply = self.bus.read_bytes(live.servo.servo_id, *_FAST)
         except PortLostError:
             raise
         except DriverError:
             return
-        live.absent = False
-        live.urgent = [_MARK, _TORQUE, _WATCHDOG, _ERRORS]
-        readings[live.servo.tendon] = self._reading(live, reply)
+        live.absent, live.misses = False, 0
+        if self._check_return(live):
+            readings[live.servo.tendon] = self._reading(live, reply)
 
-    def _want_everywhere(self, block: _SlowRead) -> None:
-        for live in self._live.values():
-            if block not in live.urgent:
-                live.urgent.append(block)
+    def _check_return(self, live: _Live) -> bool:
+        """Look what became of a servo that was away, before anybody commands it again; return whether that is known.
+
+        It may have restarted, or stopped itself by its bus watchdog. The latter is a fault of its own where this side was
+        silent; where the servo was, that has been told.
+        """
+        if not live.suspect:
+            return True
+        try:
+            for block in (_MARK, _TORQUE, _WATCHDOG, _ERRORS):
+                self._take(live, block, self.bus.read_bytes(live.servo.servo_id, block.address, block.size).data)
+        except PortLostError:
+            raise
+        except DriverError:
+            return False
+        live.watchdog_tripped = live.watchdog_tripped and live.stalled
+        live.suspect = live.stalled = False
+        return True
 
     def _read_slowly(self, readings: Mapping[str, DriveReading]) -> None:
         """Read one block of one servo: an urgent one first, else the next in turn."""

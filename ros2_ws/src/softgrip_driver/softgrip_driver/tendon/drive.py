@@ -34,7 +34,8 @@ class _Memory:
     zero: float | None = None
     origin: float = 0.0
     reading: DriveReading | None = None
-    seen: float | None = None
+    asked: float | None = None
+    silence: float = 0.0
     tension: float = 0.0
     last_step: float | None = None
     lost: int = 0
@@ -45,6 +46,7 @@ class _Memory:
     fault: str = ""
     fault_reason: str = ""
     restoring: bool = False
+    restored_once: bool = False
     trim: float = 0.0
     warnings: dict[str, str] = field(default_factory=dict)
 
@@ -61,6 +63,8 @@ class Drive:
     #: [1/s] and [m] of the integral correction of the position
     TRIM_RATE = 6.0
     MAX_TRIM = 3e-3
+    #: [s] one unanswered question counts for at most
+    LONGEST_QUESTION = 0.025
 
     def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float) -> None:
         self.tendon = tendon
@@ -108,7 +112,7 @@ class Drive:
         """State as TendonStatus tells it."""
         if self._m.fault in {"no_reply", "port_lost"} or self._m.reading is None:
             return DriveState.DISCONNECTED
-        if self._m.fault and FAULTS[self._m.fault].reaction is not Reaction.REPORT:
+        if self._m.restoring or (self._m.fault and FAULTS[self._m.fault].reaction is not Reaction.REPORT):
             return DriveState.STOPPED
         if not self.powered or self._m.motion is None:
             return DriveState.IDENTIFIED
@@ -173,6 +177,8 @@ class Drive:
         if m.fault and FAULTS[m.fault].recovery is not Recovery.COMMAND:
             row = FAULTS[m.fault]
             return f"tendon '{self.tendon}' has the fault {m.fault} ({m.fault_reason}); ends by: {row.recovery.value}"
+        if m.restoring:
+            return f"tendon '{self.tendon}' is being set up again; try again in a second"
         if not self.powered:
             return f"tendon '{self.tendon}' is not powered; activate the driver"
         if homed and not self.homed:
@@ -216,12 +222,13 @@ class Drive:
     def restored(self, *, success: bool) -> DriveActions:
         """Go on after the device was set up again: take hold where it stands now, without a zero."""
         self._m.restoring = False
-        if not success or self._m.reading is None or not self.powered:
-            return DriveActions()
-        return self.switch_on()
+        if not success or self._m.reading is None:
+            return self.switch_off()
+        return self.switch_on() if self.powered else DriveActions()
 
     def reset(self) -> None:
         """Take note that a person has dealt with the fault."""
+        self._m.restored_once = False
         if self._m.fault and FAULTS[self._m.fault].recovery in (Recovery.RESET, Recovery.HOME, Recovery.COMMAND):
             self._clear_fault()
 
@@ -281,7 +288,7 @@ class Drive:
         if not self._believe(reading):
             return DriveActions()
         dt = 0.0 if m.last_step is None else max(0.0, min(0.1, now - m.last_step))
-        m.last_step, m.reading, m.seen = now, reading, now
+        m.last_step, m.reading, m.asked, m.silence = now, reading, now, 0.0
         m.tension = self._filter.step(reading.tension)
         if m.fault in ("no_reply", "port_lost", "bus_watchdog") and not m.restoring:
             self._clear_fault()
@@ -304,10 +311,11 @@ class Drive:
     def _unanswered(self, now: float) -> DriveActions:
         m = self._m
         m.lost += 1
-        if m.seen is None:
-            m.seen = now
-        if now - m.seen >= self.limits.no_reply and not m.restoring and m.fault != "port_lost":
-            self.set_fault("no_reply", f"nothing heard for {(now - m.seen) * 1e3:.0f} ms")
+        # Time in which this computer did not even ask is no silence of the drive.
+        m.silence += min(self.LONGEST_QUESTION, now - m.asked) if m.asked is not None else 0.0
+        m.asked = now
+        if m.silence >= self.limits.no_reply and not m.restoring and m.fault != "port_lost":
+            self.set_fault("no_reply", f"nothing heard for {m.silence * 1e3:.0f} ms")
         return DriveActions()
 
     def _believe(self, reading: DriveReading) -> bool:
@@ -336,11 +344,14 @@ class Drive:
             self.set_fault("rebooted", found)
             m.mark = None
             return self.switch_off()
+        if m.restoring:
+            return None  # what it reports is from before its reboot
         for name in reading.faults:
-            self.set_fault(name, f"hardware error status 0x{reading.hardware_error:02x}")
-        if "overload" in reading.faults and self.powered and not m.restoring:
-            # The servo has let go by itself. Taking hold again at once is what keeps the object.
-            m.restoring = True
+            text = f"hardware error status 0x{reading.hardware_error:02x}"
+            self.set_fault(name, "its bus watchdog has tripped" if name == "bus_watchdog" else text)
+        if "overload" in reading.faults and self.powered and not m.restored_once:
+            # The servo has let go by itself. Taking hold again at once is what keeps the object; twice would be a fight.
+            m.restoring = m.restored_once = True
             return DriveActions(restore=True)
         if not reading.faults and m.fault == "input_voltage":
             self._clear_fault()

@@ -69,6 +69,8 @@ class BreakGuard:
     WINDOW = 0.25
     #: [s] of it that must have been seen
     LEAST = 0.12
+    #: [s] without samples after which nothing is known of the tension before
+    GAP = 0.05
     #: the rest of the tension that still counts as vanished
     REST = 0.25
 
@@ -76,6 +78,7 @@ class BreakGuard:
         self._limits = limits
         self._recent: deque[tuple[float, float]] = deque()
         self._vanished_at: float | None = None
+        self._last: float | None = None
         self._before = 0.0
 
     def reset(self) -> None:
@@ -85,6 +88,9 @@ class BreakGuard:
 
     def step(self, now: float, tension: float) -> bool:
         """Return whether the tendon is broken, given its tension [N] at a time [s]."""
+        if self._last is not None and now - self._last > self.GAP:
+            self.reset()
+        self._last = now
         if self._vanished_at is not None:
             if not self._gone(tension):
                 self._vanished_at = None
