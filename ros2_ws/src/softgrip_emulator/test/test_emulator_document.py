@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from softgrip_emulator.faults import BUS_FAULTS, CAMERA_FAULTS
 
 DOCUMENT = Path(__file__).parents[4] / "docs" / "emulator.md"
