@@ -20,7 +20,10 @@ from embedded_ros.interface_text import FieldType
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from embedded_ros.messages import Message
+
 HEADER = b"\x00\x01\x00\x00"
+LAZY_BYTES = 1 << 16  # longer arrays stay a view of the packet until somebody asks for them
 
 FORMATS = {
     "bool": "?", "byte": "c", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",
@@ -78,20 +81,20 @@ class _Source:
 
 
 class _Writer(_Source):
-    def message(self, kind: type, value: str) -> None:
-        fields = kind._TEXT.fields  # type: ignore[attr-defined]
+    def message(self, kind: type[Message], value: str) -> None:
+        fields = kind.DEFINITION.text.fields
         if not fields:
             self.run.append(("B", "0"))
         for field in fields:
             self.field(field.type, f"{value}._{field.name}", kind)
 
-    def field(self, kind: FieldType, value: str, owner: type) -> None:
+    def field(self, kind: FieldType, value: str, owner: type[Message]) -> None:
         if kind.array:
             self.sequence(kind, value, owner)
         else:
             self.element(kind, value, owner)
 
-    def element(self, kind: FieldType, value: str, owner: type) -> None:
+    def element(self, kind: FieldType, value: str, owner: type[Message]) -> None:
         local = self.fresh("v")
         self.emit(f"{local} = {value}")
         if kind.text:
@@ -101,7 +104,7 @@ class _Writer(_Source):
             self.emit(f"if not isinstance({local}, {expected}): raise TypeError")
             self.run.append((FORMATS[kind.base], local))
         else:
-            nested = owner._nested(kind.base)  # type: ignore[attr-defined]
+            nested = owner.DEFINITION.nested(kind.base)
             self.emit(f"if not isinstance({local}, {self.share('C', nested)}): raise TypeError")
             self.message(nested, local)
 
@@ -119,7 +122,7 @@ class _Writer(_Source):
             self.flush()
             self.emit(f"b += np.frombuffer({local}, '<u2').astype('<u4').tobytes()")
 
-    def sequence(self, kind: FieldType, value: str, owner: type) -> None:
+    def sequence(self, kind: FieldType, value: str, owner: type[Message]) -> None:
         local = self.fresh("s")
         self.emit(f"{local} = {value}")
         if kind.array == "fixed":
@@ -129,7 +132,7 @@ class _Writer(_Source):
                 self.emit(f"if len({local}) > {kind.size}: raise ValueError")
             self.run.append(("I", f"len({local})"))
         if kind.base in ARRAY_CODES:
-            self.numbers(kind, local)
+            self.numbers(kind, local, value)
         elif kind.base == "byte":
             self.flush()
             self.emit(f"for e in {local}:")
@@ -145,7 +148,7 @@ class _Writer(_Source):
             self.flush()
             self.depth -= 1
 
-    def numbers(self, kind: FieldType, local: str) -> None:
+    def numbers(self, kind: FieldType, local: str, value: str) -> None:
         code = ARRAY_CODES[kind.base]
         self.flush()
         if kind.array == "fixed":
@@ -153,6 +156,8 @@ class _Writer(_Source):
             self.emit(f"if {local}.dtype != {dtype}: raise TypeError")
             data = f"{local}.tobytes()"
         else:
+            # What was received as a view of the packet becomes an array when it is asked for by its public name.
+            self.emit(f"if {local}.__class__ is memoryview: {local} = {value.replace('._', '.')}")
             self.emit(f"if {local}.typecode != {code!r}: raise TypeError")
             data = local
         size = _SIZES[code]
@@ -171,10 +176,10 @@ class _Writer(_Source):
 class _Reader(_Source):
     """Reads with ``o``, the offset in ``d``; a run is read when something after it needs the offset."""
 
-    def message(self, kind: type, target: str) -> None:
+    def message(self, kind: type[Message], target: str) -> None:
         """Emit the reading of a message whose fresh object is bound to ``target``."""
         self.emit(f"{target} = new({self.share('C', kind)})")
-        fields = kind._TEXT.fields  # type: ignore[attr-defined]
+        fields = kind.DEFINITION.text.fields
         if not fields:
             self.run.append(("B", "_"))
         for field in fields:
@@ -184,14 +189,14 @@ class _Reader(_Source):
             else:
                 self.element(field.type, place, kind)
 
-    def element(self, kind: FieldType, place: str, owner: type) -> None:
+    def element(self, kind: FieldType, place: str, owner: type[Message]) -> None:
         if kind.text:
             self.text(kind, place)
         elif kind.primitive:
             self.run.append((FORMATS[kind.base], place))
         else:
             local = self.fresh("m")
-            self.message(owner._nested(kind.base), local)  # type: ignore[attr-defined]
+            self.message(owner.DEFINITION.nested(kind.base), local)
             self.emit(f"{place} = {local}")
 
     def text(self, kind: FieldType, place: str) -> None:
@@ -206,7 +211,7 @@ class _Reader(_Source):
                 f"{place} = np.frombuffer(d, '<u4', n, o).astype('<u2').tobytes().decode('utf-16-le'); o += 4 * n"
             )
 
-    def sequence(self, kind: FieldType, place: str, owner: type) -> None:
+    def sequence(self, kind: FieldType, place: str, owner: type[Message]) -> None:
         length = str(kind.size)
         if kind.array != "fixed":
             length = self.fresh("n")
@@ -236,7 +241,9 @@ class _Reader(_Source):
             self.emit(f"{place} = np.frombuffer(d, {self.share('D', np.dtype(code))}, {length}, o).copy()")
         else:
             local = self.fresh("a")
-            self.emit(f"{local} = array({code!r}); {local}.frombytes(view[o:o + {length} * {size}]); {place} = {local}")
+            self.emit(f"{local} = view[o:o + {length} * {size}]")
+            self.emit(f"if {length} < {LAZY_BYTES // size}: {local} = array({code!r}, {local}.tobytes())")
+            self.emit(f"{place} = {local}")
         self.emit(f"o += {length} * {size}")
 
     def flush(self) -> None:
@@ -248,7 +255,7 @@ class _Reader(_Source):
             self.run.clear()
 
 
-def make_serializer(kind: type) -> Callable[[Any], bytearray]:
+def make_serializer(kind: type[Message]) -> Callable[[Any], bytearray]:
     """Return ``f(message) -> bytearray`` with the encapsulation header for a message class."""
     writer = _Writer()
     writer.emit("b = bytearray(HEADER)")
@@ -258,7 +265,7 @@ def make_serializer(kind: type) -> Callable[[Any], bytearray]:
     return writer.compile("def generated(m):", kind.__name__)
 
 
-def make_deserializer(kind: type) -> Callable[[bytes], Any]:
+def make_deserializer(kind: type[Message]) -> Callable[[bytes], Any]:
     """Return ``f(bytes) -> message``; it raises CdrError when the bytes cannot be a message of the class."""
     reader = _Reader()
     reader.names["new"] = object.__new__

@@ -20,10 +20,10 @@ FLOAT32_MAX = 3.4028234663852886e38
 def explain(message: Message, path: str = "") -> None:
     """Raise TypeError or ValueError for the first field whose value ROS 2 would not take; return when all are fine."""
     label = path or type(message).__name__
-    for field in message._TEXT.fields:
+    for field in message.DEFINITION.text.fields:
         if not hasattr(message, "_" + field.name):
             raise TypeError(f"{label}.{field.name}: never set")
-        _check(field.type, getattr(message, "_" + field.name), f"{label}.{field.name}", message)
+        _check(field.type, getattr(message, field.name), f"{label}.{field.name}", message)
 
 
 def check_assignment(message: Message, field: Field, value: object) -> None:
@@ -83,7 +83,7 @@ def _check_element(kind: FieldType, value: Any, where: str, owner: Message) -> N
             raise _wrong(where, "bytes of length 1", value)
     elif kind.primitive:
         _check_number(kind.base, value, where)
-    elif not isinstance(value, owner._nested(kind.base)):
+    elif not isinstance(value, owner.DEFINITION.nested(kind.base)):
         raise _wrong(where, kind.base, value)
     else:
         explain(value, where)

@@ -30,29 +30,68 @@ def checks_fields() -> bool:
     return os.environ.get("ROS_PYTHON_CHECK_FIELDS", "") == "1"
 
 
+class Definition:
+    """What is known about an interface: its text, and what is made from it on first use."""
+
+    def __init__(self, text: MessageText, lookup: Callable[[str], type[Message]]) -> None:
+        self.text = text
+        self.nested = lookup
+
+    @functools.cached_property
+    def type_hash(self) -> str:
+        """The RIHS01 hash."""
+        return type_hash.type_hash(self.text, lambda name: self.nested(name).DEFINITION.text)
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """The REP-2016 description of the type and of all it refers to."""
+        return type_hash.full_description(self.text, lambda name: self.nested(name).DEFINITION.text)
+
+
+class MessageDefinition(Definition):
+    """A definition with the class it belongs to."""
+
+    message: type[Message]
+
+    @functools.cached_property
+    def defaults(self) -> list[tuple[str, Callable[[], object]]]:
+        """Field names with what makes their default values."""
+        return [(field.name, _default_factory(field, self)) for field in self.text.fields]
+
+    @functools.cached_property
+    def serialize(self) -> Callable[[Any], bytearray]:
+        """Writes the CDR of a message."""
+        return cdr.make_serializer(self.message)
+
+    @functools.cached_property
+    def deserialize(self) -> Callable[[bytes], Any]:
+        """Reads the CDR of a message."""
+        return cdr.make_deserializer(self.message)
+
+
 class _Constants(type):
     """Metaclass of messages: constants and defaults are read-only class attributes."""
 
-    _constants: dict[str, object]
-
     def __setattr__(cls, name: str, value: object) -> None:
-        if name in cls.__dict__.get("_constants", {}):
+        if name in cls.__dict__.get("CONSTANTS", {}):
             raise AttributeError(f"{cls.__name__}.{name} is a constant")
         super().__setattr__(name, value)
 
 
 class Message(metaclass=_Constants):
-    """Base of all message classes; subclasses are made by :func:`make_message`."""
+    """Base of all message classes; subclasses are made by :func:`make_message`.
+
+    Its own class attributes are in capitals, so that no field can have the same name.
+    """
 
     __slots__ = ("_check_fields",)
-    _TEXT: ClassVar[MessageText]
-    _fields_and_field_types: ClassVar[dict[str, str]] = {}
-    _constants: ClassVar[dict[str, object]] = {}
-    _lookup: ClassVar[Callable[[str], type[Message]]]
+    DEFINITION: ClassVar[MessageDefinition]
+    CONSTANTS: ClassVar[dict[str, object]] = {}
     SLOT_TYPES: ClassVar[tuple[FieldType, ...]] = ()
+    _fields_and_field_types: ClassVar[dict[str, str]] = {}
 
     def __init__(self, **kwargs: object) -> None:
-        for name, make in self._defaults():
+        for name, make in self.DEFINITION.defaults:
             if name in kwargs:
                 setattr(self, name, kwargs.pop(name))
             else:
@@ -64,43 +103,9 @@ class Message(metaclass=_Constants):
             )
 
     @classmethod
-    @functools.cache
-    def _defaults(cls) -> list[tuple[str, Callable[[], object]]]:
-        return [(field.name, _default_factory(field, cls)) for field in cls._TEXT.fields]
-
-    @classmethod
-    def _nested(cls, name: str) -> type[Message]:
-        return cls._lookup(name)
-
-    @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
         """Return field names with their types as text."""
         return copy.copy(cls._fields_and_field_types)
-
-    @classmethod
-    @functools.cache
-    def _serializer(cls) -> Callable[[Any], bytearray]:
-        return cdr.make_serializer(cls)
-
-    @classmethod
-    @functools.cache
-    def _deserializer(cls) -> Callable[[bytes], Any]:
-        return cdr.make_deserializer(cls)
-
-    @classmethod
-    @functools.cache
-    def type_hash(cls) -> str:
-        """Return the RIHS01 hash of the type."""
-        return type_hash.type_hash(cls._TEXT, cls._text_of)
-
-    @classmethod
-    def type_description(cls) -> dict[str, Any]:
-        """Return the REP-2016 description of the type and of all it refers to."""
-        return type_hash.full_description(cls._TEXT, cls._text_of)
-
-    @classmethod
-    def _text_of(cls, name: str) -> MessageText:
-        return cls._lookup(name)._TEXT
 
     def __eq__(self, other: object) -> bool:
         if other.__class__ is not self.__class__:
@@ -118,7 +123,7 @@ class Message(metaclass=_Constants):
         def text(value: object) -> str:
             return repr(value.tolist()) if isinstance(value, array.array) else repr(value)
 
-        package, kind, _ = self._TEXT.name.split("/")
+        package, kind, _ = self.DEFINITION.text.name.split("/")
         fields = ", ".join(f"{name}={text(getattr(self, name))}" for name in self._fields_and_field_types)
         return f"{package}.{kind}.{type(self).__name__}({fields})"
 
@@ -135,7 +140,7 @@ class Message(metaclass=_Constants):
         return twin
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild, (type(self)._TEXT.name, bytes(serialize(self)))
+        return _rebuild, (self.DEFINITION.text.name, bytes(serialize(self)))
 
 
 def _rebuild(name: str, data: bytes) -> Message:
@@ -151,7 +156,7 @@ def serialize(message: Message) -> bytearray:
         TypeError, ValueError: a field holds what ROS 2 would abort the process for; names field, expected and found.
     """
     try:
-        return message._serializer()(message)
+        return message.DEFINITION.serialize(message)
     except Exception:
         field_check.explain(message)
         raise
@@ -159,11 +164,11 @@ def serialize(message: Message) -> bytearray:
 
 def deserialize(data: bytes, kind: type[_T]) -> _T:
     """Return the message of class ``kind`` that ``data`` (CDR with header) holds."""
-    result: _T = kind._deserializer()(data)
+    result: _T = kind.DEFINITION.deserialize(data)
     return result
 
 
-def _default_factory(field: Field, owner: type[Message]) -> Callable[[], object]:  # noqa: PLR0911  one per kind of field
+def _default_factory(field: Field, owner: Definition) -> Callable[[], object]:  # noqa: PLR0911  one per kind of field
     kind, default = field.type, field.default
     if kind.array and kind.base in ARRAY_CODES:
         code = ARRAY_CODES[kind.base]
@@ -182,7 +187,7 @@ def _default_factory(field: Field, owner: type[Message]) -> Callable[[], object]
     if kind.primitive:
         value = _ZERO.get(kind.base, 0) if default is None else default
         return lambda: value
-    return owner._nested(kind.base)
+    return owner.nested(kind.base)
 
 
 def _property(field: Field) -> property:
@@ -191,7 +196,11 @@ def _property(field: Field) -> property:
     code = ARRAY_CODES.get(kind.base, "") if kind.array else ""
 
     def get(self: Message) -> object:
-        return getattr(self, slot)
+        value = getattr(self, slot)
+        if value.__class__ is memoryview:
+            value = array.array(code, value.tobytes())
+            setattr(self, slot, value)
+        return value
 
     def put(self: Message, value: Any) -> None:
         if checks_fields():
@@ -226,8 +235,8 @@ def make_message(text: MessageText, lookup: Callable[[str], type[Message]]) -> t
         "__module__": f"{package}.{kind}",
         "__qualname__": name,
         "__doc__": f"{text.name}.",
-        "_TEXT": text,
-        "_lookup": staticmethod(lookup),
+        "DEFINITION": MessageDefinition(text, lookup),
+        "CONSTANTS": {},
         "_fields_and_field_types": {field.name: str(field.type) for field in text.fields},
         "SLOT_TYPES": tuple(field.type for field in text.fields),
         **constants,
@@ -237,7 +246,8 @@ def make_message(text: MessageText, lookup: Callable[[str], type[Message]]) -> t
         plain = not (field.type.array and field.type.base in ARRAY_CODES) and not checks_fields()
         # A plain field is the slot itself under its public name: no Python code runs on access.
         setattr(made, field.name, made.__dict__["_" + field.name] if plain else _property(field))
-    made._constants = constants
+    made.DEFINITION.message = made
+    made.CONSTANTS = constants
     result: type[Message] = made
     return result
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Any
 
-from embedded_ros import type_hash, workspace
+from embedded_ros import workspace
 from embedded_ros.errors import UnknownInterfaceError
 from embedded_ros.interface_text import Field, FieldType, MessageText
-from embedded_ros.messages import KINDS, Message, make_message, parse_file
+from embedded_ros.messages import KINDS, Definition, Message, make_message, parse_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,19 +104,11 @@ class Registry:
     def _make_interface(self, whole: MessageText, parts: dict[str, Any]) -> type:
         package, kind, name = split_name(whole.name)
 
-        @functools.cache
-        def hash_of() -> str:
-            return type_hash.type_hash(whole, lambda part: self.message(part)._TEXT)
-
         body = {
             "__module__": f"{package}.{kind}",
             "__doc__": f"{whole.name}.",
             "__new__": _refuse_instance,
-            "_TEXT": whole,
-            "type_hash": staticmethod(hash_of),
-            "type_description": staticmethod(
-                lambda: type_hash.full_description(whole, lambda part: self.message(part)._TEXT)
-            ),
+            "DEFINITION": Definition(whole, self.message),
             **parts,
         }
         return type(name, (), body)
@@ -149,8 +141,8 @@ class Registry:
                 f"{name}_FeedbackMessage", (Field("goal_id", _UUID), Field("feedback", FieldType(feedback.name)))
             )
         )
-        self._messages[send_goal._TEXT.name] = send_goal
-        self._messages[get_result._TEXT.name] = get_result
+        self._messages[send_goal.DEFINITION.text.name] = send_goal
+        self._messages[get_result.DEFINITION.text.name] = get_result
         whole = MessageText(
             name,
             tuple(

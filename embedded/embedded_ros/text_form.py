@@ -48,7 +48,7 @@ def to_plain(
         arrays: False shows arrays only by their type and length.
         strings: False shows text only by its type and length.
     """
-    fields = type(message)._TEXT.fields
+    fields = message.DEFINITION.text.fields
     return {item.name: _plain(getattr(message, item.name), item.type, limit, arrays, strings) for item in fields}
 
 
@@ -80,7 +80,7 @@ def to_yaml(
     message: Any, limit: int | None = None, *, arrays: bool = True, strings: bool = True, flow: bool = False
 ) -> str:
     """Return a message as YAML text that ends in a newline; anything else as itself."""
-    if not hasattr(type(message), "_TEXT"):
+    if not hasattr(type(message), "DEFINITION"):
         return f"{message}\n" if not isinstance(message, list | tuple) else yaml.dump(message, Dumper=_Dumper)
     plain = to_plain(message, limit, arrays=arrays, strings=strings)
     return yaml.dump(plain, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=10**9)
@@ -109,7 +109,7 @@ def fill(message: Message, values: dict[str, Any]) -> list[Callable[[Any], None]
         FieldError: an unknown field or a value of the wrong type.
     """
     stamps: list[Callable[[Any], None]] = []
-    known = {item.name: item.type for item in type(message)._TEXT.fields}
+    known = {item.name: item.type for item in message.DEFINITION.text.fields}
     for name, value in values.items():
         if name not in known:
             raise FieldError(f"{type(message).__name__} has no field '{name}'; it has: {', '.join(known) or 'none'}")
@@ -139,7 +139,7 @@ def _typed(  # noqa: PLR0911  one per kind of type
     if not kind.primitive:
         if not isinstance(value, dict):
             raise TypeError(f"expected a dictionary, found {type(value).__name__}")
-        nested = owner._nested(kind.base)()
+        nested = owner.DEFINITION.nested(kind.base)()
         stamps += fill(nested, value)
         return nested
     if kind.base in {"float32", "float64"}:

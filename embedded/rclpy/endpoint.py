@@ -26,7 +26,7 @@ _OPPOSITE = {
 
 def full_type_name(kind: Any) -> str:
     """Return ``pkg/kind/Name`` of an interface class."""
-    name: str = kind._TEXT.name
+    name: str = kind.DEFINITION.text.name
     return name
 
 
@@ -53,7 +53,7 @@ class Endpoint(Destroyable):
             context._arguments.enclave,
             name,
             type_name,
-            interface.type_hash(),
+            interface.DEFINITION.type_hash,
             self._wire_qos,
         )
         self._token_key = wire.encode_token(self._entity)

@@ -148,8 +148,12 @@ class NodeParameters:
             descriptor.type = second.value
             return name, None, descriptor
         if not descriptor.dynamic_typing:
-            message = getattr(type(second), "_TEXT", None)
-            if second is not None and message is not None and message.name == "rcl_interfaces/msg/ParameterValue":
+            definition = getattr(type(second), "DEFINITION", None)
+            if (
+                second is not None
+                and definition is not None
+                and definition.text.name == "rcl_interfaces/msg/ParameterValue"
+            ):
                 descriptor.type = second.type
             else:
                 descriptor.type = Parameter.Type.from_parameter_value(second).value

@@ -49,11 +49,11 @@ class TypeDescriptionService:
         except EmbeddedError as error:
             response.failure_reason = str(error)
             return response
-        if request.type_hash and request.type_hash != interface.type_hash():
-            response.failure_reason = f"the type has the hash {interface.type_hash()} here"
+        if request.type_hash and request.type_hash != interface.DEFINITION.type_hash:
+            response.failure_reason = f"the type has the hash {interface.DEFINITION.type_hash} here"
             return response
         response.successful = True
-        _fill(response.type_description, interface.type_description())
+        _fill(response.type_description, interface.DEFINITION.description)
         return response
 
 

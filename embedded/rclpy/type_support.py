@@ -10,7 +10,7 @@ from embedded_ros.messages import Message
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:
     """Raise unless the class is an interface type."""
-    if hasattr(msg_or_srv_type, "_TEXT"):
+    if hasattr(msg_or_srv_type, "DEFINITION"):
         return
     if not isinstance(msg_or_srv_type, type):
         raise AttributeError(f"expected an interface class, found {msg_or_srv_type!r}")

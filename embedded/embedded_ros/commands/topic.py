@@ -272,7 +272,7 @@ def _shown(message: Any, arguments: argparse.Namespace) -> str | None:
         message = getattr(message, part) if part else message
     limit = None if arguments.full_length else arguments.truncate_length
     if arguments.csv:
-        plain = to_plain(message, limit) if hasattr(type(message), "_TEXT") else message
+        plain = to_plain(message, limit) if hasattr(type(message), "DEFINITION") else message
         return ",".join(_flat(plain)) + "\n"
     text = to_yaml(message, limit, arrays=not arguments.no_arr, strings=not arguments.no_str, flow=arguments.flow_style)
     return text + "---\n"
