@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How soon and how rightly cell/grasp says what became of a closing, beside an ordinary stall time-out.
 
-Some 200 randomised grasps on the emulated cell in virtual time (six cells, three finger sets, fifteen products or none):
+Some 200 randomised grasps on the emulated cell in virtual time (six cells, three finger sets, a product or none):
 the plant says when fingers touched, when the product was lost, when everything stood; the grasp sequence sees only what
 tendon/state and finger/predicted carry at the driver's 100 Hz. Middleware is not in these figures; runtime_latency
 measures it.
