@@ -35,13 +35,14 @@ BAUD = 1_000_000
 #: sets the variable and measures with the driver's real limits.
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
 LIMITS = TendonLimits() if QUIET else TendonLimits(no_reply=0.3)
+POLICIES = Policies()
 REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
 
 
 class Bench:
     """Emulator and driver with the serial wire between them."""
 
-    def __init__(self, folder: Path, *, rate: float, limits: TendonLimits, policies: Policies, seed: int = 3) -> None:
+    def __init__(self, folder: Path, *, rate=200.0, limits=LIMITS, policies=POLICIES, seed=3, history=4096) -> None:
         self.clock = CellClock()
         self.plant = CellPlant(load_directory(PROFILES), seed=seed)
         self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
@@ -57,7 +58,7 @@ class Bench:
         self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=REPLY_MARGIN)
         self.backend = DynamixelBackend(self.bus, self.servos, watchdog=WATCHDOG)
         self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies)
-        self.loop = BusLoop(self.backend, self.controller, rate, history=4096)
+        self.loop = BusLoop(self.backend, self.controller, rate, history)
         self.identities = ()
         self.undo = []
 
@@ -126,8 +127,7 @@ class Bench:
 @pytest.fixture
 def bench(tmp_path, request):
     """An opened bench; `@pytest.mark.parametrize("bench", [{...}], indirect=True)` changes its settings."""
-    settings = {"rate": 200.0, "limits": LIMITS, "policies": Policies()} | getattr(request, "param", {})
-    one = Bench(tmp_path, **settings)
+    one = Bench(tmp_path, **getattr(request, "param", {}))
     try:
         yield one.open()
     finally:

@@ -310,7 +310,7 @@ def test_without_commands_a_hold_reduces_its_tension_and_releases_later(spring_f
 
 
 def test_a_jam_is_a_stall_with_its_place(rig):
-    rig.fingers["a"].advance = lambda dt, setpoint: None
+    rig.fingers["a"].advance = lambda *_: None
     outcome, reason = rig.run(rig.move(0.020, ["a"]))
     assert outcome is Outcome.FAULT
     assert "from the target" in reason

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every bus and tendon fault that the emulator can cause, on a holding or closing gripper over the real wire.
 
-One row a fault: what the driver must name, in which state it must be, how soon it must be safe, and how it recovers. Safe
+One row a fault: what the driver must name, in which state it must be, how soon it must be safe, how it recovers. Safe
 means: no drive is commanded to move on. The table is printed at the end (`make faults`); limits are for 200 Hz.
 """
 
@@ -103,10 +103,7 @@ def test_fault(bench, row):
     began = bench.cause(row.cause, **dict(row.arguments))
     if row.on == "opening":
         ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.0], 0.02), now))
-    if row.fault:
-        seen = named(bench, row, began, ticket)
-    else:
-        seen = rode_through(bench, row, began)
+    seen = named(bench, row, began, ticket) if row.fault else rode_through(bench, row, began)
     bench.clear()
     if row.cause == "overheating":
         cool(bench)

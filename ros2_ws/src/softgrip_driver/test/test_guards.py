@@ -72,7 +72,7 @@ def test_what_is_no_break(tension):
 def test_slack_needs_travel_pulling_and_time():
     def spoke(pulled, tension, pulling, duration):
         guard = SlackGuard(LIMITS)
-        return any([guard.step(t, pulled, tension, pulling=pulling) for t in steps(duration)])
+        return any(guard.step(t, pulled, tension, pulling=pulling) for t in steps(duration))
 
     assert spoke(0.012, 0.1, True, 0.1)
     assert not spoke(0.002, 0.1, True, 0.1)
@@ -83,7 +83,7 @@ def test_slack_needs_travel_pulling_and_time():
 
 def test_a_stall_is_standing_although_moving():
     still, crawling, idle = (StallGuard(0.4) for _ in range(3))
-    assert [t for t in steps(0.6) if still.step(t, 0.01, moving=True)][0] == pytest.approx(0.4, abs=2 * DT)
+    assert next(t for t in steps(0.6) if still.step(t, 0.01, moving=True)) == pytest.approx(0.4, abs=2 * DT)
     assert not any(crawling.step(t, 0.001 * t, moving=True) for t in steps(2.0))
     assert not any(idle.step(t, 0.01, moving=False) for t in steps(2.0))
 
