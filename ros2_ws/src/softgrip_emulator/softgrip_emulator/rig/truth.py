@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 _ALPHA = (0.12, 0.33)
 _N = (0.50, 0.83)
 _EPSILON = (0.06, 0.18)
-_LAMBDA = (0.008, 0.05)
+#: lambda as a share of epsilon: 0.13 to 0.36 there, which lets the surface term vanish beyond the measured loads only.
+_LAMBDA_SHARE = (0.12, 0.37)
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,8 @@ class FrictionTruth:
     def from_seed(cls, seed: int, radius_mm: float = 3.125) -> FrictionTruth:
         """Draw a cable on a surface; the default radius is the braid of 0.25 mm on the rig's 3 mm surface."""
         rng = np.random.default_rng([seed, 0x4652])
-        coefficients = tuple(float(rng.uniform(*ends)) for ends in (_ALPHA, _N, _EPSILON, _LAMBDA))
-        return cls(FrictionLaw(Law.MATTE, coefficients, radius_mm, KReading.EXACT))
+        alpha, n, epsilon, share = (float(rng.uniform(*ends)) for ends in (_ALPHA, _N, _EPSILON, _LAMBDA_SHARE))
+        return cls(FrictionLaw(Law.MATTE, (alpha, n, epsilon, share * epsilon), radius_mm, KReading.EXACT))
 
     def ratio(self, angle: ArrayLike, tension_low: ArrayLike) -> NDArray[np.float64]:
         """Return the true Rf = T1/T2 at wrap angles [rad] and low tensions [N]."""
@@ -76,7 +77,7 @@ class RigTruth:
     friction: FrictionTruth
     pulley_ratio: float = 1.012
     angle_stddev: float = float(np.radians(0.5))
-    repeatability: float = 0.010
+    repeatability: float = 0.015
     load_stddev: float = 0.001
     stick_slip: float = 0.008
     waviness: float = 0.004
@@ -91,6 +92,8 @@ class RigTruth:
         return cls(
             friction=FrictionTruth.from_seed(seed, radius_mm),
             pulley_ratio=float(rng.uniform(1.004, 1.020)),
+            # The braids of Table 3.1 are 1.1-1.7 % off their fit on average: a standard deviation of 1.3-2.1 %.
+            repeatability=float(rng.uniform(0.012, 0.020)),
             stick_slip=float(rng.uniform(0.004, 0.012)),
             waviness=float(rng.uniform(0.002, 0.006)),
             cable_stiffness=float(rng.uniform(2000.0, 4000.0)),

@@ -193,7 +193,11 @@ def _refusals(fit: Fit, limits: Limits, widest: float) -> list[str]:
             "the error is unknown; measure at least one more point"
         )
     elif fit.covariance is None:
-        simpler = " (the surface term vanishes: try the heap law)" if fit.law.law is Law.MATTE else ""
+        vanishing = fit.law.vanishing_tension
+        inside = fit.law.law is Law.MATTE and vanishing < fit.law.tension_range[1]
+        simpler = (
+            f": the surface term vanishes at {vanishing:.1f} N; add lower loads or try the heap law" if inside else ""
+        )
         reasons.append(f"the coefficients cannot be told apart from these points{simpler}")
     if not fit.converged:
         reasons.append("the fit did not converge")

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from softgrip_model.friction import _core
+from softgrip_model.friction.errors import DataError
 from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law, k_index, law_index
 from softgrip_model.friction.measurements import Measurements, check_enough
 
@@ -116,7 +117,7 @@ def fit(
         start: use this start alone (coefficients in order) instead of the ladder.
 
     Raises:
-        DataError: too few points, or too few angles or loads.
+        DataError: too few points, too few angles or loads, or a start at which the law has no value.
     """
     check_enough(points, law)
     names = COEFFICIENT_NAMES[law]
@@ -134,6 +135,11 @@ def fit(
         upper,
         None if start is None else _padded(list(start)),
     )
+    if not math.isfinite(cost):
+        raise DataError(
+            f"{points.source}: expected a start at which the {law} law has a value at every point, found none; "
+            "start nearer to the published coefficients, or check the radius"
+        )
     fitted = FrictionLaw(
         law,
         tuple(coefficients),
