@@ -22,6 +22,13 @@ Array = NDArray[np.float64]
 
 #: Demonstrations that ship with the package.
 SHIPPED = Path(__file__).parent / "data"
+#: [s] frames further apart than this, and than five usual steps, are a gap.
+LONGEST_STEP_S = 0.25
+
+
+def shipped() -> tuple[str, ...]:
+    """Return the names of the demonstrations that ship with the package."""
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.csv")))
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,13 @@ class Trajectory:
     def __post_init__(self) -> None:
         if self.times.ndim != 1 or len(self.times) < 2 or not np.all(np.diff(self.times) > 0.0):
             raise DesignError("expected at least two frames with growing times, found others")
+        steps = np.diff(self.times)
+        widest = int(steps.argmax())
+        if steps[widest] > max(LONGEST_STEP_S, 5.0 * float(np.median(steps))):
+            raise DesignError(
+                f"expected frames without a gap, found {steps[widest]:.3f} s between {self.times[widest]:.3f} s and "
+                f"{self.times[widest + 1]:.3f} s; capture it again or use one side of the gap"
+            )
         for finger, angles in self.angles.items():
             if angles.ndim != 2 or len(angles) != len(self.times):
                 raise DesignError(f"{finger}: expected ({len(self.times)}, joints) angles, found {angles.shape}")
@@ -65,7 +79,8 @@ class Trajectory:
     def closing(self, finger: str) -> Array:
         """Return how far each joint of a finger flexed beyond its first frame, ordered by the joints' sum.
 
-        Only frames that set a new greatest sum are kept, so the sum grows from row to row: what a tendon can follow.
+        A groove only closes, so a joint that stretches counts as not flexed. Only frames that set a new greatest sum
+        are kept, so the sum grows from row to row: what a tendon can follow.
 
         Returns:
             (rows, joints) [rad].
@@ -75,9 +90,10 @@ class Trajectory:
         """
         if finger not in self.angles:
             raise DesignError(f"expected one of {', '.join(self.angles)}, found {finger!r}")
-        flexed = self.angles[finger] - self.angles[finger][0]
+        flexed = np.maximum(self.angles[finger] - self.angles[finger][0], 0.0)
         total = flexed.sum(axis=1)
-        return np.asarray(flexed[total >= np.maximum.accumulate(total)])
+        grows = np.r_[True, total[1:] > np.maximum.accumulate(total)[:-1]]
+        return np.asarray(flexed[grows])
 
 
 def load(path: Path) -> Trajectory:
