@@ -40,9 +40,9 @@ KNOWN_HUE_HALF_ANGLE = 40.0
 LONGEST_GAP = 0.5
 #: A place expected to better than this share of a marker's diameter leaves no room for another marker.
 SURE_REACH = 0.3
-#: A marker that was in sight just now is taken at a place expected to this share of its diameter, when the marker
-#: before it on the chain is hidden.
-MODEST_REACH = 0.8
+#: When the marker before it on the chain is hidden, a marker is taken only at a place expected to this many of its
+#: diameters: when it was in sight just now, and when it comes back.
+STAYING_REACH, RETURNING_REACH = 1.5, 0.8
 #: With more markers out of sight than this, the whole image is searched at once.
 MOST_HIDDEN = 2
 #: [m] and relative: how far the distance to the marker before may be off the link's length.
@@ -242,7 +242,7 @@ class FingerTracker:
         surround = surround_of(image, best.spot)
         if parent is None and marker > 0:
             # Nothing near holds it: only a place that is well known will do.
-            trusted = SURE_REACH if not self._in_sight[marker] else MODEST_REACH
+            trusted = STAYING_REACH if self._in_sight[marker] else RETURNING_REACH
             if reach > trusted * self._diameter_px or not looks.resembles(best.spot, surround):
                 return None
         if not self._in_sight[marker] and not self._returns(marker, best, surround, reach):
