@@ -22,8 +22,10 @@ from rich.table import Table
 from softgrip_model import gdfe, profile
 from softgrip_model.finger import Finger, FingerError, close
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.gdfe import RESOLUTIONS, Closing, ClosingSettings, GdfeError, Law, Mesh, Settings, Solver
+from softgrip_model.gdfe import GdfeError, Law, Mesh, Settings, Solver
 from softgrip_model.gdfe.case_file import Case, FingerCase, load_case
+from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.march import March, march
 from softgrip_model.gdfe.materials import Linear, StressPolynomial
 from softgrip_model.gdfe.mesh_file import write_mesh

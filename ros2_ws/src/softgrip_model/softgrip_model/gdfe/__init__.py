@@ -1,38 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """GDFE: hyperelastic equilibria of hexahedral meshes with a matrix that never changes (docs/gdfe.md).
 
-Start with `Solver(bar(...), [ninjaflex()], supports)`, or with `Closing(profile, "index").shape(0.01)` for a finger.
+Start with `Solver(bar(...), [ninjaflex()], supports)`, or, for a finger, with
+`softgrip_model.gdfe.closing.Closing(profile, "index").shape(0.01)`.
 """
 
-from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
+from softgrip_model.gdfe.cable import Cable, Drive, RoutingPoint
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
 from softgrip_model.gdfe.materials import Linear, Material, Ogden, StressPolynomial
 from softgrip_model.gdfe.mesh import Mesh, bar
-from softgrip_model.gdfe.solver import Cable, Drive, Equilibrium, Law, Settings, Solver, State, Supports, VolumeShape
+from softgrip_model.gdfe.solver import Equilibrium, Law, Settings, Solver, State, Supports, VolumeShape
 
 __all__ = [
-    "RESOLUTIONS",
     "Cable",
-    "Closing",
-    "ClosingSettings",
     "Drive",
     "Equilibrium",
-    "FingerMesh",
     "GdfeError",
     "Law",
     "Linear",
     "Material",
     "Mesh",
     "Ogden",
-    "Resolution",
+    "RoutingPoint",
     "Settings",
-    "Shape",
     "Solver",
     "State",
     "StressPolynomial",
     "Supports",
     "VolumeShape",
     "bar",
-    "mesh_finger",
 ]

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import assumed_friction
+from softgrip_model.gdfe.cable import Cable, Drive
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
 from softgrip_model.gdfe.materials import StressPolynomial
-from softgrip_model.gdfe.solver import Cable, Drive, Equilibrium, Settings, Solver, State, Supports
+from softgrip_model.gdfe.solver import Equilibrium, Settings, Solver, State, Supports
 from softgrip_model.profile import Material as ProfileMaterial
 from softgrip_model.profile import Profile, digest
 

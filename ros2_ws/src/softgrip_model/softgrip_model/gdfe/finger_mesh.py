@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.finger import Finger
+from softgrip_model.gdfe.cable import RoutingPoint
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.mesh import Mesh, grid_hexes
 
@@ -45,15 +46,6 @@ class Resolution:
 
 #: By name: about 430 and 2,100 hexahedra for a finger of three joints.
 RESOLUTIONS = {"coarse": Resolution(), "fine": Resolution(12, 3, 8, 7, 6)}
-
-
-@dataclass(frozen=True)
-class RoutingPoint:
-    """A point of the cable: a weighted mean of nodes that moves with them as a rigid tab would, or fixed in space."""
-
-    position: tuple[float, float, float]
-    nodes: Index
-    weights: Array
 
 
 @dataclass(frozen=True, eq=False)

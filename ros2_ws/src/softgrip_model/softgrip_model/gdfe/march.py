@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.gdfe.solver import Drive, Equilibrium, Solver, State
+from softgrip_model.gdfe.cable import Drive
+from softgrip_model.gdfe.solver import Equilibrium, Solver, State
 
 Array = NDArray[np.float64]
 

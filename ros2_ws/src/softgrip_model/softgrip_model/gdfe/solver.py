@@ -11,10 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.friction.laws import FrictionLaw, k_index, law_index
 from softgrip_model.gdfe import _core
+from softgrip_model.gdfe.cable import Cable, Drive
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.finger_mesh import RoutingPoint
 from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, Ogden, secant_table, shear_secant
 from softgrip_model.gdfe.mesh import Mesh
 
@@ -100,44 +99,6 @@ class Supports:
             dof[free] = numbered
             maps.append(dof.tolist())
         return maps
-
-
-@dataclass(frozen=True, eq=False)
-class Cable:
-    """A cable through points of the mesh.
-
-    Attributes:
-        points: from the first to the anchor.
-        friction: law at every point but the anchor (radius in mm, tension in N).
-        entry: unit vector from the first point towards the actuator; None: no friction at the first point.
-    """
-
-    points: tuple[RoutingPoint, ...]
-    friction: FrictionLaw
-    entry: tuple[float, float, float] | None = (-1.0, 0.0, 0.0)
-
-    def core(self) -> _core.Cable:
-        """Return it as the core takes it."""
-        points = []
-        for point in self.points:
-            fixed = np.zeros(3) if len(point.nodes) else np.array(point.position)
-            points.append(_core.CablePoint(point.nodes.tolist(), point.weights.tolist(), fixed))
-        return _core.Cable(
-            points,
-            np.zeros(3) if self.entry is None else np.array(self.entry),
-            law_index(self.friction.law),
-            k_index(self.friction.k_reading),
-            list(self.friction.coefficients),
-            self.friction.radius_mm,
-        )
-
-
-@dataclass(frozen=True)
-class Drive:
-    """What pulls a cable: a length that it is shortened by, or a tension at the actuator [N]."""
-
-    target: float
-    by_length: bool = True
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,8 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
       rest_(std::move(rest)),
       settings_(settings),
       tables_(std::move(tables)),
-      blocks_(make_elements(rest_, hexes, settings.metric), hexes, materials),
+      elements_(make_elements(rest_, hexes, settings.metric)),
+      blocks_(elements_, hexes, materials),
       cables_(std::move(cables)),
       cable_work_(cables_.size()) {
   if (settings_.law == Law::Rigorous) {
@@ -41,9 +42,9 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   }
   position_.resize(3 * nodes_);
   force_.resize(3 * nodes_);
-  const std::vector<Element> elements = make_elements(rest_, hexes, settings_.metric);
-  for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
-  build_axes(elements, hexes, matrix_weight, maps);
+  for (std::size_t e = 0; e < elements_.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements_[e].volume);
+  build_axes(elements_, hexes, matrix_weight, maps);
+  elements_ = {};
   build_point_columns();
 }
 

@@ -112,6 +112,7 @@ class Solver {
   Nodes rest_;
   Settings settings_;
   SecantTables tables_;
+  std::vector<Element> elements_;  // while being built
   ElementBlocks blocks_;
   std::unique_ptr<OgdenElements> ogden_;  // of the rigorous law
   std::array<Axis, 3> axes_;
