@@ -123,13 +123,13 @@ class BagWriter:
         now = time.monotonic()
         if now - self._flushed >= FLUSH_INTERVAL:
             self._flushed = now
-            self._mcap.flush()
+            self._mcap.flush()  # type: ignore[no-untyped-call]  # the library has no types
             os.fdatasync(self._file.fileno())
 
     def close(self) -> Path:
         """Finish the file and write metadata.yaml; returns the bag's folder."""
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.dump(self._information(), Dumper=_Plain)})
-        self._mcap.finish()
+        self._mcap.finish()  # type: ignore[no-untyped-call]  # the library has no types
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()

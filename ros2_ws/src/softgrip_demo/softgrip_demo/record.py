@@ -168,15 +168,17 @@ def _pairs(raw: Any) -> tuple[Any, ...]:
     return tuple(tuple(item) for item in raw)
 
 
+def _sample(raw: dict[str, Any]) -> ClosingSample:
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in raw.items()}
+    return ClosingSample(**values)
+
+
 def _from_raw(raw: dict[str, Any]) -> ShiftRecord:
     friction = dict(raw["friction"])
     friction["points"] = tuple(FrictionPoint(**point) for point in friction["points"])
     closings = []
     for closing in raw["closings"]:
-        samples = tuple(
-            ClosingSample(**{k: tuple(v) if isinstance(v, list) else v for k, v in sample.items()})
-            for sample in closing["samples"]
-        )
+        samples = tuple(_sample(sample) for sample in closing["samples"])
         shape = closing["shape"]
         if shape is not None:
             shape = ShapeView(**{**shape, "vertices": _pairs(shape["vertices"]), "faces": _pairs(shape["faces"])})

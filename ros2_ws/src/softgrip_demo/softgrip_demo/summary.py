@@ -35,7 +35,7 @@ def tip_errors_percent(closing: Closing) -> np.ndarray:
     """Return the distance of measured and predicted tip per sample, in percent of the finger's length, shape (n,)."""
     measured = np.array([sample.measured_tip for sample in closing.samples]).reshape(-1, 2)
     predicted = np.array([sample.predicted_tip for sample in closing.samples]).reshape(-1, 2)
-    return 100.0 * np.hypot(*(measured - predicted).T) / closing.finger_length
+    return np.asarray(100.0 * np.hypot(*(measured - predicted).T) / closing.finger_length)
 
 
 def summarise(record: ShiftRecord, replay: ReplayCheck, wall_report: float) -> dict[str, Any]:

@@ -8,7 +8,7 @@ NANOSECONDS = 1_000_000_000
 
 def seconds(stamp: Time) -> float:
     """Return a stamp as seconds [s] since its clock's epoch."""
-    return float(stamp.sec) + stamp.nanosec * 1e-9
+    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def to_time_message(nanoseconds: int) -> Time:

@@ -55,8 +55,7 @@ class ZeroKeeper:
             zero = self._zeros.get(tendon)
             reason = self._objection(tendon, device, zero, marks[tendon])
             if zero is not None and not reason:
-                position, mark = zero.position, zero.mark
-                loop.call(lambda c, _, t=tendon, p=position, m=mark: c.drives[t].set_zero(p, m))
+                _set_zero(loop, tendon, zero.position, zero.mark)
             results.append(Recalled(tendon, not reason, reason or "zero of the last homing holds"))
         return results
 
@@ -75,7 +74,7 @@ class ZeroKeeper:
             homings = 0 if before is None else before.homings + 1
             mark = next_mark(homings)
             loop.mark_session(tendon, mark)
-            loop.call(lambda c, _, t=tendon, p=position, m=mark: c.drives[t].set_zero(p, m))
+            _set_zero(loop, tendon, position, mark)
             spool = self._spools[tendon]
             self._zeros[tendon] = StoredZero(
                 self._devices[tendon], spool.radius, spool.direction, position, mark, homed_at, homings
@@ -94,3 +93,7 @@ class ZeroKeeper:
         if mark != zero.mark:
             return f"the servo has restarted since it was homed at {zero.homed_at}: its turns are lost"
         return ""
+
+
+def _set_zero(loop: BusLoop, tendon: str, position: float, mark: int) -> None:
+    loop.call(lambda controller, _: controller.drives[tendon].set_zero(position, mark))
