@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 
 import numpy as np
@@ -21,7 +21,7 @@ from _virtual_cell import SLOTS, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Outcome
+from softgrip_cell.grasp.values import GraspTask, Outcome
 
 GRASPS_PER_CELL = 34
 CELLS = ((1, "power"), (2, "power"), (3, "pinch"), (4, "pinch"), (5, "pinch"), (6, "hook"))
@@ -31,9 +31,10 @@ STALL_SPEED_M_PER_S = 0.001
 STALL_TIME_S = 1.0
 
 #: After a verdict the plant goes on for so long before it is asked what is so [s].
-AFTERWARDS_S = 0.6
+AFTERWARDS_S = 1.4
 
-LIFT_S = 1.0
+PEER_EVERY = 4
+LIFT_S = 1.5
 TOUCH_N = 0.05
 
 
@@ -42,17 +43,18 @@ class Trial:
     """One grasp.
 
     Attributes:
-        outcome: what was said; stalled: what a stall time-out says of the same closing (None: not run).
-        latency_s: from the plant's event to the verdict; NaN where the event does not exist.
-        held: the product was held afterwards.
+        outcome: what was said. latency_s: from the plant's event to that; NaN where there is no such event.
+        held: the product hung from the fingers afterwards.
+        peer_outcome, peer_latency_s, peer_held: the same with a stall time-out, where it was run.
     """
 
+    said: str
     outcome: Outcome
     latency_s: float
     held: bool
-    peer_outcome: Outcome
-    peer_latency_s: float
-    peer_held: bool
+    peer_outcome: Outcome | None = None
+    peer_latency_s: float = float("nan")
+    peer_held: bool = False
 
 
 def trials(cell_seed: int, finger_set: str) -> list[Trial]:
@@ -73,11 +75,15 @@ def trials(cell_seed: int, finger_set: str) -> list[Trial]:
         confirm_lift = bool(number % 2)
         offset_m = rng.uniform(-0.004, 0.004)
         _present(cell, name if present else "", offset_m)
-        outcome, latency_s = _ours(cell, task(products[name], finger_set, checks, confirm_lift=confirm_lift), settings)
-        held = _held(cell)
-        _present(cell, name if present else "", offset_m)
-        peer_outcome, peer_latency_s = _stall(cell, products[name].recipe_for(finger_set).closing_speed_m_per_s)
-        found.append(Trial(outcome, latency_s, held, peer_outcome, peer_latency_s, _held(cell)))
+        made = task(products[name], finger_set, checks, confirm_lift=confirm_lift)
+        outcome, latency_s, reason = _ours(cell, made, settings)
+        said = f"{finger_set} {name if present else 'nothing'} lift={confirm_lift}: {outcome.value}: {reason}"
+        trial = Trial(said, outcome, latency_s, _held(cell))
+        if number % PEER_EVERY == 0:
+            _present(cell, name if present else "", offset_m)
+            peer_outcome, peer_latency_s = _stall(cell, made.recipe.closing_speed_m_per_s)
+            trial = replace(trial, peer_outcome=peer_outcome, peer_latency_s=peer_latency_s, peer_held=_held(cell))
+        found.append(trial)
     return found
 
 
@@ -90,11 +96,13 @@ def _present(cell: VirtualCell, name: str, offset_m: float) -> None:
 
 
 def _held(cell: VirtualCell) -> bool:
-    """Let the plant go on and ask it: a product that was never lifted yet is judged by whether it is pressed."""
-    for _ in range(round(AFTERWARDS_S / cell.period_s)):
+    """Let the plant go on, lift what is gripped, and say whether it hung still in the second half of that time."""
+    cycles = round(AFTERWARDS_S / cell.period_s)
+    hung = False
+    for number in range(cycles):
         cell.observe()
-    state = cell.plant.grasp.state()
-    return bool(state.product) and not state.slipped and sum(state.contact_forces_n) > TOUCH_N
+        hung = hung or (number > cycles // 2 and cell.plant.grasp.state().held)
+    return hung and not cell.plant.grasp.state().slipped
 
 
 def _events(cell: VirtualCell) -> Iterator[tuple[str, float]]:
@@ -115,12 +123,12 @@ def _events(cell: VirtualCell) -> Iterator[tuple[str, float]]:
             yield "", cell.plant.now_s
 
 
-def _ours(cell: VirtualCell, made: object, settings: GraspSettings) -> tuple[Outcome, float]:
+def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[Outcome, float, str]:
     last: dict[str, float] = {}
     verdict = None
     watch = _events(cell)
     lifted_s = float("nan")
-    for step, _ in cell.grasp(made, settings):  # type: ignore[arg-type]  # a GraspTask
+    for step, _ in cell.grasp(made, settings):
         event, at_s = next(watch)
         last[event] = at_s
         if step.phase.value == "lift" and np.isnan(lifted_s):
@@ -133,7 +141,7 @@ def _ours(cell: VirtualCell, made: object, settings: GraspSettings) -> tuple[Out
         Outcome.SLIPPED: last.get("lost"),
     }.get(verdict.outcome)
     latency_s = float("nan") if event_s is None else max(0.0, cell.plant.now_s - event_s)
-    return verdict.outcome, latency_s
+    return verdict.outcome, latency_s, verdict.reason
 
 
 def _stall(cell: VirtualCell, speed: float) -> tuple[Outcome, float]:
@@ -167,7 +175,11 @@ def main() -> None:
         found = [trial for many in pool.map(trials, *zip(*CELLS, strict=True)) for trial in many]
     latency = np.array([trial.latency_s for trial in found])
     latency = 1e3 * latency[np.isfinite(latency)]
-    peer = 1e3 * np.array([trial.peer_latency_s for trial in found])
+    peer = 1e3 * np.array([trial.peer_latency_s for trial in found if trial.peer_outcome is not None])
+    for trial in found:
+        wrong = trial.held != (trial.outcome is Outcome.GRIPPED) and trial.outcome in (Outcome.GRIPPED, Outcome.EMPTY)
+        if wrong or trial.latency_s > 0.1:
+            print(f"held={trial.held} {1e3 * trial.latency_s:.0f} ms {trial.said}", file=sys.stderr)
     counts = {o.value: sum(t.outcome is o for t in found) for o in Outcome}
     note = f"{len(found)} grasps, outcomes {counts}; latency {latency.min():.0f} .. {latency.max():.0f} ms"
     rival = "stall time-out (1 mm/s for 1 s)"

@@ -87,6 +87,7 @@ class Reader:
                 settings.contact_floor_n,
                 settings.contact_sigma * reference.stddev_n,
                 settings.contact_free_fraction * free_n,
+                settings.length_error_m * reference.slope(pulled_m),
             ),
             force_n=max(0.0, excess_n) * settings.lever_factor / self._levers[slot],
             judged=pulled_m >= settings.contact_from_m,

@@ -68,6 +68,13 @@ class FreeReference:
         """Return the tension of the free motion at a pulled length [N]."""
         return float(np.interp(pulled_m, self.pulled_m, self.tension_n))
 
+    def slope(self, pulled_m: float) -> float:
+        """Return how fast the tension of the free motion rises at a pulled length [N/m]."""
+        if len(self.pulled_m) < 2:
+            return 0.0
+        rows = np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_m))
+        return max(0.0, float(np.interp(pulled_m, self.pulled_m, rows)))
+
     def document(self) -> dict[str, Any]:
         """Return plain data for storage."""
         return {

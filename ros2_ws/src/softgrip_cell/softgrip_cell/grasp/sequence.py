@@ -18,8 +18,9 @@ NANOSECONDS: Final = 1e9
 #: Share of the force limit at which a finger stops closing: the rest is what it still moves until it stands.
 FORCE_MARGIN: Final = 0.85
 
-#: Share of the holding excess that is enough when every finger has come to its end.
+#: Shares of the holding excess that are enough when every finger has come to its end: to hold, and to try a lift.
 LEAST_HOLD: Final = 0.5
+LEAST_TRY: Final = 0.2
 
 #: Fingers that touch nothing are held with this, so that their tendons stay taut [N].
 LEAST_TENSION_N: Final = 1.0
@@ -152,8 +153,9 @@ class GraspSequence:
     def _path_end(self, now_ns: int) -> Step:
         """Every finger is where it can go: either what it has is enough, or there is nothing."""
         touching = [reading.touching for reading in self._readings]
-        # Where the lift will tell, touching from both sides is worth a try.
-        least_n = 0.0 if self._task.confirm_lift else LEAST_HOLD * self._recipe.hold_excess_n
+        # Where the lift will tell, a lighter touch from both sides is worth a try.
+        share = LEAST_TRY if self._task.confirm_lift else LEAST_HOLD
+        least_n = share * self._recipe.hold_excess_n
         if self._encloses([reading.touching and reading.excess_n >= least_n for reading in self._readings]):
             return self._enclosed(now_ns, now_ns)
         began_ns = self._began("empty", True, now_ns)

@@ -14,6 +14,8 @@ class GraspSettings:
         contact_sigma: excess tension in standard deviations of the free motion that is taken for contact.
         contact_floor_n: and never less than this [N].
         contact_free_fraction: and never less than this share of the free tension, which the table repairs only so far.
+        length_error_m: error of the pulled length between two closings: where the free tension rises steeply it looks
+            like contact [m].
         contact_from_m: pulled length from which contact is looked for: before, slack and the motor's start hide it [m].
         run: samples in a row that have to agree before anything is decided.
         slip_share: share of the contact threshold below which a finger that held touches nothing any more.
@@ -33,6 +35,7 @@ class GraspSettings:
     contact_sigma: float = 5.0
     contact_floor_n: float = 0.5
     contact_free_fraction: float = 0.06
+    length_error_m: float = 0.0003
     contact_from_m: float = 0.0025
     run: int = 3
     slip_share: float = 0.7

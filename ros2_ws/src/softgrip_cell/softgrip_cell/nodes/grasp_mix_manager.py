@@ -38,6 +38,9 @@ WHO = "grasp_mix_manager"
 #: Silence of the driver after which it counts as gone [s].
 SILENCE_S = 1.0
 
+#: After its start the driver may take so long before its silence is an error [s].
+START_S = 10.0
+
 Value = TypeVar("Value")
 
 
@@ -55,6 +58,7 @@ class GraspMixManager(Node):
         self._grasp_settings: GraspSettings = grasp_settings(values)
         self._status: TendonStatusArray | None = None
         self._status_at_s = self._state_at_s = float("-inf")
+        self._started_at_s = time.monotonic()
         self._friction: FrictionModel | None = None
         self._pairing = Pairing()
         self._published: Any = None
@@ -167,7 +171,9 @@ class GraspMixManager(Node):
             self._driver.release(self._released_after_restart)
         self._swap.watch_clock()
         self._update_driver()
-        if time.monotonic() - self._state_at_s > SILENCE_S:
+        if self._status is None and time.monotonic() - self._started_at_s < START_S:
+            self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
+        elif time.monotonic() - self._state_at_s > SILENCE_S:
             self._grasp.abort(f"expected tendon/state, found none for {SILENCE_S:g} s")
             self._diagnostics.set("tendons", Health.ERROR, "no tendon/state; start or check tendon_driver")
         else:
