@@ -2,8 +2,8 @@
 """The servo bus: four servos at 3 Mbaud, emulated with true byte timing in a process of their own.
 
 Ours is the driver's whole control loop as fast as it goes (group read, controller, group write, one slow item); the
-peer is a bare dynamixel-sdk GroupSyncRead of the same bytes with a GroupSyncWrite, in the same run. Jitter and CPU share
-are measured at a fixed 250 Hz; a silent servo is one whose ID nobody has.
+peer is a bare dynamixel-sdk GroupSyncRead of the same bytes with a GroupSyncWrite, in the same run. Jitter and CPU
+share are measured at a fixed 250 Hz; a silent servo is one whose ID nobody has.
 """
 
 from __future__ import annotations

@@ -31,10 +31,10 @@ from softgrip_model.profile import load_directory
 PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
 TENDONS = ("index", "middle", "thumb")
 BAUD = 1_000_000
-#: On a machine that others use too, the emulator's thread may sleep for longer than a servo may be silent. `make faults`
-#: sets the variable and measures with the driver's real limits.
+#: On a machine that others use too, the emulator's thread may sleep for longer than a servo may be silent. `make
+#: faults` sets the variable and measures with the driver's real limits.
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
-LIMITS = TendonLimits() if QUIET else TendonLimits(no_reply=0.3)
+LIMITS = TendonLimits(homing_speed=0.03, no_reply=0.05 if QUIET else 0.3)
 POLICIES = Policies()
 REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
 
@@ -147,7 +147,7 @@ def reading():
 
 @pytest.fixture
 def spring_finger():
-    """A closed-form finger for pure tests: slack up to `taut` [m], then a spring; the servo follows its setpoint."""
+    """A closed-form finger: slack up to `taut` [m], then a spring; the servo follows its setpoint."""
 
     class SpringFinger:
         def __init__(self, taut=0.003, stiffness=1000.0, position=0.0):

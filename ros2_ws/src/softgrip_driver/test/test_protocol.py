@@ -4,6 +4,7 @@
 import contextlib
 import os
 import random
+import re
 import tty
 
 import pytest
@@ -16,6 +17,8 @@ from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.stuffing import PacketHandler, stuff, unstuff
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError, RefusedError
 
+#: what a receiver would take for the beginning of a packet
+FALSE_HEADER = re.compile(rb"\xff\xff\xfd(?!\xfd)")
 HEADER = bytes.fromhex("ff ff fd 00")
 
 
@@ -134,7 +137,7 @@ def test_real_multi_turn_positions_are_stuffed_on_the_wire(scripted, position):
     bus, serial = scripted(status(1, b""))
     bus.write(1, reg.GOAL_POSITION, position)
     (sent,) = serial.sent
-    assert b"\xff\xff\xfd" not in sent[4:-2].replace(b"\xff\xff\xfd\xfd", b"")
+    assert not FALSE_HEADER.search(sent[4:-2])
     assert int.from_bytes(sent[5:7], "little") + 7 == len(sent)
     assert crc16(sent[:-2]).to_bytes(2, "little") == sent[-2:]
     body = bytes(unstuff(sent[7:-2]))
@@ -164,7 +167,7 @@ def test_the_sdk_alone_would_send_a_false_header():
 def test_stuffing_is_undone_exactly_and_leaves_no_header(body):
     stuffed = stuff(body)
     assert unstuff(stuffed) == body
-    assert b"\xff\xff\xfd" not in bytes(stuffed).replace(b"\xff\xff\xfd\xfd", b"")
+    assert not FALSE_HEADER.search(bytes(stuffed))
 
 
 @given(st.lists(st.integers(0, 255), min_size=1, max_size=30))

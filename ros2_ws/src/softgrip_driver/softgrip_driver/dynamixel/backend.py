@@ -312,8 +312,8 @@ class DynamixelBackend:
     def _check_return(self, live: _Live) -> bool:
         """Look what became of a servo that was away, before anybody commands it again; return whether that is known.
 
-        It may have restarted, or stopped itself by its bus watchdog. The latter is a fault of its own where this side was
-        silent; where the servo was, that has been told.
+        It may have restarted, or stopped itself by its bus watchdog. The latter is a fault of its own where this side
+        was silent; where the servo was, that has been told.
         """
         if not live.suspect:
             return True

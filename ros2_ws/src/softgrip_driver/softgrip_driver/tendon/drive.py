@@ -350,7 +350,7 @@ class Drive:
             text = f"hardware error status 0x{reading.hardware_error:02x}"
             self.set_fault(name, "its bus watchdog has tripped" if name == "bus_watchdog" else text)
         if "overload" in reading.faults and self.powered and not m.restored_once:
-            # The servo has let go by itself. Taking hold again at once is what keeps the object; twice would be a fight.
+            # The servo has let go by itself. Taking hold again at once keeps the object; twice would be a fight.
             m.restoring = m.restored_once = True
             return DriveActions(restore=True)
         if not reading.faults and m.fault == "input_voltage":

@@ -7,6 +7,7 @@ the servo's volatile memory and the same mark here; only where both agree does t
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 from collections.abc import Mapping
@@ -100,7 +101,8 @@ class ZeroStore:
                 os.fsync(file.fileno())
             temporary.replace(self._path)
         except OSError as error:
-            temporary.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
             raise ConfigurationError(f"{self._path}: expected a writable file, found: {error}") from error
 
 

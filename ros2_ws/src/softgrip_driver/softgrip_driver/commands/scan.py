@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run softgrip_driver scan`: which servos answer, on which port, at which baud rate."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from serial.tools import list_ports
+
+from softgrip_driver.commands.common import DONE, FAILED, parser, run
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import BAUD_CODES, HARDWARE_ERROR, MODEL_NAMES, HardwareError
+from softgrip_driver.errors import DriverError, PortLostError
+
+TEXT = """Find Dynamixel servos: every serial port (or --port), every baud rate, every ID.
+Nothing is written and nothing moves.
+
+Exit code 0 when at least one servo was found."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A servo that answered."""
+
+    port: str
+    baud: int
+    servo_id: int
+    model: int
+    firmware: int
+    hardware_error: HardwareError | None
+
+    def line(self) -> str:
+        """Return the row of the table."""
+        error = "no answer" if self.hardware_error is None else (self.hardware_error.name or "none")
+        name = MODEL_NAMES.get(self.model, "unknown")
+        return f"{self.port:<16}{self.baud:>9}{self.servo_id:>5}  {name:<12}{self.model:>6}{self.firmware:>5}  {error}"
+
+
+HEAD = f"{'port':<16}{'baud':>9}{'ID':>5}  {'model':<12}{'number':>6}{'fw':>5}  hardware error"
+
+
+def scan_port(port: str, bauds: Sequence[int], wait: float) -> Iterator[Found]:
+    """Yield the servos of one port; raises PortLostError when it cannot be opened."""
+    for baud in bauds:
+        bus = Bus(port, baud, reply_margin=0.02)
+        bus.open()
+        try:
+            for servo_id, (model, firmware) in sorted(bus.broadcast_ping(wait).items()):
+                try:
+                    error: HardwareError | None = HardwareError(bus.read(servo_id, HARDWARE_ERROR, attempts=3))
+                except PortLostError:
+                    raise
+                except DriverError:
+                    error = None
+                yield Found(port, baud, servo_id, model, firmware, error)
+        finally:
+            bus.close()
+
+
+def work(options: argparse.Namespace) -> int:
+    """Scan and print."""
+    ports = [options.port] if options.port else sorted(port.device for port in list_ports.comports())
+    if not ports:
+        print("no serial port found; plug the adapter in, or name it with --port", file=sys.stderr)
+        return FAILED
+    bauds = [options.baud] if options.baud else sorted(BAUD_CODES, key=lambda baud: baud != 57600)
+    print(HEAD)
+    count = 0
+    for port in ports:
+        try:
+            for found in scan_port(port, bauds, options.wait):
+                count += 1
+                print(found.line(), flush=True)
+        except PortLostError as error:
+            print(error, file=sys.stderr)
+    if not count:
+        print(f"no servo answered on {', '.join(ports)}; check power, cable and adapter", file=sys.stderr)
+    return DONE if count else FAILED
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    arguments = parser("scan", TEXT)
+    arguments.add_argument("--port", default="", help="only this port")
+    arguments.add_argument("--baud", type=int, choices=sorted(BAUD_CODES), help="only this baud rate")
+    arguments.add_argument("--wait", type=float, default=0.5, metavar="S", help="for answers, default %(default)s s")
+    return run(work, arguments, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run softgrip_driver selftest`: how fast and how well the bus runs, and what to do when it does not."""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from softgrip_driver.commands.common import DONE, FAILED, add_bus_options, parser, run
+from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.errors import DeviceNotFoundError
+
+TEXT = """Measure the servo bus with group reads of all servos: rate, jitter, lost replies, USB latency, return delay.
+
+Nothing moves. Prints each cause of slowness with its fix in words; exit code 1 when the wanted rate is not reached."""
+
+#: bytes of a group read's instruction and of one answer to it (10 bytes of data)
+REQUEST_BYTES, ANSWER_BYTES = 14, 21
+BITS_PER_BYTE = 10
+USB_SERIAL = Path("/sys/bus/usb-serial/devices")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What was measured.
+
+    Attributes:
+        servos: how many answer.
+        baud: [1/s]
+        rate: [Hz] of group reads one after the other.
+        median, p99: [s] of one group read.
+        lost_share: share of the answers that did not come.
+        corrupt: damaged packets.
+        return_delays: [s] by ID.
+        latency_timer: [s] of the USB adapter; None where it has none.
+    """
+
+    servos: int
+    baud: int
+    rate: float
+    median: float
+    p99: float
+    lost_share: float
+    corrupt: int
+    return_delays: dict[int, float]
+    latency_timer: float | None
+
+    @property
+    def wire_time(self) -> float:
+        """[s] that the bytes alone need."""
+        return (REQUEST_BYTES + self.servos * (1 + ANSWER_BYTES)) * BITS_PER_BYTE / self.baud
+
+
+def measure(bus: Bus, seconds: float) -> Measurement:
+    """Read all servos as fast as can be.
+
+    Raises:
+        DeviceNotFoundError: nobody answers.
+    """
+    ids = sorted(bus.broadcast_ping(0.5))
+    if not ids:
+        raise DeviceNotFoundError(
+            f"{bus.port.port_name}: expected servos at {bus.port.baudrate} baud, found none; run scan"
+        )
+    delays = {i: bus.read(i, reg.RETURN_DELAY, attempts=3) * reg.RETURN_DELAY_SECONDS_PER_UNIT for i in ids}
+    lost, corrupt = bus.counters.lost, bus.counters.corrupt
+    durations: list[float] = []
+    began = time.monotonic()
+    while time.monotonic() - began < seconds:
+        start = time.monotonic()
+        bus.sync_read(ids, reg.PRESENT_CURRENT.address, 10)
+        durations.append(time.monotonic() - start)
+    ordered = sorted(durations)
+    return Measurement(
+        len(ids), bus.port.baudrate, 1.0 / statistics.fmean(durations), statistics.median(durations),
+        ordered[int(0.99 * (len(ordered) - 1))], (bus.counters.lost - lost) / (len(durations) * len(ids)),
+        bus.counters.corrupt - corrupt, delays, latency_timer(bus.port.port_name),
+    )  # fmt: skip
+
+
+def latency_timer(port: str, devices: Path = USB_SERIAL) -> float | None:
+    """Return the latency timer [s] of an FTDI adapter, None where the port has none."""
+    try:
+        text = (devices / Path(port).resolve().name / "latency_timer").read_text(encoding="ascii")
+        return int(text) * 1e-3
+    except (OSError, ValueError):
+        return None
+
+
+def causes(found: Measurement, wanted_rate: float) -> list[str]:
+    """Return every cause of slowness or loss that the figures show, with its fix."""
+    texts = []
+    if found.latency_timer is not None and found.latency_timer > 0.001:
+        texts.append(
+            f"the USB adapter waits {found.latency_timer * 1e3:.0f} ms before it hands bytes over: set its latency "
+            "timer to 1 ms, once with `echo 1 > /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`, for ever with the "
+            'udev rule KERNEL=="ttyUSB*", DRIVERS=="ftdi_sio", ATTR{device/latency_timer}="1"'
+        )
+    slow = {i: delay for i, delay in found.return_delays.items() if delay > 0.0}
+    if slow:
+        texts.append(
+            f"servos {sorted(slow)} wait up to {max(slow.values()) * 1e6:.0f} us before they answer: set their "
+            "return delay to 0 with `setup --id N` (the driver does so itself when write_eeprom is on)"
+        )
+    if found.wire_time > 0.5 / wanted_rate:
+        texts.append(
+            f"at {found.baud} baud the bytes alone take {found.wire_time * 1e3:.1f} ms of the "
+            f"{1e3 / wanted_rate:.1f} ms of a cycle: raise the baud rate with `setup --new-baud`"
+        )
+    if found.lost_share > 0.001 or found.corrupt:
+        texts.append(
+            f"{found.lost_share:.2%} of the answers are lost and {found.corrupt} packets damaged: check cable, "
+            "connectors, common ground and supply; each ID must be used once"
+        )
+    if not texts and found.rate < wanted_rate:
+        texts.append(
+            f"a group read takes {found.median * 1e3:.2f} ms, its bytes {found.wire_time * 1e3:.2f} ms: the rest is "
+            "this computer; close other programs or use a faster one"
+        )
+    return texts
+
+
+def work(options: argparse.Namespace) -> int:
+    """Measure, judge, print."""
+    bus = Bus(options.port, options.baud, options.reply_margin)
+    bus.open()
+    try:
+        found = measure(bus, options.seconds)
+    finally:
+        bus.close()
+    timer = "none" if found.latency_timer is None else f"{found.latency_timer * 1e3:.0f} ms"
+    print(f"servos              {found.servos} at {found.baud} baud")
+    print(f"group reads         {found.rate:.0f} Hz, median {found.median * 1e3:.2f} ms, p99 {found.p99 * 1e3:.2f} ms")
+    print(f"bytes alone         {found.wire_time * 1e3:.2f} ms")
+    print(f"lost answers        {found.lost_share:.3%}, damaged packets {found.corrupt}")
+    print(f"USB latency timer   {timer}")
+    print(f"return delays       {', '.join(f'{i}: {d * 1e6:.0f} us' for i, d in found.return_delays.items())}")
+    for text in causes(found, options.rate):
+        print(f"-> {text}")
+    good = found.rate >= options.rate
+    print(f"{'reaches' if good else 'does not reach'} the wanted {options.rate:.0f} Hz")
+    return DONE if good else FAILED
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    arguments = parser("selftest", TEXT)
+    add_bus_options(arguments)
+    arguments.add_argument("--seconds", type=float, default=5.0, help="how long, default %(default)s")
+    arguments.add_argument("--rate", type=float, default=100.0, help="wanted loop rate [Hz], default %(default)s")
+    return run(work, arguments, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

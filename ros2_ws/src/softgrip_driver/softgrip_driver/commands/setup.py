@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run softgrip_driver setup`: give a servo its ID and baud rate, or reboot it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+
+from softgrip_driver.commands.common import DONE, add_bus_options, parser, run
+from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceNotFoundError, NoReplyError
+
+TEXT = """Set up one servo: its ID, its baud rate, no return delay. Torque is switched off first.
+
+A new servo has ID 1 at 57600 baud. Connect one at a time:
+    setup --port /dev/ttyUSB0 --baud 57600 --id 1 --new-id 3 --new-baud 1000000
+After an overload or another hardware error:
+    setup --port /dev/ttyUSB0 --id 3 --reboot"""
+
+#: [s] for a servo to come back from a reboot
+REBOOT_TIME = 4.0
+
+
+def assign(bus: Bus, servo_id: int, new_id: int | None, new_baud: int | None) -> list[str]:
+    """Write what was asked for, verify it, and say what was done.
+
+    Raises:
+        ConfigurationError: the new ID is taken.
+        DriverError: the servo does not answer or refuses.
+    """
+    done = []
+    model, _ = bus.ping(servo_id, attempts=3)
+    bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts=3)
+    bus.write(servo_id, reg.RETURN_DELAY, 0, attempts=3)
+    done.append(f"ID {servo_id} ({reg.MODEL_NAMES.get(model, model)}): torque off, return delay 0")
+    if new_id is not None and new_id != servo_id:
+        try:
+            bus.ping(new_id)
+        except (NoReplyError, CorruptReplyError):
+            pass
+        else:
+            raise ConfigurationError(f"expected a free ID, found a servo with ID {new_id} already; choose another")
+        bus.write(servo_id, reg.ID, new_id)
+        servo_id = new_id
+        bus.ping(servo_id, attempts=3)
+        done.append(f"ID is now {servo_id}")
+    if new_baud is not None and new_baud != bus.port.baudrate:
+        bus.write(servo_id, reg.BAUD_RATE, reg.BAUD_CODES[new_baud])
+        bus.close()
+        bus.port.baudrate = new_baud
+        bus.open()
+        bus.ping(servo_id, attempts=3)
+        done.append(f"baud rate is now {new_baud}")
+    return done
+
+
+def reboot(bus: Bus, servo_id: int) -> str:
+    """Reboot a servo and wait for it; raises DeviceNotFoundError when it does not come back."""
+    bus.reboot(servo_id)
+    deadline = time.monotonic() + REBOOT_TIME
+    while time.monotonic() < deadline:
+        try:
+            bus.ping(servo_id)
+        except (NoReplyError, CorruptReplyError):
+            continue
+        error = reg.HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, attempts=3))
+        return f"ID {servo_id} is back, hardware error: {error.name or 'none'}; home its tendon"
+    raise DeviceNotFoundError(
+        f"ID {servo_id}: expected it back within {REBOOT_TIME:.0f} s, found silence; switch its supply off and on"
+    )
+
+
+def work(options: argparse.Namespace) -> int:
+    """Do what was asked for."""
+    bus = Bus(options.port, options.baud, options.reply_margin)
+    bus.open()
+    try:
+        if options.reboot:
+            print(reboot(bus, options.id))
+        if options.new_id is not None or options.new_baud is not None or not options.reboot:
+            print("\n".join(assign(bus, options.id, options.new_id, options.new_baud)))
+    finally:
+        bus.close()
+    return DONE
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    arguments = parser("setup", TEXT)
+    add_bus_options(arguments)
+    arguments.add_argument("--id", type=int, required=True, choices=range(253), metavar="0..252", help="present ID")
+    arguments.add_argument("--new-id", type=int, choices=range(253), metavar="0..252")
+    arguments.add_argument("--new-baud", type=int, choices=sorted(reg.BAUD_CODES))
+    arguments.add_argument(
+        "--reboot", action="store_true", help="reboot it; clears a hardware error and its turn count"
+    )
+    return run(work, arguments, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench commands against emulated servos, as a person types them."""
+
+import contextlib
+import csv
+import re
+
+import numpy as np
+import pytest
+
+from softgrip_driver.commands import calibrate_tension, scan, selftest, setup
+from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.table import load_model
+from softgrip_emulator.wire.pty import PtyPort
+
+
+@pytest.fixture
+def chain(tmp_path):
+    """Put servos (model, ID, baud) on a port."""
+    with contextlib.ExitStack() as stack:
+
+        def make(*rows):
+            servos = [Servo(load_model(model), number, baud=baud) for model, number, baud in rows]
+            stack.enter_context(PtyPort(tmp_path / "servos", DynamixelChain(servos), paced=False))
+            return str(tmp_path / "servos"), servos
+
+        yield make
+
+
+def test_scan_finds_servos_at_every_baud_rate(chain, capsys):
+    port, _ = chain(("xl330_m288", 1, 57_600), ("xm430_w350", 7, 3_000_000))
+    assert scan.main(["--port", port, "--wait", "0.1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any("57600" in line and "XL330-M288" in line and line.split()[2] == "1" for line in lines)
+    assert any("3000000" in line and "XM430-W350" in line and line.split()[2] == "7" for line in lines)
+    assert len(lines) == 3
+
+
+def test_scan_of_nothing_says_what_to_check(chain, capsys, tmp_path):
+    port, _ = chain()
+    assert scan.main(["--port", port, "--wait", "0.02"]) == 1
+    assert "check power, cable and adapter" in capsys.readouterr().err
+    assert scan.main(["--port", str(tmp_path / "none"), "--wait", "0.02"]) == 1
+    assert "expected a free serial port" in capsys.readouterr().err
+
+
+def test_setup_gives_a_new_servo_its_id_and_baud_rate(chain, capsys):
+    port, (servo,) = chain(("xl330_m288", 1, 57_600))
+    options = ["--port", port, "--baud", "57600", "--id", "1", "--new-id", "5", "--new-baud", "1000000"]
+    assert setup.main(options) == 0
+    assert "baud rate is now 1000000" in capsys.readouterr().out
+    assert (servo.device_id, servo.baud, servo.registers.get("return_delay_time")) == (5, 1_000_000, 0)
+    bus = Bus(port, 1_000_000, 0.05)
+    bus.open()
+    assert bus.ping(5)[0] == 1200
+    bus.close()
+
+
+def test_setup_refuses_an_id_that_is_taken(chain, capsys):
+    port, servos = chain(("xl330_m288", 1, 1_000_000), ("xl330_m288", 2, 1_000_000))
+    assert setup.main(["--port", port, "--id", "1", "--new-id", "2"]) == 1
+    assert "a servo with ID 2 already" in capsys.readouterr().err
+    assert [servo.device_id for servo in servos] == [1, 2]
+
+
+def test_setup_reboots_and_waits(chain, capsys):
+    port, _ = chain(("xl330_m288", 1, 1_000_000))
+    assert setup.main(["--port", port, "--id", "1", "--reboot"]) == 0
+    assert "ID 1 is back, hardware error: none" in capsys.readouterr().out
+
+
+def test_selftest_measures_and_names_the_return_delay(chain, capsys):
+    port, _ = chain(("xl330_m288", 1, 1_000_000), ("xl330_m288", 2, 1_000_000))
+    selftest.main(["--port", port, "--seconds", "0.3", "--rate", "1"])
+    out = capsys.readouterr().out
+    assert "2 at 1000000 baud" in out
+    assert "servos [1, 2] wait up to 500 us" in out
+    assert "setup --id" in out
+
+
+def test_selftest_of_an_empty_bus_says_so(chain, capsys):
+    port, _ = chain()
+    assert selftest.main(["--port", port, "--seconds", "0.1"]) == 1
+    assert "found none; run scan" in capsys.readouterr().err
+
+
+def measurement(**others):
+    values = {
+        "servos": 4, "baud": 1_000_000, "rate": 400.0, "median": 0.0025, "p99": 0.003, "lost_share": 0.0, "corrupt": 0,
+        "return_delays": {1: 0.0}, "latency_timer": 0.001,
+    }  # fmt: skip
+    return Measurement(**(values | others))
+
+
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        (measurement(latency_timer=0.016), "waits 16 ms"),
+        (measurement(return_delays={1: 5e-4, 2: 0.0}), r"servos \[1\] wait"),
+        (measurement(baud=57600), "raise the baud rate"),
+        (measurement(lost_share=0.05), "5.00% of the answers are lost"),
+        (measurement(rate=60.0), "the rest is this computer"),
+    ],
+)
+def test_each_cause_has_its_fix(found, text):
+    (only,) = causes(found, 100.0)
+    assert re.search(text, only)
+
+
+def test_a_good_bus_has_no_causes():
+    assert causes(measurement(), 100.0) == []
+
+
+def test_the_latency_timer_is_read_from_sysfs(tmp_path):
+    (tmp_path / "ttyUSB0").mkdir()
+    (tmp_path / "ttyUSB0" / "latency_timer").write_text("16\n")
+    assert latency_timer("/dev/ttyUSB0", tmp_path) == 0.016
+    assert latency_timer("/dev/ttyACM0", tmp_path) is None
+
+
+def test_calibration_of_a_recording_gives_its_parameters(tmp_path, capsys):
+    rng = np.random.default_rng(3)
+    path = tmp_path / "samples.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("current_a", "speed_m_s", "tension_n"))
+        for tension, sign in zip(rng.uniform(2.0, 15.0, 100), [1, -1] * 50, strict=True):
+            writer.writerow((tension * 0.010 / 0.33 + 0.04 * sign, 0.003 * sign, tension))
+    assert calibrate_tension.main(["--csv", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "torque_per_ampere_nm_a: [0.33000]" in out
+    assert "friction_currents_a: [0.04000]" in out
+
+
+def test_a_bad_recording_is_named(tmp_path, capsys):
+    path = tmp_path / "bad.csv"
+    path.write_text("a,b\n1,2\n")
+    assert calibrate_tension.main(["--csv", str(path)]) == 1
+    assert "expected columns current_a" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monkeypatch, tmp_path):
+    """The gauge reads the tendon of the emulated finger, which is the truth."""
+
+    class Gauge:
+        def tension(self):
+            return float(bench.plant.bank.tension_n[0])
+
+    bench.loop.stop()
+    bench.backend._live = {"index": bench.backend._live["index"]}
+    samples = calibrate_tension.measure(bench.backend, Gauge(), 8.0, 0.02, 0.006, 1)
+    calibrate_tension.write_csv(tmp_path / "samples.csv", samples)
+    taut = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension > 1.0]
+    model = calibrate_tension.fit_torque_model(
+        [s.current for s in taut], [s.speed for s in taut], [s.tension for s in taut], 0.010, "gauge"
+    )
+    motor = bench.plant.motors[0]
+    truth = motor.ratings.torque_constant_nm_per_a * 0.010 / motor.spool_radius_m
+    assert model.torque_per_ampere == pytest.approx(truth, rel=0.12)
+    assert bench.plant.servos[0].registers.get("torque_enable") == 0
