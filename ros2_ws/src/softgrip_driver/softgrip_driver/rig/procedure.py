@@ -117,6 +117,8 @@ class Settings:
 LEAST_PULLEY_STDDEV = 0.002
 
 
+#: Points before an adaptive plan may stop: with fewer than three degrees of freedom luck looks like precision.
+ADAPTIVE_LEAST = 7
 _ZERO_READINGS = 20
 
 
@@ -319,8 +321,9 @@ class Procedure:
         )
 
     def _more_wanted(self, calibration: Calibration) -> bool:
-        enough = calibration.assessment.widest_interval <= self._settings.adaptive_interval
-        return not enough and len(calibration.fit.points) < self._settings.adaptive_most
+        count = len(calibration.fit.points)
+        narrow = calibration.assessment.widest_interval <= self._settings.adaptive_interval
+        return count < self._settings.adaptive_most and (count < ADAPTIVE_LEAST or not narrow)
 
     def _pulley_outcome(self, journal: Journal) -> Outcome:
         points = _in_order(journal)

@@ -169,10 +169,11 @@ def _verdict(
 ) -> tuple[Verdict, list[str]]:
     refusals = _refusals(fit, limits, widest)
     repeats = [f"repeat {fit.points.labels[i]}: the other points contradict it" for i in outliers]
-    if fit.maximum_error > limits.maximum_error and not outliers:
+    # Where the average is bad too, it is the law and not one point.
+    if limits.maximum_error < fit.maximum_error and fit.average_error <= limits.average_error and not outliers:
         worst = int(np.argmax(np.abs(fit.residuals)))
         repeats.append(
-            f"repeat {fit.points.labels[worst]}: error {fit.maximum_error:.1%} of limit {limits.maximum_error:.0%}"
+            f"repeat {fit.points.labels[worst]}: error {fit.maximum_error:.1%} (limit {limits.maximum_error:.0%})"
         )
     if lack is not None and lack.p_value < limits.significance and fit.average_error > 0.5 * limits.average_error:
         refusals.append(f"the law's shape does not fit ({lack.method} test, p = {lack.p_value:.4f})")

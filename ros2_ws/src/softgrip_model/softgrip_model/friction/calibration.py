@@ -79,7 +79,7 @@ def calibrate(
     judged = assess(found, limits)
     when = (fitted_at or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     model = FrictionModel(
-        id=model_id(pair.cable, pair.surface, when),
+        id=model_id(pair.cable, pair.surface, law, when),
         law=found.law,
         covariance=found.covariance,
         residual_stddev=found.residual_stddev,

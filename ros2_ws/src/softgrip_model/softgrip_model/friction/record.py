@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from softgrip_model.friction.laws import FrictionLaw
+from softgrip_model.friction.laws import FrictionLaw, Law
 
 #: What an id may look like; it is also a file name.
 ID_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -102,7 +102,7 @@ class FrictionModel:
         return (now - self.fitted_at).total_seconds()
 
 
-def model_id(cable: str, surface: str, fitted_at: datetime) -> str:
-    """Return an id such as ``pe-braid-0.25-mm-tpu-20261121T101500Z``."""
+def model_id(cable: str, surface: str, law: Law, fitted_at: datetime) -> str:
+    """Return an id such as ``pe-braid-0.25-mm-tpu-matte-20261121T101500Z``."""
     slug = re.sub(r"[^a-z0-9.]+", "-", f"{cable} {surface}".lower()).strip("-.") or "model"
-    return f"{slug[:70]}-{fitted_at.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+    return f"{slug[:70]}-{law}-{fitted_at.astimezone(UTC):%Y%m%dT%H%M%SZ}"
