@@ -9,6 +9,7 @@ which turns its links clockwise (towards -y).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,8 @@ MOUNT_DRIFT = (2e-5, 2e-5, math.radians(0.02))
 #: [rad/s] one standard deviation of a joint's speed, and [s] how long it keeps a speed (Singer's model, first order).
 SPEED_STDDEV = 5.0
 SPEED_TIME = 0.15
+#: [rad] A joint bent backwards further than this is not: fingers rest straight.
+NEARLY_STRAIGHT = math.radians(3.0)
 #: Stop refining a measurement's linearisation below this step [rad], or after so many steps.
 RELINEARISE_STEP = 1e-3
 RELINEARISE_LIMIT = 4
@@ -152,6 +155,36 @@ class ChainFilter:
         self.state = state
         updated = prior_covariance - gain @ jacobian @ prior_covariance
         self.covariance = (updated + updated.T) / 2
+
+    def settle_hidden(self, hidden: Sequence[bool]) -> Array:
+        """Put hidden joints on the side that fingers bend to; return (n,) [rad] what stays unknown beside the filter.
+
+        A single hidden joint may lie on either side of the line between its neighbours, and a linearised filter does
+        not know that. A finger does not open past straight, so a joint found bent backwards is mirrored; one that is
+        nearly straight stays unknown by its own angle. Two hidden neighbours leave a freedom that only time filters
+        away: unknown.
+
+        Args:
+            hidden: (n + 2,) which markers are not seen.
+        """
+        unknown = np.zeros(self.joints)
+        for marker in range(2, self.joints + 1):
+            if not hidden[marker]:
+                continue
+            around = slice(marker - 2, marker + 1)
+            if hidden[marker + 1] or hidden[marker - 1]:
+                unknown[around] = math.pi
+                continue
+            angle = 3 + marker - 1
+            if self.state[angle] < -NEARLY_STRAIGHT:
+                points = self.geometry.markers(self.state)
+                chord = points[marker + 1] - points[marker - 1]
+                offset = points[marker] - points[marker - 1]
+                points[marker] = points[marker - 1] + 2 * chord * float(offset @ chord) / float(chord @ chord) - offset
+                self.state[3 : 3 + self.joints] = self.geometry.angles(points)
+            if self.state[angle] < NEARLY_STRAIGHT:
+                unknown[around] = np.maximum(unknown[around], abs(self.state[angle]))
+        return unknown
 
     def angles(self) -> tuple[Array, Array]:
         """Return (n,) joint angles [rad] and (n,) their standard deviations [rad]."""

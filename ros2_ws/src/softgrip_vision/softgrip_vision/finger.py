@@ -315,9 +315,11 @@ class FingerTracker:
         elif stamp - self._last_sound > self.options.patience:
             self.reset()
             return self._silent(f"lost: {', '.join(hidden)} not seen for too long; searching the whole image")
+        unknown = chain.settle_hidden([found is None for found in seen])
         markers = tuple(self._reading(chain, index, found) for index, found in enumerate(seen))
         quality = threshold_quality([found.spot for found in seen if found is not None])
         angles, angles_stddev = chain.angles()
+        angles_stddev = np.hypot(angles_stddev, unknown)
         tip, tip_stddev = chain.tip()
         if float(angles_stddev.max()) > self.options.largest_angle_stddev:
             joint = int(np.argmax(angles_stddev))

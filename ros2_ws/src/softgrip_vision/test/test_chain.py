@@ -118,6 +118,28 @@ def test_process_noise_is_the_exact_integral() -> None:
     assert twice.covariance == pytest.approx(once.covariance)
 
 
+def test_a_hidden_joint_is_not_bent_backwards() -> None:
+    points = GEOMETRY.markers(state_of(np.array([0.5, 0.4, 0.3])))
+    chain = ChainFilter(GEOMETRY)
+    chain.place(points)
+    chord, offset = points[4] - points[2], points[3] - points[2]
+    mirrored = points.copy()
+    mirrored[3] = points[2] + 2 * chord * (offset @ chord) / (chord @ chord) - offset
+    chain.state[3:6] = GEOMETRY.angles(mirrored)
+    assert chain.state[5] < 0
+    unknown = chain.settle_hidden([False, False, False, True, False])
+    assert GEOMETRY.markers(chain.state) == pytest.approx(points)
+    assert unknown == pytest.approx(np.zeros(3))
+
+
+def test_what_hidden_joints_leave_unknown() -> None:
+    chain = ChainFilter(GEOMETRY)
+    chain.place(GEOMETRY.markers(state_of(np.array([0.5, 0.02, 0.3]))))
+    assert chain.settle_hidden([True, True, False, False, True]) == pytest.approx(np.zeros(3))
+    assert chain.settle_hidden([False, False, True, False, False]) == pytest.approx(np.full(3, 0.02))
+    assert chain.settle_hidden([False, False, True, True, False]).min() > 3.0
+
+
 def test_inverse2() -> None:
     matrix = np.array([[3.0, 1.0], [-2.0, 5.0]])
     assert inverse2(matrix) @ matrix == pytest.approx(np.eye(2))
