@@ -9,6 +9,7 @@ import os
 import re
 import socket
 import threading
+import time
 from typing import Any
 
 import zenoh
@@ -20,13 +21,15 @@ PORT_VARIABLE = "EMBEDDED_ROUTER_PORT"
 OVERRIDE_VARIABLE = "ZENOH_CONFIG_OVERRIDE"
 _KEEPER_PERIOD_S = 1.0
 _LEASE_MS = 2000
+_ROUTER_DEADLINE_S = 4.0
+_LOOK_PERIOD_S = 0.002
 
 _COMMON = {
     "timestamping/enabled": {"router": True, "peer": True, "client": True},
     "queries_default_timeout": 600_000,
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": True,
-    "transport/unicast/open_timeout": 60_000,
+    "transport/unicast/open_timeout": 3_000,  # closing waits for it; connecting is tried again
     "transport/unicast/accept_timeout": 60_000,
     "transport/unicast/max_sessions": 10_000,
     "transport/unicast/accept_pending": 10_000,
@@ -185,6 +188,26 @@ def open_session(domain: int, *, host: bool = True) -> tuple[zenoh.Session, Rout
         if keeper is not None:
             keeper.close()
         raise WireError(f"cannot open a Zenoh session: {error}") from error
+    if port is not None:
+        try:
+            _meet_router(session, keeper, port)
+        except WireError:
+            session.close()  # type: ignore[no-untyped-call]  # zenoh's stub
+            raise
     if keeper is not None:
         keeper.watch(session)
     return session, keeper
+
+
+def _meet_router(session: zenoh.Session, keeper: RouterKeeper | None, port: int) -> None:
+    """Wait until the session has met the router; WireError when what answers on the port is none."""
+    end = time.monotonic() + _ROUTER_DEADLINE_S
+    while not session.info.routers_zid():
+        if not port_is_open(port) and (keeper is None or keeper.try_host()):
+            return  # nobody there: alone, or the host itself
+        if time.monotonic() > end:
+            raise WireError(
+                f"port {port} of this machine is taken by something that is no Zenoh router (no answer within "
+                f"{_ROUTER_DEADLINE_S:.0f} s); end it, or set {PORT_VARIABLE} to a free port for the whole cell"
+            )
+        time.sleep(_LOOK_PERIOD_S)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -128,7 +127,7 @@ def workspace(tmp_path: Path) -> Path:
     return tmp_path / "ws"
 
 
-TALK_NODES = '''
+TALK_NODES = """
 import sys
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -183,7 +182,7 @@ def listen():
 def breaks():
     print("cannot go on: no device", file=sys.stderr)
     return 3
-'''
+"""
 
 
 @pytest.fixture

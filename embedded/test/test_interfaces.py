@@ -70,7 +70,7 @@ def test_constructor_takes_fields_by_keyword_and_fills_defaults() -> None:
     assert NavSatStatus().status == -2
     assert PoseStamped().pose.orientation.w == 1.0
     assert String(data="a").data == "a"
-    with pytest.raises(AssertionError, match="wrong.*fields are data"):
+    with pytest.raises(AssertionError, match=r"wrong.*fields are data"):
         String(wrong=1)
 
 
@@ -160,7 +160,7 @@ def test_assignment_is_checked_when_asked_for(monkeypatch: pytest.MonkeyPatch, t
 def test_bounds_defaults_comments_and_constants_are_parsed(tmp_path: Path) -> None:
     path = tmp_path / "All.msg"
     path.write_text(
-        '# head\nstring<=4[<=2] words ["a#b", \'c\']  # why\nint8[3] three [1, -2, 3]\nString other\n'
+        "# head\nstring<=4[<=2] words [\"a#b\", 'c']  # why\nint8[3] three [1, -2, 3]\nString other\n"
         'string TEXT="x # y"\nfloat32 PI=3.14\nwstring wide "ö"\nbool on true\n'
     )
     (text,) = parse_interface(path, "std_msgs", "msg")
@@ -201,7 +201,7 @@ def test_a_service_needs_its_separator(tmp_path: Path) -> None:
 
 
 def test_an_unknown_type_says_what_there_is() -> None:
-    with pytest.raises(UnknownInterfaceError, match="std_msgs/msg has: .*String"):
+    with pytest.raises(UnknownInterfaceError, match=r"std_msgs/msg has: .*String"):
         registry().interface("std_msgs/msg/Nope")
     with pytest.raises(UnknownInterfaceError, match="no package 'nope'"):
         registry().interface("nope/msg/Nope")

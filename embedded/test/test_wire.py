@@ -43,7 +43,11 @@ def test_token_and_gid_of_a_real_publisher() -> None:
     entity = wire.decode_token(REAL_TOKEN)
     assert wire.encode_token(entity) == REAL_TOKEN
     assert wire.gid_of(REAL_TOKEN).hex(".") == REAL_GID
-    assert (entity.name, entity.ros_type, entity.full_node_name) == ("/real/latched", "std_msgs/msg/String", "/real_node")
+    assert (entity.name, entity.ros_type, entity.full_node_name) == (
+        "/real/latched",
+        "std_msgs/msg/String",
+        "/real_node",
+    )
     assert (entity.qos.durability, entity.qos.depth) == (1, 1)
 
 
@@ -58,7 +62,9 @@ def test_names_with_slashes_survive_a_token() -> None:
     assert wire.decode_token(wire.encode_token(entity)) == entity
 
 
-@pytest.mark.parametrize("token", ["", "a/b", "@ros2_lv/x/z/0/0/NN/%/%/n", REAL_TOKEN + "/more", "@ros2_lv/0/z/0/0/XX/%/%/n"])
+@pytest.mark.parametrize(
+    "token", ["", "a/b", "@ros2_lv/x/z/0/0/NN/%/%/n", REAL_TOKEN + "/more", "@ros2_lv/0/z/0/0/XX/%/%/n"]
+)
 def test_foreign_tokens_are_refused_and_ignored(token: str) -> None:
     with pytest.raises(ValueError, match=r".*"):
         wire.decode_token(token)
