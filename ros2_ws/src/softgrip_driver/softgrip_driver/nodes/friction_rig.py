@@ -7,6 +7,7 @@ stopped.
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -143,6 +144,8 @@ class FrictionRig(LifecycleNode):
 
     def _on_calibrate(self, goal_handle: Any) -> Any:
         result = CalibrateFriction.Result()
+        # A result without a model must not look like one that may be used.
+        result.model = FrictionModel(verdict=FrictionModel.DO_NOT_USE, reason="no model was fitted")
         session = _Session(self, goal_handle, ScaledClock(self._values["time_scale"]))
         try:
             outcome = self._measure(session, goal_handle.request)
@@ -337,6 +340,10 @@ class _Session(Operator):
             self._answer.notify_all()
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    return run(FrictionRig, args, threads=4)
+    sys.exit(run(FrictionRig, args, threads=4))
+
+
+if __name__ == "__main__":
+    main()

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError
+from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DriverError, NoReplyError
 from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.errors import StoppedError, UnitChangedError
 from softgrip_driver.rig.journal import Journal, Measured, Request
@@ -334,7 +334,7 @@ class Procedure:
         return Outcome(journal.plan_id, None, points, float(np.mean(ratios)), max(stddev, LEAST_PULLEY_STDDEV))
 
     def _begun(self, request: Request) -> Journal:
-        points_of(request.plan, request.angles, request.loads)
+        _check(request)
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         return Journal.begin(self._folder, f"{stamp}-{request.plan}", request)
 
@@ -343,6 +343,16 @@ class Procedure:
         if journal is None:
             raise PlanFailedError(f"resume: expected a broken plan in {self._folder}, found none; start a new one")
         return journal
+
+
+def _check(request: Request) -> None:
+    """Refuse before the first pull what the fit could only refuse after the last one."""
+    points_of(request.plan, request.angles, request.loads)
+    if request.law not in set(Law):
+        raise ConfigurationError(f"law: expected one of {', '.join(Law)}, found '{request.law}'")
+    radii = (request.cable_radius, request.surface_radius)
+    if not all(math.isfinite(r) and r >= 0.0 for r in radii) or not 1e-5 < sum(radii) < 1.0:
+        raise ConfigurationError(f"expected radii of cable and surface in m, found {radii[0]:g} and {radii[1]:g} m")
 
 
 def _instruction(point: Point) -> str:

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""friction_rig as a process of its own, on an emulated rig, guided by an action client that plays the person."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from softgrip_emulator.rig import EmulatedRig
+from softgrip_interfaces.action import CalibrateFriction
+from softgrip_interfaces.msg import FrictionModel, FrictionSample
+from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
+from softgrip_model.friction.published import published_ids
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+
+pytestmark = pytest.mark.ros
+SCALE = 60.0
+GOAL: dict[str, Any] = {
+    "plan": "custom",
+    "angles": [0.17, 0.17, 0.87, 1.57, 1.57],
+    "loads": [0.2, 1.0, 0.6, 0.2, 1.0],
+    "cable": "PE braid",
+    "surface": "TPU",
+    "cable_radius": 0.000125,
+    "surface_radius": 0.003,
+    "activate": True,
+}
+
+
+class Person(Node):
+    """Sets what the rig asks for, confirms, and listens."""
+
+    def __init__(self, rig: EmulatedRig) -> None:
+        super().__init__("person")
+        self.rig = rig
+        self.obeys = True
+        self.steps: list[Any] = []
+        self.samples: list[FrictionSample] = []
+        self.active: list[FrictionModel] = []
+        self.wrenches = 0
+        self.create_subscription(FrictionSample, "rig/sample", self.samples.append, RELIABLE)
+        self.create_subscription(FrictionModel, "friction/active", self.active.append, LATCHED)
+        self.create_subscription(WrenchStamped, "load_cell/wrench", self._on_wrench, SENSOR)
+        self._confirm = self.create_client(Trigger, "rig/confirm")
+        self._calibrate = ActionClient(self, CalibrateFriction, "rig/calibrate")
+        self.executor_ = SingleThreadedExecutor()
+        self.executor_.add_node(self)
+        self.process: subprocess.Popen[str] | None = None
+
+    def start(self, folder: Path, *parameters: str) -> subprocess.Popen[str]:
+        given = [
+            "autostart:=true",
+            f"stage_port:={folder / 'stand'}",
+            f"gauge_port:={folder / 'gauge'}",
+            f"model_dir:={folder / 'models'}",
+            f"time_scale:={SCALE}",
+            *parameters,
+        ]
+        settings = [argument for parameter in given for argument in ("-p", parameter)]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "softgrip_driver.nodes.friction_rig", "--ros-args", *settings],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        return self.process
+
+    def stop(self) -> int:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGINT)
+        self.process.communicate(timeout=10)
+        return self.process.returncode
+
+    def until(self, condition: Callable[[], bool], expected: str, seconds: float = 30.0) -> None:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < deadline, f"expected {expected}"
+            assert self.process is None or self.process.poll() is None, "friction_rig ended"
+            self.executor_.spin_once(timeout_sec=0.01)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.create_client(kind, name)
+        self.until(client.service_is_ready, name)
+        future = client.call_async(request)
+        self.until(future.done, f"an answer of {name}")
+        return future.result()
+
+    def goal(self, **changes: Any) -> Any:
+        """Send a goal; return its handle."""
+        self.until(self._calibrate.server_is_ready, "rig/calibrate")
+        self.until(self._confirm.service_is_ready, "rig/confirm")
+        goal = CalibrateFriction.Goal(**(GOAL | changes))
+        future = self._calibrate.send_goal_async(goal, feedback_callback=self._on_feedback)
+        self.until(future.done, "the goal's acceptance")
+        return future.result()
+
+    def result(self, handle: Any) -> Any:
+        future = handle.get_result_async()
+        self.until(future.done, "a result", 60.0)
+        return future.result().result
+
+    def _on_feedback(self, message: Any) -> None:
+        step = message.feedback
+        self.steps.append(step)
+        if step.phase == CalibrateFriction.Feedback.SET_UP and self.obeys:
+            self.rig.set(step.angle, step.load)
+            self._confirm.call_async(Trigger.Request())
+
+    def _on_wrench(self, _: WrenchStamped) -> None:
+        self.wrenches += 1
+
+
+@pytest.fixture
+def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 1))
+    monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(port))
+    rclpy.init()
+    with EmulatedRig(seed=4, time_scale=SCALE).open_ports(tmp_path) as rig:
+        person = Person(rig)
+        yield person
+        if person.process is not None and person.process.poll() is None:
+            person.process.kill()
+            person.process.communicate(timeout=10)
+        person.executor_.shutdown(timeout_sec=1.0)
+        person.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.mark.slow
+def test_a_guided_calibration_gives_an_active_model(person: Person, tmp_path: Path) -> None:
+    person.start(tmp_path)
+    person.until(lambda: bool(person.active), "the first active model")
+    assert person.active[0].id == "braid-tpu"
+    result = person.result(person.goal())
+    assert result.outcome == CalibrateFriction.Result.SUCCEEDED, result.reason
+    assert result.model.verdict in {FrictionModel.USABLE, FrictionModel.DO_NOT_USE, FrictionModel.REPEAT_POINTS}
+    assert len(result.samples) == 5
+    assert len(result.model.covariance) == 16
+    assert result.model.points == 5
+    assert all(sample.verdict == FrictionSample.ACCEPTED for sample in result.samples)
+    assert person.wrenches > 50
+    if result.model.verdict == FrictionModel.USABLE:
+        person.until(lambda: person.active[-1].id == result.model.id, "the new model to become active")
+
+    listed = person.call(ListFrictionModels, "friction/list", ListFrictionModels.Request())
+    assert [model.id for model in listed.models] == [result.model.id, *published_ids()]
+    assert 0.0 <= listed.ages[0] < 300.0
+    answer = person.call(ActivateFrictionModel, "friction/activate", ActivateFrictionModel.Request(id="twine-pla"))
+    assert answer.success
+    person.until(lambda: person.active[-1].id == "twine-pla", "the chosen model to become active")
+    answer = person.call(ActivateFrictionModel, "friction/activate", ActivateFrictionModel.Request(id="nothing"))
+    assert not answer.success
+    assert "available" in answer.message
+    idle = person.call(Trigger, "rig/confirm", Trigger.Request())
+    assert not idle.success
+    assert person.stop() == 0
+    assert person.rig.plant.velocity == 0.0
+
+
+@pytest.mark.slow
+def test_cancelling_keeps_what_was_measured_and_resuming_goes_on(person: Person, tmp_path: Path) -> None:
+    person.start(tmp_path)
+    handle = person.goal()
+    person.until(lambda: len(person.samples) >= 2, "two points")
+    person.obeys = False
+    cancelled = handle.cancel_goal_async()
+    person.until(cancelled.done, "the cancellation")
+    result = person.result(handle)
+    assert result.outcome == CalibrateFriction.Result.CANCELLED
+    assert "resume" in result.reason
+    person.obeys = True
+    person.steps.clear()
+    result = person.result(person.goal(resume=True))
+    assert result.outcome == CalibrateFriction.Result.SUCCEEDED, result.reason
+    asked = {step.index for step in person.steps if step.phase == 0 and step.load > 0.0}
+    assert 0 not in asked
+    assert result.model.points == 5
+
+
+def test_what_cannot_be_measured_is_refused_with_the_reason(person: Person, tmp_path: Path) -> None:
+    person.start(tmp_path)
+    result = person.result(person.goal(plan="seven"))
+    assert result.outcome == CalibrateFriction.Result.FAILED
+    assert "expected one of" in result.reason
+    result = person.result(person.goal(resume=True))
+    assert "found none" in result.reason
+    result = person.result(person.goal(cable_radius=0.0, surface_radius=0.0))
+    assert "radii" in result.reason
+    assert result.model.verdict == FrictionModel.DO_NOT_USE
+    result = person.result(person.goal(law="amontons"))
+    assert "amontons" in result.reason
+
+
+def test_ctrl_c_in_the_middle_of_a_pull_stops_the_stage(person: Person, tmp_path: Path) -> None:
+    person.start(tmp_path)
+    person.goal()
+    person.until(lambda: person.rig.plant.velocity > 0.0, "motion")
+    assert person.stop() == 0
+    deadline = time.monotonic() + 2.0
+    while person.rig.plant.velocity:
+        person.rig.plant.advance(person.rig.clock.now_s())
+        assert time.monotonic() < deadline, "the stage still moves"
+
+
+def test_a_missing_device_ends_the_process_with_a_reason(person: Person, tmp_path: Path) -> None:
+    process = person.start(tmp_path, "gauge_port:=/nonexistent", "connect_timeout:=0.3")
+    _, heard = process.communicate(timeout=10)
+    assert process.returncode == 2
+    assert "/nonexistent" in heard
+    assert "check cable" in heard
