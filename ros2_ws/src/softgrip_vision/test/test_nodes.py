@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""camera and marker_tracker as processes of their own: stream in, joint angles out; what they say when it is wrong."""
+
+from __future__ import annotations
+
+import array
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
+
+from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
+from softgrip_vision import calibration as files
+from softgrip_vision.calibration import Calibration
+from softgrip_vision.synthetic import Scene
+
+pytestmark = pytest.mark.ros
+
+POSE = np.array([0.4, 0.3, 0.2])
+DEADLINE = 15.0
+
+
+class Watcher(Node):
+    """Hears everything the two nodes say."""
+
+    def __init__(self) -> None:
+        super().__init__("watcher")
+        self.measured: list[FingerStates] = []
+        self.markers: list[FingerMarkers] = []
+        self.images: list[CompressedImage] = []
+        self.infos: list[CameraInfo] = []
+        self.overlays: list[CompressedImage] = []
+        self.health: dict[str, tuple[int, str]] = {}
+        self.create_subscription(FingerStates, "finger/measured", self.measured.append, SENSOR)
+        self.create_subscription(FingerMarkers, "finger/markers", self.markers.append, SENSOR)
+        self.create_subscription(CompressedImage, "camera/image_raw/compressed", self.images.append, SENSOR)
+        self.create_subscription(CameraInfo, "camera/camera_info", self.infos.append, SENSOR)
+        self.create_subscription(CompressedImage, "finger/overlay/compressed", self.overlays.append, SENSOR)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+        self.compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
+        self.raw = self.create_publisher(Image, "camera/image_raw", SENSOR)
+        self.cell = self.create_publisher(CellState, "cell/state", LATCHED)
+        self.executor_ = SingleThreadedExecutor()
+        self.executor_.add_node(self)
+        self.processes: list[subprocess.Popen[str]] = []
+        self._stamp_ns = 1_000_000_000_000
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+            self.health[status.name] = (level, status.message)
+
+    def start(self, node: str, **parameters: object) -> subprocess.Popen[str]:
+        settings = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+        command = [sys.executable, "-m", f"softgrip_vision.nodes.{node}", "--ros-args", *settings]
+        self.processes.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        return self.processes[-1]
+
+    def until(self, condition: Callable[[], bool]) -> bool:
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self.executor_.spin_once(timeout_sec=0.05)
+        return True
+
+    def header(self) -> Header:
+        self._stamp_ns += 33_000_000
+        return Header(stamp=to_time_message(self._stamp_ns), frame_id="camera_optical")
+
+    def show(self, jpeg: bytes) -> None:
+        self.compressed.publish(CompressedImage(header=self.header(), format="jpeg", data=array.array("B", jpeg)))
+
+    def said(self, text: str) -> bool:
+        return any(text in message for _, message in self.health.values())
+
+
+@pytest.fixture
+def watcher(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watcher]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(free.getsockname()[1]))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(20 + os.getpid() % 80))
+    rclpy.init()
+    node = Watcher()
+    yield node
+    for process in node.processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.communicate(timeout=10)
+    node.executor_.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    assert all(process.returncode in {0, 2} for process in node.processes)
+
+
+@pytest.fixture
+def calibration_file(tmp_path: Path, calibration: Calibration) -> Path:
+    files.save(calibration, tmp_path / "camera.yaml")
+    return tmp_path / "camera.yaml"
+
+
+@pytest.fixture(scope="module")
+def jpeg(scene: Scene) -> bytes:
+    return bytes(cv2.imencode(".jpg", scene.render({"index": POSE}).image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1])
+
+
+def test_from_stream_to_joint_angles(
+    watcher: Watcher,
+    calibration_file: Path,
+    jpeg: bytes,
+    tmp_path: Path,
+    scene: Scene,
+    serve: Callable[..., str],
+    part: Callable[[bytes, str | None], bytes],
+) -> None:
+    """Both nodes; the stream's address appears after they started; it ends again and again and is found again."""
+    pointer = tmp_path / "camera.url"
+    camera = {"source": f"'@{pointer}'", "calibration_file": calibration_file, "reconnect_delay_s": 0.1}
+    watcher.start("camera", **camera)
+    watcher.start("marker_tracker", calibration_file=calibration_file, overlay=True)
+    assert watcher.until(lambda: watcher.said("waiting for the file"))
+    assert watcher.until(lambda: watcher.said("no frame yet"))
+    now = time.time()
+    pointer.write_text(serve([part(jpeg, f"{now:.6f}")]))
+    assert watcher.until(lambda: bool(watcher.images and watcher.infos and watcher.measured and watcher.overlays))
+    assert bytes(watcher.images[0].data) == jpeg
+    assert seconds(watcher.images[0].header.stamp) == pytest.approx(now, abs=2e-6)
+    assert watcher.images[0].header.frame_id == "camera_optical"
+    assert watcher.infos[0].k[0] == pytest.approx(1152.0)
+    (finger,) = watcher.measured[0].fingers
+    assert finger.finger == "index"
+    assert list(finger.joint_angles) == pytest.approx(POSE.tolist(), abs=0.01)
+    assert (finger.tip.x, finger.tip.y) == pytest.approx(tuple(scene.tip("index", POSE)), abs=3e-4)
+    assert math.isnan(finger.pulled_length)
+    assert math.isnan(finger.tension)
+    assert seconds(watcher.measured[0].header.stamp) == pytest.approx(now, abs=2e-6)
+    assert list(watcher.markers[0].names) == ["base", "joint_0", "joint_1", "joint_2", "tip"]
+    assert not any(watcher.markers[0].occluded)
+    assert cv2.imdecode(np.frombuffer(watcher.overlays[0].data, np.uint8), cv2.IMREAD_COLOR).shape == (720, 1280, 3)
+
+
+def test_bad_frames_are_named_and_nothing_is_measured(watcher: Watcher, calibration_file: Path, jpeg: bytes) -> None:
+    watcher.start("marker_tracker", calibration_file=calibration_file)
+    assert watcher.until(lambda: watcher.compressed.get_subscription_count() >= 2)
+    small = bytes(cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1])
+    green = bytes(cv2.imencode(".jpg", np.full((720, 1280, 3), (60, 190, 50), np.uint8))[1])
+    for bad, complaint in (
+        (b"not a jpeg", "expected a compressed image"),
+        (jpeg[: len(jpeg) // 200], "expected a compressed image"),
+        (small, "expected images of 1280x720, found 640x360"),
+        (green, "expected a chain of 5 markers"),
+    ):
+
+        def shown(bad: bytes = bad, complaint: str = complaint) -> bool:
+            watcher.show(bad)
+            watcher.executor_.spin_once(timeout_sec=0.05)
+            return watcher.said(complaint)
+
+        assert watcher.until(shown), (complaint, watcher.health)
+    assert watcher.measured == []
+
+    def good() -> bool:
+        watcher.show(jpeg)
+        watcher.executor_.spin_once(timeout_sec=0.05)
+        return bool(watcher.measured)
+
+    assert watcher.until(good), "a good frame after bad ones is measured"
+
+
+def test_raw_images_of_another_driver_and_a_swap(watcher: Watcher, calibration_file: Path, jpeg: bytes) -> None:
+    watcher.start("marker_tracker", calibration_file=calibration_file, transport="raw")
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    rgb = np.ascontiguousarray(image[:, :, ::-1])
+    mounted = MountedFinger(finger="index", serial="F-1", profile="hook", state=MountedFinger.VERIFIED)
+    watcher.cell.publish(CellState(mounted=[mounted]))
+
+    def profile() -> str:
+        message = Image(header=watcher.header(), height=720, width=1280, encoding="rgb8", step=1280 * 3)
+        message.data = array.array("B", rgb.tobytes())
+        watcher.raw.publish(message)
+        watcher.executor_.spin_once(timeout_sec=0.05)
+        return watcher.measured[-1].fingers[0].profile if watcher.measured else ""
+
+    assert watcher.until(lambda: profile() == "hook")
+    assert list(watcher.measured[-1].fingers[0].joint_angles) == pytest.approx(POSE.tolist(), abs=0.01)
+
+    def grey() -> bool:
+        message = Image(header=watcher.header(), height=720, width=1280, encoding="mono8", step=1280)
+        message.data = array.array("B", bytes(720 * 1280))
+        watcher.raw.publish(message)
+        watcher.executor_.spin_once(timeout_sec=0.05)
+        return watcher.said("found encoding 'mono8'")
+
+    assert watcher.until(grey)
+
+
+def test_what_keeps_the_nodes_from_starting(watcher: Watcher, tmp_path: Path) -> None:
+    missing = tmp_path / "missing.yaml"
+    for node, parameters, complaint in (
+        (
+            "marker_tracker",
+            {"calibration_file": missing, "calibration_wait_s": 0.2},
+            "expected a file there within 0.2 s",
+        ),
+        ("marker_tracker", {}, "expected a calibration with planes, found ''"),
+        ("camera", {"source": "ftp://nowhere"}, "expected http, https or rtsp"),
+        ("camera", {"jpeg_quality": 500}, "jpeg_quality"),
+    ):
+        process = watcher.start(node, **parameters)
+        _, errors = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 2
+        assert complaint in errors
+
+
+def test_no_camera_is_an_error_on_diagnostics(watcher: Watcher) -> None:
+    watcher.start("camera", source="/dev/video97")
+    assert watcher.until(lambda: watcher.said("/dev/video97: expected a camera"))
+    assert watcher.health["camera: capture"][0] == 2
