@@ -20,7 +20,7 @@ def test_a_profile_keeps_its_limits_arrives_and_stands(start, target, speed, acc
     # Closed form of a trapezoid, plus one step for each of its corners.
     span = abs(target - start)
     fastest = min(speed, math.sqrt(span * acceleration))
-    duration = (span / fastest + fastest / acceleration if span else 0.0) * 1.3 + 12 * dt
+    duration = (span / fastest + fastest / acceleration if fastest > 0.0 else 0.0) * 1.3 + 12 * dt
     before = start
     for _ in range(math.ceil(duration / dt)):
         velocity = profile.velocity
