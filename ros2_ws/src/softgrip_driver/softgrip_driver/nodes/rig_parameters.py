@@ -27,7 +27,7 @@ PARAMETERS = ParameterTable(
         "counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; its sign is that of pulling", "1/N"
     ),
     Parameter("gauge_frame", "load_cell", "frame of the gauge; tension is along its z"),
-    Parameter("connect_timeout", 6.0, "to wait for the devices to appear when configuring", "s", 0.0, 60.0),
+    Parameter("connect_timeout", 1.0, "to go on trying while a device is not ready when configuring", "s", 0.0, 60.0),
     Parameter("model_dir", "~/.softgrip/friction", "folder of friction models and of the record of plans"),
     Parameter("initial_model", "braid-tpu", "id of the active model until one is chosen"),
     Parameter("time_scale", 1.0, "rig seconds per second; above 1 only with an emulated rig", "1", 0.01, 1000.0),
