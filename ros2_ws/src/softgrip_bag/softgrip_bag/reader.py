@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a bag: raw CDR messages in the order they were received, with their types."""
+"""Read a bag: raw CDR messages in the order they were received, with their types.
+
+Finished files are read through their index; files that were cut off give all that is intact in them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import yaml
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema, Statistics
 
+from softgrip_bag import mcap_file, salvage
 from softgrip_bag.errors import BagError
 
 
@@ -25,13 +31,30 @@ class RawMessage:
     data: bytes
 
 
+@dataclass(frozen=True)
+class TopicSummary:
+    """A topic of a bag, as its channel describes it."""
+
+    name: str
+    type_name: str
+    type_hash: str
+    qos: tuple[dict[str, object], ...]
+    messages: int
+
+    @property
+    def latched(self) -> bool:
+        """Whether every publisher offered transient-local durability."""
+        # words since metadata version 9, numbers before (rmw: 1 = transient local)
+        return bool(self.qos) and all(offer.get("durability") in {"transient_local", 1} for offer in self.qos)
+
+
 def bag_files(bag: Path) -> list[Path]:
-    """Return the MCAP files of a bag: a folder, or a single file.
+    """Return the MCAP files of a bag in the order they were written: a folder, or a single file.
 
     Raises:
         BagError: when there is none.
     """
-    files = sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]
+    files = sorted(bag.glob("*.mcap"), key=_number) if bag.is_dir() else [bag]
     if not files or not all(file.is_file() for file in files):
         raise BagError(f"expected a bag (a folder with .mcap files, or one such file), found none at {bag}")
     return files
@@ -48,40 +71,129 @@ def read(bag: Path, topics: Collection[str] | None = None) -> Iterator[RawMessag
         BagError: when a file is not MCAP.
     """
     for path in bag_files(bag):
-        with path.open("rb") as stream:
-            try:
-                for schema, channel, message in make_reader(stream).iter_messages(
-                    topics=None if topics is None else list(topics), log_time_order=True
-                ):
-                    type_name = schema.name if schema else ""
-                    yield RawMessage(channel.topic, type_name, message.log_time, message.publish_time, message.data)
-            except McapError as error:
-                raise BagError(f"{path}: expected MCAP, found {error}") from error
+        wanted = None if topics is None else set(topics)
+        if salvage.is_finished(path):
+            yield from _indexed(path, wanted)
+        else:
+            yield from sorted(_salvaged(path, wanted), key=lambda message: message.received)
+
+
+def topic_summaries(bag: Path) -> list[TopicSummary]:
+    """Return every topic of a bag, by name.
+
+    Raises:
+        BagError: when a file is not MCAP.
+    """
+    found: dict[str, TopicSummary] = {}
+    for path in bag_files(bag):
+        for channel, schema, count in _channels(path):
+            before = found.get(channel.topic)
+            offered = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
+            found[channel.topic] = TopicSummary(
+                channel.topic,
+                schema.name if schema else "",
+                channel.metadata.get("topic_type_hash", ""),
+                tuple(offered),
+                count + (before.messages if before else 0),
+            )
+    return [found[name] for name in sorted(found)]
 
 
 def topic_types(bag: Path) -> dict[str, str]:
     """Return topic -> type of everything in a bag."""
-    found: dict[str, str] = {}
-    for path in bag_files(bag):
-        with path.open("rb") as stream:
-            try:
-                summary = make_reader(stream).get_summary()
-            except McapError as error:
-                raise BagError(f"{path}: expected MCAP, found {error}") from error
-            if summary is not None:
-                found |= {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
-    return found
+    return {topic.name: topic.type_name for topic in topic_summaries(bag)}
 
 
 def latched_topics(bag: Path) -> set[str]:
     """Return the topics whose every publisher offered transient-local durability."""
-    found = set()
+    return {topic.name for topic in topic_summaries(bag) if topic.latched}
+
+
+def attachments(bag: Path) -> list[mcap_file.Attachment]:
+    """Return the files that a bag carries; of the same name, the last one."""
+    found: dict[str, mcap_file.Attachment] = {}
     for path in bag_files(bag):
-        with path.open("rb") as stream:
-            summary = make_reader(stream).get_summary()
-            for channel in summary.channels.values() if summary is not None else ():
-                offered = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
-                # words since metadata version 9, numbers before (rmw: 1 = transient local)
-                if offered and all(qos.get("durability") in {"transient_local", 1} for qos in offered):
-                    found.add(channel.topic)
+        for record in salvage.records(path):
+            if isinstance(record, Attachment):
+                found[record.name] = mcap_file.Attachment(record.name, record.media_type, record.data)
+    return list(found.values())
+
+
+def facts(bag: Path) -> dict[str, dict[str, str]]:
+    """Return the metadata records of a bag; of the same name, the last one."""
+    found: dict[str, dict[str, str]] = {}
+    for path in bag_files(bag):
+        found |= {r.name: r.metadata for r in salvage.records(path) if isinstance(r, Metadata)}
     return found
+
+
+def _number(path: Path) -> tuple[int, str]:
+    """Order of files: name_2.mcap comes before name_10.mcap."""
+    last = path.stem.rpartition("_")[2]
+    return (int(last) if last.isdecimal() else 0, path.name)
+
+
+def _indexed(path: Path, topics: set[str] | None) -> Iterator[RawMessage]:
+    with path.open("rb") as stream:
+        wanted = None if topics is None else list(topics)
+        try:
+            for schema, channel, message in make_reader(stream).iter_messages(topics=wanted):
+                yield _raw(channel, schema, message)
+        except McapError as error:
+            raise BagError(f"{path}: expected MCAP, found {error!r}; try `ros2 run softgrip_bag repair`") from error
+
+
+def _salvaged(path: Path, topics: set[str] | None) -> Iterator[RawMessage]:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    for record in salvage.records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            if topics is None or channel.topic in topics:
+                yield _raw(channel, schemas.get(channel.schema_id), record)
+
+
+def _raw(channel: Channel, schema: Schema | None, message: Message) -> RawMessage:
+    type_name = schema.name if schema else ""
+    return RawMessage(channel.topic, type_name, message.log_time, message.publish_time, message.data)
+
+
+def _channels(path: Path) -> list[tuple[Channel, Schema | None, int]]:
+    with path.open("rb") as stream:
+        if salvage.is_finished(path):
+            found = _from_summary(stream, path)
+            if found is not None:
+                return found
+    return _from_records(salvage.records(path))
+
+
+def _from_summary(stream: IO[bytes], path: Path) -> list[tuple[Channel, Schema | None, int]] | None:
+    try:
+        summary = make_reader(stream).get_summary()
+    except McapError as error:
+        raise BagError(f"{path}: expected MCAP, found {error!r}; try `ros2 run softgrip_bag repair`") from error
+    if summary is None or summary.statistics is None:
+        return None
+    statistics: Statistics = summary.statistics
+    return [
+        (channel, summary.schemas.get(channel.schema_id), statistics.channel_message_counts.get(channel.id, 0))
+        for channel in summary.channels.values()
+    ]
+
+
+def _from_records(records: Iterator[McapRecord]) -> list[tuple[Channel, Schema | None, int]]:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    counts: dict[int, int] = {}
+    for record in records:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message):
+            counts[record.channel_id] = counts.get(record.channel_id, 0) + 1
+    return [(c, schemas.get(c.schema_id), counts.get(c.id, 0)) for c in channels.values()]

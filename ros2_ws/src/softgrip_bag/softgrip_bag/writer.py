@@ -1,170 +1,170 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag on disk: an MCAP file of raw CDR with everything needed to read it, and rosbag2's metadata.yaml beside it.
+"""A bag on disk: MCAP files of raw CDR with everything needed to read them, and rosbag2's metadata.yaml beside them.
 
 What was written is readable at the latest `FLUSH_INTERVAL` later, whatever happens to the process: chunks are
-closed and handed to the disk by time as well as by size.
+closed and handed to the disk by time as well as by size. Each file explains itself: topics, metadata records and
+attachments are repeated in every one.
 """
 
 from __future__ import annotations
 
-import os
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
+from softgrip_bag import metadata
 from softgrip_bag.errors import BagError
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.mcap_file import Attachment, McapFile, Topic
+from softgrip_bag.metadata import FileEntry, TopicEntry
+
+__all__ = ["Attachment", "BagWriter", "Limits", "Topic"]
 
 #: [s] longest time a message waits in memory.
 FLUSH_INTERVAL = 0.25
-CHUNK_BYTES = 1 << 20
-METADATA_VERSION = 9
-DISTRIBUTION = "jazzy"
 
 
-class _Plain(yaml.SafeDumper):
-    """YAML without anchors: rosbag2's files have none."""
+@dataclass(frozen=True)
+class Limits:
+    """When a bag goes on in another file, and how many files it keeps; 0 = no limit.
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002  the name is PyYAML's
-        """Write every value out."""
-        return True
+    Attributes:
+        file_bytes: [byte] size of a file.
+        file_seconds: [s] length of a file, by time of reception.
+        kept_files: the oldest file is deleted when there are more.
+    """
 
-
-@dataclass
-class Topic:
-    """One recorded topic."""
-
-    name: str
-    type_name: str  # e.g. "sensor_msgs/msg/JointState"
-    type_hash: str  # RIHS01_...
-    schema: str  # ros2msg text
-    qos: tuple[OfferedQos, ...]
-    channel: int = 0
-    messages: int = 0
+    file_bytes: int = 0
+    file_seconds: float = 0.0
+    kept_files: int = 0
 
 
-@dataclass
-class _Span:
-    first: int | None = None
-    last: int = 0
-    messages: int = 0
-
-    def add(self, stamp: int) -> None:
-        self.first = stamp if self.first is None else min(self.first, stamp)
-        self.last = max(self.last, stamp)
-        self.messages += 1
-
-
-@dataclass
 class BagWriter:
     """Writes one bag; not thread-safe.
 
     Args:
         folder: to be created; must not exist.
-        facts: metadata records, name -> {key: value}, written at the start.
+        facts: metadata records, name -> {key: value}, written at the start of each file.
+        limits: of its files.
+
+    Raises:
+        BagError: when the folder cannot be made.
     """
 
-    folder: Path
-    facts: dict[str, dict[str, str]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        try:
-            self.folder.mkdir(parents=True)
-        except FileExistsError:
-            raise BagError(
-                f"expected a new folder for the bag, found that {self.folder} exists: name another"
-            ) from None
-        except OSError as error:
-            raise BagError(f"cannot create the bag's folder {self.folder}: {error.strerror}") from error
+    def __init__(
+        self, folder: Path, facts: dict[str, dict[str, str]] | None = None, limits: Limits | None = None
+    ) -> None:
+        self.folder = folder
+        self._facts = dict(facts or {})
+        self._limits = limits or Limits()
+        self._attachments: dict[str, Attachment] = {}
         self.topics: dict[str, Topic] = {}
-        self._schemas: dict[str, int] = {}
-        self._span = _Span()
-        self._path = self.folder / f"{self.folder.name}_0.mcap"
-        self._file = self._path.open("wb")
-        self._mcap = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._mcap.start(profile="ros2", library="softgrip_bag")
-        for name, facts in self.facts.items():
-            self._mcap.add_metadata(name, facts)
+        self._closed: list[McapFile] = []
+        self._opened = 0
+        try:
+            folder.mkdir(parents=True)
+            self._file = self._open()
+        except FileExistsError:
+            raise BagError(f"expected a new folder for the bag, found that {folder} exists: name another") from None
+        except OSError as error:
+            raise BagError(f"cannot create the bag's folder {folder}: {error.strerror}") from error
         self._flushed = time.monotonic()
 
     @property
     def messages(self) -> int:
-        """Messages written so far."""
-        return self._span.messages
+        """Messages written so far and still kept."""
+        return sum(file.span.messages for file in (*self._closed, self._file))
+
+    @property
+    def path(self) -> Path:
+        """The file being written."""
+        return self._file.path
 
     def add_topic(self, topic: Topic) -> None:
         """Register a topic; once per name."""
-        if topic.type_name not in self._schemas:
-            self._schemas[topic.type_name] = self._mcap.register_schema(
-                topic.type_name, "ros2msg", topic.schema.encode()
-            )
-        qos = yaml.dump([offered.as_map() for offered in topic.qos], Dumper=_Plain, sort_keys=False)
-        topic.channel = self._mcap.register_channel(
-            topic.name,
-            "cdr",
-            self._schemas[topic.type_name],
-            {"offered_qos_profiles": qos, "topic_type_hash": topic.type_hash},
-        )
         self.topics[topic.name] = topic
+        self._file.add_topic(topic)
+
+    def add_fact(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record, here and in the files to come."""
+        self._facts[name] = values
+        self._file.add_metadata(name, values)
+
+    def attach(self, attachment: Attachment) -> None:
+        """Carry a file, here and in the files to come."""
+        self._attachments[attachment.name] = attachment
+        self._file.add_attachment(attachment, time.time_ns())
 
     def write(self, topic: str, received: int, published: int, data: bytes) -> None:
         """Write one message; ``received`` and ``published`` [ns since the epoch], ``data`` CDR with its header."""
-        entry = self.topics[topic]
-        self._mcap.add_message(entry.channel, received, data, published, 0)
-        entry.messages += 1
-        self._span.add(received)
+        if self._full(received):
+            self.split()
+        self._file.write(topic, received, published, data)
 
     def flush_if_due(self) -> None:
         """Hand what is in memory to the disk when the flush interval has passed."""
         now = time.monotonic()
         if now - self._flushed >= FLUSH_INTERVAL:
             self._flushed = now
-            self._mcap.flush()  # type: ignore[no-untyped-call]  # the library has no types
-            os.fdatasync(self._file.fileno())
+            self._file.flush()
+
+    def split(self) -> Path:
+        """Finish the present file and go on in a new one; returns the finished one."""
+        done = self._file
+        self._finish(done)
+        self._file = self._open()
+        while 0 < self._limits.kept_files < len(self._closed) + 1:
+            self._closed.pop(0).path.unlink()
+        metadata.write(self.folder, self._information(self._closed))
+        return done.path
 
     def close(self) -> Path:
         """Finish the file and write metadata.yaml; returns the bag's folder."""
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.dump(self._information(), Dumper=_Plain)})
-        self._mcap.finish()  # type: ignore[no-untyped-call]  # the library has no types
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
-        text = yaml.dump({"rosbag2_bagfile_information": self._information()}, Dumper=_Plain, sort_keys=False)
-        (self.folder / "metadata.yaml").write_text(text)
+        self._finish(self._file)
+        metadata.write(self.folder, self._information(self._closed))
         return self.folder
 
-    def _information(self) -> dict[str, Any]:
-        start = self._span.first or 0
-        times = {
-            "starting_time": {"nanoseconds_since_epoch": start},
-            "duration": {"nanoseconds": self._span.last - start if self._span.messages else 0},
-            "message_count": self._span.messages,
-        }
-        return {
-            "version": METADATA_VERSION,
-            "storage_identifier": "mcap",
-            **times,
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": topic.name,
-                        "type": topic.type_name,
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": [offered.as_map() for offered in topic.qos],
-                        "type_description_hash": topic.type_hash,
-                    },
-                    "message_count": topic.messages,
-                }
+    def abandon(self) -> None:
+        """Give up after an OSError: what is on the disk stays, cut back to its last complete chunk."""
+        self._file.abandon()
+
+    def _full(self, received: int) -> bool:
+        span, limits = self._file.span, self._limits
+        if span.first is None:
+            return False
+        too_long = 0 < limits.file_seconds * 1e9 <= received - span.first
+        return too_long or 0 < limits.file_bytes <= self._file.size
+
+    def _open(self) -> McapFile:
+        file = McapFile(self.folder / f"{self.folder.name}_{self._opened}.mcap")
+        self._opened += 1
+        for name, values in self._facts.items():
+            file.add_metadata(name, values)
+        for attachment in self._attachments.values():
+            file.add_attachment(attachment, time.time_ns())
+        for topic in self.topics.values():
+            file.add_topic(topic)
+        return file
+
+    def _finish(self, file: McapFile) -> None:
+        own = yaml.dump(self._information([file]), Dumper=metadata.Plain)
+        file.add_metadata("rosbag2", {"serialized_metadata": own})
+        file.finish()
+        self._closed.append(file)
+
+    def _information(self, files: list[McapFile]) -> dict[str, Any]:
+        return metadata.information(
+            [FileEntry(file.path.name, file.span) for file in files],
+            [
+                TopicEntry(
+                    topic.name,
+                    topic.type_name,
+                    topic.type_hash,
+                    [offer.as_map() for offer in topic.qos],
+                    sum(file.counts[topic.name] for file in files),
+                )
                 for topic in self.topics.values()
             ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self._path.name],
-            "files": [{"path": self._path.name, **times}],
-            "custom_data": {},
-            "ros_distro": DISTRIBUTION,
-        }
+        )

@@ -1,34 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
-"""recorder: writes every topic, as it appears, to a bag that explains itself."""
+"""recorder: writes every topic, as it appears, to a bag that explains itself.
+
+Serves recorder/start, recorder/stop, recorder/split and recorder/snapshot. The last seconds are kept in memory whether
+a bag is being written or not. Nothing is lost silently: what publishers sent and never arrived, what the queue to the
+disk could not hold, and a disk that fails are counted and reported on /diagnostics.
+"""
 
 from __future__ import annotations
 
-import platform
 import sys
+import time
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from softgrip_bag import facts
 from softgrip_bag.errors import BagError
+from softgrip_bag.losses import LossCounter
+from softgrip_bag.nodes.parameter_snapshot import ParameterSnapshot
+from softgrip_bag.nodes.qos import matching, offered
 from softgrip_bag.nodes.types import interface_text, message_class
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.pipeline import Pipeline
+from softgrip_bag.reader import RawMessage
+from softgrip_bag.repair import repair_all
+from softgrip_bag.ring import Ring
 from softgrip_bag.schema_text import schema_text
-from softgrip_bag.writer import BagWriter, Topic
-from softgrip_interfaces.srv import StartRecording, StopRecording
+from softgrip_bag.writer import Attachment, BagWriter, Limits, Topic
+from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
 from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run
 
 PARAMETERS = ParameterTable(
     Parameter("root", "out/bags", "folder for bags that are started without a path"),
     Parameter("path", "", "bag to start recording at once; empty = a new one under root"),
     Parameter("record_on_start", True, "start recording when the node starts"),
+    Parameter("repair_on_start", True, "finish bags under root that an earlier recorder could not"),
     Parameter("discovery_period", 0.1, "time between looks for new topics", "s", 0.02, 10.0),
     Parameter("queue_depth", 1000, "messages that a topic may wait in the middleware", "", 1, 100000),
+    Parameter("queue_mb", 256, "messages that may wait for the disk", "MB", 1, 65536),
+    Parameter("split_size_mb", 0, "a bag goes on in another file beyond this size; 0 = never", "MB", 0, 1000000),
+    Parameter("split_time_s", 0.0, "a bag goes on in another file after this time; 0 = never", "s", 0.0, 1e6),
+    Parameter("kept_files", 0, "files of a bag that are kept, the oldest goes; 0 = all", "", 0, 100000),
+    Parameter("snapshot_s", 10.0, "time that is kept in memory for recorder/snapshot", "s", 0.0, 3600.0),
+    Parameter("snapshot_mb", 64, "most memory for recorder/snapshot", "MB", 0, 65536),
 )
+
+_MB = 1_000_000
+#: [s] longest wait for the thread that writes.
+_SPLIT_LIMIT = 30.0
 
 
 class Recorder(Node):
@@ -37,13 +60,25 @@ class Recorder(Node):
     def __init__(self) -> None:
         super().__init__("recorder")
         self._values = PARAMETERS.declare(self)
-        self._bag: BagWriter | None = None
-        self._subscriptions_by_topic: dict[str, Any] = {}
+        self._limits = Limits(
+            self._values["split_size_mb"] * _MB, self._values["split_time_s"], self._values["kept_files"]
+        )
+        self._bag: Pipeline | None = None
+        self._ring = Ring(self._values["snapshot_s"], self._values["snapshot_mb"] * _MB)
+        self._losses = LossCounter()
+        self._lost_before: Counter[str] = Counter()
+        self._facts = {"softgrip_machine": facts.machine(), "softgrip_software": facts.software()}
+        self._carried: dict[str, Attachment] = {}
         self._topics: dict[str, Topic] = {}
         self._unreadable: dict[str, str] = {}
         self._diagnostics = Diagnostics(self)
+        self._repair()
+        self._snapshot_of_parameters = ParameterSnapshot(self, self._attach)
+        self._snapshot_of_parameters.add_own(self._values)
         self.create_service(StartRecording, "recorder/start", self._on_start)
         self.create_service(StopRecording, "recorder/stop", self._on_stop)
+        self.create_service(SplitRecording, "recorder/split", self._on_split)
+        self.create_service(SnapshotRecording, "recorder/snapshot", self._on_snapshot)
         if self._values["record_on_start"]:
             try:
                 self._start(self._values["path"])
@@ -58,19 +93,44 @@ class Recorder(Node):
             bag, self._bag = self._bag, None
             bag.close()
 
-    def _start(self, path: str) -> Path:
-        name = datetime.now(UTC).strftime("softgrip_%Y%m%dT%H%M%S_%fZ")
-        folder = Path(path) if path else Path(self._values["root"]) / name
-        bag = BagWriter(folder, {"softgrip_machine": machine_facts()})
+    def _repair(self) -> None:
+        if self._values["repair_on_start"]:
+            for result in repair_all(Path(self._values["root"])):
+                if isinstance(result, BagError):
+                    self.get_logger().error(str(result))
+                else:
+                    self.get_logger().warning(f"repaired {result}")
+
+    def _folder(self, path: str, prefix: str) -> Path:
+        name = datetime.now(UTC).strftime(f"{prefix}_%Y%m%dT%H%M%S_%fZ")
+        return Path(path) if path else Path(self._values["root"]) / name
+
+    def _new_bag(self, folder: Path, limits: Limits) -> BagWriter:
+        bag = BagWriter(folder, self._facts, limits)
+        for attachment in self._carried.values():
+            bag.attach(attachment)
         for topic in self._topics.values():
-            bag.add_topic(Topic(topic.name, topic.type_name, topic.type_hash, topic.schema, topic.qos))
-        self._bag = bag
+            bag.add_topic(topic)
+        return bag
+
+    def _start(self, path: str) -> Path:
+        folder = self._folder(path, "softgrip")
+        try:
+            bag = self._new_bag(folder, self._limits)
+        except OSError as error:
+            raise BagError(f"cannot write {folder}: {error.strerror}; make room or name another folder") from error
+        self._bag = Pipeline(bag, self._values["queue_mb"] * _MB)
+        self._lost_before = self._losses.lost.copy()
+        now = self._now()
+        for message in self._ring.latched():
+            self._bag.put(message.topic, now, message.published, message.data)
         return folder
 
     def _on_start(self, request: StartRecording.Request, response: StartRecording.Response) -> StartRecording.Response:
-        if self._bag is not None:
+        if self._bag is not None and self._bag.error is None:
             response.message = f"expected no running recording, found {self._bag.folder}; stop it first"
             return response
+        self.close()
         try:
             response.path = str(self._start(request.path))
             response.success = True
@@ -83,25 +143,90 @@ class Recorder(Node):
             response.message = "expected a running recording, found none"
             return response
         bag = self._bag
-        response.messages = bag.messages
-        response.topics = len(bag.topics)
-        response.path = str(bag.folder)
         self.close()
-        response.success = True
+        response.path = str(bag.folder)
+        response.messages = bag.accepted
+        response.topics = len(self._topics)
+        response.dropped = self._dropped(bag)
+        response.success = bag.error is None
+        response.message = "" if bag.error is None else f"the disk failed: {bag.error}"
         return response
 
+    def _on_split(self, _: SplitRecording.Request, response: SplitRecording.Response) -> SplitRecording.Response:
+        if self._bag is None:
+            response.message = "expected a running recording, found none"
+            return response
+        try:
+            response.path = str(self._bag.call(BagWriter.split).result(_SPLIT_LIMIT))
+            response.success = True
+        except (OSError, TimeoutError) as error:
+            response.message = f"{self._bag.folder}: cannot be split: {error or 'the disk is too slow'}"
+        return response
+
+    def _on_snapshot(
+        self, request: SnapshotRecording.Request, response: SnapshotRecording.Response
+    ) -> SnapshotRecording.Response:
+        folder = self._folder(request.path, "snapshot")
+        messages = self._ring.last(request.seconds)
+        try:
+            bag = self._new_bag(folder, Limits())
+            for message in messages:
+                bag.write(message.topic, message.received, message.published, message.data)
+            response.path = str(bag.close())
+        except (BagError, OSError) as error:
+            response.message = f"{folder}: no snapshot: {error}"
+            return response
+        response.success, response.messages = True, len(messages)
+        return response
+
+    def _attach(self, attachment: Attachment) -> None:
+        """Take along a node's parameters or a file, in this bag and those to come."""
+        self._carried[attachment.name] = attachment
+        if self._bag is not None:
+            self._bag.call(lambda bag: bag.attach(attachment))
+
     def _look(self) -> None:
-        """Subscribe to topics that have appeared; hand to disk what is due."""
+        """Subscribe to topics that have appeared, ask nodes that have."""
         for name, types in self.get_topic_names_and_types():
-            if name not in self._subscriptions_by_topic and name not in self._unreadable and len(types) == 1:
+            if name not in self._topics and name not in self._unreadable and len(types) == 1:
                 publishers = self.get_publishers_info_by_topic(name)
                 if publishers:
                     self._subscribe(name, types[0], publishers)
-        if self._bag is not None:
-            self._bag.flush_if_due()
-            self._diagnostics.set("bag", Health.OK, f"recording {self._bag.folder}", {"messages": self._bag.messages})
-        else:
+        self._snapshot_of_parameters.look()
+        self._report()
+
+    def _report(self) -> None:
+        bag = self._bag
+        if bag is None:
             self._diagnostics.set("bag", Health.WARN, "not recording; call recorder/start")
+            return
+        values = {
+            "messages": bag.accepted,
+            "dropped": self._dropped(bag),
+            "waiting_peak_bytes": bag.peak_bytes,
+            "nodes_with_parameters": self._snapshot_of_parameters.nodes,
+            "files_not_found": "; ".join(self._snapshot_of_parameters.missing),
+        }
+        if bag.error is not None:
+            why = bag.error.strerror or bag.error
+            said = f"recording stopped: {bag.folder}: {why}; make room, then call recorder/start"
+            self._diagnostics.set("bag", Health.ERROR, said, values)
+        elif values["dropped"]:
+            worst = (self._lost() + bag.dropped).most_common(3)
+            said = f"{values['dropped']} messages dropped: " + ", ".join(f"{topic} {n}" for topic, n in worst)
+            self._diagnostics.set("bag", Health.WARN, said, values)
+        else:
+            self._diagnostics.set("bag", Health.OK, f"recording {bag.folder}", values)
+
+    def _lost(self) -> Counter[str]:
+        """Messages that never arrived since the bag was started."""
+        return self._losses.lost - self._lost_before
+
+    def _dropped(self, bag: Pipeline) -> int:
+        return (self._lost() + bag.dropped).total()
+
+    def _now(self) -> int:
+        return self.get_clock().now().nanoseconds
 
     def _subscribe(self, name: str, type_name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         try:
@@ -119,42 +244,23 @@ class Recorder(Node):
             return
         self._topics[name] = topic
         if self._bag is not None:
-            self._bag.add_topic(topic)
+            self._bag.call(lambda bag: bag.add_topic(topic))
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        latched = topic.latched
+        single = len(publishers) == 1
 
-        def on_message(data: bytes, info: dict[str, int]) -> None:
+        def on_message(data: bytes, info: dict[str, Any]) -> None:
+            received = self._now() if simulated else info["received_timestamp"] or time.time_ns()
+            message = RawMessage(name, type_name, received, info["source_timestamp"] or received, data)
+            publisher = info.get("publisher_gid")
+            if publisher is not None or single:
+                self._losses.see(name, info["publication_sequence_number"], publisher)
+            self._ring.add(message, latched=latched)
             if self._bag is not None:
-                received = self.get_clock().now().nanoseconds
-                self._bag.write(name, received, int(info["source_timestamp"]) or received, data)
+                self._bag.put(name, received, message.published, data)
 
         qos = matching(topic.qos, self._values["queue_depth"])
-        self._subscriptions_by_topic[name] = self.create_subscription(cls, name, on_message, qos, raw=True)
-
-
-def offered(profile: QoSProfile) -> OfferedQos:
-    """Return a publisher's QoS as the bag stores it."""
-    return OfferedQos(
-        reliability="best_effort" if profile.reliability == ReliabilityPolicy.BEST_EFFORT else "reliable",
-        durability="transient_local" if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile",
-        history="keep_all" if profile.history == HistoryPolicy.KEEP_ALL else "keep_last",
-        depth=int(profile.depth),
-    )
-
-
-def matching(qos: Sequence[OfferedQos], depth: int) -> QoSProfile:
-    """Return a subscription's QoS that every one of the publishers can serve."""
-    reliable = all(o.reliability == "reliable" for o in qos)
-    latched = all(o.durability == "transient_local" for o in qos)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def machine_facts() -> dict[str, str]:
-    """Return what identifies the machine and its Python."""
-    return {"system": platform.platform(), "machine": platform.machine(), "python": platform.python_version()}
+        self.create_subscription(cls, name, on_message, qos, raw=True)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
+import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ import rclpy
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import MEASURES_OF_THE_MACHINE, Divergence, Result, first_difference
+from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.types import message_class
 from softgrip_bag.reader import RawMessage, latched_topics, read, topic_types
@@ -130,6 +132,13 @@ class ReplayedNode:
 def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
     """Feed a bag through a node and compare every result with the recorded one.
 
+    The node is set up with the parameters, and the files they name, that the bag carries for it.
+
+    Args:
+        bag: folder or .mcap file.
+        name: of the node, one of `NODES`.
+        ros_arguments: win over what the bag carries, e.g. ["-p", "name:=value"].
+
     Raises:
         BagError: unknown node, or a bag that cannot be read or has no input of it.
     """
@@ -140,6 +149,14 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
     driver = next((topic for topic in replayable.drivers if topic in types), None)
     if driver is None:
         raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
+    with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
+        recorded = restore(bag, f"/{name}", Path(folder))
+        return _check(bag, replayable, driver, types, [*recorded, *ros_arguments])
+
+
+def _check(
+    bag: Path, replayable: Replayable, driver: str, types: Mapping[str, str], ros_arguments: Sequence[str]
+) -> Result:
     rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
     nodes: list[ReplayedNode] = []
     try:

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag says about the machine and the software that made it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+#: [s] a hanging file system must not keep a recording from starting.
+_GIT_LIMIT = 5.0
+
+
+def machine() -> dict[str, str]:
+    """Return what identifies the machine, its Python and its middleware."""
+    try:
+        writer = version("mcap")
+    except PackageNotFoundError:
+        writer = "unknown"
+    return {
+        "system": platform.platform(),
+        "machine": platform.machine(),
+        "python": platform.python_version(),
+        "processors": str(os.cpu_count() or 0),
+        "middleware": os.environ.get("RMW_IMPLEMENTATION", ""),
+        "mcap": writer,
+    }
+
+
+def software(folder: Path = Path(__file__).parent) -> dict[str, str]:
+    """Return the git version of the checkout that runs, empty where it is none."""
+    return {
+        "git": _git(folder, "rev-parse", "HEAD"),
+        "git_changed_files": _git(folder, "status", "--porcelain", "-uno"),
+    }
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_GIT_LIMIT,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The last seconds of all topics, in memory."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+
+from softgrip_bag.reader import RawMessage
+
+
+class Ring:
+    """Keeps what was received in the last seconds, and the last message of each latched topic for ever.
+
+    Args:
+        seconds: [s] how long; 0 = only latched topics.
+        capacity_bytes: [byte] the oldest goes when there is more.
+    """
+
+    def __init__(self, seconds: float, capacity_bytes: int) -> None:
+        self._length = round(seconds * 1e9)
+        self._capacity = capacity_bytes
+        self._messages: deque[RawMessage] = deque()
+        self._latched: dict[str, RawMessage] = {}
+        self._bytes = 0
+
+    def add(self, message: RawMessage, *, latched: bool) -> None:
+        """Keep a message."""
+        if latched:
+            self._latched[message.topic] = message
+        if self._length == 0:
+            return
+        self._messages.append(message)
+        self._bytes += len(message.data)
+        while self._bytes > self._capacity or self._messages[0].received < message.received - self._length:
+            self._bytes -= len(self._messages.popleft().data)
+
+    def latched(self, topics: Collection[str] | None = None) -> list[RawMessage]:
+        """Return the last message of each latched topic, oldest first."""
+        found = [m for m in self._latched.values() if topics is None or m.topic in topics]
+        return sorted(found, key=lambda message: message.received)
+
+    def last(self, seconds: float = 0.0) -> list[RawMessage]:
+        """Return the messages of the last seconds (0 = all kept), after the latched ones from before."""
+        if not self._messages:
+            return self.latched()
+        since = self._messages[-1].received - round(seconds * 1e9) if seconds else 0
+        recent = [message for message in self._messages if message.received >= since]
+        known = {id(message) for message in recent}
+        return [message for message in self.latched() if id(message) not in known] + recent

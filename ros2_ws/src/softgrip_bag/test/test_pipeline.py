@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import errno
+import threading
+from pathlib import Path
+
+import pytest
+
+from softgrip_bag import mcap_file
+from softgrip_bag.errors import BagError
+from softgrip_bag.losses import UNSUPPORTED, LossCounter
+from softgrip_bag.pipeline import Pipeline
+from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.reader import RawMessage, bag_files, facts, read
+from softgrip_bag.repair import is_broken, repair
+from softgrip_bag.ring import Ring
+from softgrip_bag.writer import BagWriter, Limits, Topic
+
+HI = bytes.fromhex("00010000 03000000 686900")
+HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+TOPIC = Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),))
+
+
+def bag_writer(folder: Path, limits: Limits | None = None) -> BagWriter:
+    bag = BagWriter(folder, {"softgrip_machine": {"system": "test"}}, limits)
+    bag.add_topic(TOPIC)
+    return bag
+
+
+def test_everything_put_is_written_in_order(tmp_path: Path) -> None:
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), 1_000_000)
+    assert all(pipeline.put("/a", index, index, HI) for index in range(1000))
+    assert [m.received for m in read(pipeline.close())] == list(range(1000))
+
+
+def test_what_does_not_fit_is_counted_and_the_bag_says_so(tmp_path: Path) -> None:
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), 5 * len(HI))
+    held, release = threading.Event(), threading.Event()
+
+    def hold(_: BagWriter) -> None:
+        held.set()
+        release.wait(30.0)
+
+    pipeline.call(hold)
+    assert held.wait(30.0)
+    assert [pipeline.put("/a", index, index, HI) for index in range(7)] == [True] * 5 + [False] * 2
+    release.set()
+    bag = pipeline.close()
+    assert len(list(read(bag))) == 5
+    assert pipeline.dropped == {"/a": 2}
+    assert facts(bag)["softgrip_dropped"] == {"/a": "2"}
+
+
+def test_a_full_disk_stops_the_recording_and_what_was_written_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softgrip_bag.writer.FLUSH_INTERVAL", 0.0)
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), 1_000_000)
+    pipeline.put("/a", 1, 1, HI)
+    pipeline.call(lambda bag: bag.flush_if_due()).result(30.0)
+    real_write = mcap_file.os.write
+
+    def half_then_full(descriptor: int, data: bytes) -> int:
+        if len(data) > 10:
+            return real_write(descriptor, data[:10])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("softgrip_bag.mcap_file.os.write", half_then_full)
+    pipeline.put("/a", 2, 2, HI)
+    with pytest.raises(OSError, match="No space left"):
+        pipeline.call(lambda bag: bag.split()).result(30.0)
+    assert pipeline.put("/a", 3, 3, HI) is False
+    assert pipeline.dropped["/a"] >= 1
+    bag = pipeline.close()
+    monkeypatch.undo()
+    assert isinstance(pipeline.error, OSError)
+    assert [m.received for m in read(bag)] == [1]
+    assert is_broken(bag)
+    assert repair(bag).lost_bytes == 0
+
+
+def test_a_real_full_device_is_an_error_and_not_an_accident(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real_open = mcap_file.os.open
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full here")
+    monkeypatch.setattr("softgrip_bag.mcap_file.os.open", lambda _path, _flags, _mode: real_open(full, 1))
+    with pytest.raises(BagError, match="No space left"):
+        BagWriter(tmp_path / "bag")
+
+
+def test_a_bag_is_split_by_time_and_keeps_its_last_files(tmp_path: Path) -> None:
+    bag = bag_writer(tmp_path / "bag", Limits(file_seconds=1e-6, kept_files=3))
+    for index in range(10):
+        bag.write("/a", index * 500, index, HI)
+    assert bag.messages == 6
+    bag.close()
+    files = bag_files(tmp_path / "bag")
+    assert [file.name for file in files] == ["bag_2.mcap", "bag_3.mcap", "bag_4.mcap"]
+    assert [m.received for m in read(tmp_path / "bag")] == [2000, 2500, 3000, 3500, 4000, 4500]
+    for file in files:
+        assert [m.topic for m in read(file)] == ["/a", "/a"]
+        assert facts(file)["softgrip_machine"] == {"system": "test"}
+
+
+def test_a_bag_is_split_by_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softgrip_bag.mcap_file.CHUNK_BYTES", 1)
+    bag = bag_writer(tmp_path / "bag", Limits(file_bytes=1))
+    for index in range(3):
+        bag.write("/a", index, index, HI)
+    bag.close()
+    assert len(bag_files(tmp_path / "bag")) == 3
+    assert len(list(read(tmp_path / "bag"))) == 3
+
+
+def test_files_of_a_bag_are_read_in_the_order_they_were_written(tmp_path: Path) -> None:
+    bag = bag_writer(tmp_path / "bag")
+    for index in range(12):
+        bag.write("/a", index, index, HI)
+        bag.split()
+    bag.close()
+    assert [m.received for m in read(tmp_path / "bag")] == list(range(12))
+
+
+def message(received: int, topic: str = "/a") -> RawMessage:
+    return RawMessage(topic, "std_msgs/msg/String", received, received, HI)
+
+
+def test_the_ring_keeps_the_last_seconds_and_the_latched_ones() -> None:
+    ring = Ring(seconds=1e-6, capacity_bytes=10**6)
+    ring.add(message(0, "/mode"), latched=True)
+    for received in range(0, 5000, 500):
+        ring.add(message(received), latched=False)
+    assert [(m.topic, m.received) for m in ring.last()] == [("/mode", 0), ("/a", 3500), ("/a", 4000), ("/a", 4500)]
+    assert [m.received for m in ring.last(0.5e-6)] == [0, 4000, 4500]
+    assert [m.topic for m in ring.latched()] == ["/mode"]
+
+
+def test_the_ring_stays_within_its_memory() -> None:
+    ring = Ring(seconds=1e6, capacity_bytes=3 * len(HI))
+    for received in range(10):
+        ring.add(message(received), latched=False)
+    assert [m.received for m in ring.last()] == [7, 8, 9]
+
+
+def test_gaps_between_sequence_numbers_are_losses_per_publisher() -> None:
+    losses = LossCounter()
+    for sequence, publisher in ((5, "p"), (6, "p"), (100, "q"), (9, "p"), (101, "q"), (8, "p"), (10, "p")):
+        losses.see("/a", sequence, publisher)
+    losses.see("/b", None, None)
+    losses.see("/b", UNSUPPORTED, None)
+    losses.see("/b", 4, None)
+    assert losses.lost == {"/a": 2}
