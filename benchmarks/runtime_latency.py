@@ -80,7 +80,7 @@ def _qos(kind: str) -> Any:
 
     if kind == "small":
         return qos.QoSProfile(history=qos.HistoryPolicy.KEEP_ALL)
-    return qos.qos_profile_sensor_data
+    return qos.QoSProfile(depth=100)
 
 
 def _set_stamp(message: Any, now_ns: int) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import collections
-import concurrent.futures
 import contextlib
 import os
 import sys
@@ -456,6 +455,8 @@ class MultiThreadedExecutor(Executor):
             warnings.warn(
                 "MultiThreadedExecutor with a single thread: use the SingleThreadedExecutor instead", stacklevel=2
             )
+        import concurrent.futures  # noqa: PLC0415  costs start-up, and most nodes run single-threaded
+
         self._executor = concurrent.futures.ThreadPoolExecutor(num_threads, thread_name_prefix="rclpy")
         self._failed: collections.deque[BaseException] = collections.deque()
 

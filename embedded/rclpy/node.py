@@ -87,6 +87,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         self._guards: list[GuardCondition] = []
         self._waitables: list[Waitable] = []
         self._rates: list[Rate] = []
+        self._entity_list: list[Any] | None = None
         self._destroyed = False
         self._default_callback_group = MutuallyExclusiveCallbackGroup()
         if not self._context.ok():
@@ -202,14 +203,22 @@ class Node(NodeParameters, NodeGraph, Destroyable):
 
     def _entities(self) -> list[Any]:
         """Return what an executor has to look at, timers first."""
-        return [
-            *self._timers,
-            *self._subscriptions,
-            *self._guards,
-            *self._clients,
-            *self._services,
-            *self._waitables,
-        ]
+        found = self._entity_list
+        if found is None:
+            found = self._entity_list = [
+                *self._timers,
+                *self._subscriptions,
+                *self._guards,
+                *self._clients,
+                *self._services,
+                *self._waitables,
+            ]
+        return found
+
+    def _changed(self) -> None:
+        """Have the executor see that an entity came or went."""
+        self._entity_list = None
+        self._wake()
 
     # -- lists ------------------------------------------------------------------------------------------------
 
@@ -346,13 +355,14 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         group.add_entity(made)
         self._subscriptions.append(made)
         self._adopt(made.event_handlers, group)
-        self._wake()
+        self._changed()
         return made
 
     def _adopt(self, handlers: Sequence[Waitable], group: CallbackGroup) -> None:
         for handler in handlers:
             group.add_entity(handler)
             self._waitables.append(handler)
+        self._changed()
 
     def create_client(
         self,
@@ -368,7 +378,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         made = Client(self, srv_type, self._remapped(srv_name, "service"), qos_profile, group)
         group.add_entity(made)
         self._clients.append(made)
-        self._wake()
+        self._changed()
         return made
 
     def create_service(
@@ -386,7 +396,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         made = Service(self, srv_type, self._remapped(srv_name, "service"), callback, group, qos_profile)
         group.add_entity(made)
         self._services.append(made)
-        self._wake()
+        self._changed()
         return made
 
     def create_timer(
@@ -407,7 +417,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         made._wake = functools.partial(_wake_node, weakref.ref(self))
         group.add_entity(made)
         self._timers.append(made)
-        self._wake()
+        self._changed()
         return made
 
     def create_guard_condition(
@@ -419,7 +429,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         made._wake = self._wake
         group.add_entity(made)
         self._guards.append(made)
-        self._wake()
+        self._changed()
         return made
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
@@ -435,13 +445,13 @@ class Node(NodeParameters, NodeGraph, Destroyable):
     def add_waitable(self, waitable: Waitable) -> None:
         """Take a waitable on."""
         self._waitables.append(waitable)
-        self._wake()
+        self._changed()
 
     def remove_waitable(self, waitable: Waitable) -> None:
         """Let a waitable go."""
         with contextlib.suppress(ValueError):
             self._waitables.remove(waitable)
-        self._wake()
+        self._changed()
 
     # -- destroying -------------------------------------------------------------------------------------------
 
@@ -452,7 +462,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
         for handler in getattr(entity, "event_handlers", ()):
             self.remove_waitable(handler)
         entity.destroy()
-        self._wake()
+        self._changed()
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
@@ -514,6 +524,7 @@ class Node(NodeParameters, NodeGraph, Destroyable):
             if hasattr(waitable, "destroy"):
                 waitable.destroy()
         self._waitables.clear()
+        self._changed()
         self._context._graph.remove(self._token_key)
         self._link.withdraw(self._token)
 

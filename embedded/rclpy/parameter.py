@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from embedded_ros import arguments
+from embedded_ros.arguments import matches
 from embedded_ros.errors import ArgumentsError
 
 PARAMETER_SEPARATOR_STRING = "."
@@ -143,8 +143,10 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
 
 def get_parameter_value(string_value: str) -> Any:
     """Return the ParameterValue that YAML text such as ``1.5`` or ``[a, b]`` stands for; text when it is none."""
+    from embedded_ros.parameter_files import load_yaml, parameter_value  # noqa: PLC0415  YAML costs start-up
+
     try:
-        value = arguments.parameter_value(arguments.load_yaml(string_value, "value"), "value")
+        value = parameter_value(load_yaml(string_value, "value"), "value")
         if isinstance(value, int) and not isinstance(value, bool) and not -_INT64 <= value < _INT64:
             value = string_value
     except ArgumentsError:
@@ -168,11 +170,11 @@ def parameter_dict_from_yaml_file(
         target_nodes: full names of the nodes wanted; all when None.
         namespace: put before each parameter's name.
     """
+    from embedded_ros.parameter_files import load_parameter_file  # noqa: PLC0415  YAML costs start-up
+
     with Path(parameter_file).open(encoding="utf-8"):
         pass  # rclpy's callers expect FileNotFoundError, not an error about arguments
-    entries = [
-        ("/" + name.lstrip("/"), values) for name, values, _ in arguments.load_parameter_file(Path(parameter_file))
-    ]
+    entries = [("/" + name.lstrip("/"), values) for name, values, _ in load_parameter_file(Path(parameter_file))]
     wanted = {"/" + node.lstrip("/") for node in target_nodes or [] if node}
     chosen = [(name, values) for name, values in entries if _applies(name, wanted, use_wildcard=use_wildcard)]
     if not chosen or (wanted and not any("*" not in name for name, _ in chosen) and not use_wildcard):
@@ -193,4 +195,4 @@ def _applies(name: str, wanted: set[str], *, use_wildcard: bool) -> bool:
         return not wanted or name in wanted
     if not use_wildcard:
         return False
-    return not wanted or any(arguments.matches(name, node) for node in wanted)
+    return not wanted or any(matches(name, node) for node in wanted)

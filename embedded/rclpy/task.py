@@ -26,7 +26,7 @@ class Future:
         self._exception: BaseException | None = None
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future], Any]] = []
-        self._wakers: list[Callable[[], None]] = []
+        self._wakers: list[Callable[[], object]] = []
         self._lock = threading.Lock()
         self._executor: weakref.ref[Executor] | None = None
         self._set_executor(executor)
@@ -122,7 +122,7 @@ class Future:
             else:
                 self._invoke(callback)
 
-    def _add_waker(self, wake: Callable[[], None]) -> None:
+    def _add_waker(self, wake: Callable[[], object]) -> None:
         """Call ``wake`` at once, on the thread that ends this future; a task that awaits it goes on then."""
         with self._lock:
             over = self._pending_is_over()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from embedded_ros import arguments, names
+from embedded_ros import arguments, names, parameter_files
 from embedded_ros.errors import ArgumentsError, UnknownArgumentsError
 
 
@@ -128,5 +128,5 @@ def test_a_wrong_parameter_file_names_file_and_line(tmp_path: Path, text: str, l
     path = tmp_path / "bad.yaml"
     path.write_text(text)
     with pytest.raises(ArgumentsError, match=expected) as error:
-        arguments.load_parameter_file(path)
+        parameter_files.load_parameter_file(path)
     assert str(error.value).startswith(f"{path}:{line}")
