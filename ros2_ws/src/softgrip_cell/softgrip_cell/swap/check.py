@@ -46,7 +46,7 @@ class CheckSettings:
     reach_m: float = 0.010
     from_m: float = 0.004
     tension_fraction: float = 0.45
-    shape_fraction: float = 0.25
+    shape_fraction: float = 0.30
     change_fraction: float = 0.15
     broken_fraction: float = 0.3
     tip_m: float = 0.012
