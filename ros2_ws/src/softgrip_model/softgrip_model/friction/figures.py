@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from softgrip_model.friction.fit import Fit, capstan_per_load
-from softgrip_model.friction.laws import GRAVITY, FrictionLaw, Law
+from softgrip_model.friction.fit import Fit, capstan_per_load, errors
+from softgrip_model.friction.laws import GRAVITY, Law
 
-_TITLES = {Law.CAPSTAN: "Capstan", Law.HEAP: "Heap et al.", Law.MATTE: "Matte"}
+_TITLES = {Law.CAPSTAN: "Capstan, one mu a load", Law.HEAP: "Heap et al.", Law.MATTE: "Matte"}
 STYLE = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -54,7 +54,9 @@ def draw_residuals(fits: Mapping[Law, Fit], path: Path) -> None:
             shift = 0.6 * (number - 0.5 * (len(fits) - 1))
             over_angle.plot(np.degrees(fit.points.angle) + shift, percent, "o", ms=3, color=f"C{number}")
             load = 1e3 * fit.points.tension_low / GRAVITY
-            over_load.plot(load + 8.0 * shift, percent, "o", ms=3, color=f"C{number}", label=_TITLES[law])
+            over_load.plot(
+                load + 8.0 * shift, percent, "o", ms=3, color=f"C{number}", label=_TITLES[law].partition(",")[0]
+            )
         for axes, label in ((over_angle, "wrap angle [deg]"), (over_load, "load [g]")):
             axes.axhline(0.0, color="0.6", lw=0.8)
             axes.set_xlabel(label)
@@ -68,14 +70,16 @@ def _draw_law(axes: Axes, fit: Fit, law: Law) -> None:
     angles = np.linspace(0.0, 1.05 * float(points.angle.max()), 100)
     loads = np.unique(points.tension_low.round(6))
     # As the thesis does: the capstan law knows no load, so it gets one mu for each.
-    own_mu = dict(zip(*capstan_per_load(points), strict=True)) if law is Law.CAPSTAN else {}
+    predicted = fit.law.ratio(points.angle, points.tension_low)
     for number, load in enumerate(loads):
         here = np.isclose(points.tension_low, load, rtol=1e-4)
-        mu = next((m for t, m in own_mu.items() if np.isclose(t, load, rtol=1e-4)), None)
-        curve = fit.law if mu is None else FrictionLaw(Law.CAPSTAN, (float(mu),), fit.law.radius_mm)
+        curve = fit.law
+        if law is Law.CAPSTAN:
+            curve = curve.with_coefficients(capstan_per_load(points.subset(np.flatnonzero(here)))[1].mean())
+            predicted[here] = curve.ratio(points.angle[here], load)
         axes.plot(np.degrees(angles), curve.ratio(angles, load), color=f"C{number}", lw=1.2)
         axes.plot(
             np.degrees(points.angle[here]), points.ratio[here], "o", ms=3.5, color=f"C{number}", label=f"{load:.2f} N"
         )
-    axes.set_title(f"{_TITLES[law]}: {100 * fit.average_error:.1f} % average error", fontsize=9)
+    axes.set_title(f"{_TITLES[law]}: {100 * errors(predicted, points.ratio)[0]:.1f} % average error", fontsize=9)
     axes.set_xlabel("wrap angle [deg]")
