@@ -41,7 +41,7 @@ PARAMETERS = ParameterTable(
     Parameter("out", "out/demo", "folder for the record of the shift"),
     Parameter("seed", 1, "seed of the emulated cell, noted in the record", minimum=0),
     Parameter("watched_finger", "index", "the finger in front of the camera"),
-    Parameter("finger_sets", ["power", "pinch", "hook"], "sets that are closed once, in this order"),
+    Parameter("finger_sets", ["hook", "pinch", "power"], "sets that are closed once, in this order"),
     Parameter("slots", ["index", "middle", "thumb"], "slots of the gripper"),
     Parameter("full_pull", 0.020, "pulled length at the end of a closing", "m", 0.001, 0.040),
     Parameter("closing_speed", 0.012, "speed of the watched closings", "m/s", 0.001, 0.1),
