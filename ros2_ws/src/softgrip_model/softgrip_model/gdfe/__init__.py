@@ -9,7 +9,17 @@ from softgrip_model.gdfe.cable import Cable, Drive, RoutingPoint
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.materials import Linear, Material, Ogden, StressPolynomial
 from softgrip_model.gdfe.mesh import Mesh, bar
-from softgrip_model.gdfe.solver import Equilibrium, Law, Settings, Solver, State, Supports, VolumeShape
+from softgrip_model.gdfe.solver import (
+    Equilibrium,
+    Law,
+    Metric,
+    Ordering,
+    Settings,
+    Solver,
+    State,
+    Supports,
+    VolumeShape,
+)
 
 __all__ = [
     "Cable",
@@ -20,7 +30,9 @@ __all__ = [
     "Linear",
     "Material",
     "Mesh",
+    "Metric",
     "Ogden",
+    "Ordering",
     "RoutingPoint",
     "Settings",
     "Solver",

@@ -11,6 +11,7 @@ _Array: TypeAlias = NDArray[np.float64]
 _Index: TypeAlias = NDArray[np.int32]
 
 def simd_target() -> str: ...
+def read_bandwidth(working_set: int, threads: int, repeats: int) -> float: ...
 
 class Element:
     volume: float
@@ -50,6 +51,7 @@ class Settings:
         single_precision_factor: bool,
         ordering: int,
         window: int,
+        threads: int,
         step_limit: float,
     ) -> None: ...
 

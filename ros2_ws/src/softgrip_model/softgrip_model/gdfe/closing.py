@@ -132,7 +132,7 @@ class Closing:
         reason = ""
         if not pulled_mm > 0.0:
             pulled_mm, reason = 0.0, "cable slack: shown at rest"
-        if pulled_mm > self.reach_mm:
+        if pulled_mm > self.reach_mm + LENGTH_TOLERANCE_MM:
             last = self._keyframes[-1]
             reason = f"pulled {pulled_mm:.2f} mm; the last shape that converged is at {self.reach_mm:.2f} mm"
             return self._shape(pulled_length, last, started, reason, converged=False)

@@ -112,6 +112,7 @@ class Settings:
         single_precision_factor: keep the factor in float; residuals are always computed in double.
         ordering: of the factor.
         window: of the Anderson acceleration, 0 = plain iteration.
+        threads: the bits of a result depend on their number, not on their timing.
         step_limit: largest motion of a node in one iteration; 0 = none.
     """
 
@@ -121,6 +122,7 @@ class Settings:
     single_precision_factor: bool = True
     ordering: Ordering = Ordering.AUTOMATIC
     window: int = 10
+    threads: int = 1
     step_limit: float = 0.0
 
 
@@ -212,6 +214,7 @@ class Solver:
                     s.single_precision_factor,
                     _ORDERING[s.ordering],
                     s.window,
+                    s.threads,
                     s.step_limit,
                 ),
             )
@@ -255,6 +258,19 @@ class Solver:
         if self.settings.law is not Law.RIGOROUS:
             raise GdfeError(f"only the law 'rigorous' has an energy, this solver has {self.settings.law!r}")
         return self._core.energy(displacement)
+
+    @property
+    def factor_nonzeros(self) -> int:
+        """Entries of the factor along x."""
+        return self._core.factor_nonzeros(0)
+
+    @property
+    def bytes_per_iteration(self) -> int:
+        """What one iteration must at least read: each distinct factor twice, and the elements' data."""
+        maps = self.supports.maps()
+        distinct = [axis for axis in range(3) if maps[axis] not in maps[:axis]]
+        element = 8 * (24 + 12 + 10 + 2) + 4 * 8
+        return 2 * sum(self._core.factor_bytes(axis) for axis in distinct) + element * len(self.mesh.hexes)
 
     def rest(self) -> State:
         """Return the undeformed state."""

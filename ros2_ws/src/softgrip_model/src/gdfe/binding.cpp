@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include "softgrip/gdfe/solver.hpp"
+#include "softgrip/gdfe/stream.hpp"
 
 namespace py = pybind11;
 namespace gdfe = softgrip::gdfe;
@@ -28,6 +29,7 @@ gdfe::SecantTables make_tables(const Eigen::Ref<const Eigen::MatrixXd>& coeffici
 PYBIND11_MODULE(_core, module) {
   module.doc() = "Private core of softgrip_model.gdfe.";
   module.def("simd_target", &gdfe::simd_target);
+  module.def("read_bandwidth", &gdfe::read_bandwidth, py::arg("working_set"), py::arg("threads"), py::arg("repeats"));
 
   py::class_<gdfe::Element>(module, "Element")
       .def_readonly("volume", &gdfe::Element::volume)
@@ -78,12 +80,13 @@ PYBIND11_MODULE(_core, module) {
            py::arg("radius_mm"));
 
   py::class_<gdfe::Settings>(module, "Settings")
-      .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int window, double step_limit) {
+      .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int window, int threads,
+                       double step_limit) {
              return gdfe::Settings{static_cast<gdfe::Law>(law), static_cast<gdfe::VolumeShape>(shape),
-                                   static_cast<gdfe::Metric>(metric), single_precision_factor, static_cast<gdfe::Ordering>(ordering), window, step_limit};
+                                   static_cast<gdfe::Metric>(metric), single_precision_factor, static_cast<gdfe::Ordering>(ordering), window, threads, step_limit};
            }),
            py::arg("law"), py::arg("shape"), py::arg("metric"), py::arg("single_precision_factor"), py::arg("ordering"), py::arg("window"),
-           py::arg("step_limit"));
+           py::arg("threads"), py::arg("step_limit"));
 
   py::class_<gdfe::Outcome>(module, "Outcome")
       .def_readonly("converged", &gdfe::Outcome::converged)

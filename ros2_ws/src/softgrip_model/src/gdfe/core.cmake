@@ -5,9 +5,16 @@ if(NOT HWY_LIBRARY OR NOT HWY_INCLUDE_DIR)
   message(FATAL_ERROR "softgrip_model needs Highway, SIMD with dispatch at run time. Type: sudo apt-get install libhwy-dev")
 endif()
 softgrip_core(gdfe src/gdfe/binding.cpp src/gdfe/cable.cpp src/gdfe/element_blocks.cpp src/gdfe/factor.cpp
-  src/gdfe/inverted.cpp src/gdfe/local_step.cpp src/gdfe/mesh.cpp src/gdfe/ogden.cpp src/gdfe/panel_solve.cpp src/gdfe/solver.cpp)
+  src/gdfe/inverted.cpp src/gdfe/local_step.cpp src/gdfe/mesh.cpp src/gdfe/ogden.cpp src/gdfe/panel_solve.cpp src/gdfe/solver.cpp src/gdfe/stream.cpp)
 target_include_directories(gdfe_core PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
 target_link_libraries(gdfe_core PRIVATE ${HWY_LIBRARY})
+
+find_package(OpenMP COMPONENTS CXX)
+if(OpenMP_CXX_FOUND)
+  target_link_libraries(gdfe_core PRIVATE OpenMP::OpenMP_CXX)
+else()
+  message(STATUS "OpenMP not found: the GDFE core runs on one thread")
+endif()
 
 # Ordering of large matrices; without it AMD orders them all: larger factors above some 5,000 hexahedra.
 find_library(METIS_LIBRARY metis)

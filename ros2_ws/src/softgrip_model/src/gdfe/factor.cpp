@@ -65,10 +65,68 @@ std::vector<Run> supernodes(const SparseMatrix& lower) {
   return runs;
 }
 
+// Panels of the elimination tree -> independent subtrees for each thread, and what is left above them.
+template <class T>
+Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
+  const int count = static_cast<int>(store.panels.size());
+  std::vector<int> panel_of(static_cast<std::size_t>(size));
+  for (int p = 0; p < count; ++p) {
+    for (int j = 0; j < store.panels[p].width; ++j) panel_of[store.panels[p].first + j] = p;
+  }
+  std::vector<int> parent(count, -1);
+  std::vector<double> work(count);
+  std::vector<std::vector<int>> children(count);
+  std::vector<int> candidates;
+  double total = 0.0;
+  for (int p = 0; p < count; ++p) work[p] = static_cast<double>(store.panels[p].width) * (store.panels[p].padded + store.panels[p].width);
+  for (int p = 0; p < count; ++p) {
+    total += static_cast<double>(store.panels[p].width) * (store.panels[p].padded + store.panels[p].width);
+    if (store.panels[p].below == 0) {
+      candidates.push_back(p);
+      continue;
+    }
+    parent[p] = panel_of[store.rows[store.panels[p].rows]];
+    children[parent[p]].push_back(p);
+    work[parent[p]] += work[p];  // ascending, so a subtree's work is complete when it is passed on
+  }
+  // take roots off until no subtree is more than a fair share
+  const auto heavier = [&](int a, int b) { return work[a] != work[b] ? work[a] < work[b] : a < b; };
+  std::vector<char> is_top(count, 0);
+  while (!candidates.empty()) {
+    const auto largest = std::max_element(candidates.begin(), candidates.end(), heavier);
+    if (work[*largest] <= total / (1.3 * threads) || children[*largest].empty()) break;
+    const int p = *largest;
+    candidates.erase(largest);
+    is_top[p] = 1;
+    candidates.insert(candidates.end(), children[p].begin(), children[p].end());
+  }
+  std::sort(candidates.begin(), candidates.end(), [&](int a, int b) { return heavier(b, a); });
+  std::vector<double> load(threads, 0.0);
+  std::vector<int> owner(count, -1);
+  for (const int p : candidates) {
+    const auto least = std::min_element(load.begin(), load.end());
+    owner[p] = static_cast<int>(least - load.begin());
+    *least += work[p];
+  }
+  Schedule schedule;
+  schedule.panels.resize(threads);
+  schedule.columns.resize(threads);
+  for (int p = count - 1; p >= 0; --p) {
+    if (owner[p] < 0 && !is_top[p]) owner[p] = owner[parent[p]];
+  }
+  for (int p = 0; p < count; ++p) {
+    auto& panels = is_top[p] ? schedule.top_panels : schedule.panels[owner[p]];
+    auto& columns = is_top[p] ? schedule.top_columns : schedule.columns[owner[p]];
+    panels.push_back(p);
+    for (int j = 0; j < store.panels[p].width; ++j) columns.push_back(store.panels[p].first + j);
+  }
+  return schedule;
+}
+
 }  // namespace
 
-Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering)
-    : size_(static_cast<int>(matrix.rows())), single_(single_precision) {
+Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering, int threads)
+    : size_(static_cast<int>(matrix.rows())), threads_(threads), single_(single_precision) {
   if (size_ == 0) return;
   const bool metis = ordering == Ordering::Metis || (ordering == Ordering::Automatic && size_ > kMetisAbove);
   SparseMatrix lower;
@@ -84,7 +142,13 @@ Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering order
     lower = lower_factor<Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower, Eigen::AMDOrdering<int>>>(matrix, position_);
   }
   nonzeros_ = static_cast<std::size_t>(lower.nonZeros());
-  single_ ? pack(lower, float_) : pack(lower, double_);
+  if (single_) {
+    pack(lower, float_);
+    float_.schedule = make_schedule(float_, size_, threads_);
+  } else {
+    pack(lower, double_);
+    double_.schedule = make_schedule(double_, size_, threads_);
+  }
 }
 
 template <class T>
@@ -139,9 +203,7 @@ std::size_t Factor::bytes() const {
 
 void Factor::solve(double* const* columns, int count, std::vector<double>& scratch) const {
   if (size_ == 0) return;
-  // work copy in the panels' own precision, padded behind, and room for one panel's rows
-  const std::size_t tall = static_cast<std::size_t>(size_) + kPad;
-  const std::size_t needed = 3 * (tall + 2 * static_cast<std::size_t>(max_below_ + kPad));
+  const std::size_t needed = static_cast<std::size_t>(threads_) * panel_work_size(size_, max_below_);
   if (scratch.size() < needed) scratch.resize(needed);
   if (single_) {
     panel_solve_float(float_, columns, count, static_cast<std::size_t>(size_), static_cast<std::size_t>(max_below_),

@@ -57,7 +57,8 @@ Element make_element(const Corners& rest, Metric metric) {
   element.hourglass_rest = patterns.transpose() * rest;
   const Eigen::Matrix<double, 8, 4> gamma = patterns - element.gradient * element.hourglass_rest.transpose();
   const Eigen::Matrix4d inverse = (gamma.transpose() * gamma).inverse();
-  element.hourglass_stiffness = inverse * (gamma.transpose() * element.laplacian * gamma) * inverse;
+  const Matrix8 beyond_affine = element.laplacian - element.volume * element.gradient * element.gradient.transpose();
+  element.hourglass_stiffness = inverse * (gamma.transpose() * beyond_affine * gamma) * inverse;
   if (metric == Metric::Centring) {
     // Omega (I - 1 1^T / 8) on the patterns; Omega = V0 tr(G^T G) / 3 makes both metrics agree on a cube's affine motions
     const double omega = element.volume * element.gradient.squaredNorm() / 3.0;

@@ -20,7 +20,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // out[k][0..tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in[k][0..width)
 template <int count, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void product(D d, const T* matrix, int tall, int width, const T* const* in, T* const* out) {
+HWY_INLINE void product(D d, const T* matrix, int tall, int width, T* const* in, T* const* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
   int i = 0;
   for (; i + 2 * lanes <= tall; i += 2 * lanes) {
@@ -54,7 +54,7 @@ HWY_INLINE void product(D d, const T* matrix, int tall, int width, const T* cons
 
 // out[k][j] (+)= column j of matrix . in[k], in padded with zeros to tall
 template <bool add, int count, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, const T* const* in, T* const* out) {
+HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, T* const* in, T* const* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
   constexpr int kColumns = 4;
   int j = 0;
@@ -90,72 +90,124 @@ HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, co
   }
 }
 
+// One thread's working arrays.
 template <int count, class T>
-void substitute(const PanelStore<T>& store, std::size_t size, std::size_t max_below, T* work) {
+struct Work {
+  T *x[count], *y[count], *z[count];
+
+  Work(T* base, std::size_t size, std::size_t max_below) {
+    for (int k = 0; k < count; ++k) {
+      x[k] = base + static_cast<std::size_t>(k) * (size + kPad);
+      y[k] = base + 3 * (size + kPad) + static_cast<std::size_t>(k) * (max_below + kPad);
+      z[k] = y[k] + 3 * (max_below + kPad);
+    }
+  }
+};
+
+template <int count, class T>
+void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<count, T>& work) {
   const hn::CappedTag<T, kPad> d;
-  T *x[3], *y[3], *z[3];
-  for (int k = 0; k < count; ++k) {
-    x[k] = work + static_cast<std::size_t>(k) * (size + kPad);
-    y[k] = work + 3 * (size + kPad) + static_cast<std::size_t>(k) * (max_below + kPad);
-    z[k] = y[k] + 3 * (max_below + kPad);
-  }
-  T *head[3], *tail[3];
-  const T *head_in[3], *y_in[3], *z_in[3];
-  for (int k = 0; k < count; ++k) {
-    y_in[k] = y[k];
-    z_in[k] = z[k];
-  }
-  for (const Panel& panel : store.panels) {
+  for (const std::int32_t index : panels) {
+    const Panel& panel = store.panels[index];
     const int tall = (panel.width + kPad - 1) / kPad * kPad;
-    for (int k = 0; k < count; ++k) head[k] = x[k] + panel.first, head_in[k] = head[k];
-    product<count>(d, &store.inverse[panel.inverse], tall, panel.width, head_in, y);
-    for (int k = 0; k < count; ++k) std::copy(y[k], y[k] + panel.width, head[k]);
+    T* head[count];
+    for (int k = 0; k < count; ++k) head[k] = work.x[k] + panel.first;
+    product<count>(d, &store.inverse[panel.inverse], tall, panel.width, head, work.y);
+    for (int k = 0; k < count; ++k) std::copy(work.y[k], work.y[k] + panel.width, head[k]);
     if (panel.below == 0) continue;
-    for (int k = 0; k < count; ++k) tail[k] = z[k];
-    product<count>(d, &store.values[panel.values], panel.padded, panel.width, y_in, tail);
+    product<count>(d, &store.values[panel.values], panel.padded, panel.width, work.y, work.z);
     const std::int32_t* rows = &store.rows[panel.rows];
-    for (int k = 0; k < count; ++k) {
-      for (int i = 0; i < panel.below; ++i) x[k][rows[i]] -= z[k][i];
+    for (int i = 0; i < panel.below; ++i) {
+      for (int k = 0; k < count; ++k) work.x[k][rows[i]] -= work.z[k][i];
     }
-  }
-  for (auto panel = store.panels.rbegin(); panel != store.panels.rend(); ++panel) {
-    const int tall = (panel->width + kPad - 1) / kPad * kPad;
-    for (int k = 0; k < count; ++k) {
-      head[k] = x[k] + panel->first;
-      std::fill(y[k] + panel->width, y[k] + tall, T(0));
-    }
-    if (panel->below > 0) {
-      const std::int32_t* rows = &store.rows[panel->rows];
-      for (int k = 0; k < count; ++k) {
-        for (int i = 0; i < panel->below; ++i) z[k][i] = -x[k][rows[i]];
-        std::fill(z[k] + panel->below, z[k] + panel->padded, T(0));
-      }
-      transposed_product<true, count>(d, &store.values[panel->values], panel->padded, panel->width, z_in, head);
-    }
-    for (int k = 0; k < count; ++k) std::copy(head[k], head[k] + panel->width, y[k]);
-    transposed_product<false, count>(d, &store.inverse[panel->inverse], tall, panel->width, y_in, head);
   }
 }
 
-// Right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them.
-template <class T>
-void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_below, T* work) {
-  double scale[3];
+template <int count, class T>
+void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<count, T>& work) {
+  const hn::CappedTag<T, kPad> d;
+  for (auto index = panels.rbegin(); index != panels.rend(); ++index) {
+    const Panel& panel = store.panels[*index];
+    const int tall = (panel.width + kPad - 1) / kPad * kPad;
+    T* head[count];
+    for (int k = 0; k < count; ++k) {
+      head[k] = work.x[k] + panel.first;
+      std::fill(work.y[k] + panel.width, work.y[k] + tall, T(0));
+    }
+    if (panel.below > 0) {
+      const std::int32_t* rows = &store.rows[panel.rows];
+      for (int i = 0; i < panel.below; ++i) {
+        for (int k = 0; k < count; ++k) work.z[k][i] = -work.x[k][rows[i]];
+      }
+      for (int k = 0; k < count; ++k) std::fill(work.z[k] + panel.below, work.z[k] + panel.padded, T(0));
+      transposed_product<true, count>(d, &store.values[panel.values], panel.padded, panel.width, work.z, head);
+    }
+    for (int k = 0; k < count; ++k) std::copy(head[k], head[k] + panel.width, work.y[k]);
+    transposed_product<false, count>(d, &store.inverse[panel.inverse], tall, panel.width, work.y, head);
+  }
+}
+
+// Every thread carries its subtrees up in arrays of its own, the top is solved by one, and each carries it down again.
+template <int count, class T>
+void substitute(const PanelStore<T>& store, double* const* columns, std::size_t size, std::size_t max_below, T* base) {
+  const Schedule& schedule = store.schedule;
+  const int threads = static_cast<int>(schedule.panels.size());
+  const std::size_t stride = panel_work_size(static_cast<int>(size), static_cast<int>(max_below));
+  // right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them
+  double scale[count], inverse[count];
   for (int k = 0; k < count; ++k) {
     double largest = 0.0;
     for (std::size_t i = 0; i < size; ++i) largest = std::max(largest, std::abs(columns[k][i]));
     scale[k] = largest > 0.0 ? largest : 1.0;
-    T* x = work + static_cast<std::size_t>(k) * (size + kPad);
-    const double inverse = 1.0 / scale[k];
-    for (std::size_t i = 0; i < size; ++i) x[i] = static_cast<T>(columns[k][i] * inverse);
+    inverse[k] = 1.0 / scale[k];
   }
-  if (count == 3) substitute<3>(store, size, max_below, work);
-  if (count == 2) substitute<2>(store, size, max_below, work);
-  if (count == 1) substitute<1>(store, size, max_below, work);
+  Work<count, T> first(base, size, max_below);
+#pragma omp parallel num_threads(threads) if (threads > 1)
+  {
+#pragma omp for schedule(static, 1)
+    for (int t = 0; t < threads; ++t) {
+      Work<count, T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+      for (int k = 0; k < count; ++k) {
+        for (const std::int32_t i : schedule.columns[t]) work.x[k][i] = static_cast<T>(columns[k][i] * inverse[k]);
+        for (const std::int32_t i : schedule.top_columns) {
+          work.x[k][i] = t == 0 ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
+        }
+      }
+      forward<count>(store, schedule.panels[t], work);
+    }
+#pragma omp single
+    {
+      for (int t = 1; t < threads; ++t) {
+        const Work<count, T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+        for (int k = 0; k < count; ++k) {
+          for (const std::int32_t i : schedule.top_columns) first.x[k][i] += work.x[k][i];
+        }
+      }
+      forward<count>(store, schedule.top_panels, first);
+      backward<count>(store, schedule.top_panels, first);
+    }
+#pragma omp for schedule(static, 1)
+    for (int t = 0; t < threads; ++t) {
+      Work<count, T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+      for (int k = 0; k < count && t > 0; ++k) {
+        for (const std::int32_t i : schedule.top_columns) work.x[k][i] = first.x[k][i];
+      }
+      backward<count>(store, schedule.panels[t], work);
+      for (int k = 0; k < count; ++k) {
+        for (const std::int32_t i : schedule.columns[t]) columns[k][i] = scale[k] * static_cast<double>(work.x[k][i]);
+      }
+    }
+  }
   for (int k = 0; k < count; ++k) {
-    const T* x = work + static_cast<std::size_t>(k) * (size + kPad);
-    for (std::size_t i = 0; i < size; ++i) columns[k][i] = scale[k] * static_cast<double>(x[i]);
+    for (const std::int32_t i : schedule.top_columns) columns[k][i] = scale[k] * static_cast<double>(first.x[k][i]);
   }
+}
+
+template <class T>
+void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_below, T* work) {
+  if (count == 3) substitute<3>(store, columns, size, max_below, work);
+  if (count == 2) substitute<2>(store, columns, size, max_below, work);
+  if (count == 1) substitute<1>(store, columns, size, max_below, work);
 }
 
 void SolveFloat(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,

@@ -6,7 +6,12 @@
 
 namespace softgrip::gdfe {
 
-// columns[k] (k < count): in and out. work: at least 3 (size + kPad + 2 (max_below + kPad)) values.
+// Values that one thread needs: three columns padded behind, and two panels' rows of three columns.
+inline std::size_t panel_work_size(int size, int max_below) {
+  return 3 * (static_cast<std::size_t>(size) + kPad + 2 * (static_cast<std::size_t>(max_below) + kPad));
+}
+
+// columns[k] (k < count): in and out. work: panel_work_size() values for each thread of the schedule.
 void panel_solve_float(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
                        std::size_t max_below, float* work);
 void panel_solve_double(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,

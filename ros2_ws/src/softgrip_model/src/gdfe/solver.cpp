@@ -42,6 +42,7 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   }
   position_.resize(3 * nodes_);
   force_.resize(3 * nodes_);
+  shares_.resize(3 * nodes_ * static_cast<std::size_t>(settings_.threads - 1));
   for (std::size_t e = 0; e < elements_.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements_[e].volume);
   build_axes(elements_, hexes, matrix_weight, maps);
   elements_ = {};
@@ -70,7 +71,7 @@ void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes
       }
       SparseMatrix matrix(size, size);
       matrix.setFromTriplets(entries.begin(), entries.end());
-      axes_[axis].factor = std::make_shared<Factor>(matrix, settings_.single_precision_factor, settings_.ordering);
+      axes_[axis].factor = std::make_shared<Factor>(matrix, settings_.single_precision_factor, settings_.ordering, settings_.threads);
     }
     axes_[axis].dof.resize(nodes_);
     for (std::size_t i = 0; i < nodes_; ++i) {
@@ -361,11 +362,22 @@ void Solver::place(const Nodes& displacement) {
 
 void Solver::add_element_forces() {
   std::fill(force_.begin(), force_.end(), 0.0);
-  if (ogden_) {
-    ogden_->add_forces(position_.data(), force_.data(), blocks_.strain.data(), nodes_, 0, blocks_.elements);
-  } else {
-    local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force_.data(), nodes_, 0,
-               blocks_.blocks);
+  std::fill(shares_.begin(), shares_.end(), 0.0);
+  const auto threads = static_cast<std::size_t>(settings_.threads);
+#pragma omp parallel for num_threads(settings_.threads) schedule(static, 1) if (threads > 1)
+  for (std::size_t t = 0; t < threads; ++t) {
+    double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * 3 * nodes_;
+    if (ogden_) {
+      ogden_->add_forces(position_.data(), force, blocks_.strain.data(), nodes_, t * blocks_.elements / threads,
+                         (t + 1) * blocks_.elements / threads);
+    } else {
+      local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, nodes_,
+                 t * blocks_.blocks / threads, (t + 1) * blocks_.blocks / threads);
+    }
+  }
+  for (std::size_t t = 1; t < threads; ++t) {  // in order, so that sums do not depend on timing
+    const double* share = shares_.data() + (t - 1) * 3 * nodes_;
+    for (std::size_t i = 0; i < 3 * nodes_; ++i) force_[i] += share[i];
   }
 }
 

@@ -29,17 +29,26 @@ struct Panel {
 
 inline constexpr int kPad = 8;
 
+// Which panels each thread works on. Panels of different threads share no columns and meet only in the top panels, which
+// come after them in the forward pass and before them in the backward pass: results do not depend on timing.
+struct Schedule {
+  std::vector<std::vector<std::int32_t>> panels;   // per thread, ascending
+  std::vector<std::vector<std::int32_t>> columns;  // per thread
+  std::vector<std::int32_t> top_panels, top_columns;
+};
+
 template <class T>
 struct PanelStore {
   std::vector<Panel> panels;
   std::vector<T> inverse, values;
   std::vector<std::int32_t> rows;
+  Schedule schedule;
 };
 
 class Factor {
  public:
   // matrix: symmetric positive definite, both triangles or the lower one. Throws std::runtime_error when it is not.
-  Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering = Ordering::Automatic);
+  Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering = Ordering::Automatic, int threads = 1);
 
   int size() const { return size_; }
   std::size_t nonzeros() const { return nonzeros_; }
@@ -49,7 +58,7 @@ class Factor {
   // position[i] = place of unknown i in the factor's own order; solves work in that order.
   const std::vector<int>& position() const { return position_; }
 
-  // columns[k], k < count <= 3: right-hand side in, solution out, in the factor's order. scratch: at least scratch_size() values.
+  // columns[k], k < count <= 3: right-hand side in, solution out, in the factor's order. scratch grows as needed.
   void solve(double* const* columns, int count, std::vector<double>& scratch) const;
 
  private:
@@ -57,6 +66,7 @@ class Factor {
   void pack(const SparseMatrix& lower, PanelStore<T>& store);
 
   int size_ = 0;
+  int threads_ = 1;
   std::size_t nonzeros_ = 0;
   bool single_ = false, uses_metis_ = false;
   std::vector<int> position_;

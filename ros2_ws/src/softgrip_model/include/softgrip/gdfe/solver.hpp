@@ -26,6 +26,7 @@ struct Settings {
   bool single_precision_factor = true;
   Ordering ordering = Ordering::Automatic;
   int window = 10;           // of the Anderson acceleration; 0 = plain iteration
+  int threads = 1;
   double step_limit = 0.0;   // largest motion of a node in one iteration [length]; 0 = none
 };
 
@@ -121,6 +122,7 @@ class Solver {
   std::vector<CableWork> cable_work_;
   std::vector<std::size_t> first_column_;  // per cable: column of its first point in point_columns
   std::vector<double> position_, force_, scratch_;
+  std::vector<double> shares_;  // forces of every thread but the first, [thread][3][nodes]
   double weight_scale_ = 1.0;
 };
 

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Properties of the solver's parts: exact splits and gradients, materials, cable, determinism, refusals."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from softgrip_model.finger import FRICTIONLESS
+from softgrip_model.friction.laws import FrictionLaw
+from softgrip_model.friction.laws import Law as FrictionName
+from softgrip_model.gdfe import (
+    Cable,
+    Drive,
+    GdfeError,
+    Law,
+    Linear,
+    Mesh,
+    Metric,
+    Ordering,
+    RoutingPoint,
+    Settings,
+    Solver,
+    State,
+    Supports,
+    VolumeShape,
+    _core,
+    bar,
+)
+from softgrip_model.gdfe.materials import Ogden, cheetah, neo_hookean, ninjaflex, shear_secant
+from softgrip_model.gdfe.mesh_file import read_mesh, write_mesh
+from softgrip_model.gdfe.rigid import check_held
+
+
+def skewed(seed=3, amount=0.15):
+    mesh = bar((3.0, 2.0, 2.0), (3, 2, 2))
+    moved = mesh.nodes + amount * np.random.default_rng(seed).uniform(-1, 1, mesh.nodes.shape)
+    return Mesh(moved, mesh.hexes, mesh.materials)
+
+
+def test_the_laplacian_is_exact_on_affine_motions_of_any_hexahedron():
+    mesh = skewed()
+    corners = mesh.nodes[mesh.hexes[0]]
+    element = _core.make_element(corners)
+    np.testing.assert_allclose(corners.T @ element.gradient, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(element.laplacian @ corners, element.volume * element.gradient, atol=1e-12)
+    np.testing.assert_allclose(element.laplacian.sum(axis=0), 0.0, atol=1e-12)
+
+
+def test_corner_forces_at_small_strain_are_those_of_the_laplacian():
+    # nu = 0 leaves no volume term: forces are 2 mu K (V - R X), and R = 1 for a symmetric gradient
+    mesh = skewed()
+    mesh = Mesh(mesh.nodes[mesh.hexes[0]], np.arange(8).reshape(1, 8), np.zeros(1))
+    solver = Solver(mesh, [Linear("soft", 3.0, 0.0)], Supports.none(8).with_prescribed(np.arange(8)))
+    rng = np.random.default_rng(1)
+    stretch = rng.uniform(-1, 1, (3, 3))
+    hourglass = rng.uniform(-1, 1, (8, 3))
+    element = _core.make_element(mesh.nodes)
+    hourglass -= mesh.nodes @ (element.gradient.T @ hourglass)
+    moved = 1e-5 * (mesh.nodes @ (stretch + stretch.T) + hourglass)
+    expected = 3.0 * element.laplacian @ moved
+    np.testing.assert_allclose(solver.internal_force(moved), expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_rigorous_forces_are_the_gradient_of_the_energy():
+    mesh = skewed(amount=0.1)
+    material = Ogden("two terms", (1.3, 0.4), (2.0, -1.5), 0.4)
+    everywhere = np.arange(len(mesh.nodes), dtype=np.int32)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(everywhere)
+    solver = Solver(mesh, [material], supports, settings=Settings(law=Law.RIGOROUS))
+    rng = np.random.default_rng(2)
+    at, direction = 0.05 * rng.uniform(-1, 1, mesh.nodes.shape), rng.uniform(-1, 1, mesh.nodes.shape)
+    h = 1e-5
+    slope = (solver.energy(at + h * direction) - solver.energy(at - h * direction)) / (2 * h)
+    assert np.sum(solver.internal_force(at) * direction) == pytest.approx(slope, rel=1e-7)
+
+
+@pytest.mark.parametrize("law", [Law.CALIBRATED, Law.RIGOROUS])
+def test_forces_turn_with_the_body(law):
+    mesh = skewed()
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(np.arange(len(mesh.nodes)))
+    solver = Solver(mesh, [neo_hookean("rubber", 2.0, 0.4)], supports, settings=Settings(law=law))
+    at = mesh.nodes + 0.1 * np.random.default_rng(4).uniform(-1, 1, mesh.nodes.shape)
+    c, s = np.cos(2.0), np.sin(2.0)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
+    before, after = solver.internal_force(at - mesh.nodes), solver.internal_force(at @ turn.T - mesh.nodes)
+    np.testing.assert_allclose(after, before @ turn.T, atol=1e-9)
+
+
+@pytest.mark.parametrize("material", [ninjaflex(), cheetah(), neo_hookean("rubber", 1.0, 0.45)], ids=lambda m: m.name)
+def test_an_elongated_cube_answers_with_the_materials_stress(material):
+    # incompressible uniaxial state: volume term silent, lateral stress of the energy balanced by a pressure on it
+    stretch = 1.4
+    q = stretch**-0.5
+    strain = (stretch - q) / 1.5
+    mu = float(shear_secant(material, np.array([strain]))[0])
+    nominal = 2.0 * mu * ((stretch - 1.0) + (1.0 - q) * q / stretch)
+    assert nominal == pytest.approx(float(material.nominal_stress(np.array(stretch))), rel=1e-12)
+
+
+def solved_bar(**settings):
+    mesh = bar((8.0, 2.0, 2.0), (8, 2, 2))
+    left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == 8.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right, "yz").with_tied(right, "x")
+    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=Settings(**settings))
+    prescribed = np.zeros_like(mesh.nodes)
+    prescribed[right, 1] = 2.0
+    return solver.solve(prescribed, tolerance=1e-9, max_iterations=5000)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"single_precision_factor": False},
+        {"ordering": Ordering.METIS},
+        {"threads": 3},
+        {"window": 0},
+        {"window": 25},
+    ],
+    ids=str,
+)
+def test_precision_ordering_threads_and_memory_do_not_change_the_answer(settings):
+    usual, other = solved_bar(), solved_bar(**settings)
+    assert usual.converged
+    assert other.converged
+    np.testing.assert_allclose(other.displacement, usual.displacement, atol=1e-6)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_same_solve_gives_the_same_bits(threads):
+    first, second = solved_bar(threads=threads), solved_bar(threads=threads)
+    assert (first.displacement == second.displacement).all()
+    assert first.history == second.history
+
+
+def test_reactions_balance_and_forces_of_a_solved_mesh_vanish_inside():
+    found = solved_bar()
+    np.testing.assert_allclose(found.reaction[:, 1].sum(), 0.0, atol=1e-6 * np.abs(found.reaction).max())
+
+
+def test_a_step_that_does_not_converge_says_so():
+    mesh = bar((8.0, 2.0, 2.0), (8, 2, 2))
+    left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == 8.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right)
+    prescribed = np.zeros_like(mesh.nodes)
+    prescribed[right, 1] = 2.0
+    found = Solver(mesh, [Linear("any", 5.0, 0.3)], supports).solve(prescribed, max_iterations=3)
+    assert not found.converged
+    assert found.iterations == 3
+    assert found.residual > 1e-6
+
+
+@pytest.mark.parametrize("shape", list(VolumeShape))
+def test_an_inverted_start_is_survived(shape):
+    mesh = bar((4.0, 2.0, 2.0), (4, 2, 2))
+    left = mesh.nodes_where(mesh.nodes[:, 0] == 0.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left)
+    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=Settings(volume_shape=shape, step_limit=0.5))
+    pushed = np.zeros_like(mesh.nodes)
+    pushed[np.argmin(np.linalg.norm(mesh.nodes - [2.0, 0.0, 0.0], axis=1)), 0] = 1.4  # through its neighbours
+    found = solver.solve(start=State(pushed), force_floor=1.0, max_iterations=4000)
+    assert found.converged
+    assert np.abs(found.displacement).max() < 1e-3
+
+
+ROUTED = tuple(np.arange(10.0, 81.0, 10.0))
+
+
+def cable_beam(friction, *, by_length):
+    mesh = bar((80.0, 10.0, 10.0), (64, 5, 5))
+    left = mesh.nodes_where(mesh.nodes[:, 0] == 0.0)
+    points = [
+        RoutingPoint((x, -5.0, 0.0), nodes, np.full(len(nodes), 1.0 / len(nodes)))
+        for x in ROUTED
+        if len(nodes := mesh.nodes_where((mesh.nodes[:, 0] == x) & (mesh.nodes[:, 1] == -5.0)))
+    ]
+    base = RoutingPoint((0.0, -5.0, 0.0), np.zeros(0, dtype=np.int32), np.zeros(0))
+    cable = Cable((base, *points), friction)
+    solver = Solver(
+        mesh,
+        [Linear("MPa", 1.0, 0.3)],
+        Supports.none(len(mesh.nodes)).with_prescribed(left),
+        [cable],
+        Settings(window=30),
+    )
+    return solver.solve(drives=[by_length], tolerance=1e-6, max_iterations=4000), mesh
+
+
+def test_a_cantilever_under_its_cable_bends_as_the_arc_says():
+    # E = 1 MPa, 80 x 10 x 10 mm, 1 N along the lower edge: curvature T e / E I, all along
+    curvature = 1.0 * 5.0 / (1.0 * 10.0**4 / 12.0)
+    found, mesh = cable_beam(FRICTIONLESS, by_length=Drive(1.0, by_length=False))
+    tip = found.displacement[mesh.nodes[:, 0] == 80.0, 1].mean()
+    assert found.converged
+    assert tip == pytest.approx(-(1.0 - np.cos(80.0 * curvature)) / curvature, rel=0.03)
+
+
+def test_length_and_tension_are_two_sides_of_one_equilibrium():
+    by_tension, _ = cable_beam(FRICTIONLESS, by_length=Drive(0.5, by_length=False))
+    by_length, _ = cable_beam(FRICTIONLESS, by_length=Drive(by_tension.shortening[0]))
+    assert by_length.converged
+    assert by_length.tension[0][0] == pytest.approx(0.5, rel=1e-3)
+    np.testing.assert_allclose(by_length.displacement, by_tension.displacement, atol=5e-3)
+
+
+def test_friction_takes_tension_away_by_the_wrap_angles():
+    mu = 0.3
+    found, mesh = cable_beam(FrictionLaw(FrictionName.CAPSTAN, (mu,), 1.0), by_length=Drive(1.0, by_length=False))
+    at = mesh.nodes + found.displacement
+    line = [np.array([0.0, -5.0, 0.0])]
+    line += [at[(mesh.nodes[:, 0] == x) & (mesh.nodes[:, 1] == -5.0)].mean(axis=0) for x in ROUTED]
+    spans = [np.array([1.0, 0.0, 0.0]), *np.diff(line, axis=0)]
+    angles = [
+        np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)) for a, b in itertools.pairwise(spans)
+    ]
+    assert found.converged
+    assert found.tension[0][-1] == pytest.approx(np.exp(-mu * sum(angles)), rel=1e-6)
+
+
+def test_a_mesh_goes_through_a_file_and_back(tmp_path):
+    mesh = bar((4.0, 2.0, 2.0), (4, 2, 2), 2)
+    write_mesh(tmp_path / "bar.vtu", mesh)
+    read, _ = read_mesh(tmp_path / "bar.vtu")
+    assert read.digest == mesh.digest
+
+
+def test_bad_meshes_are_refused_with_element_and_reason():
+    good = bar((2.0, 1.0, 1.0), (2, 1, 1))
+    inverted = good.hexes.copy()
+    inverted[1] = inverted[1][[4, 5, 6, 7, 0, 1, 2, 3]]
+    with pytest.raises(GdfeError, match="element 1 is inverted"):
+        Mesh(good.nodes, inverted, good.materials)
+    flat = good.nodes.copy()
+    flat[:, 2] = 0.0
+    with pytest.raises(GdfeError, match="element 0 is degenerate"):
+        Mesh(flat, good.hexes, good.materials)
+    with pytest.raises(GdfeError, match="node 12 belongs to no element"):
+        Mesh(np.vstack([good.nodes, [[9.0, 9.0, 9.0]]]), good.hexes, good.materials)
+    with pytest.raises(GdfeError, match="element 0 has material 0"):
+        Solver(good, [], Supports.none(12))
+
+
+@pytest.mark.parametrize(
+    ("axes", "motion"), [("", "along|about"), ("x", "along|about"), ("xyz", None)], ids=["free", "sliding", "held"]
+)
+def test_supports_that_leave_a_rigid_motion_are_refused(axes, motion):
+    mesh = bar((2.0, 1.0, 1.0), (2, 1, 1))
+    face = mesh.nodes_where(mesh.nodes[:, 0] == 0.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(face, axes)
+    if motion is None:
+        check_held(mesh, supports)
+    else:
+        with pytest.raises(GdfeError, match=motion):
+            check_held(mesh, supports)
+
+
+def test_one_held_node_still_lets_the_body_turn():
+    mesh = bar((2.0, 1.0, 1.0), (2, 1, 1))
+    with pytest.raises(GdfeError, match="about"):
+        check_held(mesh, Supports.none(len(mesh.nodes)).with_prescribed(np.array([0])))
+
+
+def test_metrics_agree_on_affine_motions():
+    results = [solved_bar(metric=metric) for metric in Metric]
+    assert results[1].reaction[:, 1].max() > results[0].reaction[:, 1].max()  # the thesis' N is stiffer in hourglass

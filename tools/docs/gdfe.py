@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes docs/gdfe.md and its figure: what GDFE reproduces of the thesis, beside CalculiX, and what it does not.
+
+`render()` is the text; a test compares it with the committed file, so that no number in it can grow old.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from softgrip_model.finger import Finger, close
+from softgrip_model.finger.predictor import assumed_friction
+from softgrip_model.gdfe import Law, Settings, Solver, VolumeShape
+from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
+from softgrip_model.gdfe.march import March, march
+from softgrip_model.gdfe.materials import (
+    Linear,
+    Material,
+    StressPolynomial,
+    cheetah,
+    cheetah_ogden,
+    ninjaflex,
+    ninjaflex_ogden,
+)
+from softgrip_model.gdfe.solver import Metric
+from softgrip_model.gdfe.thesis import (
+    ThesisState,
+    force_unit,
+    geometric_ratio_published,
+    material_constants,
+    shape_factors_closed_form,
+    shape_factors_published,
+    stiffness_ratio,
+)
+from softgrip_model.gdfe.thesis_bars import BarCase, difference, five_materials, joint_position, rotation, tension
+from softgrip_model.profile import load_directory, shipped_directory
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parents[2]
+TEMPLATE = Path(__file__).with_name("gdfe.md.in")
+FORCE_INCREMENTS = (5, 10, 20, 50)
+RIGOROUS = Settings(law=Law.RIGOROUS, window=20, step_limit=1.0)
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _calibration_rows() -> str:
+    rows = []
+    for ratio in (10.0, 30.0, 90.0):
+        fitted = brentq(lambda r, ratio=ratio: float(geometric_ratio_published(np.array(r))) - ratio, 1.0, 100.0)
+        exact = float(stiffness_ratio(np.array(0.9), np.array(0.9 / ratio)))
+        rows.append(_row(f"{ratio:.0f}", f"{fitted:.2f}", f"{exact:.2f}"))
+    return "\n".join(rows)
+
+
+def _tension_row(label: str, joint: float) -> str:
+    """One row of Table 5.2: the bar's halves of length 1 are drawn to 4 joint and 4 (1 - joint)."""
+    return _row(label, f"{100 * joint:.2f}", f"{100 * (4 * joint - 1):.1f}", f"{100 * (4 * (1 - joint) - 1):.1f}")
+
+
+def _one_dimensional(left: Material, right: Material) -> float:
+    def unbalance(stretch: float) -> float:
+        return float(left.nominal_stress(np.array(stretch)) - right.nominal_stress(np.array(4.0 - stretch)))
+
+    return float(brentq(unbalance, 1.05, 1.9)) / 4.0
+
+
+@functools.cache
+def _thesis_tension(shape: VolumeShape, increments: int, hyperelastic: bool = True) -> tuple[float, float]:
+    """Return joint and support force [N]-like of the thesis law."""
+    materials = (cheetah(), ninjaflex())
+    case, used = tension(materials=materials)
+    metric = Metric.CENTRING if hyperelastic else Metric.LAPLACIAN
+    settings = Settings(law=Law.THESIS, volume_shape=shape, metric=metric, step_limit=1.0)
+    solver = Solver(case.mesh, used, case.supports, settings=settings)
+    state = ThesisState(solver, materials, shape_factors_published, previous_shape=hyperelastic, update=hyperelastic)
+    found = _completed(
+        march(solver, case.loading, increments, tolerance=1e-7, first_guess=case.first_guess, before=state.before)
+    )
+    force = -found.last.reaction[case.left, 0].sum() * force_unit(state.moduli, state.omega)
+    return joint_position(case, found.last.displacement), float(force)
+
+
+def _completed(found: March) -> March:
+    if not found.completed:
+        raise RuntimeError(found.reason)
+    return found
+
+
+def _marched(case: BarCase, materials: Sequence[Material], settings: Settings, increments: int) -> March:
+    solver = Solver(case.mesh, materials, case.supports, settings=settings)
+    return _completed(march(solver, case.loading, increments, tolerance=1e-7, first_guess=case.first_guess))
+
+
+def _tension_rows() -> str:
+    rows = [
+        _tension_row("one-dimensional, polynomials", _one_dimensional(cheetah(), ninjaflex())),
+        _tension_row("one-dimensional, Ogden", _one_dimensional(cheetah_ogden(), ninjaflex_ogden())),
+    ]
+    rows += [
+        _tension_row(f"thesis law, linear, {shape}", _thesis_tension(shape, 1, hyperelastic=False)[0])
+        for shape in VolumeShape
+    ]
+    for shape in VolumeShape:
+        rows += [
+            _tension_row(f"thesis law, {n} increments, {shape}", _thesis_tension(shape, n)[0]) for n in (5, 10, 20)
+        ]
+    choices: list[tuple[str, tuple[Material, ...], Settings, float, int]] = [
+        ("calibrated, polynomials, nu = 0.45", (cheetah(), ninjaflex()), Settings(), 0.45, 2),
+        ("calibrated, Ogden, nu = 0.45", (), Settings(), 0.45, 2),
+        ("rigorous, Ogden, nu = 0.49", (), RIGOROUS, 0.49, 10),
+    ]
+    for label, materials, settings, poisson, increments in choices:
+        case, used = tension(materials=materials, poisson=poisson)
+        found = _marched(case, used, settings, increments)
+        rows.append(_tension_row(label, joint_position(case, found.last.displacement)))
+    return "\n".join(rows)
+
+
+def _bend_rows() -> str:
+    rows = []
+    case, materials = five_materials()
+    reference = case.reference()
+    moving = np.linalg.norm(reference, axis=1) > 1e-9
+
+    def row(label: str, displacement: Array, force: float) -> str:
+        mean, largest = difference(displacement, reference)
+        gap = np.linalg.norm(displacement - reference, axis=1)[moving] / np.linalg.norm(reference, axis=1)[moving]
+        return _row(label, f"{100 * mean:.2f}", f"{100 * largest:.2f}", f"{100 * gap.mean():.1f}", f"{force:.3f}")
+
+    linear = [material for material in materials if isinstance(material, Linear)]
+    for shape in VolumeShape:
+        for name, factors in (("Eqs 5.7, 5.8", shape_factors_published), ("closed form", shape_factors_closed_form)):
+            settings = Settings(law=Law.THESIS, volume_shape=shape)
+            solver = Solver(case.mesh, materials, case.supports, settings=settings)
+            state = ThesisState(solver, linear, factors, previous_shape=False, update=False)
+            found = _completed(march(solver, case.loading, 1, tolerance=1e-7, before=state.before))
+            force = found.last.reaction[case.right, 1].sum() * force_unit(state.moduli, state.omega)
+            rows.append(row(f"thesis law, {name}, {shape}", found.last.displacement, force))
+    for shape in VolumeShape:
+        found = _marched(case, materials, Settings(volume_shape=shape), 1)
+        force = found.last.reaction[case.right, 1].sum()
+        rows.append(row(f"calibrated, nu = 0.3, {shape}", found.last.displacement, force))
+    return "\n".join(rows)
+
+
+def _rotation_rows() -> str:
+    rows = []
+
+    def row(label: str, case: BarCase, found: March) -> str:
+        mean, largest = difference(found.last.displacement, case.reference())
+        return _row(label, f"{100 * mean:.2f}", f"{100 * largest:.2f}")
+
+    thesis: tuple[StressPolynomial, StressPolynomial] = (cheetah(), ninjaflex())
+    for shape in VolumeShape:
+        case, _ = rotation()
+        settings = Settings(law=Law.THESIS, volume_shape=shape, metric=Metric.CENTRING)
+        solver = Solver(case.mesh, thesis, case.supports, settings=settings)
+        state = ThesisState(solver, thesis, shape_factors_published)
+        found = _completed(march(solver, case.loading, 10, tolerance=1e-6, before=state.before, max_iterations=5000))
+        rows.append(row(f"thesis law, 10 increments, {shape}", case, found))
+    case, materials = rotation()
+    rows.append(row("calibrated, Ogden, nu = 0.45", case, _marched(case, materials, Settings(), 5)))
+    case, materials = rotation(poisson=0.49)
+    rows.append(row("rigorous, Ogden, nu = 0.49", case, _marched(case, materials, RIGOROUS, 10)))
+    return "\n".join(rows)
+
+
+@functools.cache
+def _calibrated_force(increments: int) -> float:
+    case, used = tension(materials=(cheetah(), ninjaflex()))
+    found = _marched(case, used, Settings(), increments)
+    return float(-found.last.reaction[case.left, 0].sum())
+
+
+def _finger_rows() -> str:
+    rows = []
+    pulls_mm = np.array([5.0, 10.0, 15.0, 18.0])
+    for name, profile in sorted(load_directory(shipped_directory()).items()):
+        finger = Finger.from_profile(profile, "index")
+        rigid = close(finger, assumed_friction(profile).law, pulls_mm)
+        closing = Closing(profile, "index", ClosingSettings(RESOLUTIONS["fine"], travel_mm=19.0, tolerance=1e-5))
+        for k, pull in enumerate(pulls_mm):
+            shape = closing.shape(1e-3 * pull)
+            tip, other = 1e3 * shape.tip[:2], rigid.tip_mm[0, k]
+            share = float(np.linalg.norm(tip - other)) / finger.length_from_joint_mm
+            rows.append(
+                _row(
+                    name,
+                    f"{pull:.0f}",
+                    f"{tip[0]:.1f}, {tip[1]:.1f}" if shape.converged else "not converged",
+                    f"{other[0]:.1f}, {other[1]:.1f}",
+                    f"{100 * share:.1f}",
+                    f"{shape.tension[0]:.2f}",
+                    f"{rigid.tension_n[0, k, 0]:.2f}",
+                )
+            )
+    return "\n".join(rows)
+
+
+def _refinement() -> tuple[str, str]:
+    """Return the rows of the refinement study and the observed order p of |tip(h) - tip| ~ h^p, h = 1, 2/3, 1/2."""
+    profile = load_directory(shipped_directory())["power"]
+    rows, tips = [], []
+    for parts in (2, 3, 4):
+        resolution = Resolution(*(count * parts // 2 for count in (6, 2, 4, 4, 4)))
+        settings = ClosingSettings(resolution, travel_mm=8.0, keyframe_mm=2.0, tolerance=1e-6, max_iterations=4000)
+        closing = Closing(profile, "index", settings)
+        shape = closing.shape(0.008)
+        tips.append(1e3 * shape.tip[:2])
+        rows.append(_row(f"{closing.hexahedra}", f"{tips[-1][0]:.2f}", f"{tips[-1][1]:.2f}", f"{shape.tension[0]:.2f}"))
+    ratio = float(np.linalg.norm(tips[1] - tips[0]) / np.linalg.norm(tips[2] - tips[1]))
+
+    def gap(p: float) -> float:
+        return (1.0 - (2.0 / 3.0) ** p) / ((2.0 / 3.0) ** p - 0.5**p) - ratio
+
+    order = f"{brentq(gap, 0.1, 6.0):.1f}" if gap(0.1) * gap(6.0) < 0.0 else "not in its asymptotic range"
+    return "\n".join(rows), order
+
+
+@functools.cache
+def render() -> str:
+    """Return the text of docs/gdfe.md."""
+    refinement_rows, order = _refinement()
+    values = {
+        "nu_01": f"{material_constants(0.1)[1]:.2f}",
+        "nu_09": f"{material_constants(0.9)[1]:.2f}",
+        "calibration_rows": _calibration_rows(),
+        "tension_rows": _tension_rows(),
+        "bend_rows": _bend_rows(),
+        "rotation_rows": _rotation_rows(),
+        "thesis_forces": " | ".join(f"{_thesis_tension(VolumeShape.PROJ, n)[1]:.0f}" for n in FORCE_INCREMENTS),
+        "calibrated_forces": " | ".join(f"{_calibrated_force(n):.0f}" for n in FORCE_INCREMENTS),
+        "finger_hexes": "2,088",
+        "finger_rows": _finger_rows(),
+        "refinement_rows": refinement_rows,
+        "order": order,
+    }
+    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(values)
+
+
+def draw(folder: Path) -> None:
+    """Draw the figure into a folder."""
+    mpl.use("Agg")
+    figure = Figure(figsize=(6.0, 3.5), layout="constrained")
+    axes = figure.add_subplot()
+    for shape in VolumeShape:
+        forces = [_thesis_tension(shape, n)[1] for n in FORCE_INCREMENTS]
+        axes.loglog(FORCE_INCREMENTS, forces, "o-", label=f"thesis law, {shape}")
+    axes.loglog(FORCE_INCREMENTS, [_calibrated_force(n) for n in FORCE_INCREMENTS], "s-", label="calibrated law")
+    axes.set(xlabel="increments to 100 % elongation", ylabel="support force [N]")
+    axes.set_xticks(FORCE_INCREMENTS, [str(n) for n in FORCE_INCREMENTS])
+    axes.minorticks_off()
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend()
+    figure.savefig(folder / "gdfe_forces.png", dpi=120)
+
+
+def main() -> None:
+    """Write the document and its figure."""
+    figures = ROOT / "docs" / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    draw(figures)
+    (ROOT / "docs" / "gdfe.md").write_text(render(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
