@@ -7,8 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-#: Fields that measure the machine, not the cell: topic type -> field names left out of the comparison.
-MEASURES_OF_THE_MACHINE = {"softgrip_interfaces/msg/PredictedShape": frozenset({"solve_time", "rate"})}
+#: Fields left out of the comparison: topic type -> field names.
+NOT_COMPARED = {
+    # measures of the machine, not of the cell
+    "softgrip_interfaces/msg/PredictedShape": frozenset({"solve_time", "rate"}),
+    # names which of the two inputs of the same stamp came last; between two topics a bag does not know that
+    "softgrip_interfaces/msg/PredictionResidual": frozenset({"frame_id"}),
+}
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,16 @@ class OfferedQos:
     history: str = "keep_last"  # or "keep_all"
     depth: int = 10
 
+    @classmethod
+    def from_map(cls, values: Mapping[str, Any]) -> OfferedQos:
+        """Return what a bag's mapping says; words since metadata version 9, rmw's numbers before."""
+        return cls(
+            reliability=_word(values.get("reliability"), {2: "best_effort"}, "reliable"),
+            durability=_word(values.get("durability"), {1: "transient_local"}, "volatile"),
+            history=_word(values.get("history"), {2: "keep_all"}, "keep_last"),
+            depth=int(values.get("depth") or 10),
+        )
+
     def as_map(self) -> dict[str, Any]:
         """Return the mapping that rosbag2 stores."""
         return {
@@ -31,3 +42,9 @@ class OfferedQos:
             "liveliness_lease_duration": dict(INFINITE),
             "avoid_ros_namespace_conventions": False,
         }
+
+
+def _word(value: Any, numbers: Mapping[int, str], default: str) -> str:
+    if isinstance(value, str):
+        return value if value in {*numbers.values(), default} else default
+    return numbers.get(value, default)

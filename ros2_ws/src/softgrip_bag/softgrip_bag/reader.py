@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import yaml
 from mcap.exceptions import McapError
@@ -38,8 +38,9 @@ class TopicSummary:
     name: str
     type_name: str
     type_hash: str
-    qos: tuple[dict[str, object], ...]
+    qos: tuple[dict[str, Any], ...]
     messages: int
+    schema: str = ""  # ros2msg text
 
     @property
     def latched(self) -> bool:
@@ -95,6 +96,7 @@ def topic_summaries(bag: Path) -> list[TopicSummary]:
                 channel.metadata.get("topic_type_hash", ""),
                 tuple(offered),
                 count + (before.messages if before else 0),
+                schema.data.decode(errors="replace") if schema else "",
             )
     return [found[name] for name in sorted(found)]
 

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A part of a bag as a bag of its own: chosen topics, a stretch of time, and all that explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.reader import attachments, facts, read, topic_summaries
+from softgrip_bag.writer import BagWriter, Topic
+
+#: Written anew for each file.
+_NOT_COPIED = "rosbag2"
+
+
+def excerpt(
+    bag: Path, to: Path, topics: Collection[str] | None = None, since: int = 0, until: int | None = None
+) -> int:
+    """Write a part of a bag; returns the number of messages.
+
+    Latched messages from before ``since`` come along: without them nobody knows what was set up.
+
+    Args:
+        bag: to read.
+        to: folder to create.
+        topics: only these; None = all.
+        since: [ns] by time of reception.
+        until: [ns] by time of reception; None = the end.
+
+    Raises:
+        BagError: no bag, no MCAP, or no room to write.
+    """
+    chosen = [topic for topic in topic_summaries(bag) if topics is None or topic.name in topics]
+    latched = {topic.name for topic in chosen if topic.latched}
+    carried = facts(bag)
+    carried.pop(_NOT_COPIED, None)
+    part = BagWriter(to, carried)
+    try:
+        for attachment in attachments(bag):
+            part.attach(attachment)
+        for topic in chosen:
+            offers = tuple(OfferedQos.from_map(offer) for offer in topic.qos)
+            part.add_topic(Topic(topic.name, topic.type_name, topic.type_hash, topic.schema, offers))
+        for message in read(bag, {topic.name for topic in chosen}):
+            if until is not None and message.received > until:
+                break
+            if message.received >= since or message.topic in latched:
+                part.write(message.topic, message.received, message.published, message.data)
+        part.close()
+    except OSError as error:
+        part.abandon()
+        raise BagError(f"{to}: cannot be written: {error.strerror}") from error
+    return part.messages

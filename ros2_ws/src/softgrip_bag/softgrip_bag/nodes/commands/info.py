@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Print what a bag holds: topics, rates, how it was set up, and what is missing from it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.reader import attachments, bag_files, facts
+from softgrip_bag.repair import is_broken
+from softgrip_bag.statistics import BagStatistics, statistics
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point: 0, or 2 when the bag cannot be read."""
+    parser = argparse.ArgumentParser(prog="ros2 bag info", description=__doc__)
+    parser.add_argument("bag", type=Path, help="folder of the bag, or one .mcap file")
+    options = parser.parse_args(args)
+    try:
+        print(text(options.bag, statistics(options.bag)))
+    except BagError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def text(bag: Path, found: BagStatistics) -> str:
+    """Return the listing."""
+    size = sum(file.stat().st_size for file in bag_files(bag))
+    lines = [
+        f"Bag:       {bag}, {len(bag_files(bag))} files, {size / 1e6:.1f} MB"
+        + (", was cut off: `ros2 run softgrip_bag repair` finishes it" if is_broken(bag) else ""),
+        f"Start:     {datetime.fromtimestamp(found.start * 1e-9, UTC).isoformat()}",
+        f"Duration:  {found.duration:.3f} s",
+        f"Messages:  {found.messages}",
+        f"Carried:   {', '.join(a.name for a in attachments(bag)) or 'nothing'}",
+        *(f"{name + ':':10} {values}" for name, values in facts(bag).items() if name != "rosbag2"),
+        "Topics:",
+    ]
+    width = max((len(topic.name) for topic in found.topics), default=0)
+    for topic in found.topics:
+        rate = f"{topic.rate:7.1f} Hz, longest gap {topic.longest_gap:.3f} s" if topic.messages > 1 else ""
+        lines.append(f"  {topic.name:{width}}  {topic.type_name:45} {topic.messages:7}  {rate}".rstrip())
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

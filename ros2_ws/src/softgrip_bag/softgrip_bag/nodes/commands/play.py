@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Play a bag: publish its messages again, in recorded order and pace, with the QoS they were offered with."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.types import message_class
+from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.reader import RawMessage, TopicSummary, read, topic_summaries
+
+#: Topics that every node publishes by itself.
+_NOT_PLAYED = {"/rosout", "/parameter_events"}
+
+
+class Player(Node):
+    """Publishes recorded bytes, unchanged."""
+
+    def __init__(self, topics: Sequence[TopicSummary]) -> None:
+        super().__init__("player")
+        self.not_played: dict[str, str] = {}
+        self._outputs: dict[str, Any] = {}
+        for topic in topics:
+            try:
+                cls = message_class(topic.type_name)
+            except BagError as error:
+                self.not_played[topic.name] = str(error)
+                continue
+            self._outputs[topic.name] = self.create_publisher(cls, topic.name, profile(topic))
+
+    @property
+    def topics(self) -> set[str]:
+        """Topics that can be played."""
+        return set(self._outputs)
+
+    def wait_for_subscribers(self, seconds: float) -> None:
+        """Wait until somebody listens to one of the topics, at most so long [s]."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline and not any(p.get_subscription_count() for p in self._outputs.values()):
+            rclpy.spin_once(self, timeout_sec=0.02)
+
+    def play(self, message: RawMessage) -> None:
+        """Publish one message."""
+        self._outputs[message.topic].publish(bytes(message.data))
+
+
+def profile(topic: TopicSummary) -> QoSProfile:
+    """Return the QoS to offer: what the first publisher offered."""
+    offer = OfferedQos.from_map(topic.qos[0]) if topic.qos else OfferedQos()
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if offer.history == "keep_all" else HistoryPolicy.KEEP_LAST,
+        depth=max(1, offer.depth),
+        reliability=(
+            ReliabilityPolicy.BEST_EFFORT if offer.reliability == "best_effort" else ReliabilityPolicy.RELIABLE
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if offer.durability == "transient_local" else DurabilityPolicy.VOLATILE
+        ),
+    )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point: 0 played, 2 the bag cannot be read."""
+    parser = argparse.ArgumentParser(
+        prog="ros2 bag play", description=__doc__, epilog="Remap topics with --ros-args -r /from:=/to."
+    )
+    parser.add_argument("bag", type=Path, help="folder of the bag, or one .mcap file")
+    parser.add_argument("-r", "--rate", type=float, default=1.0, help="times real time; 0 = as fast as possible")
+    parser.add_argument("--topics", nargs="+", help="only these")
+    parser.add_argument("--start-offset", type=float, default=0.0, metavar="S", help="leave out the first seconds")
+    parser.add_argument("--wait", type=float, default=2.0, metavar="S", help="longest wait for a first listener")
+    parser.add_argument("--step", action="store_true", help="one message per press of Enter")
+    given = list(sys.argv[1:] if args is None else args)
+    at = given.index("--ros-args") if "--ros-args" in given else len(given)
+    options = parser.parse_args(given[:at])
+    if options.rate < 0:
+        parser.error(f"--rate: expected 0 or more, found {options.rate}")
+    try:
+        topics = [t for t in topic_summaries(options.bag) if options.topics is None or t.name in options.topics]
+        if not topics:
+            raise BagError(f"{options.bag}: expected topics to play, found none of {options.topics or 'any'}")
+        rclpy.init(args=given[at:])
+        try:
+            return _play(options, [topic for topic in topics if topic.name not in _NOT_PLAYED])
+        finally:
+            rclpy.try_shutdown()
+    except BagError as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
+    player = Player(topics)
+    for name, why in player.not_played.items():
+        print(f"{name} is not played: {why}", file=sys.stderr)
+    player.wait_for_subscribers(options.wait)
+    clock_start = first = None
+    count = 0
+    try:
+        for message in read(options.bag, player.topics):
+            first = message.received if first is None else first
+            position = (message.received - first) * 1e-9 - options.start_offset
+            if position < 0:
+                continue
+            if options.step:
+                input(f"{position:10.3f} s  {message.topic}  [Enter] ")
+            elif options.rate > 0:
+                clock_start = time.monotonic() if clock_start is None else clock_start
+                _wait_until(clock_start + position / options.rate)
+            player.play(message)
+            count += 1
+    except (KeyboardInterrupt, EOFError, ExternalShutdownException):
+        pass
+    player.destroy_node()
+    print(f"{count} messages played")
+    return 0
+
+
+def _wait_until(moment: float) -> None:
+    """Keep the bag's pace; the time is the thing waited for."""
+    rest = moment - time.monotonic()
+    if rest > 0:
+        time.sleep(rest)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
