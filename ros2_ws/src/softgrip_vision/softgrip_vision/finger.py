@@ -31,6 +31,8 @@ IDENTITY = np.eye(2)
 
 #: Squared Mahalanobis distance within which a spot may be the marker (chi-square, 2 degrees of freedom: 99.97 %).
 GATE = 16.0
+#: Squared Mahalanobis distance up to which a spot need not have the marker's surroundings as well.
+UNSURPRISING = 4.0
 #: Windows reach this many deviations of the expected place, and are at most this large [px].
 WINDOW_SIGMAS = 4.0
 LARGEST_WINDOW_HALF_PX = 160.0
@@ -240,6 +242,8 @@ class FingerTracker:
             self._returning.pop(marker, None)
             return None
         surround = surround_of(image, best.spot)
+        if best.distance > UNSURPRISING and not looks.resembles(best.spot, surround):
+            return None
         if parent is None and marker > 0:
             # Nothing near holds it: only a place that is well known will do.
             trusted = STAYING_REACH if self._in_sight[marker] else RETURNING_REACH
