@@ -40,6 +40,7 @@ class Result:
 
     compared: int
     divergence: Divergence | None
+    without_input: int = 0  # recorded outputs whose input the recorder did not get; not compared
 
     @property
     def identical(self) -> bool:

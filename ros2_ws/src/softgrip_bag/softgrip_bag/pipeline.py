@@ -46,6 +46,7 @@ class Pipeline:
         self._queue: deque[_Message | _Work] = deque()
         self._condition = threading.Condition()
         self._closing = False
+        self._lost: Counter[str] = Counter()
         self._thread = threading.Thread(target=self._run, name="bag writer")
         self._thread.start()
 
@@ -80,9 +81,14 @@ class Pipeline:
             self._condition.notify()
         return future
 
-    def close(self) -> Path:
-        """Write what waits, finish the bag; returns its folder. `error` says when that failed."""
+    def close(self, lost: Counter[str] | None = None) -> Path:
+        """Write what waits, finish the bag; returns its folder. `error` says when that failed.
+
+        Args:
+            lost: topic -> messages that never arrived; noted in the bag with those dropped here.
+        """
         with self._condition:
+            self._lost = lost or Counter()
             self._closing = True
             self._condition.notify()
         self._thread.join()
@@ -99,8 +105,8 @@ class Pipeline:
             self._write(batch)
         if self.error is None:
             try:
-                if self.dropped:
-                    self._bag.add_fact("softgrip_dropped", {topic: str(n) for topic, n in self.dropped.items()})
+                missing = self.dropped + self._lost
+                self._bag.add_fact("softgrip_dropped", {topic: str(count) for topic, count in missing.items()})
                 self._bag.close()
             except OSError as error:
                 self._fail(error)

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import errno
 import threading
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -46,10 +47,10 @@ def test_what_does_not_fit_is_counted_and_the_bag_says_so(tmp_path: Path) -> Non
     assert held.wait(30.0)
     assert [pipeline.put("/a", index, index, HI) for index in range(7)] == [True] * 5 + [False] * 2
     release.set()
-    bag = pipeline.close()
+    bag = pipeline.close(Counter({"/a": 1, "/b": 4}))
     assert len(list(read(bag))) == 5
     assert pipeline.dropped == {"/a": 2}
-    assert facts(bag)["softgrip_dropped"] == {"/a": "2"}
+    assert facts(bag)["softgrip_dropped"] == {"/a": "3", "/b": "4"}
 
 
 def test_a_full_disk_stops_the_recording_and_what_was_written_stays(

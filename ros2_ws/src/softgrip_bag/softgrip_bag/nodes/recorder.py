@@ -50,6 +50,8 @@ PARAMETERS = ParameterTable(
 )
 
 _MB = 1_000_000
+#: [s] Python's 5 ms would let a busy thread keep the middleware's waiting for longer than publishers hold a message.
+_SWITCH_INTERVAL = 0.0005
 #: [s] longest wait for the thread that writes.
 _SPLIT_LIMIT = 30.0
 
@@ -91,7 +93,7 @@ class Recorder(Node):
         """Finish the bag."""
         if self._bag is not None:
             bag, self._bag = self._bag, None
-            bag.close()
+            bag.close(self._lost())
 
     def _repair(self) -> None:
         if self._values["repair_on_start"]:
@@ -265,6 +267,7 @@ class Recorder(Node):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     return run(Recorder, args)
 
 

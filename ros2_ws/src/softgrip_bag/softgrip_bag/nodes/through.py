@@ -17,6 +17,7 @@ import itertools
 import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,7 +167,7 @@ def _check(
         replay = _Replay(bag, nodes[0], nodes[1], driver, _results(bag, replayable.result, types))
         replayed = replay.run(types)
         results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
-        return _compare(bag, results, types, replay.start)
+        return _compare(bag, results, types, replay.start, replay.stamps)
     finally:
         for node in nodes:
             node.close()
@@ -189,6 +190,7 @@ class _Replay:
         self._outputs: dict[str, list[Any]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
         self.start = 0  # [ns] stamp of the first recorded result of the driving stream
+        self.stamps: set[int] = set()  # [ns] of every message that was fed
 
     def run(self, types: Mapping[str, str]) -> dict[str, list[Any]]:
         """Feed everything; returns topic -> messages."""
@@ -242,6 +244,7 @@ class _Replay:
         return any(_configuration(output) == configuration for _, output in self._probe.feed(message))
 
     def _take(self, message: RawMessage) -> None:
+        self.stamps.add(_stamp(deserialize_message(message.data, message_class(message.type_name))))
         for topic, output in self._node.feed(message):
             self._outputs[topic].append(output)
 
@@ -260,24 +263,34 @@ def _configuration(message: Any) -> tuple[str, ...]:
     return tuple(getattr(message, name) for name in CONFIGURATION_FIELDS if hasattr(message, name))
 
 
-def _compare(bag: Path, replayed: Mapping[str, list[Any]], types: Mapping[str, str], start: int) -> Result:
-    """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out."""
+def _compare(
+    bag: Path, replayed: Mapping[str, list[Any]], types: Mapping[str, str], start: int, fed: AbstractSet[int]
+) -> Result:
+    """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out.
+
+    ``fed`` are the stamps [ns] of the inputs: an output keeps the stamp of its input, and where the recorder missed a
+    message of a best-effort stream that the node got, there is nothing to compute that output from.
+    """
     by_key = {topic: {_key(message): message for message in messages} for topic, messages in replayed.items()}
-    compared = 0
+    compared = without_input = 0
     for raw in read(bag, set(by_key)):
         recorded = deserialize_message(raw.data, message_class(raw.type_name))
         key = _key(recorded)
         if key[0] < start:
             continue
         output = by_key[raw.topic].get(key)
+        if output is None and key[0] not in fed:
+            without_input += 1
+            continue
         compared += 1
         if output is None:
-            return Result(compared, Divergence(raw.topic, key[0], "(message)", "published", "not published"))
+            difference = Divergence(raw.topic, key[0], "(message)", "published", "not published")
+            return Result(compared, difference, without_input)
         skip = NOT_COMPARED.get(types[raw.topic], frozenset())
         found = first_difference(tree(recorded), tree(output), skip)
         if found:
-            return Result(compared, Divergence(raw.topic, key[0], *found))
-    return Result(compared, None)
+            return Result(compared, Divergence(raw.topic, key[0], *found), without_input)
+    return Result(compared, None, without_input)
 
 
 def _stamp(message: Any) -> int:

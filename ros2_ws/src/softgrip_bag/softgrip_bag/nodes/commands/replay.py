@@ -31,12 +31,17 @@ def main(args: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     detail = str(result.divergence) if result.divergence else ""
+    if result.divergence and result.without_input:
+        detail += f"; before that, inputs of {result.without_input} outputs are missing in the bag"
     if options.json:
-        print(json.dumps({"compared": result.compared, "identical": result.identical, "detail": detail}))
+        values = {"compared": result.compared, "identical": result.identical, "detail": detail}
+        print(json.dumps(values | {"without_input": result.without_input}))
     elif result.identical:
         print(f"{result.compared} outputs of {options.through} compared: identical")
     else:
         print(detail or f"expected outputs of {options.through} in the bag, found none to compare")
+    if result.without_input and not options.json:
+        print(f"{result.without_input} outputs not compared: the bag lacks their input (see `ros2 bag info`)")
     return 0 if result.identical else 1
 
 

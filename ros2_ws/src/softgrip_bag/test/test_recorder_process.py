@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder as a process: killed at random moments, and asked by its services."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from softgrip_bag.reader import attachments, facts, read
+from softgrip_bag.repair import is_broken, repair
+from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StopRecording
+
+pytestmark = pytest.mark.slow
+DOMAIN = 52
+LONGEST = 60.0  # [s] for anything that is waited for
+
+
+@pytest.fixture
+def talker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    rclpy.init()
+    node = Node("talker")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Callable[[Path], subprocess.Popen[bytes]]]:
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start(bag: Path) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "softgrip_bag.nodes.recorder", "--ros-args"]
+        command += ["-p", f"root:={tmp_path}", "-p", f"path:={bag}"]
+        running.append(subprocess.Popen(command, env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}))
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.kill()
+        process.wait(LONGEST)
+
+
+def wait_until(condition: Callable[[], bool], work: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + LONGEST
+    while not condition():
+        assert time.monotonic() < deadline, f"expected {what} within {LONGEST} s"
+        work()
+
+
+def texts(bag: Path) -> list[int]:
+    """Return the numbers that were published, as far as they are on the disk."""
+    if not list(bag.glob("*.mcap")):
+        return []
+    return [int(message.data[8:].rstrip(b"\0")) for message in read(bag, {"/count"})]
+
+
+def call(node: Node, kind: type, name: str, request: object) -> object:
+    client = node.create_client(kind, name)
+    assert client.wait_for_service(LONGEST)
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=LONGEST)
+    assert future.done()
+    return future.result()
+
+
+def test_killed_at_random_moments_everything_that_was_on_the_disk_is_kept(
+    talker: Node, recorder: Callable[[Path], subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    output = talker.create_publisher(String, "count", 100)
+    moments = random.Random(9)
+    number = 0
+    for attempt in range(3):
+        bag = tmp_path / f"bag{attempt}"
+        process = recorder(bag)
+        wanted = moments.randrange(5, 60)
+
+        def say() -> None:
+            nonlocal number
+            number += 1
+            output.publish(String(data=str(number)))
+            rclpy.spin_once(talker, timeout_sec=0.005)
+
+        wait_until(lambda bag=bag, wanted=wanted: len(texts(bag)) >= wanted, say, f"{wanted} messages in {bag}")
+        process.send_signal(signal.SIGKILL)
+        process.wait(LONGEST)
+        kept = texts(bag)
+        assert len(kept) >= wanted
+        assert kept == sorted(set(kept))
+        assert is_broken(bag)
+        assert repair(bag).bad_chunks == 0
+        assert texts(bag) == kept
+
+
+def test_services_and_what_the_bag_carries(
+    talker: Node, recorder: Callable[[Path], subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    calibration = tmp_path / "camera.yaml"
+    calibration.write_text("a: 1\n")
+    talker.declare_parameter("calibration_file", str(calibration))
+    output = talker.create_publisher(String, "count", 100)
+    bag = tmp_path / "bag"
+    process = recorder(bag)
+    number = 0
+
+    def say() -> None:
+        nonlocal number
+        number += 1
+        output.publish(String(data=str(number)))
+        rclpy.spin_once(talker, timeout_sec=0.01)
+
+    carried = "parameter_files/talker/calibration_file/camera.yaml"
+    wait_until(lambda: bool(texts(bag)) and carried in {a.name for a in attachments(bag)}, say, f"{carried} in {bag}")
+    assert next(a for a in attachments(bag) if a.name == carried).data == b"a: 1\n"
+    split = call(talker, SplitRecording, "recorder/split", SplitRecording.Request())
+    assert split.success, split.message
+    assert texts(Path(split.path).parent)
+    snapshot = call(talker, SnapshotRecording, "recorder/snapshot", SnapshotRecording.Request())
+    assert snapshot.success, snapshot.message
+    assert texts(Path(snapshot.path))
+    stopped = call(talker, StopRecording, "recorder/stop", StopRecording.Request())
+    assert stopped.success, stopped.message
+    assert not is_broken(bag)
+    assert stopped.messages == len(list(read(bag)))
+    assert {"softgrip_machine", "softgrip_software", "softgrip_dropped"} <= facts(bag).keys()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(LONGEST) == 0
