@@ -61,7 +61,7 @@ class Subscription(Endpoint):
         self.raw = raw
         self.callback_group = callback_group
         self._executor_event = False
-        self._with_info = False
+        self._callback_type = self.CallbackType.MessageOnly
         self._callback: Callable[..., Any] = callback
         self.callback = callback
         depth = None if self._wire_qos.history == 2 else max(1, self._wire_qos.depth)
@@ -88,7 +88,8 @@ class Subscription(Endpoint):
                 "Subscription.__init__(): callback should be either be callable with one argument "
                 "(to get only the message) or two (to get message and message info)"
             )
-        self._with_info = len(required) == 2 or (len(positional) == 2 and not star)
+        with_info = len(required) == 2 or (len(positional) == 2 and not star)
+        self._callback_type = self.CallbackType.WithMessageInfo if with_info else self.CallbackType.MessageOnly
         self._callback = value
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
@@ -129,7 +130,9 @@ class Subscription(Endpoint):
         if taken is None:
             return None
         message, info = taken
-        return self._callback, ((message, info) if self._with_info else (message,))
+        return self._callback, (
+            (message, info) if self._callback_type is self.CallbackType.WithMessageInfo else (message,)
+        )
 
     def _take_one(self) -> tuple[Any, dict[str, Any]] | None:
         try:
