@@ -34,7 +34,7 @@ BAUD = 1_000_000
 #: On a machine that others use too, the emulator's thread may sleep for longer than a servo may be silent. `make
 #: faults` sets the variable and measures with the driver's real limits.
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
-LIMITS = TendonLimits(homing_speed=0.03, no_reply=0.05 if QUIET else 0.3)
+LIMITS = TendonLimits(no_reply=0.05 if QUIET else 0.3)
 POLICIES = Policies()
 REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
 

@@ -69,6 +69,12 @@ def test_what_is_no_break(tension):
     assert not any(guard.step(t, tension(t)) for t in steps(1.0))
 
 
+def test_a_drop_within_the_uncertainty_is_no_break():
+    guard = BreakGuard(LIMITS)
+    assert not any(guard.step(t, 3.8, 1.0) for t in steps(0.3))
+    assert not any(guard.step(0.3 + t, 0.2, 1.0) for t in steps(0.2))
+
+
 def test_slack_needs_travel_pulling_and_time():
     def spoke(pulled, tension, pulling, duration):
         guard = SlackGuard(LIMITS)

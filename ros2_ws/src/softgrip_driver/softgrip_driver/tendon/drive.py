@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from softgrip_driver.faults import FAULTS, Reaction, Recovery
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
@@ -22,33 +22,9 @@ from softgrip_driver.tendon.guards import (
 )
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.memory import DriveMemory
 from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
-
-
-@dataclass
-class _Memory:
-    """What a drive remembers between steps."""
-
-    motion: Motion | None = None
-    zero: float | None = None
-    origin: float = 0.0
-    reading: DriveReading | None = None
-    asked: float | None = None
-    silence: float = 0.0
-    tension: float = 0.0
-    last_step: float | None = None
-    lost: int = 0
-    mark: int | None = None
-    job: int = 0
-    outcome: Outcome | None = None
-    reason: str = ""
-    fault: str = ""
-    fault_reason: str = ""
-    restoring: bool = False
-    restored_once: bool = False
-    trim: float = 0.0
-    warnings: dict[str, str] = field(default_factory=dict)
 
 
 class Drive:
@@ -73,7 +49,7 @@ class Drive:
         self.powered = False
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
-        self._m = _Memory()
+        self._m = DriveMemory()
         self._reset_guards()
 
     def _reset_guards(self) -> None:
@@ -288,6 +264,8 @@ class Drive:
         if not self._believe(reading):
             return DriveActions()
         dt = 0.0 if m.last_step is None else max(0.0, min(0.1, now - m.last_step))
+        if m.reading is not None and reading.time > m.reading.time:
+            m.acceleration = (reading.velocity - m.reading.velocity) / (reading.time - m.reading.time)
         m.last_step, m.reading, m.asked, m.silence = now, reading, now, 0.0
         m.tension = self._filter.step(reading.tension)
         if m.fault in ("no_reply", "port_lost", "bus_watchdog") and not m.restoring:
@@ -387,7 +365,7 @@ class Drive:
             return
         if motion.paying_out:
             self._break.reset()
-        elif self._break.step(view.now, view.tension):
+        elif self._break.step(view.now, view.tension, view.stddev, m.acceleration):
             self.set_fault("tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm")
             return
         if self.homed and self._slack.step(view.now, view.length, view.tension, pulling=motion.winding_in):
@@ -419,4 +397,13 @@ class Drive:
         m.motion = Hold(step.length, step.tension_limit)
 
     def _view(self, reading: DriveReading, now: float, dt: float, cap: float) -> View:
-        return View(now, dt, reading.position - self._frame, reading.velocity, self._m.tension, reading.pull, cap)
+        return View(
+            now,
+            dt,
+            reading.position - self._frame,
+            reading.velocity,
+            self._m.tension,
+            reading.pull,
+            cap,
+            reading.tension_stddev,
+        )

@@ -62,13 +62,19 @@ class JumpGuard:
 class BreakGuard:
     """Tells a broken tendon: tension that was there for a while and vanished without being let out.
 
-    The tension before is a median, because acceleration of the motor passes for tension for a moment.
+    The tension before is a median over steady motion, because accelerating the motor passes for tension.
     """
 
     #: [s] how far back the tension before is looked for
     WINDOW = 0.25
     #: [s] of it that must have been seen
     LEAST = 0.12
+    #: standard deviations that the drop must exceed: friction of standing gears can hide that much
+    SIGMAS = 4.0
+    #: samples that the tension before must rest on
+    FEWEST = 8
+    #: [m/s^2] above which a sample tells of the motor's inertia, not of the tendon
+    STEADY = 0.15
     #: [s] without samples after which nothing is known of the tension before
     GAP = 0.05
     #: the rest of the tension that still counts as vanished
@@ -80,14 +86,23 @@ class BreakGuard:
         self._vanished_at: float | None = None
         self._last: float | None = None
         self._before = 0.0
+        self._certain_drop = 0.0
 
     def reset(self) -> None:
         """Forget the past: the tendon is being let out, or is new."""
         self._recent.clear()
         self._vanished_at = None
 
-    def step(self, now: float, tension: float) -> bool:
-        """Return whether the tendon is broken, given its tension [N] at a time [s]."""
+    def step(self, now: float, tension: float, stddev: float = 0.0, acceleration: float = 0.0) -> bool:
+        """Return whether the tendon is broken.
+
+        Args:
+            now: [s]
+            tension: [N]
+            stddev: [N] uncertainty of the tension.
+            acceleration: [m/s^2] of the tendon.
+        """
+        self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
         if self._last is not None and now - self._last > self.GAP:
             self.reset()
         self._last = now
@@ -97,16 +112,18 @@ class BreakGuard:
             return self._vanished_at is not None and now - self._vanished_at >= self._limits.break_confirm
         while self._recent and now - self._recent[0][0] > self.WINDOW:
             self._recent.popleft()
-        if self._recent and now - self._recent[0][0] >= self.LEAST:
+        if len(self._recent) >= self.FEWEST and now - self._recent[0][0] >= self.LEAST:
             self._before = median(t for _, t in self._recent)
             if self._before >= self._limits.break_drop_from and self._gone(tension):
                 self._vanished_at = now
                 return False
-        self._recent.append((now, tension))
+        if abs(acceleration) < self.STEADY:
+            self._recent.append((now, tension))
         return False
 
     def _gone(self, tension: float) -> bool:
-        return tension <= max(self._limits.tension_slack, self.REST * self._before)
+        rest = max(self._limits.tension_slack, self.REST * self._before)
+        return tension <= rest and self._before - tension >= self._certain_drop
 
 
 class SlackGuard:

@@ -49,6 +49,7 @@ class View:
         tension: [N] median of three.
         pull: [N] single estimate with its sign.
         tension_cap: [N] the most that the guards allow now.
+        stddev: [N] uncertainty of the tension.
     """
 
     now: float
@@ -58,6 +59,7 @@ class View:
     tension: float
     pull: float
     tension_cap: float
+    stddev: float = 0.0
 
 
 @dataclass(frozen=True)
