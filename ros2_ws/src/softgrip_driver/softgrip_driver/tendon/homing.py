@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find the zero of the pulled length: where the tendon of the straight finger just becomes taut.
 
-Let out until slack, wind in slowly against a small tension until the drive stands, then pay out again steadily. While
-paying out, force over length falls as long as the tendon is taut and is flat once it is slack (the gears'
-friction); the knee between the two is the zero. It is read on the way out because there the motor neither starts up
-nor runs into its current limit. Go to the zero from the slack side, as every closing does.
+Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
+the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. A rise that
+is not plain asks for another pass, and then two have to agree. Go to the zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum, auto
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ MIN_SAMPLES = 8
 KNEE_STEP = 1e-4
 #: times the median residual that makes a sample an outlier
 OUTLIER = 3.0
+#: share of the force's range that the round of a real knee may differ from a sharp one
+ROUND = 0.15
+#: share of the force's variance that a rise explains when it may count, and when it needs no second pass
+CLEAR, PLAIN = 0.6, 0.9
 
 Array = NDArray[np.float64]
 
@@ -32,7 +36,6 @@ Array = NDArray[np.float64]
 class _Phase(Enum):
     LET_OUT = auto()
     TAKE_UP = auto()
-    PAY_OUT = auto()
     GO_TO_ZERO = auto()
 
 
@@ -48,8 +51,14 @@ class Homing:
     STANDING = 1e-3
     #: share of the homing tension that counts as there
     TAUT = 0.7
-    #: share of the homing speed from which a sample of paying out counts
-    STEADY = 0.7
+    #: share of the homing tension from which the device's own limit slows the drive
+    SATURATED = 0.75
+    #: [m] of winding in that are left out, while the motor gets up to speed
+    RUN_UP = 2e-3
+    #: [m] within which two passes agree
+    AGREE = 4e-4
+    #: passes at most
+    PASSES = 4
 
     state = DriveState.HOMING
     winding_in = False
@@ -63,6 +72,8 @@ class Homing:
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
         self._samples: list[tuple[float, float]] = []
+        self._passes = 0
+        self._found: list[float] = []
         self.zero: float | None = None
 
     def step(self, view: View) -> Step:
@@ -74,8 +85,6 @@ class Homing:
             return self._let_out(view)
         if self._phase is _Phase.TAKE_UP:
             return self._take_up(view)
-        if self._phase is _Phase.PAY_OUT:
-            return self._pay_out(view)
         return self._go_to_zero(view)
 
     def _let_out(self, view: View) -> Step:
@@ -91,38 +100,51 @@ class Homing:
         end = self._start - limits.slack_travel + limits.homing_travel
         if self._profile.position - view.length < limits.lead:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
+        running = view.speed > self.STANDING and view.length > self._start - limits.slack_travel + self.RUN_UP
+        # At the limit the device holds the current constant: such samples say nothing about the rise.
+        if running and view.pull < self.SATURATED * tension:
+            self._samples.append((view.length, view.pull))
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
         if not taut:
             self._taut_since = None
         elif self._taut_since is None:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
-            self._profile = SpeedProfile(view.length)
-            self._start = view.length
-            self._phase = _Phase.PAY_OUT
-        at_end = self._profile.position == end and view.length > end - limits.position_tolerance
-        if self._phase is _Phase.TAKE_UP and at_end:
+            return self._judge(view)
+        if self._profile.position == end and view.length > end - limits.position_tolerance:
             return self._failed(
                 view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
             )
         return Step(self._profile.position, tension)
 
-    def _pay_out(self, view: View) -> Step:
-        limits = self._limits
-        end = self._start - limits.slack_travel
-        self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
-        if view.speed <= -self.STEADY * limits.homing_speed:
-            self._samples.append((view.length, view.pull))
-        if self._profile.position == end:
-            self.zero = knee(self._samples, self._start)
+    def _judge(self, view: View) -> Step:
+        """Decide after a pass: done, once more, or never."""
+        self._passes += 1
+        found, explained = knee(self._samples, view.length)
+        self._samples.clear()
+        self._profile = SpeedProfile(view.length)
+        if explained >= CLEAR:
+            self._found.append(found)
+        agreeing = [(a + b) / 2.0 for a, b in combinations(self._found, 2) if abs(a - b) <= self.AGREE]
+        if explained >= PLAIN or agreeing:
+            self.zero = found if explained >= PLAIN else agreeing[-1]
             self._phase = _Phase.GO_TO_ZERO
-        return Step(self._profile.position, limits.tension_hold)
+        elif self._passes < self.PASSES:
+            self._start = view.length - self._limits.slack_travel
+            self._taut_since = None
+            self._phase = _Phase.LET_OUT
+        elif len(self._found) > self.PASSES // 2:
+            self.zero = float(np.median(self._found))
+            self._phase = _Phase.GO_TO_ZERO
+        else:
+            return self._failed(view, "the force does not show where the tendon becomes taut: is it attached and free?")
+        return Step(self._profile.position, self._limits.tension_hold)
 
     def _go_to_zero(self, view: View) -> Step:
         assert self.zero is not None
         limits = self._limits
         self._profile.step(self.zero, limits.homing_speed, limits.acceleration, view.dt)
-        if self._profile.position == self.zero and self.zero - view.length <= limits.position_tolerance:
+        if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
             return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
         return Step(self._profile.position, limits.tension_hold)
 
@@ -130,22 +152,30 @@ class Homing:
         return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")
 
 
-def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
-    """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
+def knee(samples: Sequence[tuple[float, float]], end: float) -> tuple[float, float]:
+    """Find the length at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
 
     Fitted twice: the second time without the samples that stand out from the first fit (a jerk of the motor, a late
     reading).
 
     Args:
         samples: (length [m], force [N]) at a steady speed, in any order.
-        end: [m] where the drive stood against the tension; returned when the samples show no rise.
+        end: [m] where the drive stood against the tension.
+
+    Returns:
+        x0 [m] and the share of the force's variance that the rise explains, 0 where the samples are too few.
     """
     if len(samples) < MIN_SAMPLES:
-        return end
+        return end, 0.0
     x, force = np.array(samples).T
+    _, residuals = _hinge(x, force, end)
+    usual = max(OUTLIER * float(np.median(np.abs(residuals))), ROUND * float(np.ptp(force)))
+    kept = np.abs(residuals) <= usual
+    if kept.sum() < MIN_SAMPLES:
+        return end, 0.0
+    x, force = x[kept], force[kept]
     x0, residuals = _hinge(x, force, end)
-    kept = np.abs(residuals) <= OUTLIER * max(float(np.median(np.abs(residuals))), 1e-9)
-    return _hinge(x[kept], force[kept], end)[0] if kept.sum() >= MIN_SAMPLES else x0
+    return x0, 1.0 - float(residuals @ residuals) / max(float(((force - force.mean()) ** 2).sum()), 1e-18)
 
 
 def _hinge(x: Array, force: Array, end: float) -> tuple[float, Array]:
