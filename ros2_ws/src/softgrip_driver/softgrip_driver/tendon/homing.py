@@ -130,7 +130,6 @@ class Homing:
             self.zero = found if explained >= PLAIN else agreeing[-1]
             self._phase = _Phase.GO_TO_ZERO
         elif self._passes < self.PASSES:
-            self._start = view.length - self._limits.slack_travel
             self._taut_since = None
             self._phase = _Phase.LET_OUT
         elif len(self._found) > self.PASSES // 2:
