@@ -10,7 +10,7 @@ seen, or something is missing for too long, search the whole image for the whole
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2
 from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
-from softgrip_vision.looks import MOST_AREA, Looks, alike, colour_at, surround_of
+from softgrip_vision.looks import MOST_AREA, BodySide, Looks, alike, colour_at, sharp_area, surround_of
 from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
 from softgrip_vision.search import FoundChain, find_chain, search_spots
 from softgrip_vision.spots import Spot, Window, find_spots, window_around
@@ -132,6 +132,7 @@ class FingerTracker:
         """Forget everything seen; the next frame is searched."""
         self._filter: ChainFilter | None = None
         self._looks: list[Looks] = []
+        self._side = BodySide.BRIGHTER
         self._colour = ColourModel(self.setup.hue_deg)
         self._stamp = math.nan
         self._last_sound = math.nan
@@ -187,6 +188,8 @@ class FingerTracker:
         for marker in range(self.layout.joints + 2):
             seen.append(self._follow(image, chain, marker, seen, rivals))
         self._in_sight = [found is not None for found in seen]
+        area = sharp_area(self._looks[0].area_px, [found.spot for found in seen if found is not None])
+        self._looks = [replace(looks, area_px=area) for looks in self._looks]
         return seen
 
     def _acquire(self, image: Image) -> str:
@@ -199,17 +202,19 @@ class FingerTracker:
                 f"{len(spots)} spots of that colour and size that do not form it; check light, markers, profile and "
                 "calibration"
             )
-        if not alike(image, found.spots):
+        side = alike(image, found.spots)
+        if side is None:
             return "the markers found differ in size, colour or surroundings; is something green in the picture?"
-        self._start(image, found)
+        self._start(image, found, side)
         return ""
 
-    def _start(self, image: Image, found: FoundChain) -> None:
+    def _start(self, image: Image, found: FoundChain, side: BodySide) -> None:
+        self._side = side
         colours = [colour_at(image, spot) for spot in found.spots]
         self._colour = ColourModel(hue_of(np.median(colours, axis=0)), KNOWN_HUE_HALF_ANGLE)
         # All markers of a finger have one size; the middle one of five is better known than each.
         area = float(np.median([spot.area_px for spot in found.spots]))
-        self._looks = [Looks(area, spot.height, surround_of(image, spot)) for spot in found.spots]
+        self._looks = [Looks(area, spot.height, surround_of(image, spot, side)) for spot in found.spots]
         self._in_sight = [True] * len(found.spots)
         self._returning.clear()
         self._filter = ChainFilter(self._geometry)
@@ -241,7 +246,7 @@ class FingerTracker:
         if best is None:
             self._returning.pop(marker, None)
             return None
-        surround = surround_of(image, best.spot)
+        surround = surround_of(image, best.spot, self._side)
         if best.distance > UNSURPRISING and not looks.resembles(best.spot, surround):
             return None
         if parent is None and marker > 0:

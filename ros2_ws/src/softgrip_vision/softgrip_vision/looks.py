@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,10 @@ from softgrip_vision.spots import Spot
 
 #: Share of a new frame in what is remembered.
 MEMORY = 0.2
-#: The remembered area is that of a sharp, uncovered marker: blur may enlarge it only slowly, and only a round spot may
-#: make it smaller (a partly covered one is not round).
-MEMORY_OF_LARGER = 0.02
-ROUND = 0.94
+#: The remembered area is that of a sharp, uncovered marker: what is larger is blurred, so it counts for little.
+MEMORY_OF_LARGER, MEMORY_OF_SMALLER = 0.005, 0.5
+#: It takes so many markers in sight to tell that all are smaller than remembered, not one of them covered.
+FEWEST_FOR_AREA = 3
 #: A spot with a smaller share of the remembered area is partly covered. Blur never shrinks a spot: its edge is taken
 #: at a share of its own height.
 LEAST_AREA = 0.88
@@ -33,6 +34,8 @@ ALIKE_AREA, ALIKE_HEIGHT, ALIKE_SURROUND = 1.2, 4.0, 2.3
 #: Radius of the ring around a marker that shows the finger, in marker radii, and its samples.
 RING_RADIUS = 1.4
 RING_SAMPLES = 16
+#: As many of them at least show the finger's body.
+BODY_SAMPLES = 3
 _RING = RING_RADIUS * np.array(
     [(math.cos(turn), math.sin(turn)) for turn in np.arange(RING_SAMPLES) * 2 * math.pi / RING_SAMPLES]
 )
@@ -45,7 +48,7 @@ class Looks:
     Attributes:
         area_px: [px^2] when sharp and uncovered.
         height: [grey levels] of its signal.
-        surround: brightness around it over its own; tells a marker on its finger from a green thing behind.
+        surround: brightness of the body around it over its own (surround_of): tells it from a green thing behind.
     """
 
     area_px: float
@@ -66,11 +69,9 @@ class Looks:
         return max(0.0, 1.0 - spot.area_px / self.area_px)
 
     def updated(self, spot: Spot, surround: float) -> Looks:
-        """Return the memory with one more sighting."""
-        growth = spot.area_px - self.area_px
-        pace = MEMORY_OF_LARGER if growth > 0 else MEMORY if spot.roundness > ROUND else 0.0
+        """Return the memory with one more sighting (its area aside: sharp_area)."""
         return Looks(
-            self.area_px + pace * growth,
+            self.area_px,
             self.height + MEMORY * (spot.height - self.height),
             self.surround + MEMORY * (surround - self.surround),
         )
@@ -86,25 +87,46 @@ class Looks:
         return size * contrast * spot.solidity * math.exp(-0.5 * distance / gate)
 
 
-def alike(image: Image, spots: Sequence[Spot]) -> bool:
-    """Return whether spots, base to tip, may be the markers of one finger: same size, similar light, same body behind.
+def sharp_area(remembered_px: float, spots: Sequence[Spot]) -> float:
+    """Return the area [px^2] of a finger's markers when sharp and uncovered, with one more frame's spots."""
+    if len(spots) < FEWEST_FOR_AREA:
+        return remembered_px
+    change = float(np.median([spot.area_px for spot in spots])) - remembered_px
+    return remembered_px + (MEMORY_OF_LARGER if change > 0 else MEMORY_OF_SMALLER) * change
 
-    The base marker sits on the mount, so its surroundings may differ.
+
+class BodySide(Enum):
+    """Whether the finger's body is the brighter or the darker part of what lies around a marker."""
+
+    DARKER = 0
+    BRIGHTER = 1
+
+
+def alike(image: Image, spots: Sequence[Spot]) -> BodySide | None:
+    """Return the side on which spots, base to tip, all show the same body around them; None when they differ.
+
+    They also have to be of one size and in similar light. A marker sits on an edge of the body more often than not, so
+    it is the brighter, or the darker, part of its ring that tells. The base marker sits on the mount and may differ.
     """
     areas = [spot.area_px for spot in spots]
     heights = [spot.height for spot in spots]
-    surrounds = [surround_of(image, spot) for spot in spots[1:]]
-    limits = ((areas, ALIKE_AREA), (heights, ALIKE_HEIGHT), (surrounds, ALIKE_SURROUND))
-    return all(max(values) <= factor * min(values) for values, factor in limits)
+    if max(areas) > ALIKE_AREA * min(areas) or max(heights) > ALIKE_HEIGHT * min(heights):
+        return None
+    spreads = {}
+    for side in BodySide:
+        around = [surround_of(image, spot, side) for spot in spots[1:]]
+        spreads[side] = max(around) / min(around)
+    best = min(spreads, key=lambda side: spreads[side])
+    return best if spreads[best] <= ALIKE_SURROUND else None
 
 
-def surround_of(image: Image, spot: Spot) -> float:
-    """Return the brightness of the ring around a spot over the spot's own (medians; > 0)."""
+def surround_of(image: Image, spot: Spot, side: BodySide) -> float:
+    """Return the brightness of the body's part of the ring around a spot over the spot's own (> 0)."""
     radius = math.sqrt(spot.area_px / math.pi)
     ring = (_RING * radius + (spot.u + 0.5, spot.v + 0.5)).astype(np.intp)
     ring = np.minimum(np.maximum(ring, 0), (image.shape[1] - 1, image.shape[0] - 1))
     brightness = sorted(image[ring[:, 1], ring[:, 0]].sum(axis=1).tolist())
-    around = 0.5 * (brightness[RING_SAMPLES // 2 - 1] + brightness[RING_SAMPLES // 2])
+    around = brightness[-BODY_SAMPLES] if side is BodySide.BRIGHTER else brightness[BODY_SAMPLES - 1]
     return (float(around) + 1.0) / (3.0 * float(colour_at(image, spot).mean()) + 1.0)
 
 
