@@ -2,18 +2,15 @@
 """Find the zero of the pulled length: where the tendon of the straight finger just becomes taut.
 
 Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
-the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. A rise that
-is not plain asks for another pass, and then two have to agree. Go to the zero.
+the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum, auto
-from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
@@ -23,14 +20,6 @@ from softgrip_driver.tendon.profile import SpeedProfile
 MIN_SAMPLES = 8
 #: [m] resolution of the knee
 KNEE_STEP = 1e-4
-#: times the median residual that makes a sample an outlier
-OUTLIER = 3.0
-#: share of the force's range that the round of a real knee may differ from a sharp one
-ROUND = 0.15
-#: share of the force's variance that a rise explains when it may count, and when it needs no second pass
-CLEAR, PLAIN = 0.6, 0.9
-
-Array = NDArray[np.float64]
 
 
 class _Phase(Enum):
@@ -51,14 +40,10 @@ class Homing:
     STANDING = 1e-3
     #: share of the homing tension that counts as there
     TAUT = 0.7
-    #: share of the homing tension from which the device's own limit slows the drive
-    SATURATED = 0.75
+    #: share of the homing tension from which the device's own limit may act
+    SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
-    RUN_UP = 2e-3
-    #: [m] within which two passes agree
-    AGREE = 4e-4
-    #: passes at most
-    PASSES = 4
+    RUN_UP = 1e-3
 
     state = DriveState.HOMING
     winding_in = False
@@ -72,8 +57,6 @@ class Homing:
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
         self._samples: list[tuple[float, float]] = []
-        self._passes = 0
-        self._found: list[float] = []
         self.zero: float | None = None
 
     def step(self, view: View) -> Step:
@@ -110,34 +93,14 @@ class Homing:
         elif self._taut_since is None:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
-            return self._judge(view)
-        if self._profile.position == end and view.length > end - limits.position_tolerance:
+            self.zero = knee(self._samples, view.length)
+            self._profile = SpeedProfile(view.length)
+            self._phase = _Phase.GO_TO_ZERO
+        if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
             return self._failed(
                 view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
             )
         return Step(self._profile.position, tension)
-
-    def _judge(self, view: View) -> Step:
-        """Decide after a pass: done, once more, or never."""
-        self._passes += 1
-        found, explained = knee(self._samples, view.length)
-        self._samples.clear()
-        self._profile = SpeedProfile(view.length)
-        if explained >= CLEAR:
-            self._found.append(found)
-        agreeing = [(a + b) / 2.0 for a, b in combinations(self._found, 2) if abs(a - b) <= self.AGREE]
-        if explained >= PLAIN or agreeing:
-            self.zero = found if explained >= PLAIN else agreeing[-1]
-            self._phase = _Phase.GO_TO_ZERO
-        elif self._passes < self.PASSES:
-            self._taut_since = None
-            self._phase = _Phase.LET_OUT
-        elif len(self._found) > self.PASSES // 2:
-            self.zero = float(np.median(self._found))
-            self._phase = _Phase.GO_TO_ZERO
-        else:
-            return self._failed(view, "the force does not show where the tendon becomes taut: is it attached and free?")
-        return Step(self._profile.position, self._limits.tension_hold)
 
     def _go_to_zero(self, view: View) -> Step:
         assert self.zero is not None
@@ -151,40 +114,21 @@ class Homing:
         return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")
 
 
-def knee(samples: Sequence[tuple[float, float]], end: float) -> tuple[float, float]:
-    """Find the length at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
-
-    Fitted twice: the second time without the samples that stand out from the first fit (a jerk of the motor, a late
-    reading).
+def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
+    """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
 
     Args:
-        samples: (length [m], force [N]) at a steady speed, in any order.
-        end: [m] where the drive stood against the tension.
-
-    Returns:
-        x0 [m] and the share of the force's variance that the rise explains, 0 where the samples are too few.
+        samples: (length [m], force [N]) while winding in at a steady speed.
+        end: [m] where the drive stood in the end; returned when the samples show no rise.
     """
     if len(samples) < MIN_SAMPLES:
-        return end, 0.0
+        return end
     x, force = np.array(samples).T
-    _, residuals = _hinge(x, force, end)
-    usual = max(OUTLIER * float(np.median(np.abs(residuals))), ROUND * float(np.ptp(force)))
-    kept = np.abs(residuals) <= usual
-    if kept.sum() < MIN_SAMPLES:
-        return end, 0.0
-    x, force = x[kept], force[kept]
-    x0, residuals = _hinge(x, force, end)
-    return x0, 1.0 - float(residuals @ residuals) / max(float(((force - force.mean()) ** 2).sum()), 1e-18)
-
-
-def _hinge(x: Array, force: Array, end: float) -> tuple[float, Array]:
-    """Return the best x0 on a grid, and the residuals there."""
-    best, best_residuals = end, force - force.mean()
+    best, best_cost = end, float(((force - force.mean()) ** 2).sum())
     for x0 in np.arange(x.min(), end, KNEE_STEP):
-        rise = np.maximum(0.0, x - x0)
-        centred = rise - rise.mean()
-        slope = float(centred @ force) / max(float(centred @ centred), 1e-18)
-        residuals = force - force.mean() - slope * centred
-        if slope > 0.0 and residuals @ residuals < best_residuals @ best_residuals:
-            best, best_residuals = float(x0), residuals
-    return best, best_residuals
+        design = np.column_stack((np.ones_like(x), np.maximum(0.0, x - x0)))
+        solution, _, rank, _ = np.linalg.lstsq(design, force, rcond=None)
+        cost = float(((force - design @ solution) ** 2).sum())
+        if rank == 2 and solution[1] > 0.0 and cost < best_cost:
+            best, best_cost = float(x0), cost
+    return best
