@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from enum import Enum, auto
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
@@ -20,6 +21,12 @@ from softgrip_driver.tendon.profile import SpeedProfile
 MIN_SAMPLES = 8
 #: [m] resolution of the knee
 KNEE_STEP = 1e-4
+#: times the median residual that makes a sample an outlier
+OUTLIER = 3.0
+#: share of the force's range by which the round of a real knee may differ from a sharp one
+ROUND = 0.15
+
+Array = NDArray[np.float64]
 
 
 class _Phase(Enum):
@@ -43,7 +50,7 @@ class Homing:
     #: share of the homing tension from which the device's own limit may act
     SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
-    RUN_UP = 1e-3
+    RUN_UP = 2e-3
 
     state = DriveState.HOMING
     winding_in = False
@@ -117,6 +124,9 @@ class Homing:
 def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
     """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
 
+    Fitted twice: the second time without the samples that stand out from the first fit (a jerk of the motor, a late
+    reading).
+
     Args:
         samples: (length [m], force [N]) while winding in at a steady speed.
         end: [m] where the drive stood in the end; returned when the samples show no rise.
@@ -124,11 +134,20 @@ def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
     if len(samples) < MIN_SAMPLES:
         return end
     x, force = np.array(samples).T
-    best, best_cost = end, float(((force - force.mean()) ** 2).sum())
+    x0, residuals = _hinge(x, force, end)
+    usual = max(OUTLIER * float(np.median(np.abs(residuals))), ROUND * float(np.ptp(force)))
+    kept = np.abs(residuals) <= usual
+    return _hinge(x[kept], force[kept], end)[0] if kept.sum() >= MIN_SAMPLES else x0
+
+
+def _hinge(x: Array, force: Array, end: float) -> tuple[float, Array]:
+    """Return the best x0 on a grid, and the residuals there."""
+    best, best_residuals = end, force - force.mean()
     for x0 in np.arange(x.min(), end, KNEE_STEP):
-        design = np.column_stack((np.ones_like(x), np.maximum(0.0, x - x0)))
-        solution, _, rank, _ = np.linalg.lstsq(design, force, rcond=None)
-        cost = float(((force - design @ solution) ** 2).sum())
-        if rank == 2 and solution[1] > 0.0 and cost < best_cost:
-            best, best_cost = float(x0), cost
-    return best
+        rise = np.maximum(0.0, x - x0)
+        centred = rise - rise.mean()
+        slope = float(centred @ force) / max(float(centred @ centred), 1e-18)
+        residuals = force - force.mean() - slope * centred
+        if slope > 0.0 and residuals @ residuals < best_residuals @ best_residuals:
+            best, best_residuals = float(x0), residuals
+    return best, best_residuals
