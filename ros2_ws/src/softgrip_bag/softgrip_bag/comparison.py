@@ -15,6 +15,9 @@ NOT_COMPARED = {
     "softgrip_interfaces/msg/PredictionResidual": frozenset({"frame_id"}),
 }
 
+#: Numbers smaller than this count as this large when a tolerance is given: what ought to be zero is noise of others.
+FLOOR = 1e-3
+
 
 @dataclass(frozen=True)
 class Divergence:
@@ -51,23 +54,39 @@ class Result:
 Tree = Mapping[str, Any]
 
 
-def first_difference(recorded: Any, replayed: Any, skip: frozenset[str], path: str = "") -> tuple[str, Any, Any] | None:
-    """Return (field, recorded, replayed) of the first leaf that differs, bit for bit; NaN equals NaN."""
+def first_difference(
+    recorded: Any, replayed: Any, skip: frozenset[str], path: str = "", tolerance: float = 0.0
+) -> tuple[str, Any, Any] | None:
+    """Return (field, recorded, replayed) of the first leaf that differs; NaN equals NaN.
+
+    Args:
+        recorded: tree of dicts, lists and plain values.
+        replayed: tree of the same type.
+        skip: names of fields that are not compared.
+        path: of the trees in a larger one.
+        tolerance: of numbers with a fraction, relative to the larger one or to `FLOOR`; 0 = bit for bit.
+    """
     if isinstance(recorded, Mapping):
-        for key, value in recorded.items():
-            if key in skip:
-                continue
-            found = first_difference(value, replayed[key], skip, f"{path}.{key}" if path else key)
-            if found:
-                return found
-        return None
-    if isinstance(recorded, Sequence) and not isinstance(recorded, (str, bytes)):
+        pairs = [
+            (f"{path}.{key}" if path else key, value, replayed[key])
+            for key, value in recorded.items()
+            if key not in skip
+        ]
+    elif isinstance(recorded, Sequence) and not isinstance(recorded, (str, bytes)):
         if len(recorded) != len(replayed):
             return f"{path}.length", len(recorded), len(replayed)
-        for index, (a, b) in enumerate(zip(recorded, replayed, strict=True)):
-            found = first_difference(a, b, skip, f"{path}[{index}]")
-            if found:
-                return found
-        return None
+        both = enumerate(zip(recorded, replayed, strict=True))
+        pairs = [(f"{path}[{index}]", a, b) for index, (a, b) in both]
+    else:
+        return None if _same(recorded, replayed, tolerance) else (path, recorded, replayed)
+    differences = (first_difference(a, b, skip, name, tolerance) for name, a, b in pairs)
+    return next((found for found in differences if found), None)
+
+
+def _same(recorded: Any, replayed: Any, tolerance: float) -> bool:
     both_nan = recorded != recorded and replayed != replayed  # noqa: PLR0124  NaN is the value unequal to itself
-    return None if recorded == replayed or both_nan else (path, recorded, replayed)
+    if recorded == replayed or both_nan:
+        return True
+    if not (tolerance and isinstance(recorded, float) and isinstance(replayed, float)):
+        return False
+    return abs(recorded - replayed) <= tolerance * max(abs(recorded), abs(replayed), FLOOR)

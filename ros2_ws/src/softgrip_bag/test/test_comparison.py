@@ -28,3 +28,11 @@ def test_other_length_and_nan_against_number_differ() -> None:
 
 def test_skipped_fields_are_not_compared() -> None:
     assert first_difference({"t": 1.0, "x": 2}, {"t": 9.0, "x": 2}, frozenset({"t"})) is None
+
+
+def test_a_tolerance_is_relative_with_a_floor_and_for_numbers_with_a_fraction_only() -> None:
+    assert first_difference({"a": 100.0}, {"a": 100.00005}, NONE, tolerance=1e-6) is None
+    assert first_difference({"a": 100.0}, {"a": 100.0002}, NONE, tolerance=1e-6) is not None
+    assert first_difference({"a": 1e-12}, {"a": -1e-12}, NONE, tolerance=1e-6) is None
+    assert first_difference({"a": 1_000_000_000}, {"a": 1_000_000_001}, NONE, tolerance=1e-6) is not None
+    assert first_difference({"a": math.nan}, {"a": 1.0}, NONE, tolerance=1e-6) is not None

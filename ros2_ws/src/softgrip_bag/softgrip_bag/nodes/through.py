@@ -132,7 +132,7 @@ class ReplayedNode:
         self.node.destroy_node()
 
 
-def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
+def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance: float = 0.0) -> Result:
     """Feed a bag through a node and compare every result with the recorded one.
 
     The node is set up with the parameters, and the files they name, that the bag carries for it.
@@ -141,6 +141,7 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
         bag: folder or .mcap file.
         name: of the node, one of `NODES`.
         ros_arguments: win over what the bag carries, e.g. ["-p", "name:=value"].
+        tolerance: relative, for bags of another machine; 0 = bit for bit.
 
     Raises:
         BagError: unknown node, or a bag that cannot be read or has no input of it.
@@ -154,11 +155,16 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> Result:
         raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
         recorded = restore(bag, f"/{name}", Path(folder))
-        return _check(bag, replayable, driver, types, [*recorded, *ros_arguments])
+        return _check(bag, replayable, driver, types, [*recorded, *ros_arguments], tolerance)
 
 
 def _check(
-    bag: Path, replayable: Replayable, driver: str, types: Mapping[str, str], ros_arguments: Sequence[str]
+    bag: Path,
+    replayable: Replayable,
+    driver: str,
+    types: Mapping[str, str],
+    ros_arguments: Sequence[str],
+    tolerance: float,
 ) -> Result:
     rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
     nodes: list[ReplayedNode] = []
@@ -167,7 +173,7 @@ def _check(
         replay = _Replay(bag, nodes[0], nodes[1], driver, _results(bag, replayable.result, types))
         replayed = replay.run(types)
         results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
-        return _compare(bag, results, types, replay.start, replay.stamps)
+        return _compare(bag, results, types, replay.start, replay.stamps, tolerance)
     finally:
         for node in nodes:
             node.close()
@@ -264,7 +270,12 @@ def _configuration(message: Any) -> tuple[str, ...]:
 
 
 def _compare(
-    bag: Path, replayed: Mapping[str, list[Any]], types: Mapping[str, str], start: int, fed: AbstractSet[int]
+    bag: Path,
+    replayed: Mapping[str, list[Any]],
+    types: Mapping[str, str],
+    start: int,
+    fed: AbstractSet[int],
+    tolerance: float,
 ) -> Result:
     """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out.
 
@@ -287,7 +298,7 @@ def _compare(
             difference = Divergence(raw.topic, key[0], "(message)", "published", "not published")
             return Result(compared, difference, without_input)
         skip = NOT_COMPARED.get(types[raw.topic], frozenset())
-        found = first_difference(tree(recorded), tree(output), skip)
+        found = first_difference(tree(recorded), tree(output), skip, tolerance=tolerance)
         if found:
             return Result(compared, Divergence(raw.topic, key[0], *found), without_input)
     return Result(compared, None, without_input)

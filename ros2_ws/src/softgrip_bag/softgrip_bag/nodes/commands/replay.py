@@ -24,9 +24,14 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("--through", choices=sorted(NODES), required=True, help="node to feed")
     parser.add_argument("--check", action="store_true", help="compare with the recorded outputs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--tolerance", type=float, default=0.0, help="relative, for a bag of another machine; 0 = exact"
+    )
     options, ros_arguments = parser.parse_known_args(args)
     try:
-        result = check(options.bag, options.through, [a for a in ros_arguments if a != "--ros-args"])
+        result = check(
+            options.bag, options.through, [a for a in ros_arguments if a != "--ros-args"], tolerance=options.tolerance
+        )
     except BagError as error:
         print(error, file=sys.stderr)
         return 2
