@@ -27,6 +27,8 @@ LEAST_AREA = 0.88
 MOST_AREA = 1.7
 #: A spot's height may change by this factor from what is remembered (shadow, exposure).
 HEIGHT_FACTOR = 3.0
+#: ... and by this one when more than its place is asked for.
+RETURN_HEIGHT_FACTOR = 1.6
 #: Natural logarithm of how much the brightness around a marker, relative to its own, may differ when it comes back.
 SURROUND_TOLERANCE = 0.4
 #: Largest over smallest among the markers of one finger in one frame: area, height (some may be in shadow), surround.
@@ -62,7 +64,9 @@ class Looks:
 
     def resembles(self, spot: Spot, surround: float) -> bool:
         """Return whether a spot also has the marker's surroundings: asked when the marker was out of sight."""
-        return self.admits(spot) and abs(math.log(surround / self.surround)) < SURROUND_TOLERANCE
+        same_light = 1.0 / RETURN_HEIGHT_FACTOR <= spot.height / self.height <= RETURN_HEIGHT_FACTOR
+        same_body = abs(math.log(surround / self.surround)) < SURROUND_TOLERANCE
+        return self.admits(spot) and same_light and same_body
 
     def hidden_share(self, spot: Spot) -> float:
         """Return 0..1 the share of the marker that a spot seems to lack."""

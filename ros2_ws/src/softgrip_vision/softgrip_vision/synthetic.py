@@ -131,6 +131,7 @@ class Scene:
         clutter: number of green things behind the fingers that are no markers.
         decoys: number of green discs of a marker's size behind the fingers.
         seed: of background, clutter and noise.
+        body_offset_px: (2,) [px] of the bodies against their markers, which then sit on an edge.
     """
 
     def __init__(
@@ -141,8 +142,10 @@ class Scene:
         clutter: int = 0,
         decoys: int = 0,
         seed: int = 0,
+        body_offset_px: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.calibration = calibration
+        self._body_offset = np.array(body_offset_px)
         self._planes = {name: calibration.plane(name) for name in chains}
         self._maps = {name: PlaneMap(calibration.lens, plane) for name, plane in self._planes.items()}
         self._geometry = {name: ChainGeometry(chains[name], self._planes[name].base_marker_m) for name in chains}
@@ -193,7 +196,7 @@ class Scene:
         centres = {finger: self.centres(finger, pose) for finger, pose in angles.items()}
         painted: dict[tuple[str, int], int] = {}
         for finger, pixels in centres.items():
-            for start, end in pairwise(pixels):
+            for start, end in pairwise(pixels + self._body_offset):
                 cv2.line(canvas, _fixed(start), _fixed(end), FINGER_GREY, LINK_WIDTH_PX, cv2.LINE_AA, SHIFT)
                 cv2.line(owner, _fixed(start), _fixed(end), 0, LINK_WIDTH_PX, cv2.LINE_8, SHIFT)
             for index, pixel in enumerate(pixels):

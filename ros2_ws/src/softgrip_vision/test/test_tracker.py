@@ -104,6 +104,28 @@ def test_two_frames_of_the_same_film_give_the_same_numbers(calibration: Calibrat
         assert [m.confidence for m in first.markers] == [m.confidence for m in second.markers]
 
 
+@pytest.mark.parametrize("offset", [(0.0, 20.0), (-18.0, -12.0)])
+def test_markers_on_the_edge_of_the_body(calibration: Calibration, offset: tuple[float, float]) -> None:
+    """As on the printed fingers: at the apex of a groove, half before the body and half before the bench."""
+    scene = Scene(calibration, {"index": CHAIN}, body_offset_px=offset)
+    tracker = Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+    poses = closing(20)
+    for reading, truth in zip(follow(tracker, scene, poses, {8: {3}, 9: {3}}), poses, strict=True):
+        if not any(marker.occluded for marker in reading.markers):
+            assert reading.pose is not None
+            assert reading.pose.angles == pytest.approx(truth, abs=math.radians(0.4))
+    assert reading.pose is not None, reading.problem
+
+
+def test_a_stop_after_fast_motion_is_followed(tracker: Tracker, scene: Scene) -> None:
+    """Blur makes markers larger; when it ends they are not taken for covered ones."""
+    pose = np.full(3, 0.3)
+    for frame in range(30):
+        blurred = Conditions(noise=1.0, motion_px=9.0 if 5 <= frame < 20 else 0.0)
+        (reading,) = tracker.measure(scene.render({"index": pose}, blurred).image, 1.0 + frame / FPS)
+        assert reading.pose is not None, (frame, reading.problem)
+
+
 def test_fingers_by_colour() -> None:
     """The same plane, green and blue markers: each finger sees its own only."""
     calibration = make_calibration(("index",))
