@@ -55,6 +55,10 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         name = node.get_name() if node is not None else getattr(factory, "__name__", "node")
         print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
         code = CANNOT_START
+    except Exception:
+        if rclpy.ok():
+            raise
+        # a publish that met the shutdown: nothing is wrong, the node is leaving
     finally:
         _leave(node, executor)
     return code

@@ -134,7 +134,7 @@ class GraspSequence:
     def _close(self, now_ns: int) -> Step:
         self._was_enclosed = self._was_enclosed or self._encloses([reading.touching for reading in self._readings])
         escaped = self._was_enclosed and not any(r.excess_n >= 0.5 * r.threshold_n for r in self._readings)
-        began_ns = self._began("escaped", escaped, now_ns)
+        began_ns = self._began("escaped", escaped, now_ns, self._settings.slip_s)
         if began_ns is not None:
             return self._end(Outcome.SLIPPED, f"the product got away while closing: {self._excess_text()}", began_ns)
         commands = self._stop_finished_fingers(now_ns)
@@ -242,7 +242,7 @@ class GraspSequence:
                 and reading.free_n >= settings.lost_floor_n
                 and reading.tension_n < settings.lost_fraction * reading.free_n
             )
-            began_ns = self._began(f"lost {name}", slack, now_ns)
+            began_ns = self._began(f"lost {name}", slack, now_ns, settings.lost_s)
             if began_ns is not None:
                 reason = (
                     f"tendon {name} pulls nothing: expected {reading.free_n:.1f} N at {reading.pulled_m * 1e3:.1f} mm, "

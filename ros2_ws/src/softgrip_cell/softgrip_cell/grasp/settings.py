@@ -22,6 +22,7 @@ class GraspSettings:
         slip_s: how long a hold has to be lost before it counts: time enough for the tension to be brought back [s].
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
         lost_floor_n: free tension from which that can be judged [N].
+        lost_s: how long it has to pull nothing: the drive's tension is no good while it gets up to speed [s].
         gather_s: once thumb and one finger press, how long the others may still come [s].
         settle_s: after stopping, until the holding tension is taken as the baseline [s].
         lift_window_s: how long the hold is watched after lifting (thesis 4.3.3: 5 s) [s].
@@ -41,7 +42,8 @@ class GraspSettings:
     slip_share: float = 0.7
     slip_s: float = 0.08
     lost_fraction: float = 0.35
-    lost_floor_n: float = 2.0
+    lost_floor_n: float = 4.0
+    lost_s: float = 0.2
     gather_s: float = 0.05
     settle_s: float = 0.15
     lift_window_s: float = 5.0
