@@ -62,6 +62,7 @@ def test_a_trajectory_comes_back_from_its_file(tmp_path: Path) -> None:
         ("time_s,speed\n0,1\n1,1\n", "columns like index_j0_rad"),
         ("time_s,index_j0_rad\n0,0.1\n1,nan\n", "gap at 1.000 s"),
         ("time_s,index_j0_rad\n1,0.1\n0,0.1\n", "growing times"),
+        ("time_s,index_j0_rad\n0,0.1\n.03,0.1\n.06,0.2\n.6,0.3\n", "0.540 s between 0.060 s and 0.600 s"),
     ],
 )
 def test_wrong_files_are_refused_with_the_place(text: str, said: str, tmp_path: Path) -> None:

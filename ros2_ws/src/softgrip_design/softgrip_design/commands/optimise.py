@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -81,7 +82,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command; 0 when fingers were designed, 2 for a request that cannot be met."""
     options = parser().parse_args(args)
     try:
-        if options.starts < 1 or min(options.weights) < 0.0 or sum(options.weights) <= 0.0:
+        sound = all(0.0 <= weight < math.inf for weight in options.weights) and sum(options.weights) > 0.0
+        if options.starts < 1 or not sound:
             raise DesignError(
                 f"expected at least one start and weights of 0 or more, not both 0, found {options.starts} and "
                 f"{options.weights}"
