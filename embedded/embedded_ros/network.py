@@ -36,6 +36,10 @@ _COMMON = {
     # rmw_zenoh uses 60 s; a frozen process is to be noticed within 3 s (ROS 2 peers keep their own lease).
     "transport/link/tx/lease": _LEASE_MS,
     "transport/link/tx/keep_alive": 4,
+    # A Python receiver that has just been off the processor must not cost messages: 1 MB waits for it before any is
+    # dropped, and the sender a few milliseconds.
+    "transport/link/tx/queue/size/data": 16,
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 5_000,
     "transport/shared_memory/enabled": False,
 }
 
