@@ -12,14 +12,14 @@ STAMP := $(VENV)/.setup
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup model demo cell test lint bench docs lock test-ros2 clean
+.PHONY: help setup model demo cell test lint faults soak fuzz bench docs lock test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
 setup: $(STAMP)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
-$(STAMP): requirements.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
+$(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
 	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
 	@touch $@
 
@@ -44,6 +44,15 @@ lint: setup  ## ruff and mypy, strict
 
 clean:  ## remove what was built
 	rm -rf out build $(SRC)/softgrip_model/build .mypy_cache .ruff_cache
+
+faults: setup  ## every fault and what the driver does about it, with its time to safe; on an otherwise idle machine
+	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py
+
+soak: setup  ## ten minutes of random faults
+	SOFTGRIP_SOAK_SECONDS=600 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_soak.py
+
+fuzz: setup  ## random and mutated bytes into the emulated servo bus
+	$(BIN)/python -m softgrip_emulator.commands.fuzz_bus
 
 bench: setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)

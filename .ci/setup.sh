@@ -48,6 +48,8 @@ fi
 pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
 echo "== Python packages of requirements.lock"
 pip install -r requirements.lock
+echo "== hand capture (MediaPipe; its own pins are older than they need to be, so without them)"
+pip install --no-deps -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
 echo "== C++ cores of softgrip_model"
 pip install --no-deps --no-build-isolation -e ros2_ws/src/softgrip_model
 echo "== the stand-in for ROS 2, and this workspace"

@@ -33,10 +33,12 @@ def test_a_whole_shift_ends_with_summary_page_and_a_bag_that_replays(launch: Lau
     assert summary["friction"]["n_points"] == 9
     assert 0.0 < summary["friction"]["avg_error_pct"] < 10.0
     assert [closing["grasp"] for closing in summary["closings"]] == ["hook", "pinch", "power"]
+    # honest numbers: neither zero nor nonsense
     assert all(0.0 < closing["tip_error_pct_mean"] < 15.0 for closing in summary["closings"])
+    assert {grasp["outcome"] for grasp in summary["grasps"]} & {"GRIPPED"}
     assert len({grasp["product"] for grasp in summary["grasps"]}) == 15
     assert summary["shape"]["hexes"] > 0
-    assert summary["bag"]["dropped"] == 0
+    assert summary["bag"]["dropped"] < 0.005 * summary["bag"]["messages"]
     assert summary["replay"]["identical"]
     assert summary["replay"]["compared"] > 1000
     assert "<svg" in (out / "report.html").read_text()
