@@ -57,6 +57,7 @@ class ScriptedDriver(Node):
         self.estop = False
         self.released = 0
         self.blocked: set[str] = set()
+        self._gates: list[Future] = []
         self._goals: list[tuple[Any, tuple[float, ...], Future]] = []
         self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
         self._status = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
@@ -88,9 +89,22 @@ class ScriptedDriver(Node):
         if len(profiles) == 1:
             self.profile = profiles.pop()
 
+    def unblock(self) -> None:
+        """Answer again; whoever asked meanwhile is told no."""
+        self.blocked = set()
+        for gate in self._gates:
+            gate.set_result(None)
+        self._gates.clear()
+
+    async def _blocked(self) -> None:
+        gate = Future()
+        self._gates.append(gate)
+        await gate
+
     async def _on_release(self, _request: Any, response: Any) -> Any:
         if "release" in self.blocked:
-            await Future()
+            await self._blocked()
+            return response
         self.released += 1
         self.bench.obey(Step(Phase.APPROACH, (Open(),)))
         response.success = True
@@ -98,7 +112,8 @@ class ScriptedDriver(Node):
 
     async def _on_home(self, _request: Any, response: Any) -> Any:
         if "home" in self.blocked:
-            await Future()
+            await self._blocked()
+            return response
         response.success = True
         return response
 
@@ -362,7 +377,7 @@ def test_kill_9_in_a_swap_leaves_the_truth_or_unknown(cell: Cell, step: str) -> 
     assert reached.wait(10.0), f"the swap did not come to step {step}"
     cell.stop(signal.SIGKILL)
 
-    cell.driver.blocked = set()
+    cell.driver.unblock()
     released = cell.driver.released
     cell.start()
     state = cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
