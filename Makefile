@@ -33,9 +33,12 @@ cell: setup  ## the emulated cell, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
-test: setup lint  ## lint, then every test; the system tests by themselves, because they run a whole cell
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system
-	$(BIN)/python -m pytest tests/system
+# Tests that run in real time (a whole cell, the drives' loop) have the machine to themselves.
+REAL_TIME := tests/system $(SRC)/softgrip_driver/test
+
+test: setup lint  ## lint, then every test
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
+	$(BIN)/python -m pytest $(REAL_TIME)
 
 lint: setup  ## ruff and mypy, strict
 	$(BIN)/ruff check .

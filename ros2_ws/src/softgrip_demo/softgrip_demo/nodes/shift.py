@@ -45,7 +45,7 @@ PARAMETERS = ParameterTable(
     Parameter("slots", ["index", "middle", "thumb"], "slots of the gripper"),
     Parameter("full_pull", 0.020, "pulled length at the end of a closing", "m", 0.001, 0.040),
     Parameter("closing_speed", 0.016, "speed of the watched closings", "m/s", 0.001, 0.1),
-    Parameter("release_speed", 0.08, "speed of opening", "m/s", 0.001, 0.2),
+    Parameter("release_speed", 0.05, "speed of opening", "m/s", 0.001, 0.2),
     Parameter("start_timeout", 10.0, "time the cell has to come up", "s", 1.0, 120.0),
     Parameter(
         "expected_streams", ["tendon/state", "camera/image_raw/compressed"], "topics that say that the cell is up"
