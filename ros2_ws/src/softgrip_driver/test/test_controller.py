@@ -147,6 +147,10 @@ def test_the_knee_of_a_hinge_is_found_in_noise():
     assert knee(list(zip(lengths, forces, strict=True)), 0.012) == pytest.approx(0.0107, abs=3e-4)
 
 
+def test_too_few_samples_show_no_knee():
+    assert knee([(0.001 * i, 0.1 * i) for i in range(7)], 0.007) is None
+
+
 def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(rig):
     first = Trajectory.checked([0.5], [0.010], [], LIMITS.travel)
     rig.controller.follow({"a": first}, rig.now)

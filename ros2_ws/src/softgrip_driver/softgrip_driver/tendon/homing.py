@@ -101,6 +101,8 @@ class Homing:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
             self.zero = knee(self._samples, view.length)
+            if self.zero is None:
+                return self._failed(view, "the force does not show where the tendon becomes taut")
             self._profile = SpeedProfile(view.length)
             self._phase = _Phase.GO_TO_ZERO
         if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
@@ -121,7 +123,7 @@ class Homing:
         return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")
 
 
-def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
+def knee(samples: Sequence[tuple[float, float]], end: float) -> float | None:
     """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
 
     Fitted twice: the second time without the samples that stand out from the first fit (a jerk of the motor, a late
@@ -129,10 +131,13 @@ def knee(samples: Sequence[tuple[float, float]], end: float) -> float:
 
     Args:
         samples: (length [m], force [N]) while winding in at a steady speed.
-        end: [m] where the drive stood in the end; returned when the samples show no rise.
+        end: [m] where the drive stood in the end.
+
+    Returns:
+        x0, or None where the samples are too few to show one.
     """
     if len(samples) < MIN_SAMPLES:
-        return end
+        return None
     x, force = np.array(samples).T
     x0, residuals = _hinge(x, force, end)
     usual = max(OUTLIER * float(np.median(np.abs(residuals))), ROUND * float(np.ptp(force)))
