@@ -201,7 +201,7 @@ def hard_runs(count: int, seed: int) -> Iterator[Run]:
 
 def measure(run: Run, ours: Tally, plain: Tally) -> None:
     setups = tuple(FingerSetup(name) for name in run.fingers)
-    tracker = Tracker(setups, {run.grasp: CHAIN}, run.scene.calibration, run.grasp)
+    tracker = Tracker(setups, {run.grasp: dict.fromkeys(run.fingers, CHAIN)}, run.scene.calibration, run.grasp)
     peer: PlainTracker | None = None
     for frame, (angles, picture) in enumerate(run.pictures()):
         peer = peer or PlainTracker(picture.centres)

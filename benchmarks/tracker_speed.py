@@ -65,7 +65,8 @@ def main() -> int:
     results = {}
     for fingers in (("index",), ("index", "middle", "thumb")):
         scene, images, start = render(fingers)
-        tracker = Tracker(tuple(FingerSetup(f) for f in fingers), {"power": CHAIN}, scene.calibration, "power")
+        chains = {"power": dict.fromkeys(fingers, CHAIN)}
+        tracker = Tracker(tuple(FingerSetup(f) for f in fingers), chains, scene.calibration, "power")
         ours = pass_times(tracker.measure, images, args.runs)
         plain = PlainTracker(start)
         peer = pass_times(lambda image, _stamp, plain=plain: plain.measure(image), images, args.runs)

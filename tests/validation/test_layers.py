@@ -22,7 +22,7 @@ MAY_IMPORT = {
     "softgrip_design": {"softgrip_model"},
     "softgrip_driver": {"softgrip_model"},
     "softgrip_emulator": {"softgrip_model"},
-    "softgrip_vision": set(),
+    "softgrip_vision": {"softgrip_model"},
     "softgrip_cell": {"softgrip_model"},
     "softgrip_bag": set(),
     "softgrip_bringup": set(),

@@ -164,7 +164,7 @@ class FingerTracker:
         if self._filter is None:
             problem = self._acquire(image)
             if problem:
-                return self._silent(problem)
+                return self.silent(problem)
             self._last_sound = stamp
             return self._confirm(image, rivals, stamp)
         seen = self._follow_all(image, self._filter, rivals)
@@ -180,7 +180,7 @@ class FingerTracker:
         seen = self._follow_all(image, self._filter, rivals)
         if None in seen:
             self.reset()
-            return self._silent("a chain was found that does not hold; searching the whole image")
+            return self.silent("a chain was found that does not hold; searching the whole image")
         return self._conclude(self._filter, seen, stamp)
 
     def _follow_all(self, image: Image, chain: ChainFilter, rivals: Array) -> list[Seen | None]:
@@ -323,7 +323,7 @@ class FingerTracker:
             self._last_sound = stamp
         elif stamp - self._last_sound > self.options.patience:
             self.reset()
-            return self._silent(f"lost: {', '.join(hidden)} not seen for too long; searching the whole image")
+            return self.silent(f"lost: {', '.join(hidden)} not seen for too long; searching the whole image")
         unknown = chain.settle_hidden([found is None for found in seen])
         markers = tuple(self._reading(chain, index, found) for index, found in enumerate(seen))
         quality = threshold_quality([found.spot for found in seen if found is not None])
@@ -348,7 +348,8 @@ class FingerTracker:
         deviation = math.sqrt(float(np.trace(spread)) / 2) * self._diameter_px / self._marker_diameter_m
         return MarkerReading(name, pixel, point, deviation, 0.0, occluded=True)
 
-    def _silent(self, problem: str) -> FingerReading:
+    def silent(self, problem: str) -> FingerReading:
+        """Return a reading that says only why there is none."""
         unknown = np.full(2, math.nan)
         markers = tuple(
             MarkerReading(name, unknown, unknown, math.nan, 0.0, occluded=True) for name in self.layout.marker_names

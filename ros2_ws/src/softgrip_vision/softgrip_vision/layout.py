@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from softgrip_vision.errors import LayoutError
@@ -38,6 +38,10 @@ class ChainLayout:
         return ("base", *(f"joint_{j}" for j in range(self.joints)), "tip")
 
 
+#: Profile id -> finger -> what is painted on it.
+Chains = Mapping[str, Mapping[str, ChainLayout]]
+
+
 @dataclass(frozen=True)
 class FingerSetup:
     """One finger that the tracker looks for.
@@ -57,30 +61,6 @@ class FingerSetup:
             raise LayoutError(f"finger '{self.name}': expected a hue of 0 .. 360 deg, found {self.hue_deg}")
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) <= 0):
             raise LayoutError(f"finger '{self.name}': expected a region with positive size, found {self.region}")
-
-
-def parse_chains(lines: Iterable[str]) -> Mapping[str, ChainLayout]:
-    """Return the chain of each profile from lines like ``power: 0.045 0.027 0.023`` (link lengths [m]).
-
-    Raises:
-        LayoutError: when a line does not read so, or a profile comes twice.
-    """
-    chains: dict[str, ChainLayout] = {}
-    for line in lines:
-        name, colon, numbers = line.partition(":")
-        name = name.strip()
-        try:
-            lengths = tuple(float(number) for number in numbers.split())
-        except ValueError:
-            lengths = ()
-        if not colon or not name or not lengths:
-            raise LayoutError(f"expected 'PROFILE: LENGTH LENGTH ...' with lengths in m, found {line!r}")
-        if name in chains:
-            raise LayoutError(f"expected each profile once, found '{name}' twice")
-        chains[name] = ChainLayout(lengths)
-    if not chains:
-        raise LayoutError("expected the link lengths of at least one profile, found none")
-    return chains
 
 
 def parse_region(text: str) -> tuple[int, int, int, int] | None:

@@ -13,7 +13,7 @@ from softgrip_vision.calibration import Calibration
 from softgrip_vision.colour import Image
 from softgrip_vision.errors import FrameError, LayoutError
 from softgrip_vision.finger import FingerTracker, TrackerOptions
-from softgrip_vision.layout import ChainLayout, FingerSetup
+from softgrip_vision.layout import Chains, FingerSetup
 from softgrip_vision.readings import FingerReading
 
 __all__ = ["Tracker", "TrackerOptions"]
@@ -25,53 +25,63 @@ class Tracker:
 
     Args:
         fingers: which, with colour and region.
-        chains: profile id to chain.
+        chains: of every profile that may be mounted.
         calibration: of the camera.
+        profile: taken to be mounted in every slot until :meth:`mount` says otherwise.
         options: what a user may set.
     """
 
     fingers: tuple[FingerSetup, ...]
-    chains: dict[str, ChainLayout]
+    chains: Chains
     calibration: Calibration
     profile: str
     options: TrackerOptions = field(default_factory=TrackerOptions)
 
     def __post_init__(self) -> None:
-        if self.profile not in self.chains:
-            raise LayoutError(f"expected a profile of {sorted(self.chains)}, found '{self.profile}'")
         names = [setup.name for setup in self.fingers]
         if len(set(names)) != len(names):
             raise LayoutError(f"expected fingers with different names, found {names}")
         self._trackers = {setup.name: self._tracker(setup, self.profile) for setup in self.fingers}
+        self._unknown: dict[str, str] = {}
         self._stamp = math.nan
 
     def _tracker(self, setup: FingerSetup, profile: str) -> FingerTracker:
-        return FingerTracker(setup, profile, self.chains[profile], self.calibration, self.options)
+        if profile not in self.chains:
+            raise LayoutError(f"expected a profile of {sorted(self.chains)}, found '{profile}'")
+        chains = self.chains[profile]
+        if setup.name not in chains:
+            raise LayoutError(f"profile '{profile}' has no finger '{setup.name}'; it has {sorted(chains)}")
+        return FingerTracker(setup, profile, chains[setup.name], self.calibration, self.options)
 
     def mount(self, finger: str, profile: str) -> None:
-        """Note that another finger profile sits in a slot; a profile that is not in the chains is refused.
+        """Note that another finger profile sits in a slot.
 
         Raises:
-            FrameError: when the profile is unknown; the tracker goes on with the one before.
+            LayoutError: when there is no chain for it: that finger is not measured until it has a known one again.
         """
         current = self._trackers.get(finger)
-        if current is None or current.profile == profile:
+        if current is None or (current.profile == profile and finger not in self._unknown):
             return
-        if profile not in self.chains:
-            raise FrameError(f"finger '{finger}': expected a profile of {sorted(self.chains)}, found '{profile}'")
-        self._trackers[finger] = self._tracker(current.setup, profile)
+        try:
+            self._trackers[finger] = self._tracker(current.setup, profile)
+        except LayoutError as error:
+            self._unknown[finger] = str(error)
+            raise
+        self._unknown.pop(finger, None)
 
     @property
     def profiles_text(self) -> str:
         """Which profile is taken to sit in which slot, in words."""
-        return ", ".join(f"{name}: {tracker.profile}" for name, tracker in self._trackers.items())
+        return ", ".join(
+            f"{name}: {'unknown' if name in self._unknown else tracker.profile}"
+            for name, tracker in self._trackers.items()
+        )
 
     @property
     def configuration(self) -> str:
         """Digest of all that the numbers depend on besides the frames: calibration, fingers, chains, options."""
-        text = repr(
-            (self.calibration.digest, self.fingers, sorted(self.chains.items()), self.profiles_text, self.options)
-        )
+        layouts = [tracker.layout for tracker in self._trackers.values()]
+        text = repr((self.calibration.digest, self.fingers, layouts, self.profiles_text, self.options))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def set_options(self, options: TrackerOptions) -> None:
@@ -107,5 +117,6 @@ class Tracker:
             rivals = np.concatenate(
                 [np.empty((0, 2)), *(places for other, places in expected.items() if other != name)]
             )
-            readings.append(tracker.measure(image, stamp, rivals))
+            unknown = self._unknown.get(name)
+            readings.append(tracker.silent(unknown) if unknown else tracker.measure(image, stamp, rivals))
         return tuple(readings)

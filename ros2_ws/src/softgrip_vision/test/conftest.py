@@ -37,7 +37,7 @@ def scene(calibration: Calibration) -> Scene:
 
 @pytest.fixture
 def tracker(calibration: Calibration) -> Tracker:
-    return Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+    return Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
 
 
 @pytest.fixture(scope="session")

@@ -66,7 +66,7 @@ def test_random_crops_of_real_images_never_crash(real: list[np.ndarray]) -> None
 
 def test_no_finger_is_seen_in_real_images(calibration: Calibration, real: list[np.ndarray]) -> None:
     random = np.random.default_rng(8)
-    tracker = Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+    tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     for frame in range(40):
         image = real[random.integers(len(real))][:, :, random.permutation(3)]
         picture = cv2.resize(image, (1280, 720))
@@ -80,7 +80,7 @@ def test_a_real_picture_put_over_a_followed_finger(
 ) -> None:
     """Parts of photographs hide parts of the finger: what is still given out is right."""
     random = np.random.default_rng(9)
-    tracker = Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+    tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     truth = np.array([0.5, 0.4, 0.3])
     clean = scene.render({"index": truth}).image
     given = 0

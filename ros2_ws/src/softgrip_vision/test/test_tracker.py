@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from softgrip_model.profile import shipped_directory
 from softgrip_vision.calibration import Calibration
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
-from softgrip_vision.layout import ChainLayout, FingerSetup, parse_chains, parse_region
+from softgrip_vision.layout import ChainLayout, FingerSetup, parse_region
+from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.synthetic import Conditions, Occluder, Scene, make_calibration
 from softgrip_vision.tracker import Tracker, TrackerOptions
@@ -84,7 +87,7 @@ def test_without_the_tip_nothing_is_said_about_the_pose(tracker: Tracker, scene:
 def test_what_comes_back_has_to_be_on_the_finger(calibration: Calibration) -> None:
     """Green discs of a marker's size and colour lie around: none is taken for the hidden tip."""
     scene = Scene(calibration, {"index": CHAIN}, decoys=60, seed=5)
-    tracker = Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+    tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     poses = [np.array([0.3, 0.3, 0.3])] * 6 + closing(30)[10:]
     readings = follow(tracker, scene, poses, {frame: {4} for frame in range(4, 26)})
     assert readings[3].pose is not None
@@ -95,7 +98,7 @@ def test_two_frames_of_the_same_film_give_the_same_numbers(calibration: Calibrat
     images = [scene.render({"index": pose}, Conditions(noise=2.0)).image for pose in closing(6)]
     results = []
     for _ in range(2):
-        tracker = Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+        tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
         results.append([tracker.measure(image, 5.0 + k / FPS)[0] for k, image in enumerate(images)])
     for first, second in zip(*results, strict=True):
         assert first.pose is not None
@@ -108,7 +111,7 @@ def test_two_frames_of_the_same_film_give_the_same_numbers(calibration: Calibrat
 def test_markers_on_the_edge_of_the_body(calibration: Calibration, offset: tuple[float, float]) -> None:
     """As on the printed fingers: at the apex of a groove, half before the body and half before the bench."""
     scene = Scene(calibration, {"index": CHAIN}, body_offset_px=offset)
-    tracker = Tracker((FingerSetup("index"),), {"power": CHAIN}, calibration, "power")
+    tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     poses = closing(20)
     for reading, truth in zip(follow(tracker, scene, poses, {8: {3}, 9: {3}}), poses, strict=True):
         if not any(marker.occluded for marker in reading.markers):
@@ -132,7 +135,7 @@ def test_fingers_by_colour() -> None:
     scene = Scene(calibration, {"index": CHAIN})
     green = scene.render({"index": np.full(3, 0.3)}).image
     blue = np.ascontiguousarray(green[:, :, [1, 0, 2]])  # green becomes blue
-    finder = Tracker((FingerSetup("index", hue_deg=240.0),), {"power": CHAIN}, calibration, "power")
+    finder = Tracker((FingerSetup("index", hue_deg=240.0),), {"power": {"index": CHAIN}}, calibration, "power")
     assert finder.measure(green, 1.0)[0].pose is None
     reading = finder.measure(blue, 1.0 + 1 / FPS)[0]
     assert reading.pose is not None
@@ -143,7 +146,7 @@ def test_several_fingers_side_by_side() -> None:
     fingers = ("index", "middle", "thumb")
     calibration = make_calibration(fingers, scale=2800.0)
     scene = Scene(calibration, dict.fromkeys(fingers, CHAIN))
-    tracker = Tracker(tuple(FingerSetup(f) for f in fingers), {"power": CHAIN}, calibration, "power")
+    tracker = Tracker(tuple(FingerSetup(f) for f in fingers), {"power": dict.fromkeys(fingers, CHAIN)}, calibration, "power")
     truth = {"index": np.full(3, 0.1), "middle": np.full(3, 0.2), "thumb": np.full(3, 0.3)}
     image = scene.render(truth).image
     for reading in tracker.measure(image, 1.0):
@@ -153,7 +156,8 @@ def test_several_fingers_side_by_side() -> None:
 
 def test_another_profile_is_followed_after_a_swap(calibration: Calibration) -> None:
     longer = ChainLayout((0.035, 0.035, 0.035))
-    tracker = Tracker((FingerSetup("index"),), {"power": CHAIN, "even": longer}, calibration, "power")
+    chains = {"power": {"index": CHAIN}, "even": {"index": longer}}
+    tracker = Tracker((FingerSetup("index"),), chains, calibration, "power")
     scene = Scene(calibration, {"index": longer})
     image = scene.render({"index": np.full(3, 0.2)}).image
     assert tracker.measure(image, 1.0)[0].pose is None
@@ -163,8 +167,23 @@ def test_another_profile_is_followed_after_a_swap(calibration: Calibration) -> N
     reading = tracker.measure(image, 2.0)[0]
     assert reading.pose is not None
     assert reading.profile == "even"
-    with pytest.raises(FrameError, match="expected a profile of"):
+
+
+def test_a_finger_with_an_unknown_profile_is_not_measured(tracker: Tracker, scene: Scene) -> None:
+    image = scene.render({"index": np.full(3, 0.2)}).image
+    assert tracker.measure(image, 1.0)[0].pose is not None
+    with pytest.raises(LayoutError, match="expected a profile of \\['power'\\], found 'unheard of'"):
         tracker.mount("index", "unheard of")
+    (reading,) = tracker.measure(image, 1.03)
+    assert reading.pose is None
+    assert "found 'unheard of'" in reading.problem
+    tracker.mount("index", "power")
+    assert tracker.measure(image, 1.06)[0].pose is not None
+
+
+def test_a_profile_without_the_finger_is_named(calibration: Calibration) -> None:
+    with pytest.raises(LayoutError, match="profile 'power' has no finger 'index'"):
+        Tracker((FingerSetup("index"),), {"power": {"thumb": CHAIN}}, calibration, "power")
 
 
 def test_options_change_live(tracker: Tracker, scene: Scene) -> None:
@@ -222,13 +241,21 @@ def test_time_that_starts_again_starts_the_tracker_again(tracker: Tracker, scene
     assert tracker.measure(image, 1.0)[0].pose is not None
 
 
+def test_chains_are_those_of_the_profiles(tmp_path: Path) -> None:
+    chains = read_chains(None)
+    assert chains["power"]["index"].link_lengths_m == (0.045, 0.027, 0.023)  # Fig 4.1 of the thesis
+    assert chains["pinch"]["thumb"].joints == 2
+    with pytest.raises(LayoutError, match="expected a folder with profiles"):
+        read_chains(tmp_path)
+    shipped = (shipped_directory() / "power.yaml").read_text()
+    (tmp_path / "power.yaml").write_text(shipped.replace("schema: 1", "schema: 2"))
+    with pytest.raises(LayoutError, match="reads schema 1, found 2"):
+        read_chains(tmp_path)
+
+
 def test_layouts_that_make_no_sense() -> None:
     with pytest.raises(LayoutError, match="link lengths"):
         ChainLayout((0.045, -0.1))
-    with pytest.raises(LayoutError, match="PROFILE: LENGTH"):
-        parse_chains(["power 0.045"])
-    with pytest.raises(LayoutError, match="twice"):
-        parse_chains(["power: 0.045", "power: 0.045"])
     with pytest.raises(LayoutError, match="whole pixels"):
         parse_region("1 2 3")
     with pytest.raises(LayoutError, match="hue"):

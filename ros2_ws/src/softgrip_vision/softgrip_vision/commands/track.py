@@ -7,7 +7,7 @@ Writes into the output folder:
   overlay.mp4   the video with what was found drawn in
 
 Example:
-  ros2 run softgrip_vision track closing.mp4 --calibration camera.yaml --out out/closing --links-mm 45 27 23
+  ros2 run softgrip_vision track closing.mp4 --calibration camera.yaml --out out/closing --profile power
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from rich.progress import Progress
 
 from softgrip_vision import calibration
 from softgrip_vision.errors import VisionError
-from softgrip_vision.layout import ChainLayout, FingerSetup
+from softgrip_vision.layout import ChainLayout, Chains, FingerSetup
 from softgrip_vision.overlay import draw
+from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.report import plot, write_csv
 from softgrip_vision.sources import open_source
@@ -53,8 +54,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("video", metavar="VIDEO", help="video file or folder of pictures")
     parser.add_argument("--calibration", type=Path, required=True, help="of the camera (calibrate_camera)")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    parser.add_argument("--links-mm", type=float, nargs="+", default=[45.0, 27.0, 23.0], metavar="MM",
-                        help="link lengths, joint to joint, the last one to the tip (default 45 27 23)")  # fmt: skip
+    chain = parser.add_mutually_exclusive_group()
+    chain.add_argument("--profile", default="power", help="finger profile that gives the link lengths (default power)")
+    chain.add_argument("--links-mm", type=float, nargs="+", metavar="MM",
+                       help="link lengths instead, joint to joint, the last one to the tip")  # fmt: skip
+    parser.add_argument("--profiles", type=Path, help="folder of profiles (default: the shipped ones)")
     parser.add_argument("--fingers", nargs="+", help="which planes of the calibration to look at (default: all)")
     parser.add_argument("--hue", type=float, default=120.0, help="colour of the markers [deg] (default 120: green)")
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
@@ -64,8 +68,8 @@ def _parser() -> argparse.ArgumentParser:
 def _track(arguments: argparse.Namespace) -> None:
     known = calibration.load(arguments.calibration)
     names = arguments.fingers or [plane.finger for plane in known.planes]
-    layout = ChainLayout(tuple(length * 1e-3 for length in arguments.links_mm))
-    tracker = Tracker(tuple(FingerSetup(name, arguments.hue) for name in names), {"video": layout}, known, "video")
+    chains, profile = _chains(arguments, names)
+    tracker = Tracker(tuple(FingerSetup(name, arguments.hue) for name in names), chains, known, profile)
     source = open_source(arguments.video, start_ns=START_NS)
     arguments.out.mkdir(parents=True, exist_ok=True)
     overlay: cv2.VideoWriter | None = None
@@ -88,6 +92,14 @@ def _track(arguments: argparse.Namespace) -> None:
     write_csv(rows, arguments.out / "track.csv")
     plot(rows, arguments.out / "track.png")
     _summary(rows, arguments.out)
+
+
+def _chains(arguments: argparse.Namespace, fingers: Sequence[str]) -> tuple[Chains, str]:
+    """Return the chains to look for and the profile to take from them."""
+    if arguments.links_mm is None:
+        return read_chains(arguments.profiles), arguments.profile
+    layout = ChainLayout(tuple(length * 1e-3 for length in arguments.links_mm))
+    return {"video": dict.fromkeys(fingers, layout)}, "video"
 
 
 def _writer(path: Path, source: object, size: tuple[int, int]) -> cv2.VideoWriter:

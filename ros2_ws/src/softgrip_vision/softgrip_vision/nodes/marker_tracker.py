@@ -23,9 +23,10 @@ from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, Moun
 from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, seconds
 from softgrip_vision import calibration, colour
 from softgrip_vision.errors import VisionError
-from softgrip_vision.layout import FingerSetup, parse_chains, parse_region
+from softgrip_vision.layout import FingerSetup, parse_region
 from softgrip_vision.nodes import convert
 from softgrip_vision.overlay import draw
+from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.sources import Frame, decode
 from softgrip_vision.tracker import Tracker, TrackerOptions
@@ -43,9 +44,7 @@ PARAMETERS = ParameterTable(
         "regions", [""], "where each finger is looked for: 'LEFT TOP WIDTH HEIGHT' [px] or '' for the whole image"
     ),
     Parameter(
-        "chains",
-        ["power: 0.045 0.027 0.023", "hook: 0.045 0.027 0.023", "pinch: 0.045 0.027 0.023"],
-        "per finger profile: link lengths from joint to joint, the last one to the tip [m] (defaults: Fig 4.4)",
+        "profiles_directory", "", "folder of finger profiles, for the link lengths; empty = those of softgrip_bringup"
     ),
     Parameter("profile", "power", "profile assumed until cell/state names the mounted ones"),
     Parameter(
@@ -129,7 +128,9 @@ class MarkerTrackerNode(Node):
             FingerSetup(name, hues[index % len(hues)] % 360.0, parse_region(regions[index % len(regions)]))
             for index, name in enumerate(names)
         )
-        return Tracker(setups, dict(parse_chains(value["chains"])), known, value["profile"], self._options())
+        directory = value["profiles_directory"]
+        chains = read_chains(Path(directory) if directory else None)
+        return Tracker(setups, chains, known, value["profile"], self._options())
 
     def _options(self) -> TrackerOptions:
         value = self._values
@@ -146,15 +147,17 @@ class MarkerTrackerNode(Node):
         self._configuration = self._tracker.configuration
 
     def _on_cell_state(self, message: CellState) -> None:
+        problems = []
         for mounted in message.mounted:
             if mounted.state in {MountedFinger.TO_BE_VERIFIED, MountedFinger.VERIFIED}:
                 try:
                     self._tracker.mount(mounted.finger, mounted.profile)
                 except VisionError as error:
-                    self._diagnostics.set("profiles", Health.ERROR, str(error))
-                    return
+                    problems.append(f"{mounted.finger}: {error}; not measured until it has a known one")
         self._configuration = self._tracker.configuration
-        self._diagnostics.set("profiles", Health.OK, self._tracker.profiles_text)
+        self._diagnostics.set(
+            "profiles", Health.ERROR if problems else Health.OK, "; ".join(problems) or self._tracker.profiles_text
+        )
 
     def _on_compressed(self, message: CompressedImage) -> None:
         self._on_frame(message.header, lambda: decode(message.data))
