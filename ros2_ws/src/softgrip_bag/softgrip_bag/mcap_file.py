@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
+from softgrip_bag.mcap_stream import McapStream
 from softgrip_bag.metadata import Plain, Span
 from softgrip_bag.qos_text import OfferedQos
 
@@ -67,9 +67,6 @@ class _Sink:
     def tell(self) -> int:
         return self.written
 
-    def flush(self) -> None:
-        """Nothing is held back."""
-
     def sync(self) -> None:
         os.fdatasync(self._descriptor)
 
@@ -88,11 +85,10 @@ class McapFile:
         self.span = Span()
         self.counts: Counter[str] = Counter()
         self._sink = _Sink(path)
-        self._mcap = Writer(self._sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]  # it uses write, tell and flush only
+        self._mcap = McapStream(self._sink, CHUNK_BYTES)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._whole = 0  # [byte] end of the last complete record known
-        self._mcap.start(profile="ros2", library="softgrip_bag")
 
     @property
     def size(self) -> int:
@@ -105,37 +101,34 @@ class McapFile:
 
     def add_attachment(self, attachment: Attachment, time_ns: int) -> None:
         """Carry a file inside the bag."""
-        self._mcap.add_attachment(time_ns, time_ns, attachment.name, attachment.media_type, attachment.data)
+        self._mcap.add_attachment(attachment.name, attachment.media_type, attachment.data, time_ns)
 
     def add_topic(self, topic: Topic) -> None:
         """Register a topic; once per name."""
         if topic.type_name not in self._schemas:
-            self._schemas[topic.type_name] = self._mcap.register_schema(
-                topic.type_name, "ros2msg", topic.schema.encode()
-            )
+            self._schemas[topic.type_name] = self._mcap.add_schema(topic.type_name, "ros2msg", topic.schema.encode())
         qos = yaml.dump([offered.as_map() for offered in topic.qos], Dumper=Plain, sort_keys=False)
-        self._channels[topic.name] = self._mcap.register_channel(
+        self._channels[topic.name] = self._mcap.add_channel(
             topic.name,
-            "cdr",
             self._schemas[topic.type_name],
             {"offered_qos_profiles": qos, "topic_type_hash": topic.type_hash},
         )
 
     def write(self, topic: str, received: int, published: int, data: bytes) -> None:
         """Write one message; times in ns since the epoch, ``data`` CDR with its header."""
-        self._mcap.add_message(self._channels[topic], received, data, published, 0)
+        self._mcap.add_message(self._channels[topic], received, published, data)
         self.counts[topic] += 1
         self.span.add(received)
 
     def flush(self) -> None:
         """Close the chunk and have it on the disk when this returns."""
-        self._mcap.flush()  # type: ignore[no-untyped-call]  # the library has no types
+        self._mcap.end_chunk()
         self._sink.sync()
         self._whole = self._sink.written
 
     def finish(self) -> None:
         """Write the summary and close."""
-        self._mcap.finish()  # type: ignore[no-untyped-call]  # the library has no types
+        self._mcap.finish()
         self._sink.sync()
         self._sink.close()
 
