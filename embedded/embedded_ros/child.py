@@ -18,8 +18,10 @@ def end_with_launch() -> None:
     parent = os.environ.pop(PARENT_VARIABLE, "")
     if parent and sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != int(parent):
-            raise SystemExit("the launch that started this process is gone")
+        try:
+            os.kill(int(parent), 0)  # it is not always our parent: a launch-prefix may stand between
+        except ProcessLookupError:
+            raise SystemExit("the launch that started this process is gone") from None
 
 
 def main() -> None:

@@ -173,12 +173,11 @@ class LaunchRunner:
             )
         if self._stopping:
             return
-        again = process.respawn and (process.respawn_max_retries < 0 or running.starts <= process.respawn_max_retries)
-        if again:
-            self._waiting.append((time.monotonic() + process.respawn_delay_s, process, running.starts + 1))
-        elif process.on_exit_shutdown:
+        if process.on_exit_shutdown:  # before respawn, as upstream
             self._failed = self._failed or code != 0
             self._stop(f"{process.label} ended and its on_exit is shutdown")
+        elif process.respawn and (process.respawn_max_retries < 0 or running.starts <= process.respawn_max_retries):
+            self._waiting.append((time.monotonic() + process.respawn_delay_s, process, running.starts + 1))
 
     # -- stopping ---------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/launch", files("launch")),
+        (f"share/{PACKAGE}/launch", [*files("launch"), "launch/keep_running.py"]),
         (f"share/{PACKAGE}/config", files("config")),
         (f"share/{PACKAGE}/profiles", files("profiles")),
     ],
