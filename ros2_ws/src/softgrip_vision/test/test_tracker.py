@@ -146,7 +146,9 @@ def test_several_fingers_side_by_side() -> None:
     fingers = ("index", "middle", "thumb")
     calibration = make_calibration(fingers, scale=2800.0)
     scene = Scene(calibration, dict.fromkeys(fingers, CHAIN))
-    tracker = Tracker(tuple(FingerSetup(f) for f in fingers), {"power": dict.fromkeys(fingers, CHAIN)}, calibration, "power")
+    tracker = Tracker(
+        tuple(FingerSetup(f) for f in fingers), {"power": dict.fromkeys(fingers, CHAIN)}, calibration, "power"
+    )
     truth = {"index": np.full(3, 0.1), "middle": np.full(3, 0.2), "thumb": np.full(3, 0.3)}
     image = scene.render(truth).image
     for reading in tracker.measure(image, 1.0):
