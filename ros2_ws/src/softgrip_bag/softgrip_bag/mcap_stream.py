@@ -181,12 +181,12 @@ class McapStream:
         self.end_chunk()
         self._put(DataEnd(0))
         start = self._sink.tell()
-        summary = RecordBuilder()  # type: ignore[no-untyped-call]  # the library has no types
+        summary = RecordBuilder()
         offsets = [_group(summary, start, opcode, records) for opcode, records in self._summary() if records]
         at = start + summary.count
         for offset in offsets:
             offset.write(summary)
-        data = summary.end()
+        data = bytes(summary.end())  # type: ignore[no-untyped-call]  # the library has no types
         head = struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, at)
         footer = Footer(summary_start=start, summary_offset_start=at, summary_crc=zlib.crc32(head, zlib.crc32(data)))
         self._sink.write(data + _bytes(footer) + MAGIC)
@@ -225,9 +225,9 @@ class McapStream:
 
 
 def _bytes(record: McapRecord) -> bytes:
-    builder = RecordBuilder()  # type: ignore[no-untyped-call]  # the library has no types
+    builder = RecordBuilder()
     record.write(builder)
-    return bytes(builder.end())
+    return bytes(builder.end())  # type: ignore[no-untyped-call]  # the library has no types
 
 
 def _message_indexes(chunk: _ChunkInProgress, start: int) -> tuple[dict[int, int], bytes]:

@@ -62,6 +62,11 @@ class Pipeline:
             self._queue.append((topic, received, published, data))
         return True  # the thread looks by itself: a wake-up per message costs more than the message
 
+    @property
+    def waiting_bytes(self) -> int:
+        """How much waits for the disk."""
+        return self._waiting_bytes
+
     def call(self, work: Callable[[BagWriter], Result]) -> Future[Result]:
         """Run work on the bag after everything queued before it; its future fails when the recording has failed."""
         future: Future[Result] = Future()
