@@ -14,6 +14,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+#: The log of all processes; a folder that holds one is an earlier shift's and may be emptied.
+LOG = "log.txt"
+
 #: Lines of the log that the terminal shows: the shift's own, and why a process ended.
 SHOWN = re.compile(
     r"^\[shift-\d+\] (?:\[INFO\] \[[\d.]+\] \[shift\]: )?(?P<said>.*)|(?P<bad>.*(?:cannot start:|process has died).*)"
@@ -23,17 +26,20 @@ SHOWN = re.compile(
 def main() -> int:
     """Run the launch file, then the report; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path, help="folder for record, bag and report; emptied first")
+    parser.add_argument("out", type=Path, help="folder for record, bag and report; an earlier shift's is emptied first")
     parser.add_argument("--seed", type=int, default=1, help="seed of the emulated cell")
     parser.add_argument("--cross-check", action="store_true", help="grasp every product with every finger set")
     arguments = parser.parse_args()
+    if arguments.out.is_dir() and any(arguments.out.iterdir()) and not (arguments.out / LOG).exists():
+        print(f"{arguments.out} holds files of something else; name a new or empty folder", file=sys.stderr)
+        return 2
     if arguments.out.exists():
         shutil.rmtree(arguments.out)
     arguments.out.mkdir(parents=True)
     code = run_cell(arguments)
     if code != 0 or not (arguments.out / "shift.json").exists():
         print(
-            f"The shift did not reach its end (exit code {code}); the log is {arguments.out / 'log.txt'}",
+            f"The shift did not reach its end (exit code {code}); the log is {arguments.out / LOG}",
             file=sys.stderr,
         )
         return code or 1
@@ -49,7 +55,7 @@ def run_cell(arguments: argparse.Namespace) -> int:
         f"cross_check:={str(arguments.cross_check).lower()}",
     ]
     with (
-        (arguments.out / "log.txt").open("w") as log,
+        (arguments.out / LOG).open("w") as log,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as launch,
     ):
         signal.signal(signal.SIGTERM, lambda *_: launch.send_signal(signal.SIGINT))
