@@ -11,8 +11,6 @@ from typing import Any
 NOT_COMPARED = {
     # measures of the machine, not of the cell
     "softgrip_interfaces/msg/PredictedShape": frozenset({"solve_time", "rate"}),
-    # names which of the two inputs of the same stamp came last; between two topics a bag does not know that
-    "softgrip_interfaces/msg/PredictionResidual": frozenset({"frame_id"}),
 }
 
 #: Numbers smaller than this count as this large when a tolerance is given: what ought to be zero is noise of others.

@@ -164,10 +164,10 @@ def finger_state(prediction: Prediction) -> FingerState:
     )
 
 
-def residual_message(residual: Residual, frame_id: str) -> PredictionResidual:
-    """Return one residual."""
+def residual_message(residual: Residual) -> PredictionResidual:
+    """Return one residual, in the frame of its finger."""
     return PredictionResidual(
-        header=Header(stamp=stamp_of(residual.stamp), frame_id=frame_id),
+        header=Header(stamp=stamp_of(residual.stamp), frame_id=f"{residual.finger}_base"),
         finger=residual.finger,
         pulled_length=residual.pulled_length,
         tip_error=residual.tip_error,

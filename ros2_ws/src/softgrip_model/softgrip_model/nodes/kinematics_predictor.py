@@ -112,16 +112,15 @@ class KinematicsPredictor(Node):
                 convert.predicted_message(message.header, predictions, configuration.friction_id, configuration.digest)
             )
         self._report("tendons", Health.OK, f"{len(predictions)} of {len(names)} tendons predicted")
-        self._publish_residuals(self._session.on_tendons(samples, names), message.header.frame_id)
+        self._publish_residuals(self._session.on_tendons(samples, names))
 
     def _on_measured(self, message: FingerStates) -> None:
         stamp = convert.nanoseconds(message.header.stamp)
-        residuals = self._session.on_measured(stamp, convert.measured_fingers(message))
-        self._publish_residuals(residuals, message.header.frame_id)
+        self._publish_residuals(self._session.on_measured(stamp, convert.measured_fingers(message)))
 
-    def _publish_residuals(self, residuals: Sequence[Residual], frame_id: str) -> None:
+    def _publish_residuals(self, residuals: Sequence[Residual]) -> None:
         for residual in residuals:
-            self._residual.publish(convert.residual_message(residual, frame_id))
+            self._residual.publish(convert.residual_message(residual))
             self._report(f"finger {residual.finger}", _HEALTH[residual.verdict], residual.reason or "as predicted")
 
     def _on_friction(self, message: FrictionModel) -> None:
