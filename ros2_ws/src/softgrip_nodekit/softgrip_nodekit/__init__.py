@@ -10,16 +10,23 @@ from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
+from softgrip_nodekit.trace import Caller, Commander, Doors, Goal, SentGoal, TracedDoors
 
 __all__ = [
     "LATCHED",
     "RELIABLE",
     "SENSOR",
+    "Caller",
+    "Commander",
     "Diagnostics",
+    "Doors",
+    "Goal",
     "Health",
     "Parameter",
     "ParameterTable",
+    "SentGoal",
     "StartupError",
+    "TracedDoors",
     "run",
     "seconds",
     "to_time_message",

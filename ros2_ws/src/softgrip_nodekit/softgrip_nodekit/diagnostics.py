@@ -9,7 +9,11 @@ from enum import IntEnum
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from softgrip_nodekit.presence import Presence, diagnosed_nodes, published_inputs
 from softgrip_nodekit.qos import RELIABLE
+
+#: [s] between looks at who is still there
+PRESENCE_PERIOD = 0.2
 
 
 class Health(IntEnum):
@@ -22,20 +26,25 @@ class Health(IntEnum):
 
 
 class Diagnostics:
-    """Publishes the health of a node's components.
+    """Publishes the health of a node's components, and of those of its inputs that lost their publisher.
 
     Args:
         node: the node that owns them.
         hardware_id: serial or name of the device behind the node, empty for none.
         period: [s] between messages; a change of level is published at once.
+        watch_nodes: also report the other nodes of the cell that are there no longer; one node of the cell does that.
     """
 
-    def __init__(self, node: Node, hardware_id: str = "", period: float = 1.0) -> None:
+    def __init__(self, node: Node, hardware_id: str = "", period: float = 1.0, *, watch_nodes: bool = False) -> None:
         self._node = node
         self._hardware_id = hardware_id
         self._components: dict[str, tuple[Health, str, dict[str, str]]] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._timer = node.create_timer(period, self.publish)
+        self._inputs = Presence(lambda topic, there: self._report_presence(f"input {topic}", there))
+        self._nodes = Presence(lambda name, there: self._report_presence(f"node {name}", there))
+        self._watch_nodes = watch_nodes
+        self._presence_timer = node.create_timer(PRESENCE_PERIOD, self._look_around)
 
     def set(self, component: str, health: Health, message: str, values: Mapping[str, object] | None = None) -> None:
         """Set a component's health; ``message`` says what is wrong in words and what to do."""
@@ -47,6 +56,18 @@ class Diagnostics:
             elif health == Health.WARN:
                 self._node.get_logger().warning(f"{component}: {message}")
             self.publish()
+
+    def _look_around(self) -> None:
+        self._inputs.update(published_inputs(self._node))
+        if self._watch_nodes:
+            self._nodes.update(diagnosed_nodes(self._node))
+
+    def _report_presence(self, component: str, there: bool) -> None:
+        if there:
+            self._node.get_logger().info(f"{component}: there again")
+            self.set(component, Health.OK, "there again")
+        else:
+            self.set(component, Health.WARN, "gone: ended, dead, frozen or cut off; start it again if it was not meant")
 
     def publish(self) -> None:
         """Publish the present health of every component."""

@@ -7,7 +7,8 @@ outputs depend on the messages fed in and on nothing else.
 Two things of the recorded run a bag does not show directly: which messages of a best-effort stream the node really got,
 and whether a latched message reached the node before or after a neighbour on another topic. Both are read off the
 recorded results: each carries the stamp of the message it was computed from and the ids of the configuration it was
-computed with (docs/conventions.md).
+computed with (docs/conventions.md). A node with services and actions publishes a trace of its steps instead, which is
+followed to the letter.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from __future__ import annotations
 import importlib
 import itertools
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from softgrip_bag.comparison import NOT_COMPARED, Divergence, Result, first_difference
 from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
+from softgrip_bag.nodes.steps import Messages, Step, runs, stamp_of
 from softgrip_bag.nodes.trees import tree
 from softgrip_bag.nodes.types import message_class
 from softgrip_bag.reader import RawMessage, latched_topics, read, topic_types
@@ -41,11 +44,15 @@ class Replayable:
         class_path: module:class.
         result: topic that has one result for each message of the driving stream that the node worked on.
         drivers: the driving stream; the first of these topics that is in the bag.
+        trace: topic with the node's steps; then the two above are not needed.
+        parameters: set for a replay whatever the bag says; ``{folder}`` is a temporary one.
     """
 
     class_path: str
-    result: str
-    drivers: tuple[str, ...]
+    result: str = ""
+    drivers: tuple[str, ...] = ()
+    trace: str = ""
+    parameters: Mapping[str, str] = field(default_factory=dict)
 
 
 NODES = {
@@ -59,6 +66,12 @@ NODES = {
         "softgrip_vision.nodes.marker_tracker:MarkerTrackerNode",
         "/finger/markers",
         ("/camera/image_raw/compressed", "/camera/image_raw"),
+    ),
+    "grasp_mix_manager": Replayable(
+        "softgrip_cell.nodes.grasp_mix_manager:GraspMixManager",
+        trace="/grasp_mix_manager/trace",
+        # what it remembered when it started is in the trace
+        parameters={"database_url": "sqlite:///{folder}/cell.db", "catalogue": "''", "passports": "''"},
     ),
 }
 #: Topics that rclpy itself publishes for a node.
@@ -93,9 +106,14 @@ class _StoppedTimer:
 
 
 class ReplayedNode:
-    """A node whose subscriptions are called by hand; rclpy has to be initialised."""
+    """A node whose subscriptions are called by hand; rclpy has to be initialised.
 
-    def __init__(self, class_path: str) -> None:
+    Args:
+        class_path: module:class.
+        options: of its constructor.
+    """
+
+    def __init__(self, class_path: str, **options: Any) -> None:
         module, _, class_name = class_path.partition(":")
         base = getattr(importlib.import_module(module), class_name)
         sink: dict[str, list[Any]] = defaultdict(list)
@@ -110,7 +128,7 @@ class ReplayedNode:
             def create_timer(self, *_: Any, **__: Any) -> Any:
                 return _StoppedTimer()
 
-        self.node = Captured()
+        self.node = Captured(**options)
         self._sink = sink
         self._callbacks = {s.topic_name: (s.callback, s.msg_type) for s in self.node.subscriptions}
 
@@ -123,6 +141,10 @@ class ReplayedNode:
         """Call the node's callback with one recorded message; returns what it published (topic, message)."""
         callback, message_type = self._callbacks[message.topic]
         callback(deserialize_message(message.data, message_type))
+        return self.published()
+
+    def published(self) -> list[tuple[str, Any]]:
+        """Return what the node published since the last time (topic, message)."""
         published = [(topic, output) for topic, outputs in self._sink.items() for output in outputs]
         self._sink.clear()
         return published
@@ -150,12 +172,70 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance:
         raise BagError(f"expected one of {', '.join(NODES)}, found {name!r}")
     replayable = NODES[name]
     types = topic_types(bag)
+    if replayable.trace:
+        return _check_traced(bag, name, types, ros_arguments, tolerance)
     driver = next((topic for topic in replayable.drivers if topic in types), None)
     if driver is None:
         raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
         recorded = restore(bag, f"/{name}", Path(folder))
         return _check(bag, replayable, driver, types, [*recorded, *ros_arguments], tolerance)
+
+
+def _check_traced(
+    bag: Path, name: str, types: Mapping[str, str], ros_arguments: Sequence[str], tolerance: float
+) -> Result:
+    replayable = NODES[name]
+    if replayable.trace not in types:
+        raise BagError(f"{bag}: expected the topic {replayable.trace}, found none; was {name} recorded?")
+    compared = 0
+    for steps in runs(bag, replayable.trace):
+        with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
+            own = [w for p, v in replayable.parameters.items() for w in ("-p", f"{p}:={v.format(folder=folder)}")]
+            arguments = [*restore(bag, f"/{name}", Path(folder)), *own, *ros_arguments]
+            result = _check_run(bag, replayable, steps, types, arguments, tolerance)
+        compared += result.compared
+        if result.divergence:
+            return Result(compared, result.divergence)
+    return Result(compared, None)
+
+
+def _check_run(
+    bag: Path,
+    replayable: Replayable,
+    steps: Sequence[Step],
+    types: Mapping[str, str],
+    ros_arguments: Sequence[str],
+    tolerance: float,
+) -> Result:
+    """Have a node take the steps of one run again."""
+    topics = {step.name.removeprefix("topic ") for step in steps if step.name.startswith("topic ")}
+    messages = Messages(bag, topics)
+    rclpy.init(args=["--ros-args", "--log-level", "fatal", *ros_arguments])
+    doors: list[ReplayedDoors] = []
+    replayed: ReplayedNode | None = None
+
+    def make(node: Any) -> ReplayedDoors:
+        doors.append(ReplayedDoors(node, steps, messages, tolerance))
+        return doors[0]
+
+    try:
+        replayed = ReplayedNode(replayable.class_path, doors=make)
+        doors[0].run()
+        outputs: dict[str, list[Any]] = defaultdict(list)
+        for topic, message in replayed.published():
+            if topic in types and topic not in NOT_RESULTS:
+                outputs[topic].append(message)
+        found = _compare(bag, outputs, types, steps[0].wall, {step.wall for step in steps}, tolerance, steps[-1].wall)
+        return Result(doors[0].compared + found.compared, found.divergence)
+    except Diverged as end:
+        return Result(doors[0].compared, end.divergence)
+    finally:
+        for each in doors:
+            each.close()
+        if replayed is not None:
+            replayed.close()
+        rclpy.try_shutdown()
 
 
 def _check(
@@ -205,7 +285,7 @@ class _Replay:
         self._pending = {topic: list(read(self._bag, {topic})) for topic in sorted(latched)}
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
-                stamp = _stamp(deserialize_message(message.data, message_class(message.type_name)))
+                stamp = stamp_of(deserialize_message(message.data, message_class(message.type_name)))
                 configuration = self._results.get(stamp)
                 if configuration is not None:
                     self.start = self.start or stamp
@@ -250,7 +330,7 @@ class _Replay:
         return any(_configuration(output) == configuration for _, output in self._probe.feed(message))
 
     def _take(self, message: RawMessage) -> None:
-        self.stamps.add(_stamp(deserialize_message(message.data, message_class(message.type_name))))
+        self.stamps.add(stamp_of(deserialize_message(message.data, message_class(message.type_name))))
         for topic, output in self._node.feed(message):
             self._outputs[topic].append(output)
 
@@ -261,7 +341,7 @@ def _results(bag: Path, topic: str, types: Mapping[str, str]) -> dict[int, tuple
     results = {}
     for raw in read(bag, {topic}):
         message = deserialize_message(raw.data, message_class(raw.type_name))
-        results[_stamp(message)] = _configuration(message)
+        results[stamp_of(message)] = _configuration(message)
     return results
 
 
@@ -276,18 +356,21 @@ def _compare(
     start: int,
     fed: AbstractSet[int],
     tolerance: float,
+    end: int | None = None,
 ) -> Result:
-    """Compare from ``start`` [ns] on: what was computed from messages older than the bag cannot come out.
+    """Compare from ``start`` [ns] on, to ``end``: what was computed from messages older than the bag cannot come out.
 
     ``fed`` are the stamps [ns] of the inputs: an output keeps the stamp of its input, and where the recorder missed a
     message of a best-effort stream that the node got, there is nothing to compute that output from.
     """
-    by_key = {topic: {_key(message): message for message in messages} for topic, messages in replayed.items()}
+    keys = _Keys()
+    by_key = {topic: {keys.of(topic, message): message for message in messages} for topic, messages in replayed.items()}
+    keys = _Keys()
     compared = without_input = 0
     for raw in read(bag, set(by_key)):
         recorded = deserialize_message(raw.data, message_class(raw.type_name))
-        key = _key(recorded)
-        if key[0] < start:
+        key = keys.of(raw.topic, recorded)
+        if key[0] < start or (end is not None and key[0] > end):
             continue
         output = by_key[raw.topic].get(key)
         if output is None and key[0] not in fed:
@@ -304,10 +387,13 @@ def _compare(
     return Result(compared, None, without_input)
 
 
-def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+class _Keys:
+    """Tells the messages of a topic apart by stamp, finger, and which of those with both it is."""
 
+    def __init__(self) -> None:
+        self._seen: Counter[tuple[str, int, str]] = Counter()
 
-def _key(message: Any) -> tuple[int, str]:
-    return _stamp(message), getattr(message, "finger", "")
+    def of(self, topic: str, message: Any) -> tuple[int, str, int]:
+        stamp, finger = stamp_of(message), getattr(message, "finger", "")
+        self._seen[topic, stamp, finger] += 1
+        return stamp, finger, self._seen[topic, stamp, finger]

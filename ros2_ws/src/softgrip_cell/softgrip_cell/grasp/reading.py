@@ -15,6 +15,17 @@ from softgrip_cell.observation import Pair
 #: Pulled length between two predictions from which the fingertip's path per pulled length is taken [m].
 LEVER_STEP_M: Final = 0.0005
 
+#: How far this closing may lie below and above the one that the reference was learned from [N]: printed TPU remembers.
+BASELINE_LOW_N: Final = -2.0
+BASELINE_HIGH_N: Final = 0.3
+
+#: The baseline follows the free motion, but never as steeply as the softest contact rises [N per m of pulled length].
+BASELINE_RISE_N_PER_M: Final = 120.0
+BASELINE_SMOOTHING: Final = 0.3
+
+#: Share of the contact threshold above which an excess is no free motion any more.
+QUIET_SHARE: Final = 0.6
+
 #: Fingertip path per pulled length before the fingers have moved [1]: low, so that forces are overstated at first.
 LEVER_START: Final = 2.0
 
@@ -26,7 +37,7 @@ class Reading:
     Attributes:
         pulled_m: pulled length [m].
         tension_n: measured [N].
-        free_n: expected of this very finger if it touched nothing [N].
+        free_n: expected of this very finger in this closing if it touched nothing [N].
         excess_n: their difference [N].
         threshold_n: excess that is taken for contact [N].
         force_n: greatest contact force that this excess can mean [N].
@@ -47,6 +58,34 @@ class Reading:
         return self.excess_n >= self.threshold_n and self.judged
 
 
+class Baseline:
+    """What this closing's tension is beside the reference while the finger still moves freely.
+
+    Printed TPU creeps: a finger that was closed a moment ago needs up to a newton less than in its check, the whole way.
+    Nothing of that can be told beforehand, but it is there before anything is touched.
+    """
+
+    def __init__(self) -> None:
+        self._value_n: float | None = None
+        self._pulled_m = 0.0
+
+    @property
+    def value_n(self) -> float:
+        """Tension beside the reference [N]; 0 before the finger has moved far enough to tell."""
+        return self._value_n or 0.0
+
+    def follow(self, difference_n: float, pulled_m: float, threshold_n: float) -> None:
+        """Take a difference [N] of measured and expected tension at a pulled length [m]."""
+        if self._value_n is None:
+            self._value_n = min(BASELINE_HIGH_N, max(BASELINE_LOW_N, difference_n))
+        travel_m = pulled_m - self._pulled_m
+        self._pulled_m = max(self._pulled_m, pulled_m)
+        off_n = difference_n - self._value_n
+        if travel_m > 0.0 and off_n < QUIET_SHARE * threshold_n:
+            step_n = min(BASELINE_SMOOTHING * off_n, BASELINE_RISE_N_PER_M * travel_m)
+            self._value_n = max(BASELINE_LOW_N, self._value_n + step_n)
+
+
 class Reader:
     """Turns paired observations into readings.
 
@@ -59,6 +98,7 @@ class Reader:
         self._references = tuple(references)
         self._settings = settings
         self._levers = [LEVER_START] * len(self._references)
+        self._baselines = [Baseline() for _ in self._references]
         self._anchors: list[tuple[float, tuple[float, float]] | None] = [None] * len(self._references)
 
     def read(self, pair: Pair) -> tuple[Reading, ...]:
@@ -77,20 +117,26 @@ class Reader:
         within = pulled_m <= reference.reach_m and math.isfinite(predicted_n)
         free_n = max(0.0, predicted_n + reference.offset(pulled_m)) if within else reference.tension(pulled_m)
         self._follow_tip(slot, pair.free.pulled_m[slot], pair.free.tip_m[slot])
+        threshold_n = max(
+            settings.contact_floor_n,
+            settings.contact_sigma * reference.stddev_n,
+            settings.contact_free_fraction * free_n,
+            settings.length_error_m * reference.slope(pulled_m),
+        )
+        judged = pulled_m >= settings.contact_from_m
+        baseline = self._baselines[slot]
+        if judged and within:
+            baseline.follow(tension_n - free_n, pulled_m, threshold_n)
+        free_n = max(0.0, free_n + baseline.value_n)
         excess_n = tension_n - free_n
         return Reading(
             pulled_m=pulled_m,
             tension_n=tension_n,
             free_n=free_n,
             excess_n=excess_n,
-            threshold_n=max(
-                settings.contact_floor_n,
-                settings.contact_sigma * reference.stddev_n,
-                settings.contact_free_fraction * free_n,
-                settings.length_error_m * reference.slope(pulled_m),
-            ),
+            threshold_n=threshold_n,
             force_n=max(0.0, excess_n) * settings.lever_factor / self._levers[slot],
-            judged=pulled_m >= settings.contact_from_m,
+            judged=judged,
         )
 
     def _follow_tip(self, slot: int, pulled_m: float, tip_m: tuple[float, float]) -> None:

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from softgrip_cell.errors import CatalogueError
 
@@ -70,10 +71,14 @@ class FreeReference:
 
     def slope(self, pulled_m: float) -> float:
         """Return how fast the tension of the free motion rises at a pulled length [N/m]."""
+        return max(0.0, float(np.interp(pulled_m, self.pulled_m, self._slopes)))
+
+    @cached_property
+    def _slopes(self) -> NDArray[np.float64]:
+        """Slope at each row [N/m]."""
         if len(self.pulled_m) < 2:
-            return 0.0
-        rows = np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_m))
-        return max(0.0, float(np.interp(pulled_m, self.pulled_m, rows)))
+            return np.zeros(1)
+        return np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_m))
 
     def document(self) -> dict[str, Any]:
         """Return plain data for storage."""

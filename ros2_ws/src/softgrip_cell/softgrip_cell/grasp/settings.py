@@ -23,8 +23,8 @@ class GraspSettings:
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
         lost_floor_n: free tension from which that can be judged [N].
         lost_s: how long it has to pull nothing: the drive's tension is no good while it gets up to speed [s].
-        gather_s: once thumb and one finger press, how long the others may still come [s].
-        settle_s: after stopping, until the holding tension is taken as the baseline [s].
+        press_speed_m_per_s: pulled length per second once both sides touch and only force is missing [m/s].
+        settle_s: after both sides touched, how long the holding force may take to come [s].
         lift_window_s: how long the hold is watched after lifting (thesis 4.3.3: 5 s) [s].
         stale_s: longest gap between paired samples [s].
         open_m: pulled length below which a finger counts as open [m].
@@ -34,18 +34,18 @@ class GraspSettings:
     """
 
     contact_sigma: float = 5.0
-    contact_floor_n: float = 0.5
-    contact_free_fraction: float = 0.06
+    contact_floor_n: float = 0.35
+    contact_free_fraction: float = 0.03
     length_error_m: float = 0.0003
-    contact_from_m: float = 0.0025
+    contact_from_m: float = 0.003
     run: int = 3
     slip_share: float = 0.7
-    slip_s: float = 0.08
+    slip_s: float = 0.06
     lost_fraction: float = 0.35
     lost_floor_n: float = 4.0
     lost_s: float = 0.2
-    gather_s: float = 0.05
-    settle_s: float = 0.15
+    press_speed_m_per_s: float = 0.03
+    settle_s: float = 0.4
     lift_window_s: float = 5.0
     stale_s: float = 0.25
     open_m: float = 0.0015

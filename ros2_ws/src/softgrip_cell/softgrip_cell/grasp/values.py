@@ -69,10 +69,11 @@ class Close:
 
 @dataclass(frozen=True)
 class Press:
-    """Keep a tension [N] in these slots and follow an object that gives way."""
+    """Keep a tension [N] in these slots and follow an object that gives way; 0 m/s = as fast as the driver may."""
 
     slots: tuple[int, ...]
     tensions_n: tuple[float, ...]
+    speed_m_per_s: float = 0.0
 
 
 @dataclass(frozen=True)

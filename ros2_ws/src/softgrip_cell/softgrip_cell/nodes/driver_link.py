@@ -7,12 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.action import ActionClient
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from softgrip_cell.grasp.values import Close, Command, Open, Press
 from softgrip_interfaces.action import MoveTendon
+from softgrip_nodekit import Caller, Doors
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
@@ -36,26 +35,25 @@ class DriverLink:
     that was stopped or replaced by this link is not called any more.
 
     Args:
-        node: owner of the clients.
+        doors: the manager's way to other nodes.
         slots: tendon names, in slot order.
         open_speed_m_per_s: for opening [m/s].
     """
 
-    def __init__(self, node: Node, slots: Sequence[str], open_speed_m_per_s: float) -> None:
-        self._node = node
+    def __init__(self, doors: Doors, slots: Sequence[str], open_speed_m_per_s: float) -> None:
         self._slots = tuple(slots)
         self._open_speed = open_speed_m_per_s
-        self._move = ActionClient(node, MoveTendon, "tendon/move")
-        self._release = node.create_client(Trigger, "tendon/release")
-        self._home = node.create_client(Trigger, "tendon/home")
+        self._move = doors.action_client(MoveTendon, "tendon/move")
+        self._release = doors.client(Trigger, "tendon/release")
+        self._home = doors.client(Trigger, "tendon/home")
         self._movements: list[_Movement] = []
 
     def missing(self) -> list[str]:
         """Return the driver's interfaces that nobody serves."""
         servers = {
-            "action tendon/move": self._move.server_is_ready(),
-            "service tendon/release": self._release.service_is_ready(),
-            "service tendon/home": self._home.service_is_ready(),
+            "action tendon/move": self._move.ready(),
+            "service tendon/release": self._release.ready(),
+            "service tendon/home": self._home.ready(),
         }
         return [name for name, ready in servers.items() if not ready]
 
@@ -111,21 +109,16 @@ class DriverLink:
             tension_limit=float(tension_limit_n),
         )
 
-        def on_goal(future: Any) -> None:
-            handle = future.result()
+        def on_goal(handle: Any) -> None:
             if not handle.accepted:
                 self._finish(movement, MoveTendon.Result.REFUSED, "tendon/move rejected the goal; see the driver's log")
             elif movement.stopped:
-                handle.cancel_goal_async()
+                handle.cancel()
             else:
                 movement.handle = handle
-                handle.get_result_async().add_done_callback(on_result)
+                handle.when_done(lambda result: self._finish(movement, result.outcome, result.reason))
 
-        def on_result(future: Any) -> None:
-            result = future.result().result
-            self._finish(movement, result.outcome, result.reason)
-
-        self._move.send_goal_async(goal).add_done_callback(on_goal)
+        self._move.send(goal, on_goal)
 
     def _finish(self, movement: _Movement, outcome: int, reason: str) -> None:
         if movement in self._movements:
@@ -138,7 +131,7 @@ class DriverLink:
         for movement in self._movements:
             movement.stopped = True
             if movement.handle is not None:
-                movement.handle.cancel_goal_async()
+                movement.handle.cancel()
         self._movements.clear()
 
     def release(self, answered: Answered) -> None:
@@ -152,12 +145,11 @@ class DriverLink:
         self._trigger(self._home, answered)
 
     @staticmethod
-    def _trigger(client: Any, answered: Answered) -> None:
-        def on_response(future: Any) -> None:
-            response = future.result()
+    def _trigger(client: Caller, answered: Answered) -> None:
+        def on_response(response: Any) -> None:
             if response is None:
                 answered(False, "the driver went away before it answered")
             else:
                 answered(bool(response.success), str(response.message))
 
-        client.call_async(Trigger.Request()).add_done_callback(on_response)
+        client.call(Trigger.Request(), on_response)

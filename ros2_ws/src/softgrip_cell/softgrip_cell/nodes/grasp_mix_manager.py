@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,7 +29,17 @@ from softgrip_cell.planner import Order
 from softgrip_cell.storage import Database, Journal, Library
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, TendonStatusArray
 from softgrip_interfaces.srv import PlanMix, SelectProduct
-from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, StartupError, run
+from softgrip_nodekit import (
+    LATCHED,
+    SENSOR,
+    Diagnostics,
+    Doors,
+    Health,
+    StartupError,
+    TracedDoors,
+    run,
+    to_time_message,
+)
 
 #: Who the audit names for what the node does by itself.
 WHO = "grasp_mix_manager"
@@ -47,8 +56,9 @@ Value = TypeVar("Value")
 class GraspMixManager(Node):
     """Knows products and fingers, plans, guides swaps, grasps, and says how it went."""
 
-    def __init__(self) -> None:
+    def __init__(self, doors: Callable[[Node], Doors] = TracedDoors) -> None:
         super().__init__(WHO)
+        self._doors = doors(self)
         values = PARAMETERS.declare(self)
         self._slots: list[str] = values["slots"]
         if values["thumb"] not in self._slots or len(set(self._slots)) != len(self._slots):
@@ -58,34 +68,34 @@ class GraspMixManager(Node):
         self._grasp_settings: GraspSettings = grasp_settings(values)
         self._status: TendonStatusArray | None = None
         self._status_at_s = self._state_at_s = float("-inf")
-        self._started_at_s = time.monotonic()
         self._friction: FrictionModel | None = None
         self._pairing = Pairing()
         self._published: Any = None
         self._to_release = False
-        self._diagnostics = Diagnostics(self)
+        self._diagnostics = Diagnostics(self, watch_nodes=True)
         self._database = self._start(lambda: Database(values["database_url"], exclusive=True))
         try:
             self._cell = self._start(lambda: self._open_cell(values))
         except StartupError:
             self._database.close()
             raise
+        self._started_at_s = self._doors.monotonic_s()
         # A swap that was cut off may have left fingers half closed, with nothing between them.
         self._to_release = self._cell.cut_off is not None and self._cell.cut_off.kind == "swap"
-        self._driver = DriverLink(self, self._slots, values["open_speed_m_per_s"])
-        self._grasp = GraspServer(self, self._cell, self._driver, self._grasp_settings)
+        self._driver = DriverLink(self._doors, self._slots, values["open_speed_m_per_s"])
+        self._grasp = GraspServer(self._doors, self._cell, self._driver, self._grasp_settings)
         self._swap = SwapServer(
-            self, self._cell, self._driver, check_settings(values), self._slots, values["swap_limit_s"]
+            self._doors, self._cell, self._driver, check_settings(values), self._slots, values["swap_limit_s"]
         )
         self._state_publisher = self.create_publisher(CellState, "cell/state", LATCHED)
-        self.create_service(SelectProduct, "cell/select_product", self._on_select)
-        self.create_service(PlanMix, "cell/plan_mix", self._on_plan)
-        self.create_subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
-        self.create_subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
-        self.create_subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
-        self.create_subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
-        self.create_subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
-        self.create_timer(0.1, self._watch)
+        self._doors.service(SelectProduct, "cell/select_product", self._on_select)
+        self._doors.service(PlanMix, "cell/plan_mix", self._on_plan)
+        self._doors.subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
+        self._doors.subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
+        self._doors.subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
+        self._doors.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self._doors.subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
+        self._doors.timer(0.1, self._watch)
         self._publish_state()
 
     def close(self) -> None:
@@ -96,15 +106,16 @@ class GraspMixManager(Node):
 
     def _open_cell(self, values: dict[str, Any]) -> Cell:
         """Fill an empty database from the shipped files and take up what the last run left."""
-        library = Library(self._database, time.time_ns)
+        library = Library(self._database, self._doors.now_ns)
         if library.is_empty():
             catalogue = read_catalogue(Path(values["catalogue"]) if values["catalogue"] else SHIPPED_CATALOGUE)
             passports = read_passports(Path(values["passports"]) if values["passports"] else SHIPPED_PASSPORTS)
             library.import_catalogue(catalogue, WHO)
             library.import_passports(passports.values(), WHO)
         limits = FrictionLimits(values["friction_age_limit_s"], values["friction_range_factor"])
-        journal = Journal(self._database, self._slots, time.time_ns)
-        clocks = Clocks(now_ns=time.time_ns, monotonic_s=time.monotonic)
+        self._doors.state(self._database.save, self._database.load)
+        journal = Journal(self._database, self._slots, self._doors.now_ns)
+        clocks = Clocks(now_ns=self._doors.now_ns, monotonic_s=self._doors.monotonic_s)
         cell = Cell(library, journal, self._slots.index(values["thumb"]), limits, clocks)
         cell.update_friction(self._friction_facts)
         return cell
@@ -119,7 +130,7 @@ class GraspMixManager(Node):
     def _friction_facts(self) -> Any:
         if self._friction is None:
             return None
-        return convert.friction_facts(self._friction, self.get_clock().now().nanoseconds)
+        return convert.friction_facts(self._friction, self._doors.now_ns())
 
     def _on_tendon_state(self, message: JointState) -> None:
         sample = convert.tendon_sample(message, self._slots)
@@ -129,7 +140,7 @@ class GraspMixManager(Node):
                 "tendons", Health.ERROR, f"tendon/state: expected numbers for {expected}, found others"
             )
             return
-        self._state_at_s = time.monotonic()
+        self._state_at_s = self._doors.monotonic_s()
         self._cell.observe_sample(sample, 2.0 * self._grasp_settings.open_m)
         self._grasp.observe_sample(sample)
         self._swap.observe_sample(sample)
@@ -149,7 +160,7 @@ class GraspMixManager(Node):
         self._swap.see(convert.seen_tips(message))
 
     def _on_tendon_status(self, message: TendonStatusArray) -> None:
-        self._status, self._status_at_s = message, time.monotonic()
+        self._status, self._status_at_s = message, self._doors.monotonic_s()
         faults = convert.tendon_faults(message, self._slots)
         self._grasp.observe_faults(faults, convert.nanoseconds(message.header.stamp))
         self._swap.observe_faults(faults)
@@ -159,7 +170,7 @@ class GraspMixManager(Node):
         self._friction = message
 
     def _update_driver(self) -> None:
-        fresh = time.monotonic() - min(self._status_at_s, self._state_at_s) < SILENCE_S
+        fresh = self._doors.monotonic_s() - min(self._status_at_s, self._state_at_s) < SILENCE_S
         facts: DriverFacts = convert.driver_facts(self._status, self._slots, fresh=fresh)
         self._cell.update_driver(facts)
         self._publish_state()
@@ -171,9 +182,9 @@ class GraspMixManager(Node):
             self._driver.release(self._released_after_restart)
         self._swap.watch_clock()
         self._update_driver()
-        if self._status is None and time.monotonic() - self._started_at_s < START_S:
+        if self._status is None and self._doors.monotonic_s() - self._started_at_s < START_S:
             self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
-        elif time.monotonic() - self._state_at_s > SILENCE_S:
+        elif self._doors.monotonic_s() - self._state_at_s > SILENCE_S:
             self._grasp.abort(f"expected tendon/state, found none for {SILENCE_S:g} s")
             self._diagnostics.set("tendons", Health.ERROR, "no tendon/state; start or check tendon_driver")
         else:
@@ -232,7 +243,7 @@ class GraspMixManager(Node):
         compared = (self._cell.mode, self._cell.slots(), {k: v for k, v in numbers.items() if k != "availability"})
         if compared != self._published:
             self._published = compared
-            stamp = self.get_clock().now().to_msg()
+            stamp = to_time_message(self._doors.now_ns())
             self._state_publisher.publish(convert.cell_state(stamp, int(self._cell.mode), self._cell.slots(), numbers))
 
 

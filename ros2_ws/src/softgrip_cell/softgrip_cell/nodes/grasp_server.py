@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.node import Node
+from rclpy.action import CancelResponse
 from rclpy.task import Future
 
 from softgrip_cell.errors import CellError
@@ -16,9 +15,9 @@ from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Close, GraspTask, Outcome, Phase, Step, Verdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.nodes.later import later
 from softgrip_cell.observation import Pair, TendonFault, TendonSample
 from softgrip_interfaces.action import Grasp, MoveTendon
+from softgrip_nodekit import Doors
 
 
 class GraspHost(Protocol):
@@ -37,8 +36,8 @@ class GraspHost(Protocol):
 class GraspServer:
     """One grasp at a time, decided in the subscription callbacks that feed it."""
 
-    def __init__(self, node: Node, host: GraspHost, driver: DriverLink, settings: GraspSettings) -> None:
-        self._node = node
+    def __init__(self, doors: Doors, host: GraspHost, driver: DriverLink, settings: GraspSettings) -> None:
+        self._doors = doors
         self._host = host
         self._driver = driver
         self._settings = settings
@@ -47,9 +46,7 @@ class GraspServer:
         self._done: Future | None = None
         self._sample: TendonSample | None = None
         self._step = Step(Phase.DONE)
-        self._server = ActionServer(
-            node, Grasp, "cell/grasp", execute_callback=self._execute, cancel_callback=self._cancel
-        )
+        doors.action_server(Grasp, "cell/grasp", self._execute, self._cancel)
 
     @property
     def phase(self) -> Phase | None:
@@ -93,7 +90,7 @@ class GraspServer:
         self._done = Future()
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
-        verdict: Verdict = await self._done
+        verdict: Verdict = await self._doors.resumed("grasp", self._done)
         duration_s = self._host.now_s() - started_s
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
@@ -103,11 +100,11 @@ class GraspServer:
             goal_handle.succeed()
         result = convert.grasp_result(verdict, self._sample, duration_s)
         # After the result has gone out: writing to disk must not delay it.
-        later(self._node, self._host.end_grasp, task, verdict, duration_s)
+        self._doors.later(self._host.end_grasp, task, verdict, duration_s)
         return result
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        later(self._node, self.abort, "cancelled by the client; the fingers stay where they are")
+        self._doors.later(self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
     def _do(self, step: Step) -> None:

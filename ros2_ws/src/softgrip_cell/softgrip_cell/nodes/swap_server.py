@@ -6,21 +6,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.node import Node
+from rclpy.action import CancelResponse
 from rclpy.task import Future
 
 from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.nodes.later import later
 from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import Slot
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep, Turn
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
+from softgrip_nodekit import Doors
 
 #: A tendon with less tension than this may be unhooked [N].
 SLACK_N: Final = 2.0
@@ -64,14 +63,14 @@ class SwapServer:
 
     def __init__(
         self,
-        node: Node,
+        doors: Doors,
         host: SwapHost,
         driver: DriverLink,
         settings: CheckSettings,
         slots: Sequence[str],
         limit_s: float,
     ) -> None:
-        self._node = node
+        self._doors = doors
         self._host = host
         self._driver = driver
         self._settings = settings
@@ -84,10 +83,8 @@ class SwapServer:
         self._closing: EmptyClosing | None = None
         self._started_s = 0.0
         self._tension_n: tuple[float, ...] = ()
-        self._server = ActionServer(
-            node, SwapFingers, "cell/swap", execute_callback=self._execute, cancel_callback=self._cancel
-        )
-        node.create_service(ConfirmStep, "cell/confirm_step", self._confirm)
+        doors.action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
+        doors.service(ConfirmStep, "cell/confirm_step", self._confirm)
 
     @property
     def active(self) -> bool:
@@ -218,7 +215,7 @@ class SwapServer:
         """Wait for whoever resumes or interrupts the swap."""
         if self._waiting is None:
             self._waiting = Future()
-        result = await self._waiting
+        result = await self._doors.resumed("swap", self._waiting)
         self._waiting = None
         if self._ended is not None:
             raise self._ended
@@ -258,7 +255,7 @@ class SwapServer:
         return response
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        later(self._node, self._interrupt, "CANCELLED", "cancelled by the client")
+        self._doors.later(self._interrupt, "CANCELLED", "cancelled by the client")
         return CancelResponse.ACCEPT
 
 

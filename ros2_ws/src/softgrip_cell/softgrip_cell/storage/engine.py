@@ -11,12 +11,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final, Self
 
-from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select, text
+from sqlalchemy import Connection, Engine, create_engine, delete, event, insert, inspect, select, text
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from softgrip_cell.errors import OccupiedError, StorageError
 from softgrip_cell.storage.schema import AUDIT, META, METADATA, SCHEMA_VERSION
+
+#: Tables that nothing is decided by.
+_NOT_REMEMBERED: Final = {AUDIT.name, META.name}
 
 #: Where the database lives unless told otherwise.
 SHIPPED_URL: Final = "sqlite:///~/.local/state/softgrip/cell.db"
@@ -89,6 +92,26 @@ class Database:
         connection.execute(
             insert(AUDIT).values(at_ns=at_ns, who=who, action=action, subject=subject, detail=json.dumps(detail))
         )
+
+    def save(self) -> bytes:
+        """Return everything that the cell decides by, as JSON of tables."""
+        with self.read() as connection:
+            tables = {
+                table.name: [dict(row) for row in connection.execute(select(table)).mappings()]
+                for table in METADATA.sorted_tables
+                if table.name not in _NOT_REMEMBERED
+            }
+        return json.dumps(tables).encode()
+
+    def load(self, saved: bytes) -> None:
+        """Put back what `save` returned; what is there now is gone."""
+        rows = json.loads(saved)
+        with self.write() as connection:
+            for table in METADATA.sorted_tables:
+                if table.name not in _NOT_REMEMBERED:
+                    connection.execute(delete(table))
+                    if rows[table.name]:
+                        connection.execute(insert(table), rows[table.name])
 
     def _make_engine(self) -> Engine:
         if self.url.get_backend_name() != "sqlite":
