@@ -13,6 +13,9 @@ from softgrip_driver.dynamixel.bringup import Servo
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
+from softgrip_driver.stage.backend import StageBackend
+from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import GripperController, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import Spool, TorqueModel
@@ -45,13 +48,34 @@ LIMIT_PARAMETERS: dict[str, str] = {
 }
 
 
+#: what may pull the tendons: servos on a bus, or one tendon on a stage
+BACKENDS = ("dynamixel", *STAGES)
+#: [Hz] that a stage can be asked and told: GRBL's documentation asks for 5 and allows 10; the stand takes some 10 ms an
+#: order
+STAGE_RATES = {"grbl": 10.0, "mark10": 20.0}
+#: a stage is this much faster than the fastest setpoint, so that it keeps up
+STAGE_HASTE = 1.2
+
+
+@dataclass(frozen=True)
+class GaugeSettings:
+    """The force gauge in a stage's tendon: kind (of GAUGES), port, and how to read a streaming one."""
+
+    kind: str
+    port: str
+    stream: StreamSettings
+
+
 @dataclass(frozen=True)
 class DriverConfiguration:
     """Everything the tendon driver needs to know.
 
     Attributes:
-        port, baud, reply_margin: of the bus.
-        servos: one for each tendon.
+        kind: one of BACKENDS.
+        port, baud, reply_margin: of the bus, or of the stage, whose baud rate is fixed.
+        servos: one for each tendon; none with a stage.
+        spools: by tendon.
+        gauge: in the tendon of a stage; None with servos.
         limits: by tendon.
         grippers: by tendon, the gripper it belongs to.
         policies: of the whole gripper.
@@ -61,10 +85,13 @@ class DriverConfiguration:
         zero_file: None keeps no zeros.
     """
 
+    kind: str
     port: str
     baud: int
     reply_margin: float
     servos: tuple[Servo, ...]
+    spools: Mapping[str, Spool]
+    gauge: GaugeSettings | None
     limits: Mapping[str, TendonLimits]
     grippers: Mapping[str, str]
     policies: Policies
@@ -75,10 +102,15 @@ class DriverConfiguration:
 
     def controller(self) -> GripperController:
         """Return the controller, knowing nothing yet."""
-        return GripperController(self.limits, self.policies, self.grippers)
+        return GripperController(self.limits, self.policies, self.grippers, 1.0 / self.loop_rate)
 
-    def backend(self) -> DynamixelBackend:
+    def backend(self) -> TendonBackend:
         """Return the backend, not connected."""
+        if self.gauge is not None:
+            ((tendon, limits),) = self.limits.items()
+            stage = make_stage(self.kind, self.port, self.reply_margin)
+            gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
+            return StageBackend(tendon, stage, gauge, STAGE_HASTE * limits.speed)
         bus = Bus(self.port, self.baud, self.reply_margin)
         return DynamixelBackend(bus, self.servos, self.bus_watchdog, write_eeprom=self.write_eeprom)
 
@@ -97,15 +129,22 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         raise ConfigurationError(f"parameter tendons: expected names that differ, found {tendons}")
     if values["baud"] not in BAUD_CODES:
         raise ConfigurationError(f"parameter baud: expected one of {list(BAUD_CODES)}, found {values['baud']}")
-    ids = _per_tendon(values, "servo_ids", tendons)
-    if len(set(ids)) != len(ids):
-        raise ConfigurationError(f"parameter servo_ids: expected each ID once, found {ids}")
     limits = _limits(values)
+    on_bus = values["backend"] == "dynamixel"
+    spools = [
+        Spool(radius, direction)
+        for radius, direction in zip(
+            _per_tendon(values, "spool_radii_m", tendons), _per_tendon(values, "directions", tendons), strict=True
+        )
+    ]
     return DriverConfiguration(
+        kind=values["backend"],
         port=values["port"],
         baud=values["baud"],
         reply_margin=values["reply_margin_s"],
-        servos=tuple(_servo(values, tendons, index, limits) for index in range(len(tendons))),
+        servos=_servos(values, tendons, spools, limits) if on_bus else (),
+        spools=dict(zip(tendons, spools, strict=True)),
+        gauge=None if on_bus else _gauge(values, tendons),
         limits=dict.fromkeys(tendons, limits),
         grippers=dict(zip(tendons, _per_tendon(values, "grippers", tendons), strict=True)),
         policies=Policies(
@@ -125,7 +164,34 @@ def _limits(values: Mapping[str, Any]) -> TendonLimits:
     return TendonLimits(**{field.name: values[LIMIT_PARAMETERS[field.name]] for field in fields(TendonLimits)})
 
 
-def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, limits: TendonLimits) -> Servo:
+def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> GaugeSettings:
+    """Return the gauge of a stage, and check what a stage asks of the rest."""
+    kind, rate = values["backend"], values["loop_rate"]
+    if len(tendons) != 1:
+        raise ConfigurationError(f"parameter tendons: expected one with backend '{kind}', found {list(tendons)}")
+    if not values["gauge_port"] or values["gauge"] not in GAUGES:
+        raise ConfigurationError(
+            f"parameters gauge, gauge_port: expected a gauge of {list(GAUGES)} and its port with backend '{kind}', "
+            f"found '{values['gauge']}' and '{values['gauge_port']}'; without one nobody knows the tension"
+        )
+    if rate > STAGE_RATES[kind]:
+        raise ConfigurationError(
+            f"parameter loop_rate: expected at most {STAGE_RATES[kind]:g} Hz with backend '{kind}', found {rate:g}"
+        )
+    stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
+    return GaugeSettings(values["gauge"], values["gauge_port"], stream)
+
+
+def _servos(
+    values: Mapping[str, Any], tendons: Sequence[str], spools: Sequence[Spool], limits: TendonLimits
+) -> tuple[Servo, ...]:
+    ids = _per_tendon(values, "servo_ids", tendons)
+    if len(set(ids)) != len(ids):
+        raise ConfigurationError(f"parameter servo_ids: expected each ID once, found {ids}")
+    return tuple(_servo(values, tendons, index, spools[index], limits) for index in range(len(tendons)))
+
+
+def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, spool: Spool, limits: TendonLimits) -> Servo:
     def own(name: str) -> Any:
         return _per_tendon(values, name, tendons)[index]
 
@@ -144,7 +210,7 @@ def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, limits
         tendons[index],
         own("servo_ids"),
         model,
-        Spool(own("spool_radii_m"), own("directions")),
+        spool,
         torque,
         OperatingMode(values["operating_mode"]),
         limits.tension_hard,

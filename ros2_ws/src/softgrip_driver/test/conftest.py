@@ -8,13 +8,14 @@ import os
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import Servo
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
@@ -22,8 +23,9 @@ from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.faults import BUS_FAULTS
-from softgrip_emulator.plant.cell import CellPlant
+from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.pty import PtyPort
 from softgrip_model.profile import load_directory
@@ -35,6 +37,8 @@ BAUD = 1_000_000
 #: faults` sets the variable and measures with the driver's real limits.
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
 LIMITS = TendonLimits(no_reply=0.05 if QUIET else 0.3)
+#: for a bench in a time of its own
+EXACT = TendonLimits()
 POLICIES = Policies()
 REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
 
@@ -42,9 +46,14 @@ REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
 class Bench:
     """Emulator and driver with the serial wire between them."""
 
-    def __init__(self, folder: Path, *, rate=200.0, limits=LIMITS, policies=POLICIES, seed=3, history=4096) -> None:
+    def __init__(
+        self, folder: Path, *, rate=200.0, limits=LIMITS, policies=POLICIES, seed=3, history=4096, grippers=None,
+        model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION,
+    ) -> None:  # fmt: skip
         self.clock = CellClock()
-        self.plant = CellPlant(load_directory(PROFILES), seed=seed)
+        chain = [ServoPlace(name, number, model) for number, name in enumerate(TENDONS, start=1)]
+        supply = Supply(load_model(model).motor.nominal_voltage_v)
+        self.plant = CellPlant(load_directory(PROFILES), seed=seed, chain=chain, supply=supply)
         self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
         self.bus_wire = FaultyWire(
             DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up), seed
@@ -52,12 +61,12 @@ class Bench:
         self.bus_port = PtyPort(folder / "servos", self.bus_wire, clock=self.clock)
         self._stop = threading.Event()
         self._living = threading.Thread(target=self._live, daemon=True)
-        model = MODELS["XL330-M288"]
-        torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
-        self.servos = [Servo(name, i, model, Spool(0.010, 1), torque) for i, name in enumerate(TENDONS, start=1)]
+        table = MODELS[model]
+        torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
+        self.servos = [Servo(name, i, table, Spool(0.010, 1), torque, mode) for i, name in enumerate(TENDONS, start=1)]
         self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=REPLY_MARGIN)
         self.backend = DynamixelBackend(self.bus, self.servos, watchdog=WATCHDOG)
-        self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies)
+        self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies, grippers, 1.0 / rate)
         self.loop = BusLoop(self.backend, self.controller, rate, history)
         self.identities = ()
         self.undo = []
@@ -127,11 +136,124 @@ class Bench:
 @pytest.fixture
 def bench(tmp_path, request):
     """An opened bench; `@pytest.mark.parametrize("bench", [{...}], indirect=True)` changes its settings."""
-    one = Bench(tmp_path, **getattr(request, "param", {}))
+    settings = getattr(request, "param", None)
+    if settings is None and "bench_settings" in request.fixturenames:
+        settings = request.getfixturevalue("bench_settings")
+    one = Bench(tmp_path, **(settings or {}))
     try:
         yield one.open()
     finally:
         one.close()
+
+
+class LoopbackSerial:
+    """Stands where pyserial's Serial does; the servos answer at once, in a time that only `VirtualBench` moves."""
+
+    def __init__(self, chain, now, baud):
+        self._chain, self._now, self._baud = chain, now, baud
+        self.fd, self._writer = os.pipe()
+        os.set_blocking(self.fd, False)
+
+    def write(self, data):
+        for chunk in self._chain.exchange(bytes(data), self._now(), self._baud):
+            os.write(self._writer, chunk.data)
+        return len(data)
+
+    def read(self, size):
+        try:
+            return os.read(self.fd, size)
+        except BlockingIOError:
+            return b""
+
+    def reset_input_buffer(self):
+        while self.read(4096):
+            pass
+
+    def close(self):
+        os.close(self.fd)
+        os.close(self._writer)
+
+
+class VirtualBench:
+    """The driver's whole control cycle on emulated servos and fingers in a time of its own: no thread, no load, exact.
+
+    Args:
+        patch: monkeypatch, for the clock of the modules that read one.
+        others: settings of `Bench`.
+    """
+
+    PERIOD = 0.005
+    CLOCKED = ("dynamixel.backend", "dynamixel.port", "tendon.loop")
+
+    def __init__(self, patch, *, limits=EXACT, policies=POLICIES, seed=3, grippers=None,
+                 model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION):  # fmt: skip
+        self.now = 100.0
+        for module in self.CLOCKED:
+            patch.setattr(f"softgrip_driver.{module}.time", SimpleNamespace(monotonic=lambda: self.now))
+        chain = [ServoPlace(name, number, model) for number, name in enumerate(TENDONS, start=1)]
+        supply = Supply(load_model(model).motor.nominal_voltage_v)
+        self.plant = CellPlant(load_directory(PROFILES), seed=seed, chain=chain, supply=supply)
+        self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
+        self.plant.now_s = self.now
+        table = MODELS[model]
+        torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
+        servos = [
+            Servo(name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard)
+            for i, name in enumerate(TENDONS, start=1)
+        ]
+        self.bus = Bus("virtual", BAUD)
+        self.serial = LoopbackSerial(
+            DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up), lambda: self.now, BAUD
+        )
+        patch.setattr(self.bus.port, "open", self._open)
+        self.backend = DynamixelBackend(self.bus, servos)
+        self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies, grippers, self.PERIOD)
+        self.loop = BusLoop(self.backend, self.controller, 1.0 / self.PERIOD)
+        self.backend.connect()
+        self.pass_time(0.05)
+        self.loop._power_all(self.controller, on=True)
+        slack = self.plant.bank.slack_m - self.plant.wound_m()
+        for index, name in enumerate(TENDONS):
+            self.backend.mark_session(name, index + 1)
+            self.drive(name).set_zero(self.drive(name).position + float(slack[index]), index + 1)
+
+    def _open(self):
+        self.bus.port.ser, self.bus.port.is_open, self.bus.port.tx_time_per_byte = self.serial, True, 0.01
+
+    def drive(self, name):
+        return self.controller.drives[name]
+
+    def pass_time(self, seconds, watch=lambda: None):
+        """Live for a while; ``watch`` is called after each cycle."""
+        for _ in range(round(seconds / self.PERIOD)):
+            self.now += self.PERIOD
+            self.plant.advance_to(self.now)
+            self.loop._cycle(self.now)
+            watch()
+
+    def run(self, ticket, deadline=10.0, watch=lambda: None):
+        """Live until a request has ended; (outcome, reason)."""
+        end = self.now + deadline
+        while self.controller.result(ticket)[0] is None and self.now < end:
+            self.pass_time(self.PERIOD, watch)
+        return self.controller.result(ticket)
+
+    def move(self, targets, speed=0.02, tension_limit=0.0, tendons=(), mode=MoveMode.LENGTH):
+        return self.controller.move(MoveRequest(list(tendons), mode, list(targets), speed, tension_limit), self.now)
+
+
+@pytest.fixture
+def virtual(monkeypatch):
+    """Make a VirtualBench from settings."""
+    made = []
+
+    def make(**settings):
+        made.append(VirtualBench(monkeypatch, **settings))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.serial.close()
 
 
 @pytest.fixture

@@ -1,50 +1,126 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One contract over every tendon backend, each against its emulated device."""
+"""One contract over every tendon backend, each against its emulated device: servo models and modes, stand, stage."""
 
 import time
 
 import pytest
 
-from softgrip_driver.rig.build import make_gauge, make_stage
+from softgrip_driver.dynamixel.registers import OperatingMode
+from softgrip_driver.errors import DriverError, PortLostError
+from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
 from softgrip_emulator.rig import EmulatedRig
+from softgrip_emulator.rig.spring import SpringPlant
+from softgrip_emulator.rig.truth import RigTruth
+
+CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
+SERVOS = [
+    ("XL330-M288", CURRENT), ("XC330-M288", CURRENT), ("XM430-W350", CURRENT),
+    ("XL330-M288", EXTENDED), ("XM430-W350", EXTENDED),
+]  # fmt: skip
+STAGES = [("mark10", "gcl2"), ("grbl", "newtons")]
+MOVED = 0.004
 
 
-class Dynamixel:
-    """The servo of the bench, without its loop."""
+class ServoDevice:
+    """The servos of the bench, without its loop."""
 
-    tolerance, moved = 1e-3, 0.004
+    #: [m] the servo's own control leaves a little under the fingers' load
+    tolerance = 1e-3
 
-    def __init__(self, request, _):
+    def __init__(self, request, model, mode):
         self.bench = request.getfixturevalue("bench")
         self.bench.loop.stop()
         self.backend, self.name = self.bench.backend, "index"
         self.backend.disconnect()
+        self.limits_tension = mode is CURRENT
+        #: [N] above what the gears' friction is worth where it matters, and the share that it and the torque may be off
+        self.limit = 3.0 if mode is EXTENDED else 15.0 if model.startswith("XM430") else 6.0
+        self.tension_error = 0.5
+
+    def tension(self):
+        return float(self.bench.plant.bank.tension_n[0])
+
+    def pulls(self):
+        return bool(self.bench.plant.servos[0].registers.get("torque_enable"))
+
+    def fall_silent(self):
+        self.bench.cause("bus_dead")
+
+    def unplug(self):
+        self.bench.cause("bus_unplugged")
+
+    def recover(self):
+        self.bench.clear()
 
     def close(self):
         pass
 
 
-class Stand:
-    """The test stand of the emulated rig, with its gauge."""
+class StageDevice:
+    """A stage of the emulated rig on a springy tendon, with its gauge."""
 
-    tolerance, moved = 5e-4, 0.004
+    tolerance = 5e-4
+    limits_tension = True
+    limit = 6.0
+    #: it goes on until the gauge was read again
+    tension_error = 0.5
 
-    def __init__(self, _, tmp_path):
-        self.rig = EmulatedRig(1, 1.0)
+    def __init__(self, tmp_path, stage, gauge):
+        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=SpringPlant(RigTruth.from_seed(1)))
         self.rig.open_ports(tmp_path)
-        stage, gauge = make_stage("mark10", str(tmp_path / "stand")), make_gauge("gcl2", str(tmp_path / "gauge"))
-        self.backend, self.name = StageBackend("pull", stage, gauge, 0.005), "pull"
+        stream = StreamSettings(line=gauge)
+        self.backend, self.name = (
+            StageBackend(
+                "pull",
+                make_stage(stage, str(tmp_path / "stand")),
+                make_gauge("gcl2" if gauge == "gcl2" else "stream", str(tmp_path / "gauge"), stream),
+                0.005,
+            ),
+            "pull",
+        )
+
+    def tension(self):
+        return self.rig.plant.force
+
+    def pulls(self):
+        self.rig.plant.advance(self.rig.clock.now_s())
+        return self.rig.plant.velocity != 0.0
+
+    def fall_silent(self):
+        self.rig.inject("stand_silent")
+
+    def unplug(self):
+        self.rig.inject("unplugged", port="stand")
+
+    def recover(self):
+        self.rig.clear()
 
     def close(self):
         self.rig.close()
 
 
-@pytest.fixture(params=[Dynamixel, Stand], ids=lambda kind: kind.__name__.lower())
-def device(request, tmp_path):
-    one = request.param(request, tmp_path)
+def pytest_generate_tests(metafunc):
+    if "device" not in metafunc.fixturenames:
+        return
+    kinds = [("servo", *row) for row in SERVOS] + [("stage", *row) for row in STAGES]
+    benches = [{"model": kind[1], "mode": kind[2]} if kind[0] == "servo" else {} for kind in kinds]
+    names = [f"{model} mode {mode}" if kind == "servo" else model for kind, model, mode in kinds]
+    # The bench opens its port only when a servo device asks for it.
+    metafunc.parametrize(("kind", "bench_settings"), list(zip(kinds, benches, strict=True)), ids=names)
+
+
+@pytest.fixture
+def bench_settings():
+    return {}
+
+
+@pytest.fixture
+def device(request, kind, bench_settings, tmp_path):
+    one = ServoDevice(request, *kind[1:]) if kind[0] == "servo" else StageDevice(tmp_path, *kind[1:])
     yield one
+    one.recover()
     one.backend.disconnect()
     one.close()
 
@@ -60,6 +136,29 @@ def wait(device, condition, deadline=8.0):
     return pytest.fail(f"not within {deadline} s; last reading {reading}")
 
 
+def drive_to(device, goal, tension_limit, done, deadline=8.0, begin=None):
+    """Send a setpoint each cycle, moving from ``begin`` at 15 mm/s, until something holds; the last reading."""
+    began = time.monotonic()
+    end = began + deadline
+    reading = None
+    while (now := time.monotonic()) < end:
+        setpoint = goal if begin is None else min(goal, begin + 0.015 * (now - began))
+        device.backend.write({device.name: Setpoint(setpoint, tension_limit)})
+        reading = device.backend.read().get(device.name, reading)
+        if reading is not None and done(reading):
+            return reading
+    return reading
+
+
+def start(device):
+    """Connect, power, and return the position."""
+    device.backend.connect()
+    position = wait(device, lambda now: now.powered is False).position
+    device.backend.power(device.name, True)
+    wait(device, lambda now: now.powered)
+    return position
+
+
 def test_it_connects_says_who_it_is_and_holds_nothing(device):
     names = [identity.tendon for identity in device.backend.connect()]
     assert device.name in names
@@ -67,23 +166,74 @@ def test_it_connects_says_who_it_is_and_holds_nothing(device):
     reading = wait(device, lambda now: now.powered is not None)
     assert reading.powered is False
     assert reading.tension >= 0.0
+    assert not device.pulls()
 
 
 def test_it_moves_only_with_power_and_to_its_setpoint(device):
     device.backend.connect()
-    start = wait(device, lambda now: now.powered is False).position
-    goal = start + device.moved
+    begin = wait(device, lambda now: now.powered is False).position
+    goal = begin + MOVED
     device.backend.write({device.name: Setpoint(goal, 20.0)})
-    assert wait(device, lambda _: True).position == pytest.approx(start, abs=device.tolerance)
+    assert wait(device, lambda _: True).position == pytest.approx(begin, abs=device.tolerance)
     device.backend.power(device.name, True)
     wait(device, lambda now: now.powered)
-    end = time.monotonic() + 8.0
-    while time.monotonic() < end:
-        device.backend.write({device.name: Setpoint(goal, 20.0)})
-        reading = device.backend.read().get(device.name)
-        if reading is not None and abs(reading.position - goal) < device.tolerance:
-            break
+    reading = drive_to(device, goal, 20.0, lambda now: abs(now.position - goal) < device.tolerance)
     assert reading.position == pytest.approx(goal, abs=device.tolerance)
+
+
+def test_it_keeps_a_tension_limit_by_itself_where_the_device_can(device):
+    begin = start(device)
+    limit = device.limit
+    until = time.monotonic() + 1.7
+    drive_to(device, begin + 0.02, limit, lambda _: time.monotonic() > until, begin=begin)
+    if device.limits_tension:
+        assert 0.5 * limit < device.tension() < (1.0 + device.tension_error) * limit
+    else:
+        # Extended position: the servo pulls as hard as it can; the controller's own limit is the only one.
+        assert device.tension() > (1.0 + device.tension_error) * limit
+
+
+def test_letting_go_ends_the_pull(device):
+    begin = start(device)
+    drive_to(device, begin + 0.02, 20.0, lambda now: now.position > begin + 0.001)
+    device.backend.power(device.name, False)
+    assert wait(device, lambda now: now.powered is False)
+    assert not device.pulls()
+
+
+def test_disconnecting_leaves_it_safe(device):
+    begin = start(device)
+    drive_to(device, begin + 0.02, 20.0, lambda now: now.position > begin + 0.001)
+    device.backend.disconnect()
+    deadline = time.monotonic() + 3.0
+    while device.pulls():
+        assert time.monotonic() < deadline
+
+
+def test_silence_gives_no_reading_is_counted_and_ends(device):
+    device.backend.connect()
+    wait(device, lambda _: True)
+    lost = device.backend.counters.lost
+    device.fall_silent()
+    end = time.monotonic() + 8.0
+    while device.backend.read():
+        assert time.monotonic() < end, "a silent device gave readings"
+    assert device.backend.counters.lost > lost
+    device.recover()
+    assert wait(device, lambda _: True)
+
+
+def test_an_unplugged_port_is_told_and_taken_up_again(device):
+    device.backend.connect()
+    wait(device, lambda _: True)
+    device.unplug()
+    with pytest.raises(PortLostError, match="plug"):
+        wait(device, lambda _: False, 3.0)
+    assert not device.backend.reconnect()
+    device.recover()
+    assert device.backend.reconnect()
+    assert device.backend.counters.reopened == 1
+    assert wait(device, lambda _: True)
 
 
 def test_a_session_mark_lasts_as_long_as_the_device_knows_its_turns(device):
@@ -103,3 +253,11 @@ def test_letting_go_and_closing_may_be_repeated(device):
     device.backend.disconnect()
     device.backend.disconnect()
     assert [identity.tendon for identity in device.backend.connect()]
+
+
+def test_connecting_to_nothing_says_where_and_what_to_check(device):
+    device.unplug()
+    with pytest.raises(DriverError, match=r"port .*(servos|stand)"):
+        device.backend.connect()
+    device.recover()
+    device.backend.connect()

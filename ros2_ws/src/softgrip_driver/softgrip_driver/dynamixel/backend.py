@@ -13,7 +13,7 @@ from softgrip_driver.dynamixel.bringup import Servo, identify, set_up
 from softgrip_driver.dynamixel.bus import Bus, Reply
 from softgrip_driver.dynamixel.registers import HardwareError, Item
 from softgrip_driver.errors import CorruptReplyError, DeviceNotFoundError, DriverError, NoReplyError, PortLostError
-from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 
 #: names of the fault table for the bits of the hardware error status
 _FAULT_NAMES = {
@@ -103,6 +103,11 @@ class DynamixelBackend:
     def tendons(self) -> Sequence[str]:
         """Names of the tendons, in order."""
         return tuple(self._live)
+
+    @property
+    def counters(self) -> Counters:
+        """What the bus has seen."""
+        return self.bus.counters
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
@@ -282,7 +287,7 @@ class DynamixelBackend:
         return DriveReading(
             time.monotonic(), position, velocity, max(0.0, pull), stddev, pull, current,
             live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
-            live.powered, live.mark, faults, live.hardware_error,
+            live.powered, live.mark, faults, "", live.hardware_error,
         )  # fmt: skip
 
     def _missed(self, live: _Live, now: float) -> None:

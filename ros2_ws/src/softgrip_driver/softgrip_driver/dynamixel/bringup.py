@@ -68,10 +68,17 @@ class Servo:
         """Return the current [A, + pulls] of a reading."""
         return self.spool.direction * units * self.model.ampere_per_unit
 
+    @property
+    def current_limit_units(self) -> int:
+        """The servo's own current limit: a tenth above the hard tension limit, within the model's range."""
+        return min(self.model.current_limit_units, self._units(1.1 * self.tension_hard))
+
     def current_units(self, tension: float) -> int:
-        """Return the goal current for a tension limit [N], within the model's range."""
-        ampere = self.torque.current(tension, self.spool.radius)
-        return max(1, min(self.model.current_limit_units, round(ampere / self.model.ampere_per_unit)))
+        """Return the goal current for a tension limit [N]; one above the current limit would be refused."""
+        return max(1, min(self.current_limit_units, self._units(tension)))
+
+    def _units(self, tension: float) -> int:
+        return round(self.torque.current(tension, self.spool.radius) / self.model.ampere_per_unit)
 
 
 @dataclass(frozen=True)
@@ -129,14 +136,13 @@ def _who_answers(bus: Bus) -> str:
 
 def wanted_eeprom(servo: Servo) -> dict[Item, int]:
     """Return the persistent settings a tendon drive needs."""
-    hard_limit = min(servo.model.current_limit_units, servo.current_units(1.1 * servo.tension_hard))
     return {
         reg.RETURN_DELAY: 0,
         reg.DRIVE_MODE: 0,
         reg.OPERATING_MODE: int(servo.mode),
         reg.SECONDARY_ID: 255,
         reg.STARTUP_CONFIGURATION: 0,
-        reg.CURRENT_LIMIT: hard_limit,
+        reg.CURRENT_LIMIT: servo.current_limit_units,
     }
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 
@@ -18,6 +18,7 @@ from softgrip_driver.dynamixel.port import PORT_ERRORS, BusPort
 from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, Item
 from softgrip_driver.dynamixel.stuffing import PacketHandler
 from softgrip_driver.errors import CorruptReplyError, NoReplyError, PortLostError, RefusedError
+from softgrip_driver.tendon.backend import Counters
 
 BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REBOOT, _CLEAR = 0x01, 0x02, 0x03, 0x08, 0x10
@@ -42,18 +43,6 @@ class Reply:
     alert: bool
     code: int
     data: bytes
-
-
-@dataclass
-class Counters:
-    """What the bus has seen since it was made."""
-
-    transactions: int = 0
-    lost: int = 0
-    corrupt: int = 0
-    refused: int = 0
-    reopened: int = 0
-    lost_by_id: dict[int, int] = field(default_factory=dict)
 
 
 class Bus:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""tendon_driver: the tendon servos as a lifecycle node. Configured = connected and identified, active = may move."""
+"""tendon_driver: the tendon drives as a lifecycle node. Configured = connected and identified, active = may move."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from softgrip_driver.configuration import DriverConfiguration, checked_configuration
-from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.errors import ConfigurationError, DriverError
 from softgrip_driver.nodes import convert
 from softgrip_driver.nodes.tendon_health import report_health
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
+from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Ticket
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
 from softgrip_driver.tendon.motions import Outcome
@@ -60,7 +60,7 @@ class TendonDriver(LifecycleNode):
         self.startup_problem = ""
         self._status_period = 1.0 / values["status_rate"]
         self._home_on_activate: bool = values["home_on_activate"]
-        self._backend: DynamixelBackend | None = None
+        self._backend: TendonBackend | None = None
         self._loop: BusLoop | None = None
         self._keeper: ZeroKeeper | None = None
         self._publishing: threading.Thread | None = None
@@ -94,7 +94,7 @@ class TendonDriver(LifecycleNode):
     # --- lifecycle -------------------------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the port, identify the servos, check and set them up; torque stays off."""
+        """Open the port, identify the devices, check and set them up; torque stays off."""
         del state
         configuration = self._configuration
         backend = configuration.backend()
@@ -109,11 +109,10 @@ class TendonDriver(LifecycleNode):
         loop = BusLoop(backend, configuration.controller(), configuration.loop_rate)
         loop.start()
         self._backend, self._loop = backend, loop
-        spools = {servo.tendon: servo.spool for servo in configuration.servos}
-        self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, spools)
+        self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
         if loop.wait_for(lambda seen: all(drive.time > 0.0 for drive in seen.drives), FIRST_READING) is None:
             self._disconnect()
-            return self._failed("a servo that answered at first gives no readings; check cable and supply")
+            return self._failed("a device that answered at first gives no readings; check cable and supply")
         self._publishing = threading.Thread(target=self._publish_cycles, args=(loop,), name="publish", daemon=True)
         self._publishing.start()
         return TransitionCallbackReturn.SUCCESS
@@ -216,7 +215,7 @@ class TendonDriver(LifecycleNode):
     def _report(self, snapshot: LoopSnapshot) -> None:
         backend = self._backend
         if backend is not None:
-            report_health(self._diagnostics, snapshot, backend.bus.counters, self._configuration.loop_rate)
+            report_health(self._diagnostics, snapshot, backend.counters, self._configuration.loop_rate)
 
     def _stamp(self, snapshot: LoopSnapshot) -> Time:
         """Return the node clock's time of a monotonic time."""

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from softgrip_driver.dynamixel.bus import Counters
 from softgrip_driver.faults import FAULTS, Reaction
+from softgrip_driver.tendon.backend import Counters
 from softgrip_driver.tendon.loop import LoopSnapshot
 from softgrip_driver.tendon.status import DriveSnapshot
 from softgrip_nodekit import Diagnostics, Health

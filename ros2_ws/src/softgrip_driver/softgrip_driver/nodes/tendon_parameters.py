@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from softgrip_driver.configuration import LIMIT_PARAMETERS
+from softgrip_driver.configuration import BACKENDS, LIMIT_PARAMETERS
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
+from softgrip_driver.rig.build import GAUGES
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_nodekit import Parameter, ParameterTable
 
@@ -39,10 +40,22 @@ _LIMITS = TendonLimits()
 #: parameters of tendon_driver
 PARAMETERS = ParameterTable(
     Parameter("autostart", True, "configure and activate at start"),
-    Parameter("port", "/dev/ttyUSB0", "serial port of the servo bus", device=True),
+    Parameter(
+        "backend", "dynamixel", "what pulls: servos on a bus, or one tendon on a stage with a gauge", choices=BACKENDS
+    ),
+    Parameter("port", "/dev/ttyUSB0", "serial port of the servo bus, or of the stage", device=True),
     Parameter("baud", 1_000_000, "of the servo bus", "1/s", choices=tuple(BAUD_CODES)),
-    Parameter("reply_margin_s", 0.004, "for a reply beyond the time its bytes need", "s", 0.0005, 0.1),
-    Parameter("loop_rate", 100.0, "of the control loop", "Hz", 10.0, 500.0),
+    Parameter(
+        "reply_margin_s", 0.004, "for a reply beyond the time its bytes need; for a stage's whole one", "s", 0.0005, 1.0
+    ),
+    Parameter("gauge", "gcl2", "kind of the force gauge on a stage", choices=GAUGES),
+    Parameter("gauge_port", "", "serial port of the gauge; needed with a stage only"),
+    Parameter("stream_baud", 115200, "of a streaming gauge", "1/s", 1200, 3000000),
+    Parameter(
+        "stream_line", "grams", "of a streaming gauge: raw, time_raw, grams, newtons, openscale, scale or a pattern"
+    ),
+    Parameter("counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; sign: that of pulling", "1/N"),
+    Parameter("loop_rate", 100.0, "of the control loop; a stage takes 10 to 20", "Hz", 2.0, 500.0),
     Parameter("bus_watchdog_s", 0.08, "silence after which a servo stops by itself; 0 = off", "s", 0.0, 2.54),
     Parameter("write_eeprom", True, "correct persistent settings of the servos that differ; false = refuse to start"),
     Parameter("operating_mode", 5, "5 current-based position, 4 extended position", choices=(4, 5)),

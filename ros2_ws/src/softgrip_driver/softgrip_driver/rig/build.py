@@ -16,18 +16,20 @@ from softgrip_driver.rig.mark10_stand import Mark10Stand
 
 STAGES = ("mark10", "grbl")
 GAUGES = ("gcl2", "stream")
+#: [s] for an answer, where nothing waits
+REPLY_TIME = 0.5
 
 
-def make_stage(kind: str, port: str) -> Stage:
-    """Return a stage, not yet connected.
+def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME) -> Stage:
+    """Return a stage, not yet connected, that is given ``reply_time`` [s] for an answer.
 
     Raises:
         ConfigurationError: no such kind.
     """
     if kind == "mark10":
-        return Mark10Stand(LinePort(port, mark10.BAUD))
+        return Mark10Stand(LinePort(port, mark10.BAUD, reply_time))
     if kind == "grbl":
-        return GrblStage(LinePort(port, grbl.BAUD))
+        return GrblStage(LinePort(port, grbl.BAUD, reply_time))
     raise ConfigurationError(f"stage: expected one of {', '.join(STAGES)}, found '{kind}'")
 
 
@@ -40,16 +42,17 @@ class StreamSettings:
     counts_per_newton: float = 1.0
 
 
-def make_gauge(kind: str, port: str, stream: StreamSettings | None = None) -> Gauge:
-    """Return a gauge, not yet connected.
+def make_gauge(kind: str, port: str, stream: StreamSettings | None = None, reply_time: float = REPLY_TIME) -> Gauge:
+    """Return a gauge, not yet connected, that is given ``reply_time`` [s] for an answer.
 
     Raises:
         ConfigurationError: no such kind, or a line format that cannot be.
     """
     if kind == "gcl2":
-        return Mark10Gauge(LinePort(port, mark10.BAUD))
+        return Mark10Gauge(LinePort(port, mark10.BAUD, reply_time))
     if kind == "stream":
         settings = stream or StreamSettings()
         line = line_format(settings.line, abs(settings.counts_per_newton))
-        return StreamAmplifier(LinePort(port, settings.baud), line, 1.0 if settings.counts_per_newton >= 0.0 else -1.0)
+        sign = 1.0 if settings.counts_per_newton >= 0.0 else -1.0
+        return StreamAmplifier(LinePort(port, settings.baud, reply_time), line, sign)
     raise ConfigurationError(f"gauge: expected one of {', '.join(GAUGES)}, found '{kind}'")

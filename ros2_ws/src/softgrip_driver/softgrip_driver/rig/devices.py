@@ -24,7 +24,7 @@ class Stage(Protocol):
     """Pulls the cable. Travel [m] is zero where `zero` was called and grows while pulling.
 
     Every method raises NoReplyError when the device is silent, CorruptReplyError when it answers nonsense, RefusedError
-    when it will not, PortLostError when the port is gone.
+    when it will not, NotReadyError when it will in a moment, PortLostError when the port is gone.
     """
 
     def open(self) -> Identity:
@@ -45,6 +45,10 @@ class Stage(Protocol):
 
     def stop(self) -> None:
         """Stand still now. Safe at any time."""
+        ...
+
+    def unlock(self) -> None:
+        """Leave an alarm, when a person has said so; the position is not known afterwards."""
         ...
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import DriverError, RefusedError
 
 
 class SaturatedError(DriverError):
@@ -12,6 +12,10 @@ class SaturatedError(DriverError):
 
 class UnitChangedError(DriverError):
     """Somebody switched the gauge's unit at its panel: its numbers mean something else."""
+
+
+class NotReadyError(RefusedError):
+    """The device still ends what it did before; ask again."""
 
 
 class LimitError(DriverError):

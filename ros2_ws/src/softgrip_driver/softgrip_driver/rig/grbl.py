@@ -13,6 +13,7 @@ import time
 
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, RefusedError
 from softgrip_driver.rig.devices import Identity
+from softgrip_driver.rig.errors import NotReadyError
 from softgrip_driver.rig.line_port import LinePort
 
 BAUD = 115200
@@ -25,8 +26,9 @@ _BANNER = re.compile(rb"Grbl (\S+) .*")
 _REPORT = re.compile(rb"<(?P<state>[A-Za-z]+)(?::\d)?\|(?P<fields>.*)>")
 _POSITION = re.compile(rb"(?P<kind>[MW])Pos:(?P<x>-?\d+\.\d+)(?:,-?\d+\.\d+)*")
 _OFFSET = re.compile(rb"WCO:(-?\d+\.\d+)")
+_NOT_IDLE = "8"
 _ERRORS = {
-    "8": "the controller is not idle",
+    _NOT_IDLE: "the controller is not idle",
     "9": "it is locked by an alarm: clear the cause, then send $X or home it",
     "15": "the target lies beyond its soft limits",
     "16": "the jog command was not understood",
@@ -94,6 +96,10 @@ class GrblStage:
         """Stand still now."""
         self._port.write(_JOG_CANCEL)
 
+    def unlock(self) -> None:
+        """Leave an alarm ($X)."""
+        self._command("$X")
+
     def close(self) -> None:
         """Stop and disconnect."""
         if self._port.is_open:
@@ -138,7 +144,8 @@ class GrblStage:
         if answer != "ok":
             code = answer.removeprefix("error:")
             reason = _ERRORS.get(code, "see GRBL's list of errors")
-            raise RefusedError(f"GRBL: expected 'ok' to '{text}', found '{answer}': {reason}", int(code or 0))
+            kind = NotReadyError if code == _NOT_IDLE else RefusedError
+            raise kind(f"GRBL: expected 'ok' to '{text}', found '{answer}': {reason}", _number(code))
 
     def _answer(self, *beginnings: bytes) -> bytes:
         """Return the next line that begins as expected; GRBL pushes [MSG:...] and empty lines in between."""
@@ -152,3 +159,8 @@ class GrblStage:
                 raise RefusedError(f"GRBL: expected an answer, found '{heard}': the position is lost; home it", 0)
             if time.monotonic() >= end:
                 raise NoReplyError(f"port {self._port.path}: expected {beginnings!r}, found {line!r}")
+
+
+def _number(code: str) -> int:
+    """Return an error code; a damaged one is 0."""
+    return int(code) if code.isascii() and code.isdigit() else 0

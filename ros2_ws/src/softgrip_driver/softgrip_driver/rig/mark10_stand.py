@@ -73,6 +73,9 @@ class Mark10Stand:
         """Stand still now."""
         self._port.write(mark10.STOP)
 
+    def unlock(self) -> None:
+        """It knows no alarm; a stand that left PC control is switched back at its panel."""
+
     def close(self) -> None:
         """Stop and disconnect."""
         if self._port.is_open:

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One tendon on a linear stage (GRBL) or a test stand, with a force gauge in the line where there is one.
+"""One tendon on a linear stage (GRBL) or a test stand, with a force gauge in its line.
 
-A stage moves to a target by itself and is asked and told over text lines, so the loop runs at 10 Hz or less; the
-tension limit is the controller's alone, and without a gauge there is none.
+A stage moves to a target by itself and is asked and told over text lines, so the loop runs at some 10 Hz. It has no
+current limit: this backend stops it where the gauge reads the tension limit.
 """
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError, RefusedError
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.rig.errors import NotReadyError, SaturatedError, UnitChangedError
+from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+
+Value = TypeVar("Value")
 
 
 class StageBackend:
@@ -22,7 +25,7 @@ class StageBackend:
     Args:
         tendon: name of the tendon.
         stage: not yet open; pulls with growing travel.
-        gauge: not yet open, or None.
+        gauge: not yet open.
         speed: [m/s] towards a setpoint.
     """
 
@@ -30,40 +33,57 @@ class StageBackend:
     STEP = 5e-5
     #: [N] uncertainty of a gauge's reading
     GAUGE_STDDEV = 0.02
+    #: readings of the gauge in a row that may fail before its silence is a fault: one line may be damaged
+    GAUGE_MISSES = 2
+    #: [m] of travel and [N] of tension over which no real gauge shows the same digits
+    STUCK_TRAVEL, STUCK_TENSION = 2e-3, 0.1
 
-    def __init__(self, tendon: str, stage: Stage, gauge: Gauge | None, speed: float) -> None:
+    def __init__(self, tendon: str, stage: Stage, gauge: Gauge, speed: float) -> None:
         self._tendon = tendon
         self._stage = stage
         self._gauge = gauge
         self._speed = speed
+        self._counters = Counters()
         self._powered = False
         self._mark = 0
         self._target: float | None = None
         self._before: tuple[float, float] | None = None
-        self._fault = ""
+        self._pull = 0.0
+        self._gauge_misses = 0
+        self._gauge_fault = ("", "")
+        self._same_since = 0.0
+        #: name in the fault table, and what the device said; told with the next reading
+        self._fault = ("", "")
 
     @property
     def tendons(self) -> Sequence[str]:
         """The one tendon."""
         return (self._tendon,)
 
+    @property
+    def counters(self) -> Counters:
+        """What both ports have seen."""
+        return self._counters
+
+    # --- connecting ------------------------------------------------------------------------------------------------
+
     def connect(self) -> Sequence[DriveIdentity]:
-        """Open stage and gauge; nothing moves."""
-        identity = self._stage.open()
+        """Open stage and gauge; nothing moves. A stage whose controller boots when its port is opened takes seconds."""
+        stage = self._stage.open()
         try:
-            if self._gauge is not None:
-                self._gauge.open()
+            gauge = self._gauge.open()
         except DriverError:
             self._stage.close()
             raise
-        self._mark, self._powered, self._target = 0, False, None
-        return (DriveIdentity(self._tendon, f"{identity.model} {identity.serial}".strip(), identity.warnings),)
+        self._mark, self._powered, self._target, self._before = 0, False, None, None
+        self._gauge_misses, self._fault = 0, ("", "")
+        device = f"{stage.model} {stage.serial}".strip() + f" with {gauge.model}"
+        return (DriveIdentity(self._tendon, device, (*stage.warnings, *gauge.warnings)),)
 
     def disconnect(self) -> None:
         """Stop and close."""
         self._stage.close()
-        if self._gauge is not None:
-            self._gauge.close()
+        self._gauge.close()
 
     def reconnect(self) -> bool:
         """Open again; the position may be another one, so the session mark is gone."""
@@ -72,54 +92,73 @@ class StageBackend:
             self.connect()
         except DriverError:
             return False
+        self._counters.reopened += 1
         return True
 
     def restore(self, tendon: str) -> Iterator[None]:
-        """Open again, as a stage knows no other way back from an alarm."""
+        """Leave an alarm, at a person's word, and open again."""
         del tendon
+        yield
+        self._stage.unlock()
         yield
         self.disconnect()
         yield
         self.connect()
 
+    # --- a cycle ---------------------------------------------------------------------------------------------------
+
     def read(self) -> Mapping[str, DriveReading]:
         """Ask where the stage is and how much the gauge feels."""
         try:
-            position = self._stage.travel()
-            tension = math.nan if self._gauge is None else self._gauge.tension()
+            position = self._asked(self._stage.travel)
+            fault, detail = self._fault
         except (NoReplyError, CorruptReplyError):
             return {}
+        except RefusedError as error:
+            if self._before is None:
+                return {}
+            # It does not know any more where it is; what it knew last stands in the reading, with the fault.
+            position, fault, detail = self._before[1], "stage_alarm", str(error)
+        self._fault = ("", "")
+        self._read_gauge(position)
+        if self._gauge_misses > self.GAUGE_MISSES and self._powered and not fault:
+            fault, detail = self._gauge_fault
+            self._halt()
         now = time.monotonic()
         before = self._before
         velocity = 0.0 if before is None or now <= before[0] else (position - before[1]) / (now - before[0])
         self._before = (now, position)
-        pull = 0.0 if math.isnan(tension) else tension
-        stddev = math.nan if math.isnan(tension) else self.GAUGE_STDDEV
-        faults = (self._fault,) if self._fault else ()
-        self._fault = ""
         return {
             self._tendon: DriveReading(
-                now, position, velocity, max(0.0, pull), stddev, pull,
-                powered=self._powered, session_mark=self._mark, faults=faults,
+                now, position, velocity, max(0.0, self._pull), self.GAUGE_STDDEV, self._pull, powered=self._powered,
+                session_mark=self._mark, faults=(fault,) if fault else (), fault_detail=detail,
             )
         }  # fmt: skip
 
     def write(self, setpoints: Mapping[str, Setpoint]) -> None:
-        """Send the stage to where the setpoint is."""
+        """Send the stage to where the setpoint is, or stop it at the tension limit."""
         setpoint = setpoints.get(self._tendon)
-        if setpoint is None or setpoint.position is None or not self._powered:
+        if setpoint is None or setpoint.position is None or not self._powered or self._before is None:
             return
-        if self._target is not None and abs(setpoint.position - self._target) < self.STEP:
+        here, goal = self._before[1], setpoint.position
+        if self._gauge_misses or (self._pull >= setpoint.tension_limit and goal > here):
+            # Pulling blind, or beyond the limit; letting out goes on once the gauge can be read.
+            self._halt()
+            return
+        if self._target is not None and abs(goal - self._target) < self.STEP:
             return
         try:
-            self._stage.start(setpoint.position, self._speed)
-            self._target = setpoint.position
-        except RefusedError:
-            # Limit switch, alarm, shield open: the position may be lost, and only opening it again tells.
-            self._fault = "stalled"
-        except (NoReplyError, CorruptReplyError):
+            if self._target is not None and (goal - here) * (self._target - here) < 0.0:
+                # A stage with a queue would first go to where it was sent before.
+                self._stage.stop()
+            self._asked(lambda: self._stage.start(goal, self._speed))
+            self._target = goal
+        except (NoReplyError, CorruptReplyError, NotReadyError):
             # The next cycle tells it again.
             self._target = None
+        except RefusedError as error:
+            self._target = None
+            self._fault = ("stage_refused", str(error))
 
     def power(self, tendon: str, on: bool) -> None:
         """Hold, which a stage does by its screw; letting go means to stop, as it cannot be turned by the tendon."""
@@ -136,3 +175,44 @@ class StageBackend:
         """Keep the mark as long as the connection: a stage has no volatile memory to put it in."""
         del tendon
         self._mark = mark
+
+    # --- helpers ---------------------------------------------------------------------------------------------------
+
+    def _read_gauge(self, position: float) -> None:
+        try:
+            pull = self._asked(self._gauge.tension)
+            if pull != self._pull:
+                self._pull, self._same_since = pull, position
+            elif abs(pull) > self.STUCK_TENSION and abs(position - self._same_since) > self.STUCK_TRAVEL:
+                raise CorruptReplyError(
+                    f"gauge: expected a tension that changes, found {pull:.2f} N over "
+                    f"{abs(position - self._same_since) * 1e3:.1f} mm: it is stuck; restart it"
+                )
+            self._gauge_misses = 0
+        except PortLostError:
+            self._halt()
+            raise
+        except SaturatedError as error:
+            # More than it can tell is more than any limit.
+            self._gauge_misses, self._gauge_fault = self.GAUGE_MISSES + 1, ("tension_exceeded", str(error))
+        except (NoReplyError, CorruptReplyError, RefusedError, UnitChangedError) as error:
+            self._gauge_misses, self._gauge_fault = self._gauge_misses + 1, ("gauge_lost", str(error))
+
+    def _halt(self) -> None:
+        self._stage.stop()
+        self._target = None
+
+    def _asked(self, question: Callable[[], Value]) -> Value:
+        counters = self._counters
+        counters.transactions += 1
+        try:
+            return question()
+        except NoReplyError:
+            counters.lost += 1
+            raise
+        except CorruptReplyError:
+            counters.corrupt += 1
+            raise
+        except RefusedError:
+            counters.refused += 1
+            raise

@@ -8,8 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+
+@dataclass
+class Counters:
+    """What a port has seen since its backend was made.
+
+    Attributes:
+        transactions: questions and orders; lost: replies that did not come, lost_by_id: by device; corrupt: damaged
+            ones; refused: orders that a device did not take; reopened: how often the port came back.
+    """
+
+    transactions: int = 0
+    lost: int = 0
+    corrupt: int = 0
+    refused: int = 0
+    reopened: int = 0
+    lost_by_id: dict[int, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -43,6 +60,7 @@ class DriveReading:
         session_mark: number that the driver left in the device's volatile memory; another one means that the device
             restarted and lost its turn count. None until known.
         faults: names of the fault table that the device itself reports.
+        fault_detail: what it said, in words; empty where the raw error bits tell all.
         hardware_error: raw error bits.
     """
 
@@ -58,6 +76,7 @@ class DriveReading:
     powered: bool | None = None
     session_mark: int | None = None
     faults: tuple[str, ...] = ()
+    fault_detail: str = ""
     hardware_error: int = 0
 
 
@@ -80,6 +99,10 @@ class TendonBackend(Protocol):
     @property
     def tendons(self) -> Sequence[str]:
         """Names of the tendons, in order."""
+
+    @property
+    def counters(self) -> Counters:
+        """What the port has seen."""
 
     def connect(self) -> Sequence[DriveIdentity]:
         """Open the port, identify every device, check and set it up. Nothing moves and nothing holds afterwards.

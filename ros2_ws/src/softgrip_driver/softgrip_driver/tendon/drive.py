@@ -18,6 +18,7 @@ from softgrip_driver.tendon.guards import (
     MedianFilter,
     OverloadGuard,
     SlackGuard,
+    TensionGuard,
     ThermalGuard,
 )
 from softgrip_driver.tendon.homing import Homing
@@ -34,6 +35,7 @@ class Drive:
         tendon: name.
         limits: what it may do.
         continuous_tension: [N] that it may hold for ever.
+        period: [s] between steps.
     """
 
     #: [1/s] and [m] of the integral correction of the position
@@ -42,10 +44,11 @@ class Drive:
     #: [s] one unanswered question counts for at most
     LONGEST_QUESTION = 0.025
 
-    def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float) -> None:
+    def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float, period: float = 0.01) -> None:
         self.tendon = tendon
         self.limits = limits
         self._continuous = continuous_tension
+        self._period = period
         self.powered = False
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
@@ -55,8 +58,9 @@ class Drive:
     def _reset_guards(self) -> None:
         self._filter = MedianFilter()
         self._jump = JumpGuard(self.limits)
-        self._break = BreakGuard(self.limits)
+        self._break = BreakGuard(self.limits, self._period)
         self._slack = SlackGuard(self.limits)
+        self._too_much = TensionGuard(self.limits)
         self._thermal = ThermalGuard(self.limits)
         self._overload = OverloadGuard(self._continuous)
 
@@ -325,13 +329,14 @@ class Drive:
         if m.restoring:
             return None  # what it reports is from before its reboot
         for name in reading.faults:
-            text = f"hardware error status 0x{reading.hardware_error:02x}"
-            self.set_fault(name, "its bus watchdog has tripped" if name == "bus_watchdog" else text)
+            bits = f"hardware error status 0x{reading.hardware_error:02x}"
+            watchdog = "its bus watchdog has tripped" if name == "bus_watchdog" else ""
+            self.set_fault(name, watchdog or reading.fault_detail or bits)
         if "overload" in reading.faults and self.powered and not m.restored_once:
             # The servo has let go by itself. Taking hold again at once keeps the object; twice would be a fight.
             m.restoring = m.restored_once = True
             return DriveActions(restore=True)
-        if not reading.faults and m.fault == "input_voltage":
+        if not reading.faults and m.fault in {"input_voltage", "gauge_lost"}:
             self._clear_fault()
         return None
 
@@ -360,15 +365,17 @@ class Drive:
         m = self._m
         motion = m.motion
         assert motion is not None
-        if view.tension > self.limits.tension_hard:
+        if self._too_much.step(view.now, view.tension, view.acceleration):
             self.set_fault("tension_exceeded", f"{view.tension:.1f} N, hard limit {self.limits.tension_hard:.1f} N")
             return
         if motion.paying_out:
             self._break.reset()
-        elif self._break.step(view.now, view.tension, view.stddev, m.acceleration):
+        elif self._break.step(view.now, view.tension, view.stddev, view.acceleration):
             self.set_fault("tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm")
             return
-        if self.homed and self._slack.step(view.now, view.length, view.tension, pulling=motion.winding_in):
+        if self.homed and self._slack.step(
+            view.now, view.length, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
+        ):
             self.set_fault("tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length")
 
     def _trim(self, step: Step, view: View) -> float:
@@ -406,4 +413,5 @@ class Drive:
             reading.pull,
             cap,
             reading.tension_stddev,
+            self._m.acceleration,
         )

@@ -96,14 +96,19 @@ class GripperController:
         policies: see Policies.
         grippers: which gripper each tendon belongs to, where several hang on one port; a fault concerns its own
             gripper only, the emergency stop all.
+        period: [s] between steps.
     """
 
     def __init__(
-        self, limits: Mapping[str, TendonLimits], policies: Policies, grippers: Mapping[str, str] | None = None
+        self,
+        limits: Mapping[str, TendonLimits],
+        policies: Policies,
+        grippers: Mapping[str, str] | None = None,
+        period: float = 0.01,
     ) -> None:
         self._grippers = dict(grippers or {})
         self.policies = policies
-        self.drives = {name: Drive(name, row, policies.continuous_tension) for name, row in limits.items()}
+        self.drives = {name: Drive(name, row, policies.continuous_tension, period) for name, row in limits.items()}
         self.estop = False
         self._commanded_at = dict.fromkeys(limits, 0.0)
         self._opened_for: set[str] = set()

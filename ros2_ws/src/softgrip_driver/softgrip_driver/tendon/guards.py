@@ -9,6 +9,12 @@ from statistics import median
 
 from softgrip_driver.tendon.limits import TendonLimits
 
+#: standard deviation over median absolute deviation of a normal distribution
+NORMAL_MAD = 1.4826
+#: [m/s^2] above which the current tells of the motor's inertia, not of the tendon: 0.5 m/s^2 of an XM430 on a spool of
+#: 10 mm pass for some 50 N
+STEADY_ACCELERATION = 0.15
+
 
 class MedianFilter:
     """Median of the last three samples: one wild sample does not get through."""
@@ -71,17 +77,20 @@ class BreakGuard:
     LEAST = 0.12
     #: standard deviations that the drop must exceed: friction of standing gears can hide that much
     SIGMAS = 4.0
+    #: the same of the scatter of the tension before, as a median deviation; a ramp scatters too
+    SCATTERS = 2.0
     #: samples that the tension before must rest on
     FEWEST = 8
-    #: [m/s^2] above which a sample tells of the motor's inertia, not of the tendon
-    STEADY = 0.15
-    #: [s] without samples after which nothing is known of the tension before
-    GAP = 0.05
+    #: [s] without samples after which nothing is known of the tension before, and the same in periods
+    GAP, GAP_PERIODS = 0.05, 3.0
     #: the rest of the tension that still counts as vanished
     REST = 0.25
 
-    def __init__(self, limits: TendonLimits) -> None:
+    def __init__(self, limits: TendonLimits, period: float = 0.01) -> None:
         self._limits = limits
+        # A slow loop needs longer to see as many samples.
+        self._window = max(self.WINDOW, 1.5 * self.FEWEST * period)
+        self._gap = max(self.GAP, self.GAP_PERIODS * period)
         self._recent: deque[tuple[float, float]] = deque()
         self._vanished_at: float | None = None
         self._last: float | None = None
@@ -103,27 +112,52 @@ class BreakGuard:
             acceleration: [m/s^2] of the tendon.
         """
         self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
-        if self._last is not None and now - self._last > self.GAP:
+        if self._last is not None and now - self._last > self._gap:
             self.reset()
         self._last = now
+        if acceleration < -STEADY_ACCELERATION:
+            # A motor that slows down needs less current, which passes for less tension.
+            return False
         if self._vanished_at is not None:
             if not self._gone(tension):
                 self._vanished_at = None
             return self._vanished_at is not None and now - self._vanished_at >= self._limits.break_confirm
-        while self._recent and now - self._recent[0][0] > self.WINDOW:
+        while self._recent and now - self._recent[0][0] > self._window:
             self._recent.popleft()
         if len(self._recent) >= self.FEWEST and now - self._recent[0][0] >= self.LEAST:
             self._before = median(t for _, t in self._recent)
             if self._before >= self._limits.break_drop_from and self._gone(tension):
-                self._vanished_at = now
-                return False
-        if abs(acceleration) < self.STEADY:
+                scatter = NORMAL_MAD * median(abs(t - self._before) for _, t in self._recent)
+                if self._before - tension >= self.SCATTERS * scatter:
+                    self._vanished_at = now
+                    return False
+        if abs(acceleration) < STEADY_ACCELERATION:
             self._recent.append((now, tension))
         return False
 
     def _gone(self, tension: float) -> bool:
         rest = max(self._limits.tension_slack, self.REST * self._before)
         return tension <= rest and self._before - tension >= self._certain_drop
+
+
+class TensionGuard:
+    """Tells a tension above the hard limit; while the motor accelerates only when it lasts."""
+
+    #: [s] longer than any acceleration to full speed
+    CONFIRM = 0.1
+
+    def __init__(self, limits: TendonLimits) -> None:
+        self._hard = limits.tension_hard
+        self._since: float | None = None
+
+    def step(self, now: float, tension: float, acceleration: float) -> bool:
+        """Return whether a tension [N] is too high, at an acceleration [m/s^2] of the tendon."""
+        if tension <= self._hard:
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = now
+        return acceleration < STEADY_ACCELERATION or now - self._since >= self.CONFIRM
 
 
 class SlackGuard:
@@ -136,10 +170,13 @@ class SlackGuard:
         self._limits = limits
         self._since: float | None = None
 
-    def step(self, now: float, pulled: float, tension: float, *, pulling: bool) -> bool:
-        """Return whether the tendon is slack at a pulled length [m] and tension [N]."""
+    def step(self, now: float, pulled: float, tension: float, *, pulling: bool, acceleration: float = 0.0) -> bool:
+        """Return whether the tendon is slack at a pulled length [m], tension [N] and acceleration [m/s^2].
+
+        A motor that slows down needs less current, which passes for less tension.
+        """
         slack = pulling and pulled > self._limits.slack_travel and tension < self._limits.tension_slack
-        if not slack:
+        if not slack or acceleration < -STEADY_ACCELERATION:
             self._since = None
         elif self._since is None:
             self._since = now

@@ -19,7 +19,9 @@ from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 Result = TypeVar("Result")
 
 #: after these the device may have lost its volatile settings, or holds an error until it restarts
-FAULTS_OF_THE_DEVICE = frozenset({"rebooted", "overload", "overheated", "electrical_shock", "encoder_fault"})
+FAULTS_OF_THE_DEVICE = frozenset(
+    {"rebooted", "overload", "overheated", "electrical_shock", "encoder_fault", "stage_alarm"}
+)
 
 
 @dataclass(frozen=True)

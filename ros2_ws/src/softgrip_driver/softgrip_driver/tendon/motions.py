@@ -6,11 +6,12 @@ Lengths are pulled lengths [m] from the homed zero; an unhomed drive counts from
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-from softgrip_driver.tendon.guards import StallGuard
+from softgrip_driver.tendon.guards import STEADY_ACCELERATION, StallGuard
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.profile import SpeedProfile
 from softgrip_driver.tendon.trajectory import Trajectory
@@ -50,6 +51,7 @@ class View:
         pull: [N] single estimate with its sign.
         tension_cap: [N] the most that the guards allow now.
         stddev: [N] uncertainty of the tension.
+        acceleration: [m/s^2] of the tendon.
     """
 
     now: float
@@ -60,6 +62,12 @@ class View:
     pull: float
     tension_cap: float
     stddev: float = 0.0
+    acceleration: float = 0.0
+
+    @property
+    def steady(self) -> bool:
+        """Whether the tension is the tendon's and not what it takes to bring the motor up to speed."""
+        return self.acceleration < STEADY_ACCELERATION
 
 
 @dataclass(frozen=True)
@@ -117,6 +125,25 @@ class Hold:
         return Step(self.length, min(self.tension_limit, view.tension_cap))
 
 
+class _TensionMet:
+    """Tells a tension that is there and stays, once the motor had time to get up to speed."""
+
+    #: [s]
+    CONFIRM = 0.03
+
+    def __init__(self, view: View, speed: float, limits: TendonLimits) -> None:
+        self._from = view.now + speed / limits.acceleration
+        self._since: float | None = None
+
+    def step(self, view: View, tension: float) -> bool:
+        """Return whether a tension [N] is met."""
+        if view.now < self._from or view.tension < tension or not view.steady:
+            self._since = None
+        elif self._since is None:
+            self._since = view.now
+        return self._since is not None and view.now - self._since >= self.CONFIRM
+
+
 class MoveToLength:
     """Move to a pulled length; stop at a tension limit on the way in."""
 
@@ -142,6 +169,7 @@ class MoveToLength:
         self._limits = limits
         self._profile = SpeedProfile(view.length if start is None else start)
         self._stall = StallGuard(limits.stall_time)
+        self._met = _TensionMet(view, speed, limits)
         self.winding_in = target > self._profile.position
 
     @property
@@ -160,7 +188,7 @@ class MoveToLength:
             self._profile.step(self._target, self._speed, self._limits.acceleration, view.dt)
         at_target = self._profile.position == self._target
         setpoint = self._profile.position
-        if self.winding_in and view.tension >= self.MET * cap:
+        if self._met.step(view, self.MET * cap if self.winding_in else math.inf):
             return Step(
                 view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
                 f"{self._target * 1e3:.2f} mm, at {view.length * 1e3:.2f} mm",
@@ -212,7 +240,7 @@ class MoveToTension:
         target = min(self._target, view.tension_cap)
         band = max(self._limits.tension_tolerance * target, 0.2)
         met = view.tension >= target - band if self.winding_in else view.tension <= target + band
-        if not met:
+        if not met or (self._since is None and not view.steady):
             self._since = None
             end = self._limits.travel if self.winding_in else 0.0
             if abs(self._profile.position - view.length) <= self._limits.lead:
@@ -244,6 +272,7 @@ class Follow:
         self._limit = tension_limit
         self._profile = SpeedProfile(view.length)
         self._started = view.now
+        self._met = _TensionMet(view, limits.speed, limits)
         self._trajectory = trajectory.starting_from(view.length, view.speed)
         self.winding_in = False
 
@@ -268,7 +297,7 @@ class Follow:
         if self._profile.position - view.length > self._limits.lead:
             self._profile.stop_at(before)
         self.winding_in = self._profile.velocity > 0.0
-        if self.winding_in and view.tension >= MoveToLength.MET * cap:
+        if self._met.step(view, MoveToLength.MET * cap if self.winding_in else math.inf):
             return Step(view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N")
         if elapsed >= self._trajectory.duration and self._profile.position == target:
             return Step(target, cap, Outcome.REACHED, "trajectory done")

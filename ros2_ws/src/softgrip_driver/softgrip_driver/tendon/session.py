@@ -91,7 +91,7 @@ class ZeroKeeper:
         if (zero.spool_radius, zero.direction) != (spool.radius, spool.direction):
             return "the spool is another one"
         if mark != zero.mark:
-            return f"the servo has restarted since it was homed at {zero.homed_at}: its turns are lost"
+            return f"the device has restarted since it was homed at {zero.homed_at}: its turns are lost"
         return ""
 
 

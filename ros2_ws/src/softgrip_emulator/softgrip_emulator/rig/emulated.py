@@ -37,6 +37,7 @@ class EmulatedRig:
         seed: of the cable, the rig and the noise.
         time_scale: cell seconds per wall second; the driver must be told the same.
         truth: what is so, instead of what the seed draws.
+        plant: what the stage pulls, instead of the friction rig's cable.
         clock: shared cell time, instead of an own one.
         stage: "mark10" (test stand) or "grbl" (linear stage).
         gauge: "gcl2" (Mark-10), or a format of `softgrip_emulator.rig.amplifier.FORMATS` for a streaming amplifier.
@@ -48,13 +49,14 @@ class EmulatedRig:
         time_scale: float = 1.0,
         *,
         truth: RigTruth | None = None,
+        plant: RigPlant | None = None,
         clock: CellClock | None = None,
         stage: str = "mark10",
         gauge: str = "gcl2",
     ) -> None:
         self.clock = clock or CellClock(time_scale)
         self.truth = truth or RigTruth.from_seed(seed)
-        self.plant = RigPlant(self.truth, seed)
+        self.plant = plant or RigPlant(self.truth, seed)
         self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
         self.stand: Mark10Stand | GrblStage = (
             GrblStage(self.plant) if stage == "grbl" else Mark10Stand(self.plant, self.cell)

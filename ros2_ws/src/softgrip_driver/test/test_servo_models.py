@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What differs between servo models and operating modes: bring-up of a servo in any state, units, whole moves."""
+
+from dataclasses import replace
+
+import pytest
+
+from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.bringup import Servo, set_up, wanted_eeprom
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
+from softgrip_driver.errors import ConfigurationError, WrongDeviceError
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.dynamixel.servo import Servo as EmulatedServo
+from softgrip_emulator.dynamixel.table import load_model
+from softgrip_emulator.wire.pty import PtyPort
+
+CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
+EMULATED = ["XL330-M288", "XC330-M288", "XM430-W350"]
+
+
+def servo_of(model, mode=CURRENT):
+    table = MODELS[model]
+    return Servo("t", 1, table, Spool(0.01, 1), TorqueModel(table.torque_per_ampere, table.no_load_current), mode)
+
+
+@pytest.fixture(params=EMULATED)
+def wired(request, tmp_path):
+    """A servo as it comes out of the box, on a port, and the bus to it."""
+    device = EmulatedServo(load_model(request.param), 1, baud=1_000_000)
+    with PtyPort(tmp_path / "servos", DynamixelChain([device]), paced=False):
+        bus = Bus(str(tmp_path / "servos"), 1_000_000, reply_margin=0.1)
+        bus.open()
+        yield request.param, device, bus
+        bus.close()
+
+
+# model, unit of current [A], raw current limit, stall tension [N] on a spool of 10 mm, temperature limit: e-manual
+@pytest.mark.parametrize(
+    ("model", "unit", "limit", "stall", "hot"),
+    [
+        ("XL330-M288", 0.001, 1750, 52.0, 70.0),
+        ("XC330-M288", 0.001, 2352, 93.0, 70.0),
+        ("XC330-T288", 0.001, 910, 92.0, 70.0),
+        ("XM430-W350", 0.00269, 1193, 410.0, 80.0),
+    ],
+)
+def test_units_and_limits_of_the_data_sheets(model, unit, limit, stall, hot):
+    table = MODELS[model]
+    assert (table.ampere_per_unit, table.current_limit_units, table.temperature_limit) == (unit, limit, hot)
+    assert table.torque_per_ampere * table.stall_current / 0.01 == pytest.approx(stall)
+    servo = servo_of(model)
+    assert servo.ampere(100) == pytest.approx(100 * unit)
+    # A limit beyond the servo's own is the servo's own, a tenth above the hard limit of 45 N; it would refuse more.
+    assert servo.current_units(10_000.0) == servo.current_units(49.5) <= limit
+
+
+@pytest.mark.parametrize("mode", [CURRENT, EXTENDED])
+def test_bring_up_from_factory_settings(wired, mode):
+    model, device, bus = wired
+    assert device.registers.get("operating_mode") == 3
+    servo = servo_of(model, mode)
+    corrected = [text for text in set_up(bus, servo, write_eeprom=True) if text]
+    assert any("operating mode was 3, needs " + str(int(mode)) in text for text in corrected)
+    assert any("return delay time was 250, needs 0" in text for text in corrected)
+    for item, value in wanted_eeprom(servo).items():
+        assert bus.read(1, item) == value
+    # A change of mode puts the goal current to its limit and the profile to 0; both are written after it.
+    assert bus.read(1, reg.GOAL_CURRENT) == servo.current_units(0.0) < bus.read(1, reg.CURRENT_LIMIT)
+    assert bus.read(1, reg.PROFILE_VELOCITY) > 0
+    assert bus.read(1, reg.TORQUE_ENABLE) == 0
+
+
+def test_bring_up_a_second_time_changes_nothing_that_is_kept(wired):
+    model, device, bus = wired
+    list(set_up(bus, servo_of(model), write_eeprom=True))
+    device.shaft.angle_rad += 40.0
+    turns = bus.read(1, reg.PRESENT_POSITION)
+    bus.write(1, reg.GOAL_PWM, bus.read(1, reg.PWM_LIMIT) - 5)
+    assert not [text for text in set_up(bus, servo_of(model), write_eeprom=True) if text]
+    assert bus.read(1, reg.PRESENT_POSITION) == turns
+    assert bus.read(1, reg.GOAL_PWM) == bus.read(1, reg.PWM_LIMIT) - 5
+
+
+def test_bring_up_of_a_servo_that_holds_lets_go_first(wired):
+    model, _, bus = wired
+    bus.write(1, reg.TORQUE_ENABLE, 1)
+    list(set_up(bus, servo_of(model), write_eeprom=True))
+    assert bus.read(1, reg.TORQUE_ENABLE) == 0
+
+
+def test_settings_are_reported_and_left_alone_where_writing_is_not_allowed(wired):
+    model, device, bus = wired
+    with pytest.raises(ConfigurationError, match=r"return delay time was 250, needs 0; set write_eeprom"):
+        list(set_up(bus, servo_of(model), write_eeprom=False))
+    assert device.registers.get("return_delay_time") == 250
+
+
+def test_a_servo_with_a_hardware_error_is_not_set_up(wired):
+    model, device, bus = wired
+    device.forced_error_bits = 0x20
+    device.step(0.0, 0.001)
+    with pytest.raises(WrongDeviceError, match=r"OVERLOAD.*remove the cause, then reboot"):
+        list(set_up(bus, servo_of(model), write_eeprom=True))
+
+
+#: A big motor on a small spool shows its own inertia as tension, so it is brought up to speed gently; what its gears
+#: hide is no slack and no break.
+GENTLE = TendonLimits(no_reply=0.3, speed=0.02, acceleration=0.05)
+STRONG = replace(GENTLE, tension_soft=80.0, tension_hard=100.0, break_drop_from=40.0)
+WHOLE = [
+    {"model": "XL330-M288"}, {"model": "XL330-M288", "mode": EXTENDED}, {"model": "XC330-M288", "limits": GENTLE},
+    {"model": "XM430-W350", "limits": STRONG},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("row", WHOLE, ids=lambda row: f"{row['model']} {row.get('mode', CURRENT).name.lower()}")
+def test_moves_and_a_tension_limit_on_every_model(virtual, row):
+    """Also where the servo itself has no limit (extended position): the controller stops at what it measures."""
+    bench = virtual(**row)
+    outcome, reason = bench.run(bench.move([0.007], 0.01))
+    assert outcome is Outcome.REACHED, reason
+    limit = 20.0 if row.get("limits") is STRONG else 12.0
+    outcome, reason = bench.run(bench.move([0.034], 0.01, limit, ["index"]))
+    assert outcome is Outcome.TENSION_LIMIT, reason
+    # Twice what the gears' friction may hide, and the torque constant's own error.
+    assert bench.plant.bank.tension_n[0] == pytest.approx(limit, abs=0.5 * limit)
