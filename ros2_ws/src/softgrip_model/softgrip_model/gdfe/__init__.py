@@ -20,25 +20,32 @@ from softgrip_model.gdfe.solver import (
     Supports,
     VolumeShape,
 )
+from softgrip_model.gdfe.surroundings import Acts, Contact, FollowerPatch, Obstacle, Shape, Surroundings
 
 __all__ = [
+    "Acts",
     "Cable",
+    "Contact",
     "Drive",
     "Equilibrium",
+    "FollowerPatch",
     "GdfeError",
     "Law",
     "Linear",
     "Material",
     "Mesh",
     "Metric",
+    "Obstacle",
     "Ogden",
     "Ordering",
     "RoutingPoint",
     "Settings",
+    "Shape",
     "Solver",
     "State",
     "StressPolynomial",
     "Supports",
+    "Surroundings",
     "VolumeShape",
     "bar",
 ]

@@ -42,6 +42,29 @@ class Cable:
         radius_mm: float,
     ) -> None: ...
 
+class FollowerPatch:
+    def __init__(self, nodes: Sequence[int], shares: Sequence[float]) -> None: ...
+
+class Obstacle:
+    def __init__(
+        self, kind: int, point: _Array, axis: _Array, radius: float, friction: float, nodes: Sequence[int]
+    ) -> None: ...
+
+class Surroundings:
+    def __init__(
+        self,
+        pressed: Sequence[Sequence[Sequence[int]]],
+        followers: Sequence[FollowerPatch],
+        obstacles: Sequence[Obstacle],
+    ) -> None: ...
+
+class Touch:
+    obstacle: int
+    node: int
+    gap: float
+    force: _Array
+    sliding: bool
+
 class Settings:
     def __init__(
         self,
@@ -66,6 +89,7 @@ class Outcome:
     anchor_tension: list[float]
     tension: list[list[float]]
     shortening: list[float]
+    touches: list[Touch]
     history: list[float]
 
 class Solver:
@@ -79,6 +103,7 @@ class Solver:
         maps: Sequence[Sequence[int]],
         cables: Sequence[Cable],
         ogden: Sequence[OgdenMaterial],
+        surroundings: Surroundings,
         settings: Settings,
     ) -> None: ...
     def solve(
@@ -92,6 +117,11 @@ class Solver:
         max_iterations: int,
         start: _Array,
         start_tension: Sequence[float],
+        pressures: Sequence[float],
+        follower_forces: Sequence[_Array],
+        motions: Sequence[_Array],
+        motions_before: Sequence[_Array],
+        before: _Array,
     ) -> Outcome: ...
     def energy(self, displacement: _Array) -> float: ...
     def internal_force(self, displacement: _Array) -> _Array: ...

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softgrip_model.gdfe.cable import Drive
 from softgrip_model.gdfe.solver import Equilibrium, Solver, State
+from softgrip_model.gdfe.surroundings import Acts
 
 Array = NDArray[np.float64]
 
@@ -22,6 +23,7 @@ class Loading:
     prescribed: Array | None = None
     load: Array | None = None
     drives: tuple[Drive, ...] = ()
+    acts: Acts | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,8 @@ def march(
             start=_start(known, target, first_guess),
             load=act.load,
             drives=act.drives,
+            acts=act.acts,
+            since=equilibria[-1] if equilibria else None,
             tolerance=tolerance,
             length_tolerance=length_tolerance,
             max_iterations=max_iterations,
@@ -112,7 +116,9 @@ def march(
             progress(share)
     if not equilibria:  # nothing converged: what is kept is the mesh at rest
         act = loading(0.0)
-        equilibria.append(solver.solve(act.prescribed, drives=act.drives, load=act.load, max_iterations=0))
+        equilibria.append(
+            solver.solve(act.prescribed, drives=act.drives, load=act.load, acts=act.acts, max_iterations=0)
+        )
         shares.append(0.0)
     return March(tuple(shares), tuple(equilibria), not reason, reason, iterations)
 

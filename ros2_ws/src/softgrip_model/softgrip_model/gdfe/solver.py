@@ -16,6 +16,7 @@ from softgrip_model.gdfe.cable import Cable, Drive
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, Ogden, secant_table, shear_secant
 from softgrip_model.gdfe.mesh import Mesh
+from softgrip_model.gdfe.surroundings import Acts, Contact, Surroundings, Vector, contacts_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -147,6 +148,8 @@ class Equilibrium:
         strain: (m,) equivalent strain, nu = 0.5.
         tension: per cable, actuator to anchor [N].
         shortening: per cable.
+        contacts: per obstacle.
+        motions: of the obstacles, as asked for.
         history: residual of every iteration.
     """
 
@@ -160,6 +163,8 @@ class Equilibrium:
     anchor_tension: tuple[float, ...]
     tension: tuple[tuple[float, ...], ...]
     shortening: tuple[float, ...]
+    contacts: tuple[Contact, ...]
+    motions: tuple[Vector, ...]
     history: tuple[float, ...] = field(repr=False)
 
     @property
@@ -178,6 +183,7 @@ class Solver:
         supports: Supports,
         cables: Sequence[Cable] = (),
         settings: Settings | None = None,
+        surroundings: Surroundings | None = None,
     ) -> None:
         """Prepare.
 
@@ -186,6 +192,7 @@ class Solver:
         """
         self.mesh, self.supports, self.cables = mesh, supports, tuple(cables)
         self.settings = settings or Settings()
+        self.surroundings = surroundings or Surroundings()
         if mesh.materials.min() < 0 or mesh.materials.max() >= len(materials):
             element = int(np.argmax((mesh.materials < 0) | (mesh.materials >= len(materials))))
             raise GdfeError(
@@ -207,6 +214,7 @@ class Solver:
                 supports.maps(),
                 [cable.core() for cable in self.cables],
                 self._ogden(),
+                self.surroundings.core(),
                 _core.Settings(
                     _LAW[s.law],
                     _SHAPE[s.volume_shape],
@@ -283,6 +291,8 @@ class Solver:
         start: State | None = None,
         load: Array | None = None,
         drives: Sequence[Drive] = (),
+        acts: Acts | None = None,
+        since: Equilibrium | None = None,
         tolerance: float = 1e-6,
         force_floor: float = 0.0,
         length_tolerance: float = 1e-6,
@@ -295,15 +305,19 @@ class Solver:
             start: where to start; None = at rest.
             load: (n, 3) dead forces.
             drives: one per cable.
+            acts: of the surroundings; None = no pressure, no force, obstacles where they were at rest.
+            since: equilibrium that sliding against obstacles counts from; None = rest.
             tolerance: out-of-balance force relative to the reactions.
             force_floor: reactions and loads below this count as this.
-            length_tolerance: of driven cable lengths.
+            length_tolerance: of driven cable lengths, and of contact gaps.
             max_iterations: then it is given back as not converged.
         """
         if len(drives) != len(self.cables):
             raise GdfeError(f"expected {len(self.cables)} cable drives, found {len(drives)}")
         zero = np.zeros_like(self.mesh.nodes)
         start = start or self.rest()
+        acts = acts or Acts.nothing(self.surroundings)
+        acts.check(self.surroundings)
         out = self._core.solve(
             zero if prescribed is None else prescribed,
             zero if load is None else load,
@@ -314,6 +328,11 @@ class Solver:
             max_iterations,
             start.displacement,
             list(start.anchor_tension),
+            list(acts.pressures),
+            [np.array(force) for force in acts.follower_forces],
+            [np.array(motion) for motion in acts.motions],
+            [np.array(motion) for motion in (since.motions if since else Acts.nothing(self.surroundings).motions)],
+            since.displacement if since else zero,
         )
         return Equilibrium(
             converged=out.converged,
@@ -326,5 +345,7 @@ class Solver:
             anchor_tension=tuple(out.anchor_tension),
             tension=tuple(tuple(t) for t in out.tension),
             shortening=tuple(out.shortening),
+            contacts=contacts_of(out.touches, len(self.surroundings.obstacles)),
+            motions=acts.motions,
             history=tuple(out.history),
         )

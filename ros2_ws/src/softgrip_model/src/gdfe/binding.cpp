@@ -79,6 +79,30 @@ PYBIND11_MODULE(_core, module) {
            py::arg("points"), py::arg("entry"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
            py::arg("radius_mm"));
 
+  py::class_<gdfe::FollowerPatch>(module, "FollowerPatch")
+      .def(py::init([](std::vector<std::int32_t> nodes, std::vector<double> shares) {
+             return gdfe::FollowerPatch{std::move(nodes), std::move(shares)};
+           }),
+           py::arg("nodes"), py::arg("shares"));
+  py::class_<gdfe::Obstacle>(module, "Obstacle")
+      .def(py::init([](int kind, const Eigen::Vector3d& point, const Eigen::Vector3d& axis, double radius, double friction,
+                       std::vector<std::int32_t> nodes) {
+             return gdfe::Obstacle{static_cast<gdfe::ObstacleKind>(kind), point, axis, radius, friction, std::move(nodes)};
+           }),
+           py::arg("kind"), py::arg("point"), py::arg("axis"), py::arg("radius"), py::arg("friction"), py::arg("nodes"));
+  py::class_<gdfe::Surroundings>(module, "Surroundings")
+      .def(py::init([](std::vector<gdfe::PressedSurface> pressed, std::vector<gdfe::FollowerPatch> followers,
+                       std::vector<gdfe::Obstacle> obstacles) {
+             return gdfe::Surroundings{std::move(pressed), std::move(followers), std::move(obstacles)};
+           }),
+           py::arg("pressed"), py::arg("followers"), py::arg("obstacles"));
+  py::class_<gdfe::Touch>(module, "Touch")
+      .def_readonly("obstacle", &gdfe::Touch::obstacle)
+      .def_readonly("node", &gdfe::Touch::node)
+      .def_readonly("gap", &gdfe::Touch::gap)
+      .def_readonly("force", &gdfe::Touch::force)
+      .def_readonly("sliding", &gdfe::Touch::sliding);
+
   py::class_<gdfe::Settings>(module, "Settings")
       .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int window, int threads,
                        double step_limit) {
@@ -99,24 +123,34 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("anchor_tension", &gdfe::Outcome::anchor_tension)
       .def_readonly("tension", &gdfe::Outcome::tension)
       .def_readonly("shortening", &gdfe::Outcome::shortening)
+      .def_readonly("touches", &gdfe::Outcome::touches)
       .def_readonly("history", &gdfe::Outcome::history);
 
   py::class_<gdfe::Solver>(module, "Solver")
       .def(py::init([](const gdfe::Nodes& rest, const gdfe::Hexes& hexes, const std::vector<int>& materials,
                        const gdfe::SecantTables& tables, const std::vector<double>& matrix_weight,
                        const std::array<gdfe::DofMap, 3>& maps, const std::vector<gdfe::Cable>& cables,
-                       const std::vector<gdfe::OgdenMaterial>& ogden, const gdfe::Settings& settings) {
+                       const std::vector<gdfe::OgdenMaterial>& ogden, const gdfe::Surroundings& surroundings,
+                       const gdfe::Settings& settings) {
              return std::make_unique<gdfe::Solver>(rest, hexes, materials, tables, matrix_weight, maps, cables, ogden,
-                                                   settings);
+                                                   surroundings, settings);
            }),
            py::arg("rest"), py::arg("hexes"), py::arg("materials"), py::arg("tables"), py::arg("matrix_weight"),
-           py::arg("maps"), py::arg("cables"), py::arg("ogden"), py::arg("settings"))
+           py::arg("maps"), py::arg("cables"), py::arg("ogden"), py::arg("surroundings"), py::arg("settings"))
       .def(
           "solve",
           [](gdfe::Solver& solver, const gdfe::Nodes& prescribed, const gdfe::Nodes& load,
              const std::vector<std::pair<bool, double>>& drives, double tolerance, double force_floor,
-             double length_tolerance, int max_iterations, const gdfe::Nodes& start, const std::vector<double>& start_tension) {
+             double length_tolerance, int max_iterations, const gdfe::Nodes& start, const std::vector<double>& start_tension,
+             const std::vector<double>& pressures, const std::vector<Eigen::Vector3d>& follower_forces,
+             const std::vector<Eigen::Vector3d>& motions, const std::vector<Eigen::Vector3d>& motions_before,
+             const gdfe::Nodes& before) {
             gdfe::Task task;
+            task.pressures = pressures;
+            task.follower_forces = follower_forces;
+            task.motions = motions;
+            task.motions_before = motions_before;
+            task.before = before;
             task.prescribed = prescribed;
             task.load = load;
             for (const auto& [by_length, target] : drives) task.drives.push_back({by_length, target});
@@ -128,7 +162,8 @@ PYBIND11_MODULE(_core, module) {
             return solver.solve(task, start, start_tension);
           },
           py::arg("prescribed"), py::arg("load"), py::arg("drives"), py::arg("tolerance"), py::arg("force_floor"),
-          py::arg("length_tolerance"), py::arg("max_iterations"), py::arg("start"), py::arg("start_tension"))
+          py::arg("length_tolerance"), py::arg("max_iterations"), py::arg("start"), py::arg("start_tension"),
+          py::arg("pressures"), py::arg("follower_forces"), py::arg("motions"), py::arg("motions_before"), py::arg("before"))
       .def("energy", &gdfe::Solver::energy, py::arg("displacement"))
       .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
       .def("strain",

@@ -28,7 +28,7 @@ std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric
 
 Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
                const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
-               std::vector<OgdenMaterial> ogden, const Settings& settings)
+               std::vector<OgdenMaterial> ogden, Surroundings surroundings, const Settings& settings)
     : nodes_(static_cast<std::size_t>(rest.rows())),
       rest_(std::move(rest)),
       settings_(settings),
@@ -36,7 +36,8 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
       elements_(make_elements(rest_, hexes, settings.metric)),
       blocks_(elements_, hexes, materials),
       cables_(std::move(cables)),
-      cable_work_(cables_.size()) {
+      cable_work_(cables_.size()),
+      surroundings_(std::move(surroundings)) {
   if (settings_.law == Law::Rigorous) {
     ogden_ = std::make_unique<OgdenElements>(rest_, hexes, materials, std::move(ogden));
   }
@@ -47,6 +48,44 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   build_axes(elements_, hexes, matrix_weight, maps);
   elements_ = {};
   build_point_columns();
+  build_contact();
+}
+
+void Solver::build_contact() {
+  if (surroundings_.obstacles.empty()) return;
+  UnknownsView view;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    view.dof[axis] = &axes_[axis].dof;
+    view.offset[axis] = axes_[axis].offset;
+    view.size[axis] = static_cast<std::size_t>(axes_[axis].factor->size());
+    view.same_as[axis] = axis;
+    for (std::size_t earlier = axis; earlier-- > 0;) {
+      if (axes_[earlier].factor == axes_[axis].factor) view.same_as[axis] = earlier;
+    }
+  }
+  view.apply_inverse = [this](std::size_t axis, double* column) { axes_[axis].factor->solve(&column, 1, scratch_); };
+  contact_ = Contact(surroundings_.obstacles, nodes_, std::move(view));
+}
+
+void Solver::begin_contact(const Task& task) {
+  if (!contact_.empty()) contact_.begin(task.motions, task.motions_before, rest_ + task.before);
+}
+
+// Loads that follow the body, at the positions just expanded.
+void Solver::add_followers(const Task& task) {
+  follower_squared_ = 0.0;
+  if (surroundings_.pressed.empty() && surroundings_.followers.empty()) return;
+  follower_.assign(3 * nodes_, 0.0);
+  for (std::size_t k = 0; k < surroundings_.pressed.size(); ++k) {
+    add_pressure(surroundings_.pressed[k], task.pressures[k], position_.data(), nodes_, follower_.data());
+  }
+  for (std::size_t k = 0; k < surroundings_.followers.size(); ++k) {
+    add_follower_force(surroundings_.followers[k], task.follower_forces[k], rest_, position_.data(), nodes_, follower_.data());
+  }
+  for (std::size_t i = 0; i < follower_.size(); ++i) {
+    force_[i] -= follower_[i];
+    follower_squared_ += follower_[i] * follower_[i];
+  }
 }
 
 void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
@@ -167,7 +206,7 @@ void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
 // Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
 double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
   std::fill(residual.begin(), residual.end(), 0.0);
-  double held = 0.0, loads = 0.0;
+  double held = 0.0, loads = follower_squared_;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const Axis& a = axes_[axis];
     double* out = residual.data() + a.offset;
@@ -190,7 +229,8 @@ double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
   for (std::size_t i = 0; i < unknowns_; ++i) free += residual[i] * residual[i];
   // an unloaded mesh at rest is in balance
   const double floor = std::max(task.force_floor, 1e-12 * weight_scale_);
-  return std::sqrt(free) / std::max({std::sqrt(held), std::sqrt(loads), floor});
+  balance_scale_ = std::max({std::sqrt(held), std::sqrt(loads), floor});
+  return std::sqrt(free) / balance_scale_;
 }
 
 void Solver::precondition(std::vector<double>& residual) {
@@ -252,7 +292,7 @@ void Solver::drive_lengths(const Task& task, const std::vector<double>& state, s
 }
 
 Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<double>& start_tension) {
-  std::vector<double> state(unknowns_ + cables_.size(), 0.0), step(state.size()), residual(state.size());
+  std::vector<double> state(unknowns_ + cables_.size(), 0.0), step(state.size()), residual(state.size()), unbalanced;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const Axis& a = axes_[axis];
     for (std::size_t i = 0; i < nodes_; ++i) {
@@ -273,6 +313,7 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     state[unknowns_ + c] = start_tension[c] * cable_work_[c].tension_scale;
   }
 
+  begin_contact(task);
   Anderson accelerate(state.size(), settings_.window);
   Outcome outcome;
   double last_norm = 0.0;
@@ -281,10 +322,22 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     expand(task, state);
     add_element_forces();
     pull_cables(task, state);
+    add_followers(task);
     outcome.residual = out_of_balance(task, residual);
+    outcome.length_error = 0.0;
+    if (!contact_.empty() && std::isfinite(outcome.residual)) {
+      contact_.add_last_forces(residual);
+      unbalanced = residual;
+      precondition(residual);
+      drive_lengths(task, state, residual);
+      contact_.resolve(position_.data(), unbalanced, residual);
+      double square = 0.0;
+      for (std::size_t i = 0; i < unknowns_; ++i) square += unbalanced[i] * unbalanced[i];
+      outcome.residual = std::sqrt(square) / std::max(balance_scale_, std::sqrt(contact_.force_squared()));
+      outcome.length_error = contact_.gap_error();
+    }
     outcome.history.push_back(outcome.residual);
     outcome.iterations = iteration;
-    outcome.length_error = 0.0;
     bool sound = std::isfinite(outcome.residual);
     for (std::size_t c = 0; c < cables_.size(); ++c) {
       const CableState& cable = cable_work_[c].state;
@@ -304,8 +357,10 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     }
     halvings = 0;
 
-    precondition(residual);
-    drive_lengths(task, state, residual);
+    if (contact_.empty()) {
+      precondition(residual);
+      drive_lengths(task, state, residual);
+    }
     double norm = 0.0;
     for (const double value : residual) norm += value * value;
     norm = std::sqrt(norm);
@@ -339,6 +394,13 @@ Outcome Solver::report(const Task& task, const std::vector<double>& state) const
       const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
       outcome.displacement(row, column) = position_[axis * nodes_ + i] - rest_(row, column);
       if (axes_[axis].dof[i] < 0) outcome.reaction(row, column) = force_[axis * nodes_ + i] - task.load(row, column);
+    }
+  }
+  outcome.touches = contact_.touches();
+  for (const Touch& touch : outcome.touches) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto column = static_cast<Eigen::Index>(axis);
+      if (axes_[axis].dof[static_cast<std::size_t>(touch.node)] < 0) outcome.reaction(touch.node, column) -= touch.force[column];
     }
   }
   outcome.strain.assign(blocks_.strain.begin(), blocks_.strain.begin() + static_cast<std::ptrdiff_t>(blocks_.elements));

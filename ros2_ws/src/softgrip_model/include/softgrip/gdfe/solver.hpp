@@ -12,7 +12,9 @@
 
 #include "softgrip/gdfe/anderson.hpp"
 #include "softgrip/gdfe/cable.hpp"
+#include "softgrip/gdfe/contact.hpp"
 #include "softgrip/gdfe/factor.hpp"
+#include "softgrip/gdfe/follower.hpp"
 #include "softgrip/gdfe/local_step.hpp"
 #include "softgrip/gdfe/mesh.hpp"
 #include "softgrip/gdfe/ogden.hpp"
@@ -36,13 +38,24 @@ struct CableDrive {
   double target = 0.0;
 };
 
+// What acts on the mesh from outside, beside dead forces and cables.
+struct Surroundings {
+  std::vector<PressedSurface> pressed;
+  std::vector<FollowerPatch> followers;
+  std::vector<Obstacle> obstacles;
+};
+
 struct Task {
   Nodes prescribed;                // (n, 3) displacement of prescribed unknowns; others are not read
   Nodes load;                      // (n, 3) dead forces [N]
   std::vector<CableDrive> drives;  // one per cable
+  std::vector<double> pressures;   // one per pressed surface [N / length^2]
+  std::vector<Eigen::Vector3d> follower_forces;          // one per patch [N], as at rest
+  std::vector<Eigen::Vector3d> motions, motions_before;  // of obstacles: in this solve, and where slip counts from
+  Nodes before;                    // (n, 3) displacement that slip counts from
   double tolerance = 1e-6;         // out-of-balance force relative to reactions
   double force_floor = 0.0;        // reactions and loads below this count as this [N]
-  double length_tolerance = 1e-6;  // of driven cable lengths [length]
+  double length_tolerance = 1e-6;  // of driven cable lengths, and of contact gaps [length]
   int max_iterations = 2000;
 };
 
@@ -57,6 +70,7 @@ struct Outcome {
   std::vector<double> anchor_tension;        // per cable
   std::vector<std::vector<double>> tension;  // per cable, actuator to anchor
   std::vector<double> shortening;            // per cable
+  std::vector<Touch> touches;
   std::vector<double> history;   // residual of every iteration
 };
 
@@ -67,7 +81,7 @@ class Solver {
  public:
   Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
          const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
-         std::vector<OgdenMaterial> ogden, const Settings& settings);
+         std::vector<OgdenMaterial> ogden, Surroundings surroundings, const Settings& settings);
 
   // From a start state (displacements and anchor tensions).
   Outcome solve(const Task& task, const Nodes& start, const std::vector<double>& start_tension);
@@ -98,6 +112,9 @@ class Solver {
 
   void place(const Nodes& displacement);
   void add_element_forces();
+  void add_followers(const Task& task);
+  void build_contact();
+  void begin_contact(const Task& task);
   void build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
                   const std::array<DofMap, 3>& maps);
   void build_point_columns();
@@ -121,7 +138,11 @@ class Solver {
   std::vector<Cable> cables_;
   std::vector<CableWork> cable_work_;
   std::vector<std::size_t> first_column_;  // per cable: column of its first point in point_columns
-  std::vector<double> position_, force_, scratch_;
+  Surroundings surroundings_;
+  Contact contact_;
+  double follower_squared_ = 0.0;  // of their forces
+  double balance_scale_ = 1.0;     // reactions and loads that the residual is measured against
+  std::vector<double> position_, force_, follower_, scratch_;
   std::vector<double> shares_;  // forces of every thread but the first, [thread][3][nodes]
   double weight_scale_ = 1.0;
 };
