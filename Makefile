@@ -48,8 +48,9 @@ lint: setup  ## ruff and mypy, strict
 clean:  ## remove what was built
 	rm -rf out build $(SRC)/softgrip_model/build .mypy_cache .ruff_cache
 
-faults: setup  ## every fault and what the driver does about it, with its time to safe; on an otherwise idle machine
+faults: setup  ## every fault of the drives with its time to safe, every process killed and frozen; on an otherwise idle machine
 	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py
+	SOFTGRIP_EVERY_PROCESS=1 $(BIN)/python -m pytest -q -n0 -s tests/system/test_process_faults.py
 
 soak: setup  ## ten minutes of random faults
 	SOFTGRIP_SOAK_SECONDS=600 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_soak.py

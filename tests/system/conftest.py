@@ -79,6 +79,17 @@ class Launched:
         )
         return answer.stdout
 
+    def node_process(self, name: str) -> int | None:
+        """Return the process id of a node of the launch; None while it is not running."""
+        for process in self._processes():
+            try:
+                command = (Path("/proc") / str(process) / "cmdline").read_text()
+            except OSError:
+                continue
+            if f"__node:={name}\0" in command and "keep_running" not in command:
+                return process
+        return None
+
     def close(self) -> None:
         for process in self._processes():
             os.kill(process, signal.SIGKILL)
@@ -112,9 +123,7 @@ class Launched:
         return lines
 
 
-@pytest.fixture
-def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
-    """Start a command in a domain of its own; everything is killed at the end of the test."""
+def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     launched: list[Launched] = []
 
     def start(*arguments: str) -> Launched:
@@ -126,3 +135,15 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     yield start
     for one in launched:
         one.close()
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
+    """Start a command in a domain of its own; everything is killed at the end of the test."""
+    yield from _launches(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def launch_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Launched]]:
+    """As `launch`, for all tests of a module."""
+    yield from _launches(tmp_path_factory.mktemp("launch"))

@@ -27,7 +27,7 @@ from softgrip_cell.passports import SHIPPED as SHIPPED_PASSPORTS
 from softgrip_cell.passports import read_passports
 from softgrip_cell.planner import Order
 from softgrip_cell.storage import Database, Journal, Library
-from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, TendonStatusArray
+from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual, TendonStatusArray
 from softgrip_interfaces.srv import PlanMix, SelectProduct
 from softgrip_nodekit import (
     LATCHED,
@@ -158,6 +158,11 @@ class GraspMixManager(Node):
 
     def _on_measured(self, message: FingerStates) -> None:
         self._swap.see(convert.seen_tips(message))
+
+    def _on_residual(self, message: PredictionResidual) -> None:
+        if message.verdict == PredictionResidual.WORN:
+            self._cell.wear(message.finger, message.reason)
+            self._publish_state()
 
     def _on_tendon_status(self, message: TendonStatusArray) -> None:
         self._status, self._status_at_s = message, self._doors.monotonic_s()
