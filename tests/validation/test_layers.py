@@ -24,9 +24,9 @@ MAY_IMPORT = {
     "softgrip_emulator": {"softgrip_model"},
     "softgrip_vision": {"softgrip_model"},
     "softgrip_cell": {"softgrip_model"},
-    "softgrip_bag": set(),
+    "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
-    "softgrip_demo": {"softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
+    "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
 }
 
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
@@ -11,6 +10,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from softgrip_bag.plots import COLOURS, DEGREES, MILLIMETRES, STYLE, draw_ratio, svg
 from softgrip_demo.summary import tip_errors_percent
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 
@@ -18,30 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from softgrip_demo.record import Closing, FrictionResult
-
-#: One colour a joint, base to tip; the same everywhere.
-JOINT_COLOURS = ("#0b6e4f", "#c8553d", "#3d5a98", "#8e6c8a", "#b08900", "#555555")
-INK = "#22312b"
-DEGREES = 180.0 / np.pi
-MILLIMETRES = 1000.0
-
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e3e8e5",
-    "grid.linewidth": 0.6,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "legend.frameon": False,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "softgrip",
-}
 
 
 def friction_figure(friction: FrictionResult) -> str:
@@ -55,24 +31,8 @@ def friction_figure(friction: FrictionResult) -> str:
             friction.radius_mm,
             KReading(friction.k_reading),
         )
-        loads = sorted({round(point.tension_low, 1) for point in friction.points})
-        for colour, load in zip(JOINT_COLOURS, loads, strict=False):
-            points = [p for p in friction.points if round(p.tension_low, 1) == load]
-            tension_low = float(np.mean([p.tension_low for p in points]))
-            angles = np.linspace(0.0, max(p.angle for p in friction.points) * 1.05, 100)
-            ratio = law.ratio(angles, tension_low)
-            axes.plot(angles * DEGREES, ratio, color=colour, lw=1.6, label=f"T₂ = {tension_low:.2f} N")
-            axes.plot(
-                [p.angle * DEGREES for p in points],
-                [p.tension_high / p.tension_low for p in points],
-                "o",
-                color=colour,
-                ms=5,
-                mec="white",
-            )
-        axes.set(xlabel="wrap angle θ [deg]", ylabel="tension ratio T₁ / T₂ [1]")
-        axes.legend(loc="upper left")
-        return _svg(figure)
+        draw_ratio(axes, law, [(p.angle, p.tension_high, p.tension_low) for p in friction.points])
+        return svg(figure)
 
 
 def joints_figure(closing: Closing) -> str:
@@ -84,12 +44,12 @@ def joints_figure(closing: Closing) -> str:
         figure = Figure(figsize=(3.7, 3.1), layout="constrained")
         axes = figure.subplots()
         for joint in range(predicted.shape[1]):
-            colour = JOINT_COLOURS[joint % len(JOINT_COLOURS)]
+            colour = COLOURS[joint % len(COLOURS)]
             axes.plot(pulled, measured[:, joint], ".", color=colour, ms=3, alpha=0.6)
             axes.plot(pulled, predicted[:, joint], "-", color=colour, lw=1.4, label=f"J{joint}")
         axes.set(xlabel="pulled length [mm]", ylabel="joint angle [deg]", title=closing.grasp)
         axes.legend(loc="upper left")
-        return _svg(figure)
+        return svg(figure)
 
 
 def demonstration_figure(closing: Closing, human: np.ndarray) -> str:
@@ -105,14 +65,14 @@ def demonstration_figure(closing: Closing, human: np.ndarray) -> str:
         figure = Figure(figsize=(3.7, 3.1), layout="constrained")
         axes = figure.subplots()
         for joint in range(measured.shape[1]):
-            colour = JOINT_COLOURS[joint % len(JOINT_COLOURS)]
+            colour = COLOURS[joint % len(COLOURS)]
             axes.plot(shown.sum(axis=1), shown[:, joint], "-", color=colour, lw=1.0, label=f"J{joint} hand")
             axes.plot(measured.sum(axis=1), measured[:, joint], ".", color=colour, ms=3, alpha=0.6)
         axes.set(
             xlabel="sum of joint angles [deg]", ylabel="joint angle [deg]", title=f"{closing.grasp}: as the hand does"
         )
         axes.legend(loc="upper left")
-        return _svg(figure)
+        return svg(figure)
 
 
 def tip_figure(closing: Closing) -> str:
@@ -134,7 +94,7 @@ def tip_figure(closing: Closing) -> str:
         axes.title.set_fontsize(8.5)
         axes.set_aspect("equal")
         axes.legend(loc="lower left")
-        return _svg(figure)
+        return svg(figure)
 
 
 def _draw_shape(axes: Axes, closing: Closing) -> None:
@@ -143,10 +103,3 @@ def _draw_shape(axes: Axes, closing: Closing) -> None:
     vertices = np.array(closing.shape.vertices)[:, :2] * MILLIMETRES
     quads = [vertices[list(face)] for face in closing.shape.faces]
     axes.add_collection(PolyCollection(quads, facecolors="#dfe9e3", edgecolors="#b9cbc1", linewidths=0.25))
-
-
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the messages of a bag to its `Story`."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.steps import runs, stamp_of
+from softgrip_bag.nodes.types import message_class
+from softgrip_bag.reader import RawMessage, read, topic_types
+from softgrip_bag.story import Closing, Fault, Fit, Grasp, Mode, Sample, Story
+from softgrip_interfaces.action import Grasp as GraspAction
+from softgrip_interfaces.msg import CellState, FrictionModel, FrictionSample, PredictionResidual
+
+#: What the story is told from: topic -> type. Topics of that name and another type are left out.
+_READ = {
+    "/cell/state": "softgrip_interfaces/msg/CellState",
+    "/friction/active": "softgrip_interfaces/msg/FrictionModel",
+    "/rig/sample": "softgrip_interfaces/msg/FrictionSample",
+    "/finger/measured": "softgrip_interfaces/msg/FingerStates",
+    "/finger/predicted": "softgrip_interfaces/msg/FingerStates",
+    "/finger/residual": "softgrip_interfaces/msg/PredictionResidual",
+    "/tendon/status": "softgrip_interfaces/msg/TendonStatusArray",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+_TRACE = "/grasp_mix_manager/trace"
+_UUID = 16
+#: [ns] a camera frame and a prediction of the same instant are at most so far apart.
+_TOGETHER = 20_000_000
+#: Modes in which something may be between the fingers.
+_BUSY = {"GRASPING", "HOLDING"}
+_ERROR = 2  # diagnostic_msgs/DiagnosticStatus.ERROR
+
+Tip = tuple[int, float, tuple[float, float]]  # stamp [ns], pulled length [m], tip [m]
+
+
+class _Reader:
+    """Takes messages one by one."""
+
+    def __init__(self) -> None:
+        self.story = Story()
+        self._mode = ""
+        self._faults: dict[tuple[str, str], str] = {}
+        self.measured: dict[tuple[str, str], list[Tip]] = defaultdict(list)
+        self.predicted: dict[tuple[str, str], list[Tip]] = defaultdict(list)
+        self.errors: dict[str, list[tuple[int, float]]] = defaultdict(list)
+
+    def take(self, raw: RawMessage, message: Any) -> None:
+        name = raw.topic.strip("/").replace("/", "_")
+        getattr(self, f"_{name}")(raw.received, message)
+
+    def _cell_state(self, time: int, message: Any) -> None:
+        mode = _constant(CellState, message.mode)
+        self._mode = mode
+        reason = message.fault or message.reason
+        self.story.modes.append(Mode(time, mode, message.finger_set, message.product, reason))
+
+    def _friction_active(self, time: int, message: Any) -> None:
+        fit = Fit(
+            time=time,
+            id=message.id,
+            law=message.law,
+            k_reading=message.k_reading,
+            coefficients=dict(zip(message.coefficient_names, map(float, message.coefficients), strict=False)),
+            radius_mm=1e3 * (message.cable_radius + message.surface_radius),
+            average_error=message.average_error,
+            maximum_error=message.maximum_error,
+            r_squared=message.r_squared,
+            points=message.points,
+            verdict=_constant(FrictionModel, message.verdict, {"USABLE", "REPEAT_POINTS", "DO_NOT_USE"}),
+        )
+        if not self.story.fits or self.story.fits[-1].id != fit.id:
+            self.story.fits.append(fit)
+
+    def _rig_sample(self, time: int, message: Any) -> None:
+        accepted = message.verdict == FrictionSample.ACCEPTED
+        self.story.samples.append(
+            Sample(time, message.angle, message.tension_high, message.tension_low, accepted=accepted)
+        )
+
+    def _finger_measured(self, _: int, message: Any) -> None:
+        if self._mode not in _BUSY:
+            self._tips(message, self.measured)
+
+    def _finger_predicted(self, _: int, message: Any) -> None:
+        self._tips(message, self.predicted)
+
+    def _tips(self, message: Any, into: dict[tuple[str, str], list[Tip]]) -> None:
+        stamp = stamp_of(message)
+        for finger in message.fingers:
+            if finger.validity != finger.FAILED:
+                tip = (float(finger.tip.x), float(finger.tip.y))
+                into[finger.profile, finger.finger].append((stamp, float(finger.pulled_length), tip))
+
+    def _finger_residual(self, _: int, message: PredictionResidual) -> None:
+        if self._mode not in _BUSY:
+            self.errors[message.finger].append((stamp_of(message), float(message.tip_error_percent)))
+
+    def _tendon_status(self, time: int, message: Any) -> None:
+        for tendon in message.tendons:
+            self._fault(time, "tendon/status", tendon.tendon, tendon.fault, tendon.reason)
+        self._fault(time, "tendon/status", "all", "estop" if message.estop else "", "the emergency stop is latched")
+
+    def _diagnostics(self, time: int, message: Any) -> None:
+        for status in message.status:
+            bad = status.level[0] == _ERROR
+            self._fault(time, "diagnostics", status.name, status.name if bad else "", status.message)
+
+    def _fault(self, time: int, source: str, of: str, name: str, text: str) -> None:
+        before = self._faults.get((source, of), "")
+        self._faults[source, of] = name
+        if name and name != before:
+            shown = f"{of}: {name}" if name != of else name
+            self.story.faults.append(Fault(time, source, shown, text))
+
+
+def digest(bag: Path) -> Story:
+    """Return what happened in a bag.
+
+    Raises:
+        BagError: no bag, or no MCAP.
+    """
+    types = topic_types(bag)
+    reader = _Reader()
+    for raw in read(bag, {topic for topic, kind in _READ.items() if types.get(topic) == kind}):
+        reader.take(raw, deserialize_message(raw.data, message_class(raw.type_name)))
+    story = reader.story
+    story.closings.extend(_closings(reader))
+    if types.get(_TRACE) == "softgrip_interfaces/msg/NodeTrace":
+        story.grasps.extend(_grasps(bag))
+    return story
+
+
+def _closings(reader: _Reader) -> list[Closing]:
+    found = []
+    for (profile, finger), seen in sorted(reader.measured.items()):
+        expected = reader.predicted.get((profile, finger), [])
+        stamps = [stamp for stamp, _, _ in expected]
+        pairs = []
+        for stamp, _, tip in seen:
+            at = bisect_left(stamps, stamp)
+            nearest = min(
+                (i for i in (at - 1, at) if 0 <= i < len(stamps)), key=lambda i: abs(stamps[i] - stamp), default=-1
+            )
+            if nearest >= 0 and abs(stamps[nearest] - stamp) <= _TOGETHER:
+                pairs.append((expected[nearest][1], tip, expected[nearest][2]))
+        if not pairs:
+            continue
+        own = {stamp for stamp, _, _ in seen}
+        errors = [error for stamp, error in reader.errors[finger] if stamp in own and np.isfinite(error)]
+        pulled, measured, predicted = zip(*pairs, strict=True)
+        found.append(
+            Closing(profile, finger, np.array(pulled), np.array(measured), np.array(predicted), np.array(errors))
+        )
+    return found
+
+
+def _grasps(bag: Path) -> list[Grasp]:
+    found = []
+    try:
+        for steps in runs(bag, _TRACE):
+            product = ""
+            for step in steps:
+                if step.name == "goal /cell/grasp":
+                    product = deserialize_message(step.data[_UUID:], GraspAction.Goal).product
+                elif step.name == "finished /cell/grasp":
+                    result = deserialize_message(step.data, GraspAction.Result)
+                    outcome = _constant(GraspAction.Result, result.outcome)
+                    found.append(Grasp(step.wall, product, outcome, result.reason, result.latency, result.duration))
+    except BagError:
+        return found  # what is there of a trace with a gap
+    return found
+
+
+def _constant(kind: Any, value: int, names: set[str] | None = None) -> str:
+    """Return the name of a message's constant."""
+    for name in dir(kind):
+        if name.isupper() and getattr(kind, name) == value and (names is None or name in names):
+            return name
+    return str(value)

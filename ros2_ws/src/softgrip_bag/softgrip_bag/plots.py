@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of reports, as SVG text; the style that all reports of the suite share."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from softgrip_bag.statistics import BagStatistics
+from softgrip_bag.story import Closing, Fit, Sample, Story
+from softgrip_model.friction.laws import FrictionLaw, KReading, Law
+
+#: One colour a joint, a load, a topic; the same everywhere.
+COLOURS = ("#0b6e4f", "#c8553d", "#3d5a98", "#8e6c8a", "#b08900", "#555555")
+INK = "#22312b"
+DEGREES = 180.0 / np.pi
+MILLIMETRES = 1000.0
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e8e5",
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "softgrip",
+}
+_MODE_COLOURS = {
+    "IDLE": "#dfe9e3",
+    "SWAPPING": "#e9d8a6",
+    "GRASPING": "#9cc5b0",
+    "HOLDING": "#5fa883",
+    "CALIBRATING": "#b9c6e4",
+    "FAULT": "#e6a596",
+    "ESTOP": "#c8553d",
+    "UNKNOWN": "#eeeeee",
+}
+_BINS = 400
+
+
+def svg(figure: Figure) -> str:
+    """Return a figure as an <svg> element, the same bytes for the same content."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def draw_ratio(axes: Axes, law: FrictionLaw, points: Sequence[tuple[float, float, float]]) -> None:
+    """Tension ratio over wrap angle, one curve a load.
+
+    Args:
+        axes: to draw into.
+        law: fitted.
+        points: wrap angle [rad], T1, T2 [N] of each measured point.
+    """
+    loads = sorted({round(low, 1) for _, _, low in points})
+    for colour, load in zip(COLOURS, loads, strict=False):
+        own = [point for point in points if round(point[2], 1) == load]
+        low = float(np.mean([point[2] for point in own]))
+        angles = np.linspace(0.0, max(point[0] for point in points) * 1.05, 100)
+        axes.plot(angles * DEGREES, law.ratio(angles, low), color=colour, lw=1.6, label=f"T₂ = {low:.2f} N")
+        axes.plot([p[0] * DEGREES for p in own], [p[1] / p[2] for p in own], "o", color=colour, ms=5, mec="white")
+    axes.set(xlabel="wrap angle θ [deg]", ylabel="tension ratio T₁ / T₂ [1]")
+    axes.legend(loc="upper left")
+
+
+def fit_figure(fit: Fit, samples: Sequence[Sample]) -> str:
+    """A fitted model with the points that were measured before it."""
+    points = [(s.angle, s.tension_high, s.tension_low) for s in samples if s.accepted and s.time <= fit.time]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(5.0, 3.2), layout="constrained")
+        axes = figure.subplots()
+        law = FrictionLaw(Law(fit.law), tuple(fit.coefficients.values()), fit.radius_mm, KReading(fit.k_reading))
+        draw_ratio(axes, law, points)
+        axes.set_title(fit.id)
+        return svg(figure)
+
+
+def closing_figure(closing: Closing) -> str:
+    """The fingertip's places, seen and predicted."""
+    order = np.argsort(closing.pulled)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(3.7, 3.2), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(*(closing.measured.T * MILLIMETRES), ".", color=COLOURS[1], ms=3, label="markers")
+        axes.plot(*(closing.predicted[order].T * MILLIMETRES), "-", color=COLOURS[0], lw=1.4, label="prediction")
+        axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"{closing.profile}, {closing.finger}")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(loc="lower left")
+        return svg(figure)
+
+
+def timeline_figure(found: BagStatistics, story: Story) -> str:
+    """Every topic's rate over time as darkness, the cell's modes above, grasps and faults as marks."""
+    topics = [topic for topic in found.topics if topic.messages]
+    duration = max(found.duration, 1e-3)
+    edges = np.linspace(0.0, duration, _BINS + 1)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11.5, 1.6 + 0.17 * len(topics)), layout="constrained")
+        modes, rates = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, max(1.0, 0.3 * len(topics))))
+        _draw_modes(modes, story, found.start, duration)
+        counts = [np.histogram((topic.received - found.start) * 1e-9, edges)[0] for topic in topics]
+        shown = [row / max(1, row.max()) for row in counts] or [np.zeros(_BINS)]
+        rates.imshow(shown, aspect="auto", extent=(0.0, duration, len(topics) - 0.5, -0.5), cmap="Greens", vmin=0.0)
+        rates.set_yticks(range(len(topics)), [topic.name for topic in topics], fontsize=6.5)
+        rates.set(xlabel="time [s]")
+        rates.grid(visible=False)
+        return svg(figure)
+
+
+def _draw_modes(axes: Axes, story: Story, start: int, duration: float) -> None:
+    times = [(mode.time - start) * 1e-9 for mode in story.modes]
+    for mode, since, until in zip(story.modes, times, [*times[1:], duration], strict=True):
+        axes.axvspan(since, until, ymin=0.0, ymax=0.45, color=_MODE_COLOURS.get(mode.mode, "#eeeeee"), lw=0)
+    for grasp in story.grasps:
+        good = grasp.outcome == "GRIPPED"
+        axes.plot((grasp.time - start) * 1e-9, 0.65, "o" if good else "X", color=COLOURS[0 if good else 1], ms=5)
+    for fault in story.faults:
+        axes.plot((fault.time - start) * 1e-9, 0.9, "v", color=COLOURS[1], ms=5)
+    axes.set(ylim=(0, 1), yticks=[0.22, 0.65, 0.9], xlim=(0.0, duration))
+    axes.set_yticklabels(["mode", "grasps", "faults"], fontsize=7)
+    axes.grid(visible=False)
