@@ -4,6 +4,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 import yaml
 
@@ -77,3 +78,115 @@ def test_a_bar_that_can_slide_is_refused_by_the_command(tmp_path, capsys):
     case.write_text(GOOD.replace("fix: xyz", "fix: x"))
     assert simulate.main([str(case), "--out", str(tmp_path)]) == 2
     assert "can move freely" in capsys.readouterr().err
+
+
+LOADED = """
+schema: 1
+title: loaded bar
+units: {length: mm, stress: MPa}
+materials: {soft: {linear: {modulus: 2.0, poisson: 0.0}, density_kg_m3: 1200.0}}
+mesh: {bar: {size: [4.0, 1.0, 1.0], elements: [8, 2, 2], materials: [soft]}}
+boundary: [{face: left, fix: xyz}]
+increments: 1
+"""
+
+
+def simulated(tmp_path, text):
+    case = tmp_path / "case.yaml"
+    case.write_text(text)
+    assert simulate.main([str(case), "--out", str(tmp_path), "--json", str(tmp_path / "out.json")]) == 0
+    return json.loads((tmp_path / "out.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("units", "size"),
+    [("{length: mm, stress: MPa}", "[4.0, 1.0, 1.0]"), ("{length: cm, stress: kPa}", "[0.4, 0.1, 0.1]")],
+    ids=["mm", "cm"],
+)
+@pytest.mark.parametrize(
+    ("load", "held"),
+    [
+        ("{face: right, force_n: {x: 0.01, y: -0.02}}", [-0.01, 0.02, 0.0]),
+        ("{face: right, follower_n: {x: 0.01}}", [-0.01, 0.0, 0.0]),
+        # 1200 kg/m3 x 4 mm3 x 1000 m/s2
+        ("{gravity_m_s2: {y: -1000.0}}", [0.0, 0.0048, 0.0]),
+    ],
+    ids=["force", "follower", "weight"],
+)
+def test_loads_of_a_case_are_held_in_newtons(units, size, load, held, tmp_path):
+    text = LOADED.replace("{length: mm, stress: MPa}", units).replace("[4.0, 1.0, 1.0]", size)
+    if "kPa" in units:
+        text = text.replace("modulus: 2.0", "modulus: 2000.0")
+    data = simulated(tmp_path, text + f"loads: [{load}]\n")
+    assert data["reaction_n"]["left"] == pytest.approx(held, abs=1e-6)
+
+
+def test_pressure_of_a_case_is_in_its_unit_of_stress(tmp_path):
+    data = simulated(tmp_path, LOADED + "loads: [{face: right, pressure: 0.05}]\n")
+    assert data["reaction_n"]["left"][0] == pytest.approx(0.05, rel=1e-3)  # on 1 mm2, which nu = 0 leaves as it is
+
+
+def test_a_plane_of_a_case_presses_the_bar(tmp_path):
+    # E A d / L = 2 x 1 x 0.2 / 4
+    plane = (
+        "obstacles: [{plane: {point: [4.0, 0.0, 0.0], normal: [-1.0, 0.0, 0.0]}, touches: right, move: {x: -0.2}}]\n"
+    )
+    data = simulated(tmp_path, LOADED + plane)
+    assert data["contacts"][0]["force_n"][0] == pytest.approx(-0.1, rel=1e-4)
+    assert data["contacts"][0]["nodes"] == 9
+
+
+def test_a_cable_of_a_case_pulls_by_tension_and_by_length(tmp_path):
+    cable = "cables: [{points: [[0, 0, 0], [2, 0, 0], [4, 0, 0]], guides: 1, %s}]\n"
+    data = simulated(tmp_path, LOADED + cable % "tension_n: 0.1")
+    assert data["reaction_n"]["left"][0] == pytest.approx(0.1, rel=1e-4)
+    shortening = data["cables"][0]["shortening"]
+    again = simulated(tmp_path, LOADED + cable % f"pull: {shortening}")
+    assert again["cables"][0]["tension_n"][0] == pytest.approx(0.1, rel=1e-3)
+
+
+def test_a_cable_of_a_case_rubs_by_its_law(tmp_path):
+    friction = "friction: {law: capstan, coefficients: [0.3], radius_mm: 1.0}"
+    bend = "[[-1, 0, 0], [0.5, 0, 0], [0.5, 0.5, 0]]"  # a right angle at the second point
+    cable = f"cables: [{{points: {bend}, guides: 1, tension_n: 0.01, {friction}}}]\n"
+    tension = simulated(tmp_path, LOADED + cable)["cables"][0]["tension_n"]
+    assert tension[0] / tension[-1] == pytest.approx(np.exp(0.3 * np.pi / 2), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("loads: [{face: right}]", "loads[0]: expected one of force_n, pressure, follower_n"),
+        ("loads: [{face: up, pressure: 1.0}]", "loads[0].face: expected one of left, right"),
+        ("loads: [{face: right, force_n: {w: 1.0}}]", "loads[0].force_n: expected axes out of x, y, z"),
+        ("loads: [{face: right, pressure: high}]", "loads[0].pressure: expected a number, found 'high'"),
+        ("obstacles: [{cube: {}}]", "obstacles[0]: expected one of plane, sphere, cylinder"),
+        ("obstacles: [{sphere: {centre: [0, 0, 0], radius: -1.0}}]", "obstacles[0]: sphere: expected a radius above 0"),
+        ("obstacles: [{sphere: {centre: [0, 0], radius: 1.0}}]", "expected three numbers [x, y, z], found [0, 0]"),
+        ("cables: [{points: [[0, 0, 0], [4, 0, 0]]}]", "cables[0]: expected either pull (a length) or tension_n"),
+        ("cables: [{points: [[0, 0, 0], [9, 0, 0]], pull: 1.0}]", "(9.0, 0.0, 0.0) lies in no element"),
+        (
+            "cables: [{points: [[0, 0, 0], [4, 0, 0]], pull: 1.0, "
+            "friction: {law: matte, coefficients: [1], radius_mm: 1}}]",
+            "cables[0].friction: ",
+        ),
+    ],
+)
+def test_a_wrong_load_is_refused_with_its_place(text, message, tmp_path):
+    with pytest.raises(GdfeError, match=re.escape(message)):
+        parse_case(yaml.safe_load(LOADED + text), tmp_path)
+
+
+def test_weight_without_density_and_cables_without_newtons_are_refused(tmp_path):
+    with pytest.raises(GdfeError, match="weight needs density_kg_m3 in every material"):
+        parse_case(yaml.safe_load(GOOD + "loads: [{gravity_m_s2: {y: -9.81}}]"), tmp_path)
+    in_kpa = LOADED.replace("stress: MPa", "stress: kPa") + "cables: [{points: [[0, 0, 0], [4, 0, 0]], pull: 1.0}]"
+    with pytest.raises(GdfeError, match="units whose force is the newton"):
+        parse_case(yaml.safe_load(in_kpa), tmp_path)
+
+
+def test_the_thesis_law_takes_no_forces(tmp_path, capsys):
+    case = tmp_path / "forced.yaml"
+    case.write_text(LOADED + "loads: [{face: right, force_n: {x: 0.01}}]\n")
+    assert simulate.main([str(case), "--law", "thesis", "--out", str(tmp_path)]) == 2
+    assert "prescribed displacements only" in capsys.readouterr().err

@@ -22,7 +22,7 @@ from rich.table import Table
 from softgrip_model import gdfe, profile
 from softgrip_model.finger import Finger, FingerError, close
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.gdfe import GdfeError, Law, Mesh, Settings, Solver
+from softgrip_model.gdfe import Equilibrium, GdfeError, Law, Mesh, Settings, Solver
 from softgrip_model.gdfe.case_file import Case, FingerCase, load_case
 from softgrip_model.gdfe.closing import Closing, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
@@ -33,6 +33,7 @@ from softgrip_model.gdfe.picture import draw_shapes
 from softgrip_model.gdfe.rigid import check_held
 from softgrip_model.gdfe.thesis import ThesisState, force_unit
 from softgrip_model.gdfe.thesis_bars import difference, reference_displacements
+from softgrip_model.gdfe.validity import warnings_of
 
 Array = NDArray[np.float64]
 
@@ -117,10 +118,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _solid(case: Case, console: Console) -> Result:
     check_held(case.mesh, case.supports)
     started = time.perf_counter()
-    slack = 0.0 if case.law is not Law.RIGOROUS else 0.05 * float(np.ptp(case.mesh.nodes, axis=0).min())
-    window = 20 if case.law is Law.RIGOROUS else 10
-    settings = Settings(law=case.law, volume_shape=case.volume_shape, window=window, step_limit=slack)
-    solver = Solver(case.mesh, case.materials, case.supports, settings=settings)
+    solver = Solver(case.mesh, case.materials, case.supports, case.loads.cables, _settings(case), case.loads.around)
     state = _thesis_state(solver, case) if case.law is Law.THESIS else None
     prepared = time.perf_counter()
     increments = case.increments if case.law is Law.CALIBRATED else max(10, case.increments)
@@ -139,7 +137,20 @@ def _solid(case: Case, console: Console) -> Result:
     return _solid_result(case, found, force, prepared - started, solved - prepared)
 
 
+def _settings(case: Case) -> Settings:
+    """Return the method's numbers: bodies loaded by what follows them need a longer memory and bounded steps."""
+    thickness = float(np.ptp(case.mesh.nodes, axis=0).min())
+    window, limit = 10, 0.0
+    if case.law is Law.RIGOROUS:
+        window, limit = 20, 0.05 * thickness
+    elif case.loads.follow_the_body or case.loads.dead is not None:
+        window, limit = 30, 0.25 * thickness
+    return Settings(law=case.law, volume_shape=case.volume_shape, window=window, step_limit=limit)
+
+
 def _thesis_state(solver: Solver, case: Case) -> ThesisState:
+    if case.loads.dead is not None or case.loads.follow_the_body:
+        raise GdfeError("the law 'thesis' takes prescribed displacements only: its forces have no meaning")
     known = [m for m in case.materials if isinstance(m, Linear | StressPolynomial)]
     if len(known) < len(case.materials):
         raise GdfeError("the law 'thesis' needs tangent moduli: linear or polynomial materials only")
@@ -175,6 +186,9 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
         ("largest equivalent strain", f"{last.strain.max():.3f}"),
     ]
     rows += [(f"force on the {name} face", ", ".join(f"{f:.4g}" for f in force) + " N") for name, force in held.items()]
+    acting, acting_data = _acting(case, last)
+    rows += acting
+    data.update(acting_data)
     joint = _material_border(case, last.displacement)
     if joint is not None:
         data["joint_share"] = joint
@@ -191,12 +205,27 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
         else:
             reference = None
     rows += [(f"published: {what}", text) for what, text in case.compare.published.items()]
-    strains = {m.name: last.strain[case.mesh.materials == i] for i, m in enumerate(case.materials)}
-    for material in case.materials:
-        most = float(strains[material.name].max())
-        if most > material.strain_range[1]:
-            rows.append(("warning", f"{material.name}: strain {most:.2f}, known up to {material.strain_range[1]:.2f}"))
+    warnings = warnings_of(case.mesh, case.materials, last.displacement)
+    data["warnings"] = warnings
+    rows += [("warning", text) for text in warnings]
     return Result(rows, data, case.mesh, last.displacement, last.strain, case.length_unit, reference, found.completed)
+
+
+def _acting(case: Case, last: Equilibrium) -> tuple[list[tuple[str, str]], dict[str, Any]]:
+    """Return rows and data of what obstacles and cables do."""
+    rows: list[tuple[str, str]] = []
+    data: dict[str, Any] = {"contacts": [], "cables": []}
+    for number, (obstacle, contact) in enumerate(zip(case.loads.around.obstacles, last.contacts, strict=True)):
+        force = case.newtons * contact.total
+        text = ", ".join(f"{f:.4g}" for f in force)
+        touching, sliding = len(contact.nodes), int(contact.sliding.sum())
+        rows.append((f"force of {obstacle.shape} {number}", f"{text} N on {touching} nodes, {sliding} of them sliding"))
+        data["contacts"].append({"force_n": force.tolist(), "nodes": touching, "sliding": sliding})
+    for number, (tension, shortening) in enumerate(zip(last.tension, last.shortening, strict=True)):
+        ends = f"{tension[0]:.4g} N at the actuator, {tension[-1]:.4g} N at the anchor"
+        rows.append((f"cable {number}", f"{ends}, shortened by {shortening:.4g} {case.length_unit}"))
+        data["cables"].append({"tension_n": list(tension), "shortening": shortening})
+    return rows, data
 
 
 def _material_border(case: Case, displacement: Array) -> float | None:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from softgrip_model.friction.laws import FrictionLaw, k_index, law_index
 from softgrip_model.gdfe import _core
+from softgrip_model.gdfe.errors import GdfeError
+from softgrip_model.gdfe.mesh import CORNER_SIGNS, Mesh, shape_slopes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -60,3 +62,38 @@ class Drive:
 
     target: float
     by_length: bool = True
+
+
+def guide(position: tuple[float, float, float]) -> RoutingPoint:
+    """Return a point that is fixed in space."""
+    return RoutingPoint(position, np.zeros(0, dtype=np.int32), np.zeros(0))
+
+
+def attach(mesh: Mesh, position: tuple[float, float, float]) -> RoutingPoint:
+    """Return a point that moves with the hexahedron it lies in.
+
+    Raises:
+        GdfeError: the point lies in no hexahedron.
+    """
+    point = np.array(position)
+    slack = 1e-6 * float(np.ptp(mesh.nodes, axis=0).max())
+    corners = mesh.nodes[mesh.hexes]
+    near = (corners.min(axis=1) <= point + slack).all(axis=1) & (corners.max(axis=1) >= point - slack).all(axis=1)
+    for element in np.flatnonzero(near):
+        weights = _shares_within(corners[element], point)
+        if weights is not None:
+            return RoutingPoint(position, mesh.hexes[element].copy(), weights)
+    raise GdfeError(f"the point {position} lies in no element of the mesh")
+
+
+def _shares_within(corners: Array, point: Array) -> Array | None:
+    """Return the trilinear shares (8,) of the corners (8, 3) at a point of the hexahedron, None when it is outside."""
+    at = np.zeros(3)
+    for _ in range(20):
+        factors = 1.0 + CORNER_SIGNS * at
+        shape = factors.prod(axis=1) / 8.0
+        step = np.linalg.solve(corners.T @ shape_slopes(at), point - shape @ corners)
+        at = at + step
+        if np.abs(step).max() < 1e-12:
+            break
+    return shape if np.abs(at).max() <= 1.0 + 1e-5 else None

@@ -12,6 +12,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from softgrip_model.gdfe import case_values as values
+from softgrip_model.gdfe.case_loads import CaseLoads, face_nodes, parse_loads
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.march import Loading
 from softgrip_model.gdfe.materials import Linear, Material, Ogden, StressPolynomial, neo_hookean
@@ -25,8 +27,6 @@ Index = NDArray[np.int32]
 SCHEMA = 1
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 STRESS_UNITS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
-#: Faces of a mesh by the axis and end of its bounding box.
-FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ class Case:
     mesh: Mesh
     materials: tuple[Material, ...]
     supports: Supports
+    loads: CaseLoads
     loading: Callable[[float], Loading]
     law: Law
     volume_shape: VolumeShape
@@ -74,20 +75,6 @@ class FingerCase:
     resolution: str
     pull_m: float
     steps: int
-
-
-def face_nodes(mesh: Mesh, name: str) -> Index:
-    """Return the nodes of a face of the mesh's bounding box.
-
-    Raises:
-        GdfeError: no such face.
-    """
-    if name not in FACES:
-        raise GdfeError(f"face: expected one of {', '.join(FACES)}, found {name!r}")
-    axis, end = FACES[name]
-    at = mesh.nodes[:, axis]
-    edge = at.max() if end else at.min()
-    return mesh.nodes_where(np.abs(at - edge) < 1e-6 * np.ptp(at))
 
 
 def load_case(path: Path, *, mesh_file: Path | None = None, refine: int = 1) -> Case | FingerCase:
@@ -126,27 +113,23 @@ def parse_case(data: Any, folder: Path, refine: int = 1) -> Case | FingerCase:
         raise GdfeError(f"schema: expected {SCHEMA}, found {found!r}")
     if "finger" in data:
         return _finger_case(data)
-    _keys(
+    values.keys(
         "case",
         data,
         {"schema", "title", "units", "mesh", "materials", "boundary"},
-        {"law", "volume_shape", "increments", "tolerance", "loads", "compare"},
+        {"law", "volume_shape", "increments", "tolerance", "loads", "obstacles", "cables", "compare"},
     )
-    units = _mapping("units", data["units"])
-    _keys("units", units, {"length", "stress"}, set())
-    _one_of("units.length", units["length"], LENGTH_UNITS)
-    _one_of("units.stress", units["stress"], STRESS_UNITS)
-    named = {str(k): _material(str(k), v) for k, v in _mapping("materials", data["materials"]).items()}
-    mesh, used = _mesh(_mapping("mesh", data["mesh"]), named, folder, refine)
+    units = values.mapping("units", data["units"])
+    values.keys("units", units, {"length", "stress"}, set())
+    values.one_of("units.length", units["length"], LENGTH_UNITS)
+    values.one_of("units.stress", units["stress"], STRESS_UNITS)
+    named, density = _materials(values.mapping("materials", data["materials"]))
+    mesh, used = _mesh(values.mapping("mesh", data["mesh"]), named, folder, refine)
     supports, prescribe = _boundary(mesh, data["boundary"])
     newtons = STRESS_UNITS[units["stress"]] * LENGTH_UNITS[units["length"]] ** 2
-    load = _loads(mesh, data.get("loads", []), newtons)
-
-    def loading(share: float) -> Loading:
-        return Loading(prescribe(share), None if load is None else share * load)
-
-    compare = _mapping("compare", data.get("compare", {}))
-    _keys("compare", compare, set(), {"reference", "published"})
+    loads = parse_loads(mesh, data, newtons, LENGTH_UNITS[units["length"]], tuple(density[name] for name in used))
+    compare = values.mapping("compare", data.get("compare", {}))
+    values.keys("compare", compare, set(), {"reference", "published"})
     return Case(
         title=str(data["title"]),
         length_unit=units["length"],
@@ -154,28 +137,29 @@ def parse_case(data: Any, folder: Path, refine: int = 1) -> Case | FingerCase:
         mesh=mesh,
         materials=tuple(named[name] for name in used),
         supports=supports,
-        loading=loading,
-        law=_enum("law", Law, data.get("law", Law.CALIBRATED)),
-        volume_shape=_enum("volume_shape", VolumeShape, data.get("volume_shape", VolumeShape.PROJ)),
-        increments=int(_number("increments", data.get("increments", 1), 1)),
-        tolerance=_number("tolerance", data.get("tolerance", 1e-6), 1e-12),
+        loads=loads,
+        loading=loads.loading(prescribe),
+        law=values.choice("law", Law, data.get("law", Law.CALIBRATED)),
+        volume_shape=values.choice("volume_shape", VolumeShape, data.get("volume_shape", VolumeShape.PROJ)),
+        increments=int(values.number("increments", data.get("increments", 1), 1)),
+        tolerance=values.number("tolerance", data.get("tolerance", 1e-6), 1e-12),
         compare=Comparison(
-            str(compare.get("reference", "")), _mapping("compare.published", compare.get("published", {}))
+            str(compare.get("reference", "")), values.mapping("compare.published", compare.get("published", {}))
         ),
     )
 
 
 def _finger_case(data: dict[str, Any]) -> FingerCase:
-    _keys("case", data, {"schema", "title", "finger"}, set())
-    finger = _mapping("finger", data["finger"])
-    _keys("finger", finger, {"profile", "finger", "pull_m"}, {"resolution", "steps"})
+    values.keys("case", data, {"schema", "title", "finger"}, set())
+    finger = values.mapping("finger", data["finger"])
+    values.keys("finger", finger, {"profile", "finger", "pull_m"}, {"resolution", "steps"})
     return FingerCase(
         str(data["title"]),
         str(finger["profile"]),
         str(finger["finger"]),
         str(finger.get("resolution", "coarse")),
-        _number("finger.pull_m", finger["pull_m"], 1e-4),
-        int(_number("finger.steps", finger.get("steps", 20), 1)),
+        values.number("finger.pull_m", finger["pull_m"], 1e-4),
+        int(values.number("finger.steps", finger.get("steps", 20), 1)),
     )
 
 
@@ -186,11 +170,11 @@ def _mesh(
         mesh, names = read_mesh(folder / str(data["file"]))
         used = names or tuple(materials)
     elif set(data) == {"bar"}:
-        spec = _mapping("mesh.bar", data["bar"])
-        _keys("mesh.bar", spec, {"size", "elements", "materials"}, set())
+        spec = values.mapping("mesh.bar", data["bar"])
+        values.keys("mesh.bar", spec, {"size", "elements", "materials"}, set())
         used = tuple(str(name) for name in spec["materials"])
-        size = tuple(_number("mesh.bar.size", s, 1e-9) for s in spec["size"])
-        count = tuple(refine * int(_number("mesh.bar.elements", n, 1)) for n in spec["elements"])
+        size = tuple(values.number("mesh.bar.size", s, 1e-9) for s in spec["size"])
+        count = tuple(refine * int(values.number("mesh.bar.elements", n, 1)) for n in spec["elements"])
         if len(size) != 3 or len(count) != 3:
             raise GdfeError(f"mesh.bar: expected three sizes and three numbers of elements, found {size} and {count}")
         mesh = bar((size[0], size[1], size[2]), (count[0], count[1], count[2]), len(used))
@@ -202,28 +186,39 @@ def _mesh(
     return mesh, used
 
 
-def _material(name: str, data: Any) -> Material:
+def _materials(data: dict[str, Any]) -> tuple[dict[str, Material], dict[str, float | None]]:
+    """Return materials and densities [kg/m^3] by name."""
+    named: dict[str, Material] = {}
+    density: dict[str, float | None] = {}
+    for key, entry in data.items():
+        spec = dict(values.mapping(f"materials.{key}", entry))
+        given = spec.pop("density_kg_m3", None)
+        density[str(key)] = None if given is None else values.number(f"materials.{key}.density_kg_m3", given, 0.0)
+        named[str(key)] = _material(str(key), spec)
+    return named, density
+
+
+def _material(name: str, spec: dict[str, Any]) -> Material:
     where = f"materials.{name}"
-    spec = _mapping(where, data)
     if len(spec) != 1:
         raise GdfeError(f"{where}: expected one of linear, polynomial, ogden, neo_hookean, found {sorted(spec)}")
-    kind, values = next(iter(spec.items()))
-    values = _mapping(f"{where}.{kind}", values)
+    kind, body = next(iter(spec.items()))
+    given = values.mapping(f"{where}.{kind}", body)
     if kind == "linear":
-        _keys(where, values, {"modulus", "poisson"}, set())
-        return Linear(name, _number(where, values["modulus"]), _number(where, values["poisson"]))
+        values.keys(where, given, {"modulus", "poisson"}, set())
+        return Linear(name, values.number(where, given["modulus"]), values.number(where, given["poisson"]))
     if kind == "polynomial":
-        _keys(where, values, {"coefficients", "poisson", "max_strain"}, set())
-        limit = _number(where, values["max_strain"])
-        coefficients = tuple(_number(where, c) for c in values["coefficients"])
-        return StressPolynomial(name, coefficients, _number(where, values["poisson"]), (-limit, limit))
+        values.keys(where, given, {"coefficients", "poisson", "max_strain"}, set())
+        limit = values.number(where, given["max_strain"])
+        coefficients = tuple(values.number(where, c) for c in given["coefficients"])
+        return StressPolynomial(name, coefficients, values.number(where, given["poisson"]), (-limit, limit))
     if kind == "ogden":
-        _keys(where, values, {"mu", "alpha", "poisson"}, set())
-        mu, alpha = (tuple(_number(where, v) for v in values[key]) for key in ("mu", "alpha"))
-        return Ogden(name, mu, alpha, _number(where, values["poisson"]))
+        values.keys(where, given, {"mu", "alpha", "poisson"}, set())
+        mu, alpha = (tuple(values.number(where, v) for v in given[key]) for key in ("mu", "alpha"))
+        return Ogden(name, mu, alpha, values.number(where, given["poisson"]))
     if kind == "neo_hookean":
-        _keys(where, values, {"shear_modulus", "poisson"}, set())
-        return neo_hookean(name, _number(where, values["shear_modulus"]), _number(where, values["poisson"]))
+        values.keys(where, given, {"shear_modulus", "poisson"}, set())
+        return neo_hookean(name, values.number(where, given["shear_modulus"]), values.number(where, given["poisson"]))
     raise GdfeError(f"{where}: expected linear, polynomial, ogden or neo_hookean, found {kind!r}")
 
 
@@ -234,23 +229,26 @@ def _boundary(mesh: Mesh, data: Any) -> tuple[Supports, Callable[[float], Array]
     parts: list[Callable[[float, Array], None]] = []
     for number, entry in enumerate(data):
         where = f"boundary[{number}]"
-        spec = _mapping(where, entry)
-        _keys(where, spec, {"face"}, {"fix", "displace", "rotate", "tie"})
+        spec = values.mapping(where, entry)
+        values.keys(where, spec, {"face"}, {"fix", "displace", "rotate", "tie"})
         nodes = face_nodes(mesh, str(spec["face"]))
         if "fix" in spec:
-            supports = supports.with_prescribed(nodes, _axes(where, spec["fix"]))
+            supports = supports.with_prescribed(nodes, values.axes(where, spec["fix"]))
         if "displace" in spec:
-            moves = {_axes(where, k): _number(where, v) for k, v in _mapping(where, spec["displace"]).items()}
+            moves = {
+                values.axes(where, k): values.number(where, v)
+                for k, v in values.mapping(where, spec["displace"]).items()
+            }
             supports = supports.with_prescribed(nodes, "".join(moves))
             parts.append(_displace(nodes, moves))
         if "rotate" in spec:
-            turn = _mapping(where, spec["rotate"])
-            _keys(f"{where}.rotate", turn, {"axis", "angle_deg"}, set())
+            turn = values.mapping(where, spec["rotate"])
+            values.keys(f"{where}.rotate", turn, {"axis", "angle_deg"}, set())
             supports = supports.with_prescribed(nodes)
-            axis = _axes(where, turn["axis"])
-            parts.append(_rotate(mesh, nodes, "xyz".index(axis), np.radians(_number(where, turn["angle_deg"]))))
+            axis = values.axes(where, turn["axis"])
+            parts.append(_rotate(mesh, nodes, "xyz".index(axis), np.radians(values.number(where, turn["angle_deg"]))))
         if "tie" in spec:
-            for axis in _axes(where, spec["tie"]):
+            for axis in values.axes(where, spec["tie"]):
                 supports = supports.with_tied(nodes, axis)
 
     def prescribe(share: float) -> Array:
@@ -281,57 +279,3 @@ def _rotate(mesh: Mesh, nodes: Index, axis: int, angle: float) -> Callable[[floa
         prescribed[nodes, k] = s * y + c * z - z
 
     return act
-
-
-def _loads(mesh: Mesh, data: Any, newtons: float) -> Array | None:
-    """Dead forces in the case's unit; a face's force is shared alike by its nodes."""
-    if not isinstance(data, list):
-        raise GdfeError(f"loads: expected a list, found {data!r}")
-    load = np.zeros_like(mesh.nodes)
-    for number, entry in enumerate(data):
-        where = f"loads[{number}]"
-        spec = _mapping(where, entry)
-        _keys(where, spec, {"face", "force_n"}, set())
-        nodes = face_nodes(mesh, str(spec["face"]))
-        for axis, force in _mapping(where, spec["force_n"]).items():
-            load[nodes, "xyz".index(_axes(where, axis))] += _number(where, force) / newtons / len(nodes)
-    return load if data else None
-
-
-def _axes(where: str, value: Any) -> str:
-    if not isinstance(value, str) or not value or set(value) - set("xyz"):
-        raise GdfeError(f"{where}: expected axes out of x, y, z, found {value!r}")
-    return value
-
-
-def _keys(where: str, data: Mapping[str, Any], needed: set[str], possible: set[str]) -> None:
-    missing, unknown = sorted(needed - set(data)), sorted(set(data) - needed - possible)
-    if missing or unknown:
-        raise GdfeError(f"{where}: missing keys {missing}, unknown keys {unknown}; it has {sorted(needed | possible)}")
-
-
-def _mapping(where: str, value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise GdfeError(f"{where}: expected a mapping, found {value!r}")
-    return value
-
-
-def _number(where: str, value: Any, least: float | None = None) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        hint = " (YAML reads exponents only as in 1.0e-6)" if isinstance(value, str) else ""
-        raise GdfeError(f"{where}: expected a number, found {value!r}{hint}")
-    if least is not None and value < least:
-        raise GdfeError(f"{where}: expected {least:g} or more, found {value!r}")
-    return float(value)
-
-
-def _one_of(where: str, value: Any, known: Mapping[str, float]) -> None:
-    if value not in known:
-        raise GdfeError(f"{where}: expected one of {', '.join(known)}, found {value!r}")
-
-
-def _enum(where: str, kind: Any, value: Any) -> Any:
-    try:
-        return kind(value)
-    except ValueError as error:
-        raise GdfeError(f"{where}: expected one of {[str(k) for k in kind]}, found {value!r}") from error

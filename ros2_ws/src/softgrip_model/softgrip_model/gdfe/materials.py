@@ -168,6 +168,19 @@ class Ogden:
         """Return 3 sum mu: Young's modulus of the incompressible material at rest."""
         return 3.0 * sum(self.moduli)
 
+    def stable(self, stretches: Array) -> NDArray[np.bool_]:
+        """Say whether Drucker's condition holds at principal stretches (..., 3), taken at constant volume, (...).
+
+        d tau : d ln l > 0 for every change of shape: with s_i = sum 2 mu/alpha l_i^alpha and c_i = d s_i / d ln l_i =
+        sum 2 mu l_i^alpha the changes e1 = a, e2 = b, e3 = -a - b ask of the matrix
+        [[c1 + c3, c3], [c3, c2 + c3]] to be positive definite.
+        """
+        l = np.asarray(stretches, dtype=np.float64)  # noqa: E741  lambda of the equation
+        l = l / np.cbrt(l.prod(axis=-1))[..., None]  # noqa: E741
+        c = np.asarray(sum(2.0 * mu * l**alpha for mu, alpha in zip(self.moduli, self.exponents, strict=True)))
+        c1, c2, c3 = c[..., 0], c[..., 1], c[..., 2]
+        return np.asarray((c1 + c3 > 0.0) & (c1 * c2 + c3 * (c1 + c2) > 0.0))
+
 
 def neo_hookean(name: str, shear_modulus: float, poisson: float) -> Ogden:
     """Return W = mu/2 (l1^2 + l2^2 + l3^2 - 3) as the Ogden material that it is."""

@@ -20,6 +20,18 @@ HEX_FACES = np.array(
     [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
     dtype=np.int32,
 )
+#: (8, 3) places of the corners in the element's own coordinates.
+CORNER_SIGNS = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
+    dtype=np.float64,
+)
+
+
+def shape_slopes(at: Array) -> Array:
+    """Return the slopes (8, 3) of the corners' shape functions at a point (3,) in the element's own coordinates."""
+    factors = 1.0 + CORNER_SIGNS * at
+    others = np.stack([factors[:, [1, 2]], factors[:, [0, 2]], factors[:, [0, 1]]], axis=1).prod(axis=2)
+    return np.asarray(CORNER_SIGNS * others / 8.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,16 +11,11 @@ from numpy.typing import NDArray
 
 from softgrip_model.gdfe import _core
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.mesh import Mesh
+from softgrip_model.gdfe.mesh import CORNER_SIGNS, Mesh, shape_slopes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 Vector = tuple[float, float, float]
-
-_CORNER_SIGNS = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
-    dtype=np.float64,
-)
 
 
 class Shape(StrEnum):
@@ -229,13 +224,8 @@ def gravity(mesh: Mesh, density: tuple[float, ...], acceleration: Vector) -> Arr
         raise GdfeError(f"gravity: expected a density of 0 or more for {mesh.materials.max() + 1} materials: {density}")
     mass = np.zeros(len(mesh.nodes))
     of_element = np.array(density)[mesh.materials]
-    signs = _CORNER_SIGNS
-    for gauss in signs / np.sqrt(3.0):
-        factors = 1.0 + signs * gauss  # (8, 3)
-        shape = factors.prod(axis=1) / 8.0
-        slopes = (
-            signs * np.stack([factors[:, [1, 2]], factors[:, [0, 2]], factors[:, [0, 1]]], axis=1).prod(axis=2) / 8.0
-        )
-        jacobian = np.linalg.det(np.einsum("ak,eaj->ejk", slopes, mesh.nodes[mesh.hexes]))
+    for gauss in CORNER_SIGNS / np.sqrt(3.0):
+        shape = (1.0 + CORNER_SIGNS * gauss).prod(axis=1) / 8.0
+        jacobian = np.linalg.det(np.einsum("ak,eaj->ejk", shape_slopes(gauss), mesh.nodes[mesh.hexes]))
         np.add.at(mass, mesh.hexes, (of_element * jacobian)[:, None] * shape)
     return np.asarray(mass[:, None] * np.array(acceleration))
