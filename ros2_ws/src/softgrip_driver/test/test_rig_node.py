@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -49,6 +50,7 @@ class Person(Node):
         super().__init__("person")
         self.rig = rig
         self.obeys = True
+        self.waits_at = ""
         self.steps: list[Any] = []
         self.samples: list[FrictionSample] = []
         self.active: list[FrictionModel] = []
@@ -116,9 +118,14 @@ class Person(Node):
     def _on_feedback(self, message: Any) -> None:
         step = message.feedback
         self.steps.append(step)
-        if step.phase == CalibrateFriction.Feedback.SET_UP and self.obeys:
-            self.rig.set(step.angle, step.load)
-            self._confirm.call_async(Trigger.Request())
+        waits = bool(self.waits_at) and self.waits_at in step.instruction
+        if step.phase == CalibrateFriction.Feedback.SET_UP and self.obeys and not waits:
+            self.do(step)
+
+    def do(self, step: Any) -> None:
+        """Set what a step asks for, and confirm."""
+        self.rig.set(step.angle, step.load)
+        self._confirm.call_async(Trigger.Request())
 
     def _on_wrench(self, _: WrenchStamped) -> None:
         self.wrenches += 1
@@ -192,6 +199,24 @@ def test_cancelling_keeps_what_was_measured_and_resuming_goes_on(person: Person,
     asked = {step.index for step in person.steps if step.phase == 0 and step.load > 0.0}
     assert 0 not in asked
     assert result.model.points == 5
+
+
+def test_a_model_that_the_disk_cannot_hold_is_in_the_result_with_the_reason(person: Person, tmp_path: Path) -> None:
+    process = person.start(tmp_path)
+    person.waits_at = "zero is checked"
+    handle = person.goal()
+    person.until(lambda: bool(person.steps) and person.waits_at in person.steps[-1].instruction, "the last step", 60.0)
+    (plan,) = (tmp_path / "models" / "plans").iterdir()
+    # No file of the process may grow beyond what the plan's last line needs: the model's is larger.
+    most = plan.stat().st_size + 100
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (most, most))
+    person.do(person.steps[-1])
+    result = person.result(handle)
+    assert result.outcome == CalibrateFriction.Result.FAILED
+    assert "make room" in result.reason
+    assert result.model.points == 5
+    assert not list((tmp_path / "models").glob("*.yaml"))
+    assert person.stop() == 0
 
 
 def test_what_cannot_be_measured_is_refused_with_the_reason(person: Person, tmp_path: Path) -> None:

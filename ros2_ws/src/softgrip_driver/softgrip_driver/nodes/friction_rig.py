@@ -41,6 +41,8 @@ from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, Sta
 
 #: [s] between looks at idle devices.
 _IDLE_PERIOD = 0.5
+#: Folder of the plans' records, within that of the models.
+_PLANS = "plans"
 
 
 class FrictionRig(LifecycleNode):
@@ -161,6 +163,14 @@ class FrictionRig(LifecycleNode):
             result.reason = "; ".join([str(error), *getattr(error, "__notes__", [])])
             self._diagnostics.set("plan", Health.ERROR, result.reason)
             goal_handle.abort()
+        except OSError as error:
+            result.outcome = CalibrateFriction.Result.FAILED
+            result.reason = (
+                f"measured, but {self._folder} cannot keep it: {error}; make room: this result holds the model, "
+                f"{self._folder / _PLANS} the points"
+            )
+            self._diagnostics.set("plan", Health.ERROR, result.reason)
+            goal_handle.abort()
         finally:
             session.ended.set()
         result.samples = list(session.accepted.values())
@@ -177,9 +187,7 @@ class FrictionRig(LifecycleNode):
                 self._session = session
             self._diagnostics.set("plan", Health.OK, "measuring")
             try:
-                procedure = Procedure(
-                    bench.stage, bench.gauge, session, session.clock, settings, self._folder / "plans"
-                )
+                procedure = Procedure(bench.stage, bench.gauge, session, session.clock, settings, self._folder / _PLANS)
                 return procedure.run(convert.request_of(goal), resume=bool(goal.resume))
             finally:
                 with self._session_lock:
@@ -191,9 +199,9 @@ class FrictionRig(LifecycleNode):
             result.reason = f"guide pulley: T1/T2 = {outcome.pulley_ratio:.4f}, taken out of every later point"
             return
         model = outcome.calibration.model
-        self._models.add(model)
         result.model = convert.model_message(model)
         result.reason = model.reason
+        self._models.add(model)
         usable = model.verdict is ModelVerdict.USABLE
         self._diagnostics.set("plan", Health.OK if usable else Health.WARN, f"{model.verdict}: {model.reason}")
         if usable and goal.activate:
