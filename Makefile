@@ -12,7 +12,7 @@ STAMP := $(VENV)/.setup
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup model demo cell test lint faults soak fuzz bench docs lock test-ros2 clean
+.PHONY: help setup model demo cell test lint faults soak fuzz crash bench docs lock test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -57,6 +57,9 @@ soak: setup  ## ten minutes of random faults
 
 fuzz: setup  ## random and mutated bytes into the emulated servo bus
 	$(BIN)/python -m softgrip_emulator.commands.fuzz_bus
+
+crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
+	$(BIN)/python benchmarks/recorder_crash.py
 
 bench: setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)

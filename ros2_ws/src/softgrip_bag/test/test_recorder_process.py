@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import String
 
@@ -37,12 +38,12 @@ def talker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
 
 
 @pytest.fixture
-def recorder(tmp_path: Path) -> Iterator[Callable[[Path], subprocess.Popen[bytes]]]:
+def recorder(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
     running: list[subprocess.Popen[bytes]] = []
 
-    def start(bag: Path) -> subprocess.Popen[bytes]:
+    def start(bag: Path, *more: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "softgrip_bag.nodes.recorder", "--ros-args"]
-        command += ["-p", f"root:={tmp_path}", "-p", f"path:={bag}"]
+        command += ["-p", f"root:={tmp_path}", "-p", f"path:={bag}", *more]
         running.append(subprocess.Popen(command, env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}))
         return running[-1]
 
@@ -136,3 +137,34 @@ def test_services_and_what_the_bag_carries(
     assert {"softgrip_machine", "softgrip_software", "softgrip_dropped"} <= facts(bag).keys()
     process.send_signal(signal.SIGINT)
     assert process.wait(LONGEST) == 0
+
+
+def test_a_fault_while_nothing_is_recorded_keeps_what_led_to_it(
+    talker: Node, recorder: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    output = talker.create_publisher(String, "count", 100)
+    health = talker.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    level = DiagnosticStatus.OK
+    recorder(tmp_path / "unused", "-p", "record_on_start:=false", "-p", "snapshot_after_s:=0.3")
+    said = 0
+
+    def say() -> None:
+        nonlocal said
+        said += 1
+        output.publish(String(data=str(said)))
+        health.publish(DiagnosticArray(status=[DiagnosticStatus(name="driver: index", level=level, message="gone")]))
+        rclpy.spin_once(talker, timeout_sec=0.01)
+
+    def snapshots() -> list[Path]:
+        return [path.parent for path in tmp_path.glob("fault_*/metadata.yaml")]
+
+    wait_until(lambda: output.get_subscription_count() > 0, say, "a listening recorder")
+    heard_from = said
+    wait_until(lambda: said > heard_from + 20, say, "twenty messages")
+    assert snapshots() == []
+    level, failed_at = DiagnosticStatus.ERROR, said
+    wait_until(lambda: bool(snapshots()), say, "a snapshot of the fault")
+    numbers = texts(snapshots()[0])
+    assert min(numbers) <= failed_at < max(numbers)
+    assert facts(snapshots()[0])["softgrip_fault"] == {"fault": "driver: index: gone"}
+    assert not (tmp_path / "unused").exists()

@@ -2,25 +2,30 @@
 """recorder: writes every topic, as it appears, to a bag that explains itself.
 
 Serves recorder/start, recorder/stop, recorder/split and recorder/snapshot. The last seconds are kept in memory whether
-a bag is being written or not. Nothing is lost silently: what publishers sent and never arrived, what the queue to the
-disk could not hold, and a disk that fails are counted and reported on /diagnostics.
+a bag is being written or not, and are written by themselves when something fails while none is. Nothing is lost
+silently: what publishers sent and never arrived, what the queue to the disk could not hold, and a disk that fails are
+counted and reported on /diagnostics.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from softgrip_bag import facts
 from softgrip_bag.errors import BagError
+from softgrip_bag.faults import FaultWatch
 from softgrip_bag.losses import LossCounter
 from softgrip_bag.nodes.parameter_snapshot import ParameterSnapshot
 from softgrip_bag.nodes.qos import matching, offered
@@ -31,6 +36,7 @@ from softgrip_bag.repair import repair_all
 from softgrip_bag.ring import Ring
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import Attachment, BagWriter, Limits, Topic
+from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
 from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run
 
@@ -47,6 +53,15 @@ PARAMETERS = ParameterTable(
     Parameter("kept_files", 0, "files of a bag that are kept, the oldest goes; 0 = all", "", 0, 100000),
     Parameter("snapshot_s", 10.0, "time that is kept in memory for recorder/snapshot", "s", 0.0, 3600.0),
     Parameter("snapshot_mb", 64, "most memory for recorder/snapshot", "MB", 0, 65536),
+    Parameter(
+        "snapshot_on_fault",
+        "unrecorded",
+        "write the last seconds when a tendon or /diagnostics reports a new fault: never, always, or when no bag is "
+        "being written",
+        choices=("never", "unrecorded", "always"),
+    ),
+    Parameter("snapshot_after_s", 2.0, "time after the fault that belongs to its snapshot", "s", 0.0, 60.0),
+    Parameter("snapshot_pause_s", 30.0, "least time between two snapshots of faults", "s", 0.0, 3600.0),
 )
 
 _MB = 1_000_000
@@ -54,6 +69,22 @@ _MB = 1_000_000
 _SWITCH_INTERVAL = 0.0005
 #: [s] longest wait for the thread that writes.
 _SPLIT_LIMIT = 30.0
+
+
+def _diagnosed(message: DiagnosticArray) -> dict[str, str]:
+    return {s.name: s.message if s.level == DiagnosticStatus.ERROR else "" for s in message.status}
+
+
+def _tendons(message: TendonStatusArray) -> dict[str, str]:
+    wrong = {f"tendon {tendon.tendon}": str(tendon.fault) for tendon in message.tendons}
+    return wrong | {"estop": "latched" if message.estop else ""}
+
+
+#: Types that tell of faults, and how: component -> what is wrong, empty when nothing.
+_FAULTS: dict[str, Callable[[Any], dict[str, str]]] = {
+    "diagnostic_msgs/msg/DiagnosticArray": _diagnosed,
+    "softgrip_interfaces/msg/TendonStatusArray": _tendons,
+}
 
 
 class Recorder(Node):
@@ -67,6 +98,8 @@ class Recorder(Node):
         )
         self._bag: Pipeline | None = None
         self._ring = Ring(self._values["snapshot_s"], self._values["snapshot_mb"] * _MB)
+        self._fault_watch = FaultWatch(self._values["snapshot_after_s"], self._values["snapshot_pause_s"])
+        self._snapshot_thread: threading.Thread | None = None
         self._losses = LossCounter()
         self._lost_before: Counter[str] = Counter()
         self._facts = {"softgrip_machine": facts.machine(), "softgrip_software": facts.software()}
@@ -91,6 +124,8 @@ class Recorder(Node):
 
     def close(self) -> None:
         """Finish the bag."""
+        if self._snapshot_thread is not None:
+            self._snapshot_thread.join()
         if self._bag is not None:
             bag, self._bag = self._bag, None
             bag.close(self._lost())
@@ -109,9 +144,9 @@ class Recorder(Node):
 
     def _new_bag(self, folder: Path, limits: Limits) -> BagWriter:
         bag = BagWriter(folder, self._facts, limits)
-        for attachment in self._carried.values():
+        for attachment in [*self._carried.values()]:
             bag.attach(attachment)
-        for topic in self._topics.values():
+        for topic in [*self._topics.values()]:
             bag.add_topic(topic)
         return bag
 
@@ -129,7 +164,7 @@ class Recorder(Node):
         return folder
 
     def _on_start(self, request: StartRecording.Request, response: StartRecording.Response) -> StartRecording.Response:
-        if self._bag is not None and self._bag.error is None:
+        if self._bag is not None and self._recording:
             response.message = f"expected no running recording, found {self._bag.folder}; stop it first"
             return response
         self.close()
@@ -171,15 +206,43 @@ class Recorder(Node):
         folder = self._folder(request.path, "snapshot")
         messages = self._ring.last(request.seconds)
         try:
-            bag = self._new_bag(folder, Limits())
-            for message in messages:
-                bag.write(message.topic, message.received, message.published, message.data)
-            response.path = str(bag.close())
+            response.path = str(self._write_snapshot(folder, messages))
         except (BagError, OSError) as error:
             response.message = f"{folder}: no snapshot: {error}"
             return response
         response.success, response.messages = True, len(messages)
         return response
+
+    def _write_snapshot(self, folder: Path, messages: Sequence[RawMessage], why: str = "") -> Path:
+        bag = self._new_bag(folder, Limits())
+        if why:
+            bag.add_fact("softgrip_fault", {"fault": why})
+        for message in messages:
+            bag.write(message.topic, message.received, message.published, message.data)
+        return bag.close()
+
+    def _snapshot_of_fault(self) -> None:
+        """Write what led to a fault and what followed, on a thread: recording goes on meanwhile."""
+        why = self._fault_watch.due(time.monotonic())
+        wanted = self._values["snapshot_on_fault"]
+        if not why or wanted == "never" or (wanted == "unrecorded" and self._recording):
+            return
+        folder = self._folder("", "fault")
+        messages = self._ring.last()
+
+        def write() -> None:
+            try:
+                self._write_snapshot(folder, messages, why)
+                self.get_logger().warning(f"kept the last seconds in {folder}: {why}")
+            except (BagError, OSError) as error:
+                self.get_logger().error(f"{folder}: no snapshot of the fault: {error}")
+
+        self._snapshot_thread = threading.Thread(target=write, name="snapshot of a fault")
+        self._snapshot_thread.start()
+
+    @property
+    def _recording(self) -> bool:
+        return self._bag is not None and self._bag.error is None
 
     def _attach(self, attachment: Attachment) -> None:
         """Take along a node's parameters or a file, in this bag and those to come."""
@@ -195,6 +258,7 @@ class Recorder(Node):
                 if publishers:
                     self._subscribe(name, types[0], publishers)
         self._snapshot_of_parameters.look()
+        self._snapshot_of_fault()
         self._report()
 
     def _report(self) -> None:
@@ -249,6 +313,7 @@ class Recorder(Node):
             self._bag.call(lambda bag: bag.add_topic(topic))
         simulated = bool(self.get_parameter("use_sim_time").value)
         latched = topic.latched
+        faults = _FAULTS.get(type_name)
         single = len(publishers) == 1
 
         def on_message(data: bytes, info: dict[str, Any]) -> None:
@@ -258,6 +323,8 @@ class Recorder(Node):
             if publisher is not None or single:
                 self._losses.see(name, info["publication_sequence_number"], publisher)
             self._ring.add(message, latched=latched)
+            if faults is not None:
+                self._fault_watch.see(faults(deserialize_message(data, cls)), time.monotonic())
             if self._bag is not None:
                 self._bag.put(name, received, message.published, data)
 
