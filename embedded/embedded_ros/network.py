@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
 import re
 import socket
+import stat
 import threading
 import time
 from typing import Any
@@ -23,6 +25,8 @@ _KEEPER_PERIOD_S = 1.0
 _LEASE_MS = 2000
 _ROUTER_DEADLINE_S = 4.0
 _LOOK_PERIOD_S = 0.002
+_FILE_DESCRIPTORS = 1024
+_INTERNET = (socket.AF_INET, socket.AF_INET6)
 
 _COMMON = {
     "timestamping/enabled": {"router": True, "peer": True, "client": True},
@@ -129,8 +133,23 @@ def port_is_open(port: int) -> bool:
     return True
 
 
+def drop_connection(port: int) -> None:
+    """Cut this process's connections to a port of this machine; Zenoh, which has no call for it, connects anew."""
+    for number in range(_FILE_DESCRIPTORS):
+        with contextlib.suppress(OSError):
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                with socket.socket(fileno=os.dup(number)) as connection:
+                    if connection.family in _INTERNET and connection.getpeername()[1] == port:
+                        connection.shutdown(socket.SHUT_RDWR)
+
+
 class RouterKeeper:
-    """Hosts the router when nobody does: tried at the start, then each second while the session sees no router."""
+    """Hosts the router when nobody does: tried at the start, then each second while the session sees no router.
+
+    It also mends the mesh after this process was frozen. Peers learn from the router where the others are, and try each
+    other once; when a frozen process thaws, that one attempt may come while it still tears its old connections down,
+    and fails. So a moment later it leaves the router and comes back: all are told of each other once more.
+    """
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -156,7 +175,15 @@ class RouterKeeper:
         self._thread.start()
 
     def _keep(self) -> None:
+        looked_at = time.monotonic()
+        thawed_at: float | None = None
         while not self._stop.wait(_KEEPER_PERIOD_S):
+            before, looked_at = looked_at, time.monotonic()
+            if looked_at - before > _LEASE_MS / 1000:  # the others have given this process up
+                thawed_at = looked_at
+            elif thawed_at is not None:
+                thawed_at = None
+                drop_connection(self._port)
             session = self._session
             if self._router is None and session is not None and not session.info.routers_zid():
                 self.try_host()

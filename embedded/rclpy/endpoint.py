@@ -45,7 +45,7 @@ class Endpoint(Destroyable):
         self._entity = Entity(
             context._domain,
             self._link.zid,
-            node._node_id,
+            node._rcl_node_id,
             next(context._ids),
             kind,
             node.get_namespace(),

@@ -149,7 +149,7 @@ class EventHandler(Waitable):
 
     def _push(self, event: Any) -> None:
         self._events.append(event)
-        self._endpoint._node._wake()
+        self._endpoint._node._rcl_wake()
 
     def _is_ready(self) -> bool:
         return bool(self._events)

@@ -285,7 +285,7 @@ class Executor:
                 else:
                     self._ready_tasks.append(task)
         for node in nodes if nodes is not None else self.get_nodes():
-            for entity in node._entities():
+            for entity in node._rcl_entities():
                 if entity._is_ready() and self.can_execute(entity):
                     work = self._taken(entity, node)
                     if work is not None:
@@ -312,7 +312,7 @@ class Executor:
                 raise TimeoutException
             limit = min(limit, left)
         for node in nodes if nodes is not None else self.get_nodes():
-            everything: list[Timer | Waitable] = [*node._timers, *node._waitables]
+            everything: list[Timer | Waitable] = [*node._timers, *node._rcl_waitables]
             for timed in everything:
                 due = timed._seconds_until_due()
                 if due is not None and due < limit and self.can_execute(timed):

@@ -40,7 +40,7 @@ class NodeParameters:
 
     PARAM_REL_TOL = _REL_TOL
 
-    _arguments: list[Arguments]
+    _rcl_arguments: list[Arguments]
     _parameter_event_publisher: Any
     _clock: Clock
 
@@ -48,7 +48,7 @@ class NodeParameters:
         """Return ``/namespace/name``."""
         raise NotImplementedError
 
-    def _init_parameters(self, overrides: list[Parameter] | None, allow_undeclared: bool) -> None:
+    def _rcl_init_parameters(self, overrides: list[Parameter] | None, allow_undeclared: bool) -> None:
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
         self._pre_set_parameters_callbacks: list[Callable[[list[Parameter]], list[Parameter]]] = []
@@ -56,7 +56,7 @@ class NodeParameters:
         self._post_set_parameters_callbacks: list[Callable[[list[Parameter]], None]] = []
         self._allow_undeclared_parameters = allow_undeclared
         self._parameter_overrides: dict[str, Parameter] = {}
-        for given in reversed(self._arguments):
+        for given in reversed(self._rcl_arguments):
             for name, (value, source) in given.parameters_of(self.get_fully_qualified_name()).items():
                 try:
                     self._parameter_overrides[name] = Parameter(name, value=value)
@@ -65,7 +65,7 @@ class NodeParameters:
         for parameter in overrides or []:
             self._parameter_overrides[parameter.name] = parameter
 
-    def _declare_overrides(self) -> None:
+    def _rcl_declare_overrides(self) -> None:
         from rcl_interfaces.msg import ParameterDescriptor  # noqa: PLC0415  classes are made on first use
 
         self.declare_parameters(
@@ -106,7 +106,7 @@ class NodeParameters:
         found: list[Parameter] = []
         descriptors: dict[str, Any] = {}
         for index, given in enumerate(parameters):
-            name, value, descriptor = self._declaration(namespace, index, given)
+            name, value, descriptor = self._rcl_declaration(namespace, index, given)
             if not ignore_override and name in self._parameter_overrides:
                 value = self._parameter_overrides[name].value
             found.append(Parameter(name, value=value))
@@ -115,11 +115,11 @@ class NodeParameters:
         if already:
             raise ParameterAlreadyDeclaredException(already)
         for parameter in found:
-            self._declare(parameter, descriptors)
+            self._rcl_declare(parameter, descriptors)
         return [self._parameters[parameter.name] for parameter in found]
 
     @staticmethod
-    def _declaration(namespace: str, index: int, given: tuple[Any, ...]) -> tuple[str, Any, Any]:
+    def _rcl_declaration(namespace: str, index: int, given: tuple[Any, ...]) -> tuple[str, Any, Any]:
         if not 1 <= len(given) <= 3:
             raise TypeError(f"parameter {index}: expected (name[, value[, descriptor]]), found {given!r}")
         name = given[0]
@@ -163,7 +163,7 @@ class NodeParameters:
                 )
         return name, second, descriptor
 
-    def _declare(self, parameter: Parameter, descriptors: dict[str, Any]) -> None:
+    def _rcl_declare(self, parameter: Parameter, descriptors: dict[str, Any]) -> None:
         result = self._set_parameters_atomically_common([parameter], descriptors, allow_not_set_type=True)
         if not result.successful:
             if result.reason.startswith("Wrong parameter type"):
@@ -290,7 +290,7 @@ class NodeParameters:
         for parameter in parameter_list:
             known = descriptors if descriptors is not None else self._descriptors
             if parameter.name in known:
-                reason = self._problem(parameter, known[parameter.name], check_read_only=descriptors is None)
+                reason = self._rcl_problem(parameter, known[parameter.name], check_read_only=descriptors is None)
                 if reason:
                     return _result(reason)
         for callback in self._on_set_parameters_callbacks:
@@ -300,12 +300,12 @@ class NodeParameters:
                 return _result("Callback returned an invalid type")
             if not result.successful:
                 return result
-        self._store(parameter_list, descriptors, allow_not_set_type=allow_not_set_type)
+        self._rcl_store(parameter_list, descriptors, allow_not_set_type=allow_not_set_type)
         for post in self._post_set_parameters_callbacks:
             post(parameter_list)
         return _result()
 
-    def _store(
+    def _rcl_store(
         self, parameter_list: list[Parameter], descriptors: dict[str, Any] | None, *, allow_not_set_type: bool
     ) -> None:
         from rcl_interfaces.msg import ParameterEvent  # noqa: PLC0415  classes are made on first use
@@ -328,7 +328,7 @@ class NodeParameters:
         event.stamp = self._clock.now().to_msg()
         self._parameter_event_publisher.publish(event)
 
-    def _problem(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
+    def _rcl_problem(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
         """Return why a value does not suit a descriptor; '' when it does. Completes the descriptor's name and type."""
         descriptor.name = parameter.name
         if check_read_only and descriptor.read_only:
@@ -369,10 +369,10 @@ class NodeParameters:
         if self.describe_parameter(name).read_only:
             raise ParameterImmutableException(name)
         current = self.get_parameter(name)
-        if self._problem(current, descriptor, check_read_only=False):
+        if self._rcl_problem(current, descriptor, check_read_only=False):
             if alternative_value is not None:
                 current = Parameter.from_parameter_msg(Message(name=name, value=alternative_value))
-            reason = self._problem(current, descriptor, check_read_only=False)
+            reason = self._rcl_problem(current, descriptor, check_read_only=False)
             if reason:
                 raise InvalidParameterValueException(name, current.value, reason)
         self._parameters[name] = current

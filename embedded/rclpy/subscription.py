@@ -79,17 +79,16 @@ class Subscription(Endpoint):
 
     @callback.setter
     def callback(self, value: Callable[..., Any]) -> None:
-        parameters = inspect.signature(value).parameters.values()
-        positional = [item for item in parameters if item.kind in {item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD}]
-        star = any(item.kind is item.VAR_POSITIONAL for item in parameters)
-        required = [item for item in positional if item.default is item.empty]
-        if len(required) > 2 or (not positional and not star):
+        signature = inspect.signature(value)
+        if _takes(signature, 1):
+            self._callback_type = self.CallbackType.MessageOnly
+        elif _takes(signature, 2):
+            self._callback_type = self.CallbackType.WithMessageInfo
+        else:
             raise RuntimeError(
                 "Subscription.__init__(): callback should be either be callable with one argument "
                 "(to get only the message) or two (to get message and message info)"
             )
-        with_info = len(required) == 2 or (len(positional) == 2 and not star)
-        self._callback_type = self.CallbackType.WithMessageInfo if with_info else self.CallbackType.MessageOnly
         self._callback = value
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
@@ -107,7 +106,7 @@ class Subscription(Endpoint):
         if len(queue) == queue.maxlen:
             self._lost(1)
         queue.append(_Received(sample.payload, data, time.time_ns()))
-        self._node._wake()
+        self._node._rcl_wake()
 
     def _accept(self, gid: bytes) -> bool:
         """Whether DDS would deliver from this publisher; not remembered until its token is seen."""
@@ -169,3 +168,11 @@ class Subscription(Endpoint):
 
     def _undeclare(self) -> None:
         self._subscriber.undeclare()
+
+
+def _takes(signature: inspect.Signature, count: int) -> bool:
+    try:
+        signature.bind(*[None] * count)
+    except TypeError:
+        return False
+    return True

@@ -34,7 +34,7 @@ def wait_for_message(
     subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
     # Taken here and not by an executor, which may be spinning the node.
     node._subscriptions.remove(subscription)
-    node._changed()
+    node._rcl_changed()
     try:
         while node.context.ok() and (end is None or time.monotonic() < end):
             taken = subscription._take_one()

@@ -53,6 +53,14 @@ def test_topic_with_message_info_and_raw(make_node: Make, spin_until: Spin) -> N
     assert [info["publication_sequence_number"] for info in infos] == [1, 2]
 
 
+def test_a_second_argument_with_a_default_is_no_message_info(make_node: Make, spin_until: Spin) -> None:
+    node = make_node("n")
+    got: list[object] = []
+    node.create_subscription(String, "t", lambda _, extra="default": got.append(extra), 10)
+    node.create_publisher(String, "t", 10).publish(String())
+    assert spin_until(lambda: got == ["default"], node)
+
+
 def test_a_wrong_field_is_refused_where_it_is_published(make_node: Make) -> None:
     publisher = make_node("n").create_publisher(Float64, "t", 10)
     with pytest.raises(TypeError, match=r"Float64.data: expected float, found builtins.int 1"):

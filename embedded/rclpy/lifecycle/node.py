@@ -38,23 +38,23 @@ class LifecycleNodeMixin(ManagedEntity):
             raise RuntimeError("This class must be initialized after Node, as a mixin of it")
         self._state_machine = StateMachine()
         self._managed_entities: set[ManagedEntity] = set()
-        self._transition_event: Publisher | None = None
+        self._rcl_transition_event: Publisher | None = None
         if enable_communication_interface:
-            self._start_services(self, callback_group)
+            self._rcl_start_services(self, callback_group)
 
-    def _start_services(self, node: Node, group: CallbackGroup | None) -> None:
+    def _rcl_start_services(self, node: Node, group: CallbackGroup | None) -> None:
         from lifecycle_msgs import srv  # noqa: PLC0415  classes are made on first use
         from lifecycle_msgs.msg import TransitionEvent  # noqa: PLC0415  as above
 
         for kind, name, callback in (
-            (srv.ChangeState, "change_state", self._on_change_state),
-            (srv.GetState, "get_state", self._on_get_state),
-            (srv.GetAvailableStates, "get_available_states", self._on_get_available_states),
-            (srv.GetAvailableTransitions, "get_available_transitions", self._on_get_available_transitions),
-            (srv.GetAvailableTransitions, "get_transition_graph", self._on_get_transition_graph),
+            (srv.ChangeState, "change_state", self._rcl_on_change_state),
+            (srv.GetState, "get_state", self._rcl_on_get_state),
+            (srv.GetAvailableStates, "get_available_states", self._rcl_on_get_available_states),
+            (srv.GetAvailableTransitions, "get_available_transitions", self._rcl_on_get_available_transitions),
+            (srv.GetAvailableTransitions, "get_transition_graph", self._rcl_on_get_transition_graph),
         ):
             node.create_service(kind, f"~/{name}", callback, callback_group=group)
-        self._transition_event = Node.create_publisher(
+        self._rcl_transition_event = Node.create_publisher(
             node, TransitionEvent, "~/transition_event", QoSProfile(depth=10)
         )
 
@@ -62,38 +62,38 @@ class LifecycleNodeMixin(ManagedEntity):
 
     def trigger_configure(self) -> TransitionCallbackReturn:
         """Make the transition configure."""
-        return self._change_state("configure")
+        return self._rcl_change_state("configure")
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
         """Make the transition cleanup."""
-        return self._change_state("cleanup")
+        return self._rcl_change_state("cleanup")
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
         """Make the transition shutdown."""
         if self._state_machine.current_state not in {sm.UNCONFIGURED, sm.INACTIVE, sm.ACTIVE}:
             raise RCLError("Shutdown transtion not possible")
-        return self._change_state("shutdown")
+        return self._rcl_change_state("shutdown")
 
     def trigger_activate(self) -> TransitionCallbackReturn:
         """Make the transition activate."""
-        return self._change_state("activate")
+        return self._rcl_change_state("activate")
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
         """Make the transition deactivate."""
-        return self._change_state("deactivate")
+        return self._rcl_change_state("deactivate")
 
-    def _change_state(self, key: int | str) -> TransitionCallbackReturn:
+    def _rcl_change_state(self, key: int | str) -> TransitionCallbackReturn:
         initial = self._state_machine.current_state
-        self._step(key)
-        code = self._call(initial)
-        self._step(code.to_label())
+        self._rcl_step(key)
+        code = self._rcl_call(initial)
+        self._rcl_step(code.to_label())
         if code is TransitionCallbackReturn.ERROR:
-            self._step(self._call(initial).to_label())
+            self._rcl_step(self._rcl_call(initial).to_label())
         return code
 
-    def _step(self, key: int | str) -> None:
+    def _rcl_step(self, key: int | str) -> None:
         transition = self._state_machine.trigger(key)
-        publisher = self._transition_event
+        publisher = self._rcl_transition_event
         if publisher is None or not publisher._node.context.ok():
             return
         event = publisher.msg_type()
@@ -103,7 +103,7 @@ class LifecycleNodeMixin(ManagedEntity):
         event.goal_state.id, event.goal_state.label = transition.goal
         publisher.publish(event)
 
-    def _call(self, previous: LifecycleState) -> TransitionCallbackReturn:
+    def _rcl_call(self, previous: LifecycleState) -> TransitionCallbackReturn:
         name = _CALLBACKS[self._state_machine.current_state]
         try:
             code = getattr(self, name)(previous)
@@ -125,7 +125,7 @@ class LifecycleNodeMixin(ManagedEntity):
             raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
         self._managed_entities.add(entity)
 
-    def _pass_on(self, callback_name: str, state: LifecycleState) -> TransitionCallbackReturn:
+    def _rcl_pass_on(self, callback_name: str, state: LifecycleState) -> TransitionCallbackReturn:
         for entity in self._managed_entities:
             code = getattr(entity, callback_name)(state)
             if not isinstance(code, TransitionCallbackReturn):
@@ -138,27 +138,27 @@ class LifecycleNodeMixin(ManagedEntity):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Handle configure; by default the managed entities do."""
-        return self._pass_on("on_configure", state)
+        return self._rcl_pass_on("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Handle cleanup; by default the managed entities do."""
-        return self._pass_on("on_cleanup", state)
+        return self._rcl_pass_on("on_cleanup", state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Handle shutdown; by default the managed entities do."""
-        return self._pass_on("on_shutdown", state)
+        return self._rcl_pass_on("on_shutdown", state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Handle activate; by default the managed entities do."""
-        return self._pass_on("on_activate", state)
+        return self._rcl_pass_on("on_activate", state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Handle deactivate; by default the managed entities do."""
-        return self._pass_on("on_deactivate", state)
+        return self._rcl_pass_on("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Handle an error; by default the managed entities do."""
-        return self._pass_on("on_error", state)
+        return self._rcl_pass_on("on_error", state)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> Any:
         """Make a publisher that publishes only while the node is active."""
@@ -175,9 +175,9 @@ class LifecycleNodeMixin(ManagedEntity):
 
     # -- services ---------------------------------------------------------------------------------------------
 
-    def _on_change_state(self, request: Any, response: Any) -> Any:
+    def _rcl_on_change_state(self, request: Any, response: Any) -> Any:
         try:
-            code = self._change_state(request.transition.label or request.transition.id)
+            code = self._rcl_change_state(request.transition.label or request.transition.id)
         except RCLError as error:
             if isinstance(self, Node):
                 self.get_logger().warning(str(error))
@@ -185,20 +185,20 @@ class LifecycleNodeMixin(ManagedEntity):
         response.success = code is TransitionCallbackReturn.SUCCESS
         return response
 
-    def _on_get_state(self, request: Any, response: Any) -> Any:  # noqa: ARG002
+    def _rcl_on_get_state(self, request: Any, response: Any) -> Any:  # noqa: ARG002
         response.current_state.id, response.current_state.label = self._state_machine.current_state
         return response
 
-    def _on_get_available_states(self, request: Any, response: Any) -> Any:  # noqa: ARG002
+    def _rcl_on_get_available_states(self, request: Any, response: Any) -> Any:  # noqa: ARG002
         from lifecycle_msgs.msg import State  # noqa: PLC0415  classes are made on first use
 
         response.available_states = [State(id=state.state_id, label=state.label) for state in sm.STATES]
         return response
 
-    def _on_get_available_transitions(self, request: Any, response: Any) -> Any:  # noqa: ARG002
+    def _rcl_on_get_available_transitions(self, request: Any, response: Any) -> Any:  # noqa: ARG002
         return _describe(self._state_machine.available_transitions, response)
 
-    def _on_get_transition_graph(self, request: Any, response: Any) -> Any:  # noqa: ARG002
+    def _rcl_on_get_transition_graph(self, request: Any, response: Any) -> Any:  # noqa: ARG002
         return _describe(sm.TRANSITIONS, response)
 
 
