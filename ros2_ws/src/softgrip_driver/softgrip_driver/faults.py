@@ -47,7 +47,7 @@ class Fault:
 
 _ROWS = (
     Fault("port_lost", Reaction.HOLD, Recovery.SELF, "the serial port went away",
-          "plug the adapter in again; the servos hold by their bus watchdog until then"),
+          "plug the adapter in again; until then servos hold by their bus watchdog, a stage where it was sent"),
     Fault("no_reply", Reaction.HOLD, Recovery.SELF, "the drive does not answer",
           "check its cable and power; the driver keeps asking"),
     Fault("corrupt_replies", Reaction.REPORT, Recovery.SELF, "many replies arrive damaged",

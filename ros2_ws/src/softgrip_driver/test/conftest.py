@@ -12,10 +12,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from softgrip_driver.configuration import STAGE_RATES
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import Servo
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
+from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
+from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
@@ -26,6 +29,10 @@ from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.faults import BUS_FAULTS
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
+from softgrip_emulator.rig import EmulatedRig
+from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
+from softgrip_emulator.rig.spring import SpringPlant
+from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.pty import PtyPort
 from softgrip_model.profile import load_directory
@@ -43,7 +50,32 @@ POLICIES = Policies()
 REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
 
 
-class Bench:
+class RunningLoop:
+    """What a test does with a loop that runs."""
+
+    def run(self, ticket, deadline: float = 15.0):
+        """Wait for the end of a request; return (outcome, reason)."""
+        self.until(lambda _: self.result(ticket)[0] is not None, deadline)
+        return self.result(ticket)
+
+    def result(self, ticket):
+        return self.controller.result(ticket)
+
+    def until(self, condition, deadline: float = 3.0):
+        """Wait until a snapshot meets a condition; the snapshot, or None."""
+        return self.loop.wait_for(condition, deadline)
+
+    def clear(self) -> None:
+        """End all faults."""
+        while self.undo:
+            self.undo.pop()()
+
+    def drive(self, name: str):
+        """The last snapshot of one drive."""
+        return next(drive for drive in self.loop.snapshot.drives if drive.tendon == name)
+
+
+class Bench(RunningLoop):
     """Emulator and driver with the serial wire between them."""
 
     def __init__(
@@ -105,32 +137,17 @@ class Bench:
             outcome, reason = self.run(self.loop.call(lambda c, now: c.move(request, now)))
             assert outcome == 0, reason
 
-    def run(self, ticket, deadline: float = 15.0):
-        """Wait for the end of a request; return (outcome, reason)."""
-        self.until(lambda _: self.result(ticket)[0] is not None, deadline)
-        return self.result(ticket)
-
-    def result(self, ticket):
-        return self.controller.result(ticket)
-
-    def until(self, condition, deadline: float = 3.0):
-        """Wait until a snapshot meets a condition; the snapshot, or None."""
-        return self.loop.wait_for(condition, deadline)
-
     def cause(self, fault: str, **arguments) -> float:
         """Start a fault by the emulator's name; return the time [s, monotonic] it began."""
         began = time.monotonic()
         self.undo.append(BUS_FAULTS[fault](self, **arguments))
         return began
 
-    def clear(self) -> None:
-        """End all faults."""
-        while self.undo:
-            self.undo.pop()()
 
-    def drive(self, name: str):
-        """The last snapshot of one drive."""
-        return next(drive for drive in self.loop.snapshot.drives if drive.tendon == name)
+@pytest.fixture
+def benches():
+    """The classes of benches, for who opens one himself: servos, or a stage."""
+    return Bench, StageBench
 
 
 @pytest.fixture
@@ -144,6 +161,68 @@ def bench(tmp_path, request):
         yield one.open()
     finally:
         one.close()
+
+
+class StageBench(RunningLoop):
+    """One tendon on an emulated stage with a gauge in its line, and the driver's loop."""
+
+    LIMITS = TendonLimits(
+        travel=0.030, speed=0.015, acceleration=0.2, release_speed=0.006, lead=0.003, slack_travel=0.009,
+        tension_soft=20.0, tension_hard=25.0, homing_tension=4.0, homing_speed=0.005, homing_travel=0.025,
+        no_reply=0.05 if QUIET else 0.3, stall_time=1.0, break_confirm=0.08,
+    )  # fmt: skip
+
+    def __init__(self, folder: Path, stage: str, gauge: str) -> None:
+        self.plant = SpringPlant(RigTruth.from_seed(1))
+        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=self.plant)
+        self.rig.open_ports(folder)
+        stream = StreamSettings(line=gauge, counts_per_newton=COUNTS_PER_NEWTON)
+        reply = 0.04 if QUIET else 0.15
+        self.backend = StageBackend(
+            "pull",
+            make_stage(stage, str(folder / "stand"), reply),
+            make_gauge("gcl2" if gauge == "gcl2" else "stream", str(folder / "gauge"), stream, reply),
+            1.2 * self.LIMITS.speed,
+        )
+        rate = STAGE_RATES[stage]
+        self.controller = GripperController({"pull": self.LIMITS}, POLICIES, period=1.0 / rate)
+        self.loop = BusLoop(self.backend, self.controller, rate)
+        self.undo = []
+
+    def open(self) -> StageBench:
+        self.identities = self.backend.connect()
+        self.loop.start()
+        assert self.until(lambda seen: seen.drives[0].time > 0.0, 5.0)
+        return self
+
+    def close(self) -> None:
+        self.clear()
+        self.loop.stop()
+        self.backend.disconnect()
+        self.rig.close()
+
+    def hold_taut(self, tension: float) -> None:
+        """Take hold with the true zero, as after a homing, and pull to a tension."""
+        self.loop.power(on=True)
+        self.loop.mark_session("pull", 1)
+        self.loop.call(lambda c, _: c.drives["pull"].set_zero(self.plant.slack, 1))
+        ticket = self.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.TENSION, [tension], 0.01), now))
+        outcome, reason = self.run(ticket)
+        assert outcome == 0, reason
+
+    def cause(self, fault: str, **arguments) -> float:
+        """Start a fault of the rig, or of the tendon; return the time [s, monotonic] it began."""
+        began = time.monotonic()
+        if fault == "tendon_break":
+            self.plant.cut(True)
+            self.undo.append(lambda: self.plant.cut(False))
+        elif fault == "slack":
+            self.plant.loosen(0.02)
+            self.undo.append(lambda: self.plant.loosen(-0.02))
+        else:
+            self.rig.inject(fault, **arguments)
+            self.undo.append(lambda: self.rig.clear(fault))
+        return began
 
 
 class LoopbackSerial:
@@ -297,12 +376,15 @@ def spring_finger():
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """Print the fault matrix after its tests."""
-    rows = getattr(config, "fault_table", None)
-    if not rows:
-        return
-    heads = ("fault on the wire or the tendon", "while", "named", "state and time to safe", "recovers by")
-    widths = [max(len(row[i]) for row in [heads, *rows]) for i in range(len(heads))]
-    terminalreporter.write_sep("=", "fault matrix, 200 Hz, 3 servos at 1 Mbaud")
-    for row in [heads, *rows]:
-        terminalreporter.write_line("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)))
+    """Print the fault matrix and what the soak saw."""
+    heads = ("fault", "while", "named", "state and time to safe", "aim", "recovers by")
+    for title, rows in getattr(config, "fault_tables", {}).items():
+        if not rows:
+            continue
+        widths = [max(len(row[i]) for row in [heads, *rows]) for i in range(len(heads))]
+        terminalreporter.write_sep("=", f"fault matrix: {title}")
+        for row in [heads, *rows]:
+            terminalreporter.write_line("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)))
+    if report := getattr(config, "soak_report", ""):
+        terminalreporter.write_sep("=", "soak")
+        terminalreporter.write_line(report)

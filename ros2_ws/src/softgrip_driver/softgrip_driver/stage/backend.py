@@ -100,9 +100,8 @@ class StageBackend:
         del tendon
         yield
         self._stage.unlock()
-        yield
+        # In one step: a port closed between two cycles would pass for one that went away.
         self.disconnect()
-        yield
         self.connect()
 
     # --- a cycle ---------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ class Drive:
     #: [1/s] and [m] of the integral correction of the position
     TRIM_RATE = 6.0
     MAX_TRIM = 3e-3
-    #: [s] one unanswered question counts for at most
+    #: [s] one unanswered question counts for at most, or a period
     LONGEST_QUESTION = 0.025
 
     def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float, period: float = 0.01) -> None:
@@ -49,6 +49,7 @@ class Drive:
         self.limits = limits
         self._continuous = continuous_tension
         self._period = period
+        self._longest_question = max(self.LONGEST_QUESTION, period)
         self.powered = False
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
@@ -294,7 +295,7 @@ class Drive:
         m = self._m
         m.lost += 1
         # Time in which this computer did not even ask is no silence of the drive.
-        m.silence += min(self.LONGEST_QUESTION, now - m.asked) if m.asked is not None else 0.0
+        m.silence += min(self._longest_question, now - m.asked) if m.asked is not None else 0.0
         m.asked = now
         if m.silence >= self.limits.no_reply and not m.restoring and m.fault != "port_lost":
             self.set_fault("no_reply", f"nothing heard for {m.silence * 1e3:.0f} ms")

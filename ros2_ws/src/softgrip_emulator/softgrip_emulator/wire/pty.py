@@ -31,6 +31,8 @@ _log = logging.getLogger(__name__)
 _READ_BYTES: Final = 4096
 _ABSENT_HOST_POLL_S: Final = 0.01
 """How often to look whether a host has opened the port (no event tells)."""
+_QUIET_DEVICE_POLL_S: Final = 0.1
+"""How often to ask a device that has nothing to say whether it still has not."""
 _BURST_S: Final = 0.002
 """Longer packets are handed over in pieces of this duration, as a USB adapter does."""
 _JOIN_S: Final = 2.0
@@ -185,11 +187,11 @@ class PtyPort:
         if piece := line.take(self.clock.now_s()):
             self._write(master, piece)
 
-    def _pause_s(self, line: _Line) -> float | None:
+    def _pause_s(self, line: _Line) -> float:
         due = [t for t in (line.next_s(), self._device.due_s()) if t is not None]
         if not due:
-            # Closing by the host makes the master readable, so this wait may be long.
-            return None
+            # Closing by the host makes the master readable; that a device has something to say again, nothing tells.
+            return _QUIET_DEVICE_POLL_S
         return self.clock.wall_duration_s(min(due) - self.clock.now_s())
 
     def _wait(self, fds: list[int], timeout_s: float | None) -> list[int]:

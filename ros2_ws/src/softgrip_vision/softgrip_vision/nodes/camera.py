@@ -18,6 +18,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from softgrip_nodekit import SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, to_time_message
 from softgrip_vision import calibration
 from softgrip_vision.errors import FrameError, VisionError
+from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
 from softgrip_vision.sources import Capture, CaptureState, CaptureStatus, Frame, SourceOptions
 from softgrip_vision.waiting import file_when_there
@@ -64,6 +65,7 @@ class CameraNode(Node):
         self._published = 0
         self._last_stamp_ns = 0
         self._size_problem = ""
+        self._watch = FrameWatch()
         self._capture = self._start_capture()
         self.create_timer(HEALTH_PERIOD, self._report)
 
@@ -110,6 +112,7 @@ class CameraNode(Node):
         self._compressed.publish(compressed)
         if self._pixels is not None and raw is not None:
             self._pixels.publish(raw)
+        self._watch.see(frame)
         self._published += 1
         self._last_stamp_ns = frame.stamp_ns
 
@@ -135,6 +138,8 @@ class CameraNode(Node):
             "connections": status.connections,
         }
         self._diagnostics.set("capture", health, message, values)
+        problem = self._watch.problem()
+        self._diagnostics.set("picture", Health.ERROR if problem else Health.OK, problem or "alive and lit")
         if self._size_problem:
             self._diagnostics.set("frames", Health.ERROR, self._size_problem)
         elif self._published:
