@@ -3,13 +3,15 @@
 
 Each time the bag is repaired and then read to its end by `rosbags` and by the `mcap` library, which have to find what
 we find. A process writes a message per millisecond through the recorder's `Pipeline`; what is lost is the time from the
-last message that can be read to the moment of the kill, or, for a cut, to the last message that had begun before it.
+last message that can be read to the last that was given to the recorder before the kill (a note of which outlives the
+process), or, for a cut, to the last message of the chunk that is cut.
 """
 
 from __future__ import annotations
 
 import argparse
 import bisect
+import mmap
 import random
 import shutil
 import signal
@@ -41,22 +43,35 @@ _RANDOM_BYTES = 200  # per message: incompressible enough that cuts fall everywh
 
 def write(folder: Path) -> None:
     """Write a message per millisecond until killed, or until Ctrl-C, which finishes the bag."""
-    text = random.Random(1)
     bag = BagWriter(folder)
     bag.add_topic(TOPIC)
     pipeline = Pipeline(bag, 64_000_000)
+    note = note_of(folder)
+    note.write_bytes(bytes(8))
     stop: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: stop.append(number))
+    with note.open("r+b") as stream, mmap.mmap(stream.fileno(), 8) as last:
+        _write_until(stop, pipeline, last)
+    pipeline.close()
+
+
+def note_of(folder: Path) -> Path:
+    """Return the file that holds the time [ns] of the last message given to the recorder."""
+    return folder.with_name(f"{folder.name}.last")
+
+
+def _write_until(stop: list[int], pipeline: Pipeline, last: mmap.mmap) -> None:
+    text = random.Random(1)
     while not stop:
         body = bytes(text.choices(range(32, 127), k=_RANDOM_BYTES)) + b"\0"
         now = time.time_ns()
         pipeline.put(TOPIC.name, now, now, b"\0\1\0\0" + len(body).to_bytes(4, "little") + body)
+        last[:] = now.to_bytes(8, "little")
         time.sleep(PERIOD_S)
-    pipeline.close()
 
 
 def stop_once(folder: Path, after_s: float, how: signal.Signals) -> int:
-    """Have a writer stopped so long [s] after its first message is on the disk; returns when [ns]."""
+    """Have a writer stopped so long [s] after its first message is on the disk; returns its last message's time [ns]."""
     writer = subprocess.Popen([sys.executable, str(Path(__file__).resolve()), "--write", str(folder)])
     deadline = time.monotonic() + _DEADLINE_S
     try:
@@ -66,18 +81,17 @@ def stop_once(folder: Path, after_s: float, how: signal.Signals) -> int:
             time.sleep(0.01)
         time.sleep(after_s)
         writer.send_signal(how)
-        stopped = time.time_ns()
         writer.wait(_DEADLINE_S)
     finally:
         writer.kill()
-    return stopped
+    return int.from_bytes(note_of(folder).read_bytes(), "little")
 
 
 def kill_once(folder: Path, after_s: float) -> float:
     """Have a writer killed so long [s] after its first message is on the disk; returns the seconds lost."""
-    killed = stop_once(folder, after_s, signal.SIGKILL)
+    given = stop_once(folder, after_s, signal.SIGKILL)
     last = check(folder)
-    return (killed - last) * 1e-9
+    return (given - last) * 1e-9
 
 
 def check(folder: Path) -> int:

@@ -1,62 +1,111 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make the recorded bags of this folder anew: one shift of the emulated cell, through the shipped launch file.
+"""Make the recorded bags of this folder anew: one session of the emulated cell, through the shipped launch file.
 
-Run after a deliberate change of what a node computes: ``python tests/replay/make_bags.py``. The excerpts carry what
-the replayed nodes read and what they said, no camera frames.
+Run after a deliberate change of what a node computes, on a machine with nothing else to do:
+``python tests/replay/make_bags.py``. The excerpts carry what the replayed nodes read and what they said.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from softgrip_bag.excerpt import excerpt
-from softgrip_bag.reader import read
+from softgrip_bag.reader import RawMessage, read
 
-HERE = Path(__file__).resolve().parent / "bags"
-LONGEST = 600.0  # [s] for a shift
+HERE = Path(__file__).resolve().parent
+BAGS = HERE / "bags"
+LONGEST = 300.0  # [s] for a session
 SECOND = 1_000_000_000
-TENDON_TOPICS = {"/tendon/state", "/cell/state", "/friction/active"}
+TENDONS = {"/tendon/state", "/cell/state", "/friction/active"}
+FINGERS = TENDONS | {"/finger/measured", "/finger/predicted", "/finger/residual"}
+CAMERA = "/camera/image_raw/compressed"
 
-#: name -> topics, topic whose first message is the start, time before and after it [s]
-EXCERPTS = {
-    "closings": (
-        TENDON_TOPICS | {"/finger/measured", "/finger/predicted", "/finger/residual"},
-        "/finger/residual",
-        (0.5, 6.0),
+
+@dataclass(frozen=True)
+class Part:
+    """An excerpt: its topics, and the stretch around the n-th message of one of them; none = all of the bag."""
+
+    topics: set[str]
+    around: str = ""
+    count: int = 0
+    before_s: float = 0.0
+    after_s: float = 0.0
+
+
+PARTS = {
+    "calibration": Part({"/rig/sample", "/friction/active", "/rig/stage", "/load_cell/wrench"}),
+    # every swap ends with a closing that the cell checks, and the session adds a longer one
+    "closings": Part(FINGERS),
+    "shapes": Part(TENDONS | {"/shape/predicted"}, "/shape/predicted", 20, 0.3, 0.7),
+    "frames": Part({CAMERA, "/cell/state", "/finger/markers", "/finger/measured"}, "/finger/residual", 200, 0.3, 0.7),
+    # from the start of the manager on: a grasp with each outcome, the last one by a fault
+    "grasps": Part(
+        FINGERS
+        | {"/grasp_mix_manager/trace", "/tendon/status", "/diagnostics"}
+        | {
+            f"/{action}/_action/{topic}"
+            for action in ("cell/grasp", "cell/swap", "tendon/move")
+            for topic in ("feedback", "status")
+        }
     ),
-    "shapes": (TENDON_TOPICS | {"/shape/predicted"}, "/shape/predicted", (0.3, 0.7)),
-    "calibration": ({"/rig/sample", "/friction/active", "/rig/stage", "/load_cell/wrench"}, "/rig/sample", (1.0, 10.0)),
 }
 
 
 def main() -> int:
-    """Record a shift, or take a bag, and cut the excerpts."""
+    """Record a session, or take a bag, and cut the excerpts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bag", type=Path, help="cut a bag that is there already")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated cell")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-bags-") as folder:
         bag = options.bag or record(Path(folder), options.seed)
-        for name, (topics, first, (before, after)) in EXCERPTS.items():
-            start = next(message.received for message in read(bag, {first}))
-            shutil.rmtree(HERE / name, ignore_errors=True)
-            since, until = start - round(before * SECOND), start + round(after * SECOND)
-            count = excerpt(bag, HERE / name, topics, since, until)
-            size = sum(file.stat().st_size for file in (HERE / name).iterdir())
+        for name, part in PARTS.items():
+            shutil.rmtree(BAGS / name, ignore_errors=True)
+            since, until = stretch(bag, part)
+            count = excerpt(bag, BAGS / name, part.topics, since, until)
+            size = sum(file.stat().st_size for file in (BAGS / name).iterdir())
             sys.stdout.write(f"{name}: {count} messages, {size / 1e3:.0f} kB\n")
     return 0
 
 
+def stretch(bag: Path, part: Part) -> tuple[int, int | None]:
+    """Return beginning and end of a part [ns]; None = to the end."""
+    if not part.around:
+        return 0, None
+    found: Iterator[RawMessage] = read(bag, {part.around})
+    middle = next(message.received for number, message in enumerate(found) if number == part.count)
+    return middle - round(part.before_s * SECOND), middle + round(part.after_s * SECOND)
+
+
 def record(folder: Path, seed: int) -> Path:
-    """Run a shift; returns its bag."""
-    command = ["ros2", "launch", "softgrip_bringup", "demo.launch.yaml", f"out:={folder}", f"seed:={seed}"]
-    subprocess.run([*command, f"wire_dir:={folder / 'wires'}"], timeout=LONGEST, check=True)
+    """Run a session; returns its bag."""
+    with cell(folder, seed):
+        subprocess.run([sys.executable, str(HERE / "session.py")], timeout=LONGEST, check=True)
     return next((folder / "bags").iterdir())
+
+
+@contextmanager
+def cell(folder: Path, seed: int) -> Iterator[None]:
+    """Have the emulated cell run."""
+    command = ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml", f"out:={folder}", f"seed:={seed}"]
+    command += [f"wire_dir:={folder / 'wires'}", "lift_window_s:=1.0"]
+    with (folder / "log.txt").open("w") as log:
+        launch = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
+        try:
+            yield
+        finally:
+            os.killpg(launch.pid, signal.SIGINT)
+            launch.wait(LONGEST)
 
 
 if __name__ == "__main__":
