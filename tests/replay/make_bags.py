@@ -46,7 +46,7 @@ PARTS = {
     "calibration": Part({"/rig/sample", "/friction/active", "/rig/stage", "/load_cell/wrench"}),
     # every swap ends with a closing that the cell checks, and the session adds a longer one
     "closings": Part(FINGERS),
-    "shapes": Part(TENDONS | {"/shape/predicted"}, "/shape/predicted", 20, 0.3, 0.7),
+    "shapes": Part(TENDONS | {"/shape/predicted", "/shape/marker"}, "/shape/predicted", 20, 0.3, 0.7),
     "frames": Part({CAMERA, "/cell/state", "/finger/markers", "/finger/measured"}, "/finger/residual", 200, 0.3, 0.7),
     # from the start of the manager on: a grasp with each outcome, the last one by a fault
     "grasps": Part(
