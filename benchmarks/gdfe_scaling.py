@@ -83,7 +83,7 @@ def main() -> int:
         moved_bytes = solver.bytes_per_iteration
         roof = read_bandwidth(moved_bytes, threads, 200) / moved_bytes
         hexes = len(solver.mesh.hexes)
-        what = f"{hexes} hexahedra, {solver.factor_nonzeros} factor entries, {threads} thread(s), {simd_target()}"
+        what = f"{hexes} hexahedra, {solver.matrix_entries} factor entries, {threads} thread(s), {simd_target()}"
         claim(
             f"{label} hexes iterations rate",
             rate,

@@ -12,6 +12,7 @@ from softgrip_model.gdfe.mesh import Mesh, bar
 from softgrip_model.gdfe.solver import (
     Equilibrium,
     Law,
+    Method,
     Metric,
     Ordering,
     Settings,
@@ -34,6 +35,7 @@ __all__ = [
     "Linear",
     "Material",
     "Mesh",
+    "Method",
     "Metric",
     "Obstacle",
     "Ogden",

@@ -52,10 +52,19 @@ class Ordering(StrEnum):
     METIS = "metis"
 
 
+class Method(StrEnum):
+    """What undoes the constant matrix: a direct factor, or multigrid, whose cost grows with the mesh and not faster."""
+
+    AUTOMATIC = "automatic"
+    DIRECT = "direct"
+    MULTIGRID = "multigrid"
+
+
 _LAW = {law: index for index, law in enumerate(Law)}
 _SHAPE = {shape: index for index, shape in enumerate(VolumeShape)}
 _METRIC = {metric: index for index, metric in enumerate(Metric)}
 _ORDERING = {ordering: index for index, ordering in enumerate(Ordering)}
+_METHOD = {method: index for index, method in enumerate(Method)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +119,9 @@ class Settings:
         law: local law.
         volume_shape: V^v.
         metric: of the hourglass patterns.
-        single_precision_factor: keep the factor in float; residuals are always computed in double.
+        single_precision_factor: keep the factor or multigrid levels in float; residuals are always computed in double.
         ordering: of the factor.
+        method: a direct factor or multigrid; automatic = multigrid above 20,000 nodes.
         window: of the Anderson acceleration, 0 = plain iteration.
         threads: the bits of a result depend on their number, not on their timing.
         step_limit: largest motion of a node in one iteration; 0 = none.
@@ -122,6 +132,7 @@ class Settings:
     metric: Metric = Metric.LAPLACIAN
     single_precision_factor: bool = True
     ordering: Ordering = Ordering.AUTOMATIC
+    method: Method = Method.AUTOMATIC
     window: int = 10
     threads: int = 1
     step_limit: float = 0.0
@@ -221,6 +232,7 @@ class Solver:
                     _METRIC[s.metric],
                     s.single_precision_factor,
                     _ORDERING[s.ordering],
+                    _METHOD[s.method],
                     s.window,
                     s.threads,
                     s.step_limit,
@@ -268,17 +280,17 @@ class Solver:
         return self._core.energy(displacement)
 
     @property
-    def factor_nonzeros(self) -> int:
-        """Entries of the factor along x."""
-        return self._core.factor_nonzeros(0)
+    def matrix_entries(self) -> int:
+        """Entries of the factor along x, or of the matrices of all multigrid levels."""
+        return self._core.inverse_nonzeros(0)
 
     @property
     def bytes_per_iteration(self) -> int:
-        """What one iteration must at least read: each distinct factor twice, and the elements' data."""
+        """What one iteration must at least read: factors twice or multigrid levels, one for axes alike, and the elements."""
         maps = self.supports.maps()
         distinct = [axis for axis in range(3) if maps[axis] not in maps[:axis]]
         element = 8 * (24 + 12 + 10 + 2) + 4 * 8
-        return 2 * sum(self._core.factor_bytes(axis) for axis in distinct) + element * len(self.mesh.hexes)
+        return sum(self._core.inverse_bytes(axis) for axis in distinct) + element * len(self.mesh.hexes)
 
     def rest(self) -> State:
         """Return the undeformed state."""

@@ -104,13 +104,15 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("sliding", &gdfe::Touch::sliding);
 
   py::class_<gdfe::Settings>(module, "Settings")
-      .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int window, int threads,
-                       double step_limit) {
+      .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int method, int window,
+                       int threads, double step_limit) {
              return gdfe::Settings{static_cast<gdfe::Law>(law), static_cast<gdfe::VolumeShape>(shape),
-                                   static_cast<gdfe::Metric>(metric), single_precision_factor, static_cast<gdfe::Ordering>(ordering), window, threads, step_limit};
+                                   static_cast<gdfe::Metric>(metric), single_precision_factor,
+                                   static_cast<gdfe::Ordering>(ordering), static_cast<gdfe::Method>(method), window, threads,
+                                   step_limit};
            }),
-           py::arg("law"), py::arg("shape"), py::arg("metric"), py::arg("single_precision_factor"), py::arg("ordering"), py::arg("window"),
-           py::arg("threads"), py::arg("step_limit"));
+           py::arg("law"), py::arg("shape"), py::arg("metric"), py::arg("single_precision_factor"), py::arg("ordering"),
+           py::arg("method"), py::arg("window"), py::arg("threads"), py::arg("step_limit"));
 
   py::class_<gdfe::Outcome>(module, "Outcome")
       .def_readonly("converged", &gdfe::Outcome::converged)
@@ -182,6 +184,6 @@ PYBIND11_MODULE(_core, module) {
            },
            py::arg("omega"), py::arg("last_strain"))
       .def_property_readonly("unknowns", &gdfe::Solver::unknowns)
-      .def("factor_nonzeros", [](const gdfe::Solver& solver, int axis) { return solver.factor(axis).nonzeros(); })
-      .def("factor_bytes", [](const gdfe::Solver& solver, int axis) { return solver.factor(axis).bytes(); });
+      .def("inverse_nonzeros", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).nonzeros(); })
+      .def("inverse_bytes", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).bytes(); });
 }

@@ -197,8 +197,9 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
 }
 
 std::size_t Factor::bytes() const {
-  return sizeof(float) * (float_.values.size() + float_.inverse.size()) +
-         sizeof(double) * (double_.values.size() + double_.inverse.size());
+  // forward and backward
+  return 2 * (sizeof(float) * (float_.values.size() + float_.inverse.size()) +
+              sizeof(double) * (double_.values.size() + double_.inverse.size()));
 }
 
 void Factor::solve(double* const* columns, int count, std::vector<double>& scratch) const {

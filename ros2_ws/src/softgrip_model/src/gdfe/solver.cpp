@@ -5,6 +5,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "softgrip/gdfe/multigrid.hpp"
+
 namespace softgrip::gdfe {
 namespace {
 
@@ -22,6 +24,28 @@ std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric
     elements[static_cast<std::size_t>(e)] = make_element(corners, metric);
   }
   return elements;
+}
+
+// Mean place at rest of the nodes of every unknown.
+Eigen::MatrixX3d places_of(const DofMap& map, const Nodes& rest, Eigen::Index size) {
+  Eigen::MatrixX3d places = Eigen::MatrixX3d::Zero(size, 3);
+  Eigen::VectorXd members = Eigen::VectorXd::Zero(size);
+  for (std::size_t i = 0; i < map.size(); ++i) {
+    if (map[i] < 0) continue;
+    places.row(map[i]) += rest.row(static_cast<Eigen::Index>(i));
+    members(map[i]) += 1.0;
+  }
+  return members.cwiseInverse().asDiagonal() * places;
+}
+
+std::shared_ptr<const ConstantInverse> make_inverse(const SparseMatrix& matrix, const DofMap& map, const Nodes& rest,
+                                                    const Settings& settings) {
+  const bool large = settings.method == Method::Automatic && matrix.rows() > kMultigridAbove;
+  if (settings.method == Method::Multigrid || large) {
+    return std::make_shared<Multigrid>(matrix, places_of(map, rest, matrix.rows()), settings.single_precision_factor,
+                                       settings.threads);
+  }
+  return std::make_shared<Factor>(matrix, settings.single_precision_factor, settings.ordering, settings.threads);
 }
 
 }  // namespace
@@ -57,13 +81,13 @@ void Solver::build_contact() {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     view.dof[axis] = &axes_[axis].dof;
     view.offset[axis] = axes_[axis].offset;
-    view.size[axis] = static_cast<std::size_t>(axes_[axis].factor->size());
+    view.size[axis] = static_cast<std::size_t>(axes_[axis].inverse->size());
     view.same_as[axis] = axis;
     for (std::size_t earlier = axis; earlier-- > 0;) {
-      if (axes_[earlier].factor == axes_[axis].factor) view.same_as[axis] = earlier;
+      if (axes_[earlier].inverse == axes_[axis].inverse) view.same_as[axis] = earlier;
     }
   }
-  view.apply_inverse = [this](std::size_t axis, double* column) { axes_[axis].factor->solve(&column, 1, scratch_); };
+  view.apply_inverse = [this](std::size_t axis, double* column) { axes_[axis].inverse->solve(&column, 1, scratch_); };
   contact_ = Contact(surroundings_.obstacles, nodes_, std::move(view));
 }
 
@@ -93,10 +117,10 @@ void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const DofMap& map = maps[axis];
     const int size = map.empty() ? 0 : std::max(0, *std::max_element(map.begin(), map.end()) + 1);
-    for (std::size_t earlier = 0; earlier < axis && !axes_[axis].factor; ++earlier) {
-      if (maps[earlier] == map) axes_[axis].factor = axes_[earlier].factor;
+    for (std::size_t earlier = 0; earlier < axis && !axes_[axis].inverse; ++earlier) {
+      if (maps[earlier] == map) axes_[axis].inverse = axes_[earlier].inverse;
     }
-    if (!axes_[axis].factor) {
+    if (!axes_[axis].inverse) {
       std::vector<Eigen::Triplet<double>> entries;
       entries.reserve(elements.size() * 36);
       for (std::size_t e = 0; e < elements.size(); ++e) {
@@ -110,11 +134,11 @@ void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes
       }
       SparseMatrix matrix(size, size);
       matrix.setFromTriplets(entries.begin(), entries.end());
-      axes_[axis].factor = std::make_shared<Factor>(matrix, settings_.single_precision_factor, settings_.ordering, settings_.threads);
+      axes_[axis].inverse = make_inverse(matrix, map, rest_, settings_);
     }
     axes_[axis].dof.resize(nodes_);
     for (std::size_t i = 0; i < nodes_; ++i) {
-      axes_[axis].dof[i] = map[i] < 0 ? -1 : axes_[axis].factor->position()[static_cast<std::size_t>(map[i])];
+      axes_[axis].dof[i] = map[i] < 0 ? -1 : axes_[axis].inverse->position()[static_cast<std::size_t>(map[i])];
     }
     axes_[axis].offset = unknowns_;
     unknowns_ += static_cast<std::size_t>(size);
@@ -130,10 +154,10 @@ void Solver::build_point_columns() {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     Axis& a = axes_[axis];
     for (std::size_t earlier = 0; earlier < axis; ++earlier) {
-      if (axes_[earlier].factor == a.factor) a.point_columns = axes_[earlier].point_columns;
+      if (axes_[earlier].inverse == a.inverse) a.point_columns = axes_[earlier].point_columns;
     }
     if (a.point_columns || columns == 0) continue;
-    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(a.factor->size(), static_cast<Eigen::Index>(columns)));
+    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(a.inverse->size(), static_cast<Eigen::Index>(columns)));
     for (std::size_t c = 0; c < cables_.size(); ++c) {
       for (std::size_t p = 0; p < cables_[c].points.size(); ++p) {
         const CablePoint& point = cables_[c].points[p];
@@ -143,7 +167,7 @@ void Solver::build_point_columns() {
           if (dof >= 0) column(dof) += point.weights[k];
         }
         double* data = column.data();
-        a.factor->solve(&data, 1, scratch_);
+        a.inverse->solve(&data, 1, scratch_);
       }
     }
     a.point_columns = matrix;
@@ -239,11 +263,11 @@ void Solver::precondition(std::vector<double>& residual) {
     int count = 0;
     bool solved = false;
     for (std::size_t other = 0; other < 3; ++other) {
-      if (axes_[other].factor != axes_[axis].factor) continue;
+      if (axes_[other].inverse != axes_[axis].inverse) continue;
       solved = solved || other < axis;
       columns[static_cast<std::size_t>(count++)] = residual.data() + axes_[other].offset;
     }
-    if (!solved) axes_[axis].factor->solve(columns.data(), count, scratch_);
+    if (!solved) axes_[axis].inverse->apply(columns.data(), count, scratch_);
   }
 }
 
@@ -265,7 +289,7 @@ void Solver::drive_lengths(const Task& task, const std::vector<double>& state, s
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const Axis& a = axes_[axis];
       const auto column = static_cast<Eigen::Index>(axis);
-      response[axis] = Eigen::VectorXd::Zero(a.factor->size());
+      response[axis] = Eigen::VectorXd::Zero(a.inverse->size());
       for (std::size_t p = 0; p < work.points.size(); ++p) {
         response[axis] += pull.force[p][column] / unit * a.point_columns->col(static_cast<Eigen::Index>(first_column_[c] + p));
       }

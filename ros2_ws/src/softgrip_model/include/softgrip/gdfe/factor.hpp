@@ -6,13 +6,12 @@
 // preconditions a residual that is computed in double.
 #pragma once
 
-#include <Eigen/Sparse>
 #include <cstdint>
 #include <vector>
 
-namespace softgrip::gdfe {
+#include "softgrip/gdfe/constant_inverse.hpp"
 
-using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+namespace softgrip::gdfe {
 
 enum class Ordering : std::uint8_t { Automatic = 0, Amd = 1, Metis = 2 };
 
@@ -45,21 +44,19 @@ struct PanelStore {
   Schedule schedule;
 };
 
-class Factor {
+class Factor final : public ConstantInverse {
  public:
   // matrix: symmetric positive definite, both triangles or the lower one. Throws std::runtime_error when it is not.
   Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering = Ordering::Automatic, int threads = 1);
 
-  int size() const { return size_; }
-  std::size_t nonzeros() const { return nonzeros_; }
-  std::size_t bytes() const;
+  int size() const override { return size_; }
+  std::size_t nonzeros() const override { return nonzeros_; }
+  std::size_t bytes() const override;
+  const std::vector<int>& position() const override { return position_; }
+  void apply(double* const* columns, int count, std::vector<double>& scratch) const override { solve(columns, count, scratch); }
+  void solve(double* const* columns, int count, std::vector<double>& scratch) const override;
+
   bool uses_metis() const { return uses_metis_; }
-
-  // position[i] = place of unknown i in the factor's own order; solves work in that order.
-  const std::vector<int>& position() const { return position_; }
-
-  // columns[k], k < count <= 3: right-hand side in, solution out, in the factor's order. scratch grows as needed.
-  void solve(double* const* columns, int count, std::vector<double>& scratch) const;
 
  private:
   template <class T>

@@ -12,6 +12,7 @@
 
 #include "softgrip/gdfe/anderson.hpp"
 #include "softgrip/gdfe/cable.hpp"
+#include "softgrip/gdfe/constant_inverse.hpp"
 #include "softgrip/gdfe/contact.hpp"
 #include "softgrip/gdfe/factor.hpp"
 #include "softgrip/gdfe/follower.hpp"
@@ -21,12 +22,18 @@
 
 namespace softgrip::gdfe {
 
+// What undoes the constant matrix. Automatic: multigrid where an axis has more unknowns than kMultigridAbove.
+enum class Method : std::uint8_t { Automatic = 0, Direct = 1, Multigrid = 2 };
+
+inline constexpr int kMultigridAbove = 20000;
+
 struct Settings {
   Law law = Law::Calibrated;
   VolumeShape shape = VolumeShape::Proj;
   Metric metric = Metric::Laplacian;
   bool single_precision_factor = true;
   Ordering ordering = Ordering::Automatic;
+  Method method = Method::Automatic;
   int window = 10;           // of the Anderson acceleration; 0 = plain iteration
   int threads = 1;
   double step_limit = 0.0;   // largest motion of a node in one iteration [length]; 0 = none
@@ -93,13 +100,13 @@ class Solver {
   Nodes internal_force(const Nodes& displacement);
 
   ElementBlocks& blocks() { return blocks_; }
-  const Factor& factor(int axis) const { return *axes_[static_cast<std::size_t>(axis)].factor; }
+  const ConstantInverse& inverse(int axis) const { return *axes_[static_cast<std::size_t>(axis)].inverse; }
   std::size_t unknowns() const { return unknowns_; }
 
  private:
   struct Axis {
-    std::shared_ptr<const Factor> factor;
-    DofMap dof;              // node -> place in the factor's order, -1 prescribed
+    std::shared_ptr<const ConstantInverse> inverse;
+    DofMap dof;              // node -> place in the inverse's order, -1 prescribed
     std::size_t offset = 0;  // of its unknowns in the state vector
     std::shared_ptr<const Eigen::MatrixXd> point_columns;  // L^-1 S^T, one column per moving cable point
   };
