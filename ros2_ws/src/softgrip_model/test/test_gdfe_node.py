@@ -9,7 +9,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
-from softgrip_interfaces.msg import CellState, MountedFinger, PredictedShape
+from softgrip_interfaces.msg import CellState, FrictionModel, MountedFinger, PredictedShape
 from softgrip_model.nodes import convert
 from softgrip_model.nodes.gdfe_simulator import GdfeSimulator
 from softgrip_nodekit import LATCHED, SENSOR
@@ -31,6 +31,7 @@ class Bench:
         self.other.create_subscription(PredictedShape, "shape/predicted", self.got.append, SENSOR)
         self.tendons = self.other.create_publisher(JointState, "tendon/state", SENSOR)
         self.cell = self.other.create_publisher(CellState, "cell/state", LATCHED)
+        self.friction = self.other.create_publisher(FrictionModel, "friction/active", LATCHED)
         self.spin(lambda: self.tendons.get_subscription_count() > 0 and self.node._shapes.get_subscription_count() > 0)
 
     def spin(self, done, seconds=20.0):
@@ -92,3 +93,60 @@ def test_a_swap_shows_the_mounted_profile(bench):
     bench.cell.publish(CellState(mounted=[MountedFinger(finger="index", profile="hook", state=MountedFinger.VERIFIED)]))
     bench.spin(lambda: bench.node._session.mounted == {"index": "hook"})
     assert bench.pull(6_000_000_000, 0.004).mesh != before
+
+
+def capstan(coefficient, **changes):
+    fields = {
+        "id": f"capstan-{coefficient}",
+        "law": "capstan",
+        "k_reading": "printed",
+        "coefficient_names": ["mu"],
+        "coefficients": [coefficient],
+        "cable_radius": 0.000125,
+        "surface_radius": 0.001,
+        "angle_range": [0.0, 6.3],
+        "tension_range": [0.0, 100.0],
+        "verdict": FrictionModel.USABLE,
+    }
+    return FrictionModel(**{**fields, **changes})
+
+
+def test_an_active_friction_model_is_used_instead_of_the_profiles_own(bench):
+    own = bench.pull(7_000_000_000, 0.004)
+    bench.friction.publish(capstan(0.0))
+    bench.spin(lambda: bench.node._session.friction_id == "capstan-0.0")
+    without = bench.pull(8_000_000_000, 0.004)
+    bench.friction.publish(capstan(0.4))
+    bench.spin(lambda: bench.node._session.friction_id == "capstan-0.4")
+    rubbed = bench.pull(9_000_000_000, 0.004)
+    assert len({own.mesh, without.mesh, rubbed.mesh}) == 3  # each names what it was computed with
+    tensions = bench.node._session._closings["index"].shape(0.004).tension
+    assert tensions[0] > 1.1 * tensions[-1]  # friction took its share
+    # the same length with friction bends the joints near the actuator more, so the tip is elsewhere
+    assert np.abs(np.array(rubbed.vertices) - np.array(without.vertices)).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"verdict": FrictionModel.DO_NOT_USE, "reason": "too few points"}, {"law": "velcro"}],
+    ids=["verdict", "law"],
+)
+def test_a_friction_model_that_cannot_be_used_changes_nothing(bench, bad):
+    before = bench.node._session.friction_id
+    bench.friction.publish(capstan(0.7, **bad))
+    bench.friction.publish(capstan(0.2))
+    bench.spin(lambda: bench.node._session.friction_id == "capstan-0.2")
+    assert before != "capstan-0.7"
+    assert bench.pull(10_000_000_000 + len(bad) * PERIOD_NS, 0.004).converged
+
+
+def test_shapes_at_less_than_the_rate_asked_for_say_so(bench):
+    # 10 Hz of stamps where 30 Hz are asked for: what a solver gives that is too slow for its source
+    for k in range(20):
+        shape = bench.pull(20_000_000_000 + k * 100_000_000, 0.004)
+    assert shape.rate == pytest.approx(10.0, rel=0.05)
+    assert "Hz instead of 30 Hz" in shape.reason
+    for k in range(40):
+        shape = bench.pull(30_000_000_000 + k * 34_000_000, 0.004)
+    assert shape.rate > 25.0
+    assert not shape.reason

@@ -166,9 +166,8 @@ def test_a_cable_of_a_case_rubs_by_its_law(tmp_path):
         ("cables: [{points: [[0, 0, 0], [4, 0, 0]]}]", "cables[0]: expected either pull (a length) or tension_n"),
         ("cables: [{points: [[0, 0, 0], [9, 0, 0]], pull: 1.0}]", "(9.0, 0.0, 0.0) lies in no element"),
         (
-            "cables: [{points: [[0, 0, 0], [4, 0, 0]], pull: 1.0, "
-            "friction: {law: matte, coefficients: [1], radius_mm: 1}}]",
-            "cables[0].friction: ",
+            "cables: [{points: [[0, 0, 0], [4, 0, 0]], pull: 1, friction: {law: heap}}]",
+            "cables[0].friction: missing keys",
         ),
     ],
 )

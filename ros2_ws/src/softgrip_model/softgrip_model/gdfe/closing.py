@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shape of a finger at any pulled length, solved in the mesh: cable, friction and material together.
 
-The cable runs through the mesh's routing points with the friction law of the profile; its pulled length is
-prescribed, the tension follows. A closing is computed once from rest in equal steps (its keyframes); every later shape
-starts from the keyframes next to its own length. So a shape depends on its pulled length alone, not on what was before.
+The cable runs through the mesh's routing points with the calibrated friction law, or that of the profile as long as
+there is none; its pulled length is prescribed, the tension follows. A closing is computed once from rest in equal
+steps (its keyframes); every later shape starts from the keyframes next to its own length. So a shape depends on its
+pulled length alone, not on what was before.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.finger import Finger
-from softgrip_model.finger.predictor import assumed_friction
+from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
 from softgrip_model.gdfe.cable import Cable, Drive
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
-from softgrip_model.gdfe.materials import StressPolynomial
-from softgrip_model.gdfe.solver import Equilibrium, Settings, Solver, State, Supports
+from softgrip_model.gdfe.materials import Material, StressPolynomial
+from softgrip_model.gdfe.solver import Equilibrium, Law, Settings, Solver, State, Supports
+from softgrip_model.gdfe.validity import warnings_of
 from softgrip_model.profile import Material as ProfileMaterial
 from softgrip_model.profile import Profile, digest
 
@@ -33,6 +35,9 @@ POISSON = 0.3
 LENGTH_TOLERANCE_MM = 1e-3
 #: Of the acceleration: slender hinges pulled by a force are badly conditioned, and a long memory pays.
 WINDOW = 30
+#: Share of a material's strain range that the equivalent strain (above half of any principal one) must reach before
+#: principal stretches are worked out.
+NEAR_RANGE = 0.5
 #: [N] Below it the convergence of a hardly pulled finger is measured against this force.
 FORCE_FLOOR_N = 0.5
 
@@ -97,8 +102,25 @@ def profile_material(material: ProfileMaterial, poisson: float = POISSON) -> Str
 class Closing:
     """One finger of one profile, ready to be shown at any pulled length."""
 
-    def __init__(self, profile: Profile, slot: str, settings: ClosingSettings | None = None) -> None:
+    def __init__(
+        self,
+        profile: Profile,
+        slot: str,
+        settings: ClosingSettings | None = None,
+        *,
+        friction: ActiveFriction | None = None,
+        material: Material | None = None,
+        law: Law = Law.CALIBRATED,
+    ) -> None:
         """Mesh the finger and compute its keyframes.
+
+        Args:
+            profile: of the finger.
+            slot: it sits in.
+            settings: how closings are computed.
+            friction: calibrated model; None = the one that the profile names.
+            material: instead of the profile's.
+            law: of the elements.
 
         Raises:
             ProfileError: no such finger.
@@ -111,15 +133,21 @@ class Closing:
             finger, self.settings.resolution, 1e3 * profile.finger(slot).body_height_m
         )
         mesh = self.finger_mesh.mesh
-        self.material = profile_material(profile.material)
+        self.material = material or profile_material(profile.material)
+        self.friction = friction or assumed_friction(profile)
         supports = Supports.none(len(mesh.nodes)).with_prescribed(self.finger_mesh.clamped)
-        cable = Cable(self.finger_mesh.routing, assumed_friction(profile).law)
+        cable = Cable(self.finger_mesh.routing, self.friction.law)
         # a node that jumps further than half the thinnest strip in one iteration turns elements over
         limit = 0.5 * min(finger.thickness_mm)
-        self._solver = Solver(mesh, [self.material], supports, [cable], Settings(step_limit=limit, window=WINDOW))
+        method = Settings(law=law, step_limit=limit, window=WINDOW)
+        self._solver = Solver(mesh, [self.material], supports, [cable], method)
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.hexahedra = len(mesh.hexes)
         text = f"{digest(profile)}:{slot}:{self.settings}:{POISSON}"
+        if friction is not None:
+            text += f":{friction.id}:{friction.law}"
+        if material is not None or law is not Law.CALIBRATED:
+            text += f":{material}:{law}"
         self.digest = hashlib.sha256((mesh.digest + text).encode()).hexdigest()[:16]
         self._keyframes: list[Equilibrium] = []
         self.reach_mm = 0.0
@@ -177,6 +205,8 @@ class Closing:
     def _shape(
         self, pulled_length: float, found: Equilibrium, started: float, reason: str, *, converged: bool
     ) -> Shape:
+        if converged:
+            reason = "; ".join(filter(None, (reason, *self._out_of_range(found))))
         vertices = self.finger_mesh.mesh.nodes + found.displacement
         tip = self.finger_mesh.tip
         return Shape(
@@ -191,3 +221,10 @@ class Closing:
             solve_time=time.perf_counter() - started,
             reason=reason,
         )
+
+    def _out_of_range(self, found: Equilibrium) -> list[str]:
+        """Return where the material leaves what it is known for; looked at closely only when a strain is near it."""
+        known = min(-self.material.strain_range[0], self.material.strain_range[1])
+        if float(found.strain.max()) < NEAR_RANGE * known:
+            return []
+        return warnings_of(self.finger_mesh.mesh, [self.material], found.displacement)

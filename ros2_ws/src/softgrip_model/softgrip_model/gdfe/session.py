@@ -11,12 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.profile import Profile, digest
 
 #: Share of the last interval in the stated rate.
 _RATE_SMOOTHING = 0.2
+#: Below this share of the rate asked for, the shapes are said to be coarser in time.
+_COARSER = 0.8
+#: [s] A longer gap between states that solving does not account for is a pause: the rate is counted anew.
+_PAUSE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +36,8 @@ class Shown:
     rate_hz: float
     """At which this finger's shapes are being computed; NaN until there are two."""
     marker_due: bool
+    reason: str
+    """Why not converged, what to know of the material, or that shapes come at less than the rate asked for."""
 
 
 class _Slots:
@@ -74,12 +81,15 @@ class ShapeSession:
         marker_rate_hz: float,
     ) -> None:
         self._profiles, self._settings = profiles, settings
+        self._wanted_rate = rate_hz
         self._slots, self._marker_slots = _Slots(rate_hz), _Slots(marker_rate_hz)
         self._shown = tuple(mounted)
-        self._made: dict[tuple[str, str], Closing] = {}
+        self._friction: ActiveFriction | None = None
+        self._made: dict[tuple[str, str, str], Closing] = {}
         self._closings: dict[str, Closing] = {}
         self._last_stamp: int | None = None
         self._rate = math.nan
+        self._busy = 0.0
         self.mounted: dict[str, str] = {}
         self.set_mounted(mounted)
 
@@ -100,6 +110,26 @@ class ShapeSession:
         self._closings = {slot: self._closing(profile_id, slot) for slot, profile_id in wanted.items()}
         self.mounted = wanted
 
+    @property
+    def friction_id(self) -> str:
+        """The calibrated friction model in use; empty while every profile has its own."""
+        return self._friction.id if self._friction else ""
+
+    def set_friction(self, friction: ActiveFriction) -> None:
+        """Compute with a calibrated friction model from now on, whatever profiles name.
+
+        Raises:
+            GdfeError: a finger cannot be simulated with it; all stays.
+        """
+        if self._friction is not None and (friction.id, friction.law) == (self._friction.id, self._friction.law):
+            return
+        before, self._friction = self._friction, friction
+        try:
+            self._closings = {slot: self._closing(profile_id, slot) for slot, profile_id in self.mounted.items()}
+        except GdfeError:
+            self._friction = before
+            raise
+
     def on_tendons(self, names: Sequence[str], samples: Sequence[TendonSample]) -> list[Shown]:
         """Return the shapes of a tendon state; none when its stamp falls into a period that has been served."""
         if not samples or not self._slots.takes(samples[0].stamp):
@@ -113,12 +143,24 @@ class ShapeSession:
             if closing is None:
                 continue
             shape = closing.shape(sample.pulled_length)
-            shown.append(Shown(name, closing.digest, closing.faces, closing.hexahedra, shape, self._rate, marker_due))
+            reason = "; ".join(filter(None, (shape.reason, self._coarser())))
+            shown.append(
+                Shown(name, closing.digest, closing.faces, closing.hexahedra, shape, self._rate, marker_due, reason)
+            )
+        self._busy = sum(one.shape.solve_time for one in shown)
         return shown
 
+    def _coarser(self) -> str:
+        if not self._rate < _COARSER * self._wanted_rate:
+            return ""
+        return f"{self._rate:.1f} Hz instead of {self._wanted_rate:g} Hz: states come, or are solved, more slowly"
+
     def _note_rate(self, stamp: int) -> None:
-        if self._last_stamp is not None and stamp > self._last_stamp:
-            now = 1e9 / (stamp - self._last_stamp)
+        gap = 0.0 if self._last_stamp is None else 1e-9 * (stamp - self._last_stamp)
+        if gap > max(_PAUSE, 2.0 * self._busy):
+            self._rate = math.nan
+        elif gap > 0.0:
+            now = 1.0 / gap
             self._rate = now if math.isnan(self._rate) else self._rate + _RATE_SMOOTHING * (now - self._rate)
         self._last_stamp = stamp
 
@@ -128,7 +170,7 @@ class ShapeSession:
             raise GdfeError(
                 f"slot {slot!r}: unknown profile {profile_id!r}; loaded: {', '.join(sorted(self._profiles)) or 'none'}"
             )
-        key = (digest(profile), slot)
+        key = (digest(profile), slot, repr(self._friction and (self._friction.id, self._friction.law)))
         if key not in self._made:
-            self._made[key] = Closing(profile, slot, self._settings)
+            self._made[key] = Closing(profile, slot, self._settings, friction=self._friction)
         return self._made[key]

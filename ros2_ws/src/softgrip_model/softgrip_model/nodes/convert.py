@@ -208,7 +208,7 @@ def shape_message(stamp: Time, shown: Shown) -> PredictedShape:
         iterations=int(shape.iterations),
         solve_time=float(shape.solve_time),
         rate=float(shown.rate_hz),
-        reason=shape.reason,
+        reason=shown.reason,
     )
 
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows the mounted fingers as the mesh predicts them, from their pulled tendon lengths.
 
-Subscribes tendon/state and cell/state; publishes shape/predicted and shape/marker, from the subscription callback of
-tendon/state only. Each shape is a function of its own pulled length and the mounted profile alone, and states are taken
-by their stamps (the first in every period of the rate), so that a bag replays to the same bits on the same machine. A
-state that comes while another is being solved waits alone: older ones are dropped, never shown late. The rate in the
-message is that of the stamps solved.
+Subscribes tendon/state, cell/state and friction/active; publishes shape/predicted and shape/marker, from the
+subscription callback of tendon/state only. Each shape is a function of its own pulled length, the mounted profile and
+the active friction model (the profile's own until there is one) alone, and states are taken by their stamps (the first
+in every period of the rate), so that a bag replays to the same bits on the same machine. A state that comes while
+another is being solved waits alone: older ones are dropped, never shown late. The rate in the message is that of the
+stamps solved; when it is below the rate asked for, the reason says so.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker
 
-from softgrip_interfaces.msg import CellState, PredictedShape
+from softgrip_interfaces.msg import CellState, FrictionModel, PredictedShape
 from softgrip_model.finger import FingerError
+from softgrip_model.friction.errors import FrictionError
 from softgrip_model.gdfe.closing import ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
@@ -74,8 +76,10 @@ class GdfeSimulator(Node):
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
         self._markers = self.create_publisher(Marker, "shape/marker", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
+        self.create_subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
         self.create_subscription(JointState, "tendon/state", self._on_tendons, _NEWEST)
         self._report("profile", Health.OK, "as given by parameters", self._session.mounted)
+        self._report("friction", Health.OK, "the profiles' own")
         self.get_logger().info(f"simulating {self._session.mounted}: {self._session.description}")
 
     @staticmethod
@@ -110,9 +114,19 @@ class GdfeSimulator(Node):
             self._shapes.publish(convert.shape_message(message.header.stamp, shown))
             if shown.marker_due:
                 self._markers.publish(convert.marker_message(message.header.stamp, shown))
-            health = Health.OK if shown.shape.converged else Health.WARN
-            text = shown.shape.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
+            health = Health.WARN if shown.reason else Health.OK
+            text = shown.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
             self._report(f"finger {shown.finger}", health, text, {"solve_time_s": f"{shown.shape.solve_time:.4f}"})
+
+    def _on_friction(self, message: FrictionModel) -> None:
+        try:
+            self._session.set_friction(convert.active_friction(message))
+        except (GdfeError, FingerError, FrictionError) as error:
+            kept = self._session.friction_id or "the profiles' own"
+            self._report("friction", Health.WARN, f"{error}; still using {kept}")
+            return
+        self._report("friction", Health.OK, f"using {self._session.friction_id}")
+        self.get_logger().info(f"friction model {self._session.friction_id}")
 
     def _on_cell(self, message: CellState) -> None:
         try:
