@@ -12,8 +12,7 @@ import array
 import struct
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from embedded_ros import arrays
 from embedded_ros.errors import CdrError
 from embedded_ros.interface_text import FieldType
 
@@ -56,7 +55,7 @@ class _Source:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
-        self.names: dict[str, Any] = {"array": array.array, "np": np, "HEADER": HEADER, "PADDING": _PADDING}
+        self.names: dict[str, Any] = {"array": array.array, "arrays": arrays, "HEADER": HEADER, "PADDING": _PADDING}
         self.depth = 1
         self.run: list[tuple[str, str]] = []
         self._count = 0
@@ -120,7 +119,7 @@ class _Writer(_Source):
             self.emit(f"{local} = {local}.encode('utf-16-le')")
             self.run.append(("I", f"len({local}) // 2"))
             self.flush()
-            self.emit(f"b += np.frombuffer({local}, '<u2').astype('<u4').tobytes()")
+            self.emit(f"b += arrays.utf16_to_wide({local})")
 
     def sequence(self, kind: FieldType, value: str, owner: type[Message]) -> None:
         local = self.fresh("s")
@@ -152,8 +151,7 @@ class _Writer(_Source):
         code = ARRAY_CODES[kind.base]
         self.flush()
         if kind.array == "fixed":
-            dtype = self.share("D", np.dtype("<" + code))
-            self.emit(f"if {local}.dtype != {dtype}: raise TypeError")
+            self.emit(f"if {local}.dtype != arrays.dtype('<{code}'): raise TypeError")
             data = f"{local}.tobytes()"
         else:
             # What was received as a view of the packet becomes an array when it is asked for by its public name.
@@ -207,9 +205,7 @@ class _Reader(_Source):
             self.emit(f"{place} = d[o:o + n - 1].decode() if n else ''; o += n")
         else:
             self.emit("if 4 * n > size - o: raise ValueError")
-            self.emit(
-                f"{place} = np.frombuffer(d, '<u4', n, o).astype('<u2').tobytes().decode('utf-16-le'); o += 4 * n"
-            )
+            self.emit(f"{place} = arrays.wide_to_utf16(d, n, o).decode('utf-16-le'); o += 4 * n")
 
     def sequence(self, kind: FieldType, place: str, owner: type[Message]) -> None:
         length = str(kind.size)
@@ -238,7 +234,7 @@ class _Reader(_Source):
             self.emit(f"if {length}: o += -(o + 4) & {size - 1}")
         self.emit(f"if {length} * {size} > size - o: raise ValueError")
         if kind.array == "fixed":
-            self.emit(f"{place} = np.frombuffer(d, {self.share('D', np.dtype(code))}, {length}, o).copy()")
+            self.emit(f"{place} = arrays.read_array(d, {code!r}, {length}, o)")
         else:
             local = self.fresh("a")
             self.emit(f"{local} = view[o:o + {length} * {size}]")

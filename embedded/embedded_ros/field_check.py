@@ -6,8 +6,7 @@ from __future__ import annotations
 import array
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from embedded_ros import arrays
 from embedded_ros.cdr import ARRAY_CODES
 from embedded_ros.interface_text import INTEGER_RANGES, Field, FieldType
 
@@ -30,7 +29,7 @@ def check_assignment(message: Message, field: Field, value: object) -> None:
     """Check a value before it is assigned; AssertionError, as rosidl's classes raise with checks on."""
     kind = field.type
     try:
-        if kind.array and kind.base in ARRAY_CODES and not isinstance(value, array.array | np.ndarray):
+        if kind.array and kind.base in ARRAY_CODES and not (isinstance(value, array.array) or arrays.is_ndarray(value)):
             _check_items(kind, value, field.name, message)
         else:
             _check(kind, value, field.name, message)
@@ -51,8 +50,8 @@ def _check(kind: FieldType, value: Any, where: str, owner: Message) -> None:
     if kind.base in ARRAY_CODES:
         code = ARRAY_CODES[kind.base]
         if kind.array == "fixed":
-            if not isinstance(value, np.ndarray) or value.dtype != np.dtype(code):
-                raise _wrong(where, f"a numpy.ndarray of dtype {np.dtype(code)} and size {kind.size}", value)
+            if not arrays.is_ndarray(value, code):
+                raise _wrong(where, f"a numpy.ndarray of dtype {arrays.dtype(code)} and size {kind.size}", value)
         elif not isinstance(value, array.array) or value.typecode != code:
             raise _wrong(where, f"array.array({code!r})", value)
         _check_length(kind, value, where)

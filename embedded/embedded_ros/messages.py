@@ -9,9 +9,7 @@ import functools
 import os
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
-import numpy as np
-
-from embedded_ros import cdr, field_check, type_hash
+from embedded_ros import arrays, cdr, field_check, type_hash
 from embedded_ros.cdr import ARRAY_CODES
 from embedded_ros.errors import UnknownInterfaceError
 from embedded_ros.interface_text import Field, FieldType, MessageText, parse_interface
@@ -110,12 +108,7 @@ class Message(metaclass=_Constants):
     def __eq__(self, other: object) -> bool:
         if other.__class__ is not self.__class__:
             return False if isinstance(other, Message) else NotImplemented
-        return all(
-            np.array_equal(getattr(self, name), getattr(other, name))
-            if isinstance(getattr(self, name), np.ndarray)
-            else getattr(self, name) == getattr(other, name)
-            for name in self._fields_and_field_types
-        )
+        return all(_equal(getattr(self, name), getattr(other, name)) for name in self._fields_and_field_types)
 
     __hash__ = None  # type: ignore[assignment]  # mutable values, as in rosidl
 
@@ -173,8 +166,7 @@ def _default_factory(field: Field, owner: Definition) -> Callable[[], object]:  
     if kind.array and kind.base in ARRAY_CODES:
         code = ARRAY_CODES[kind.base]
         if kind.array == "fixed":
-            values = np.zeros(kind.size, code) if default is None else np.array(default, code)
-            return values.copy
+            return arrays.make_array([0] * kind.size if default is None else default, code).copy
         start: array.array[Any] = array.array(code, list(default) if isinstance(default, list) else [])
         return lambda: start[:]
     if kind.array:
@@ -206,16 +198,18 @@ def _property(field: Field) -> property:
         if checks_fields():
             field_check.check_assignment(self, field, value)
         if code and kind.array == "fixed":
-            value = np.array(value, dtype=code)
+            value = arrays.make_array(value, code)
         elif code and not (isinstance(value, array.array) and value.typecode == code):
-            value = array.array(code, value.tobytes() if _same_dtype(value, code) else value)
+            value = array.array(code, value.tobytes() if arrays.is_ndarray(value, code) else value)
         setattr(self, slot, value)
 
     return property(get, put, doc=f"Field '{field.name}' of type {kind}.")
 
 
-def _same_dtype(value: object, code: str) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype == np.dtype(code)
+def _equal(one: Any, other: Any) -> bool:
+    if arrays.is_ndarray(one) or arrays.is_ndarray(other):
+        return len(one) == len(other) and bool((one == other).all())
+    return bool(one == other)
 
 
 def make_message(text: MessageText, lookup: Callable[[str], type[Message]]) -> type[Message]:

@@ -7,9 +7,9 @@ import array
 import functools
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import yaml
 
+from embedded_ros import arrays
 from embedded_ros.cdr import ARRAY_CODES
 from embedded_ros.errors import EmbeddedError
 
@@ -73,7 +73,7 @@ def _plain(value: Any, kind: FieldType, limit: int | None, arrays: bool, strings
 
 def _cut(value: Any, limit: int | None) -> Any:
     part = value if limit is None else value[:limit]
-    return part.tolist() if isinstance(part, array.array | np.ndarray) else part
+    return part.tolist() if isinstance(part, array.array) or arrays.is_ndarray(part) else part
 
 
 def to_yaml(
@@ -135,7 +135,11 @@ def _typed(  # noqa: PLR0911  one per kind of type
         if not isinstance(value, list):
             raise TypeError(f"expected a list, found {type(value).__name__}")
         items = [_typed(item, kind.element, owner, stamps) for item in value]
-        return np.array(items, ARRAY_CODES[kind.base]) if kind.array == "fixed" and kind.base in ARRAY_CODES else items
+        return (
+            arrays.make_array(items, ARRAY_CODES[kind.base])
+            if kind.array == "fixed" and kind.base in ARRAY_CODES
+            else items
+        )
     if not kind.primitive:
         if not isinstance(value, dict):
             raise TypeError(f"expected a dictionary, found {type(value).__name__}")
