@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import http.server
+import os
 import socketserver
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -45,6 +47,16 @@ def jpegs(scene: Scene) -> list[bytes]:
     """Five frames of a finger that closes slowly."""
     images = [scene.render({"index": np.full(3, 0.1 + 0.02 * k)}, Conditions(noise=1.0)).image for k in range(5)]
     return [bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]) for image in images]
+
+
+@pytest.fixture(scope="session")
+def hand_video() -> Path:
+    """A real hand, without markers: named by SOFTGRIP_HAND_VIDEO, or in the shared data beside the repository."""
+    named = os.environ.get("SOFTGRIP_HAND_VIDEO")
+    path = Path(named) if named else Path(__file__).parents[5] / "shared/data/hand/human_hand_video.mp4"
+    if not path.exists():
+        pytest.skip(f"no recording of a real hand at {path}")
+    return path
 
 
 class _Server(socketserver.ThreadingMixIn, http.server.HTTPServer):

@@ -59,6 +59,41 @@ def test_what_is_wrong_is_said(tmp_path: Path, film: Path, capsys: pytest.Captur
     assert "expected a camera calibration" in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_video_of_another_size_than_calibrated_is_refused(
+    tmp_path: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files.save(calibration, tmp_path / "c.yaml")
+    (tmp_path / "film").mkdir()
+    cv2.imwrite(str(tmp_path / "film" / "0.png"), np.zeros((480, 640, 3), np.uint8))
+    with pytest.raises(SystemExit):
+        track.main([str(tmp_path / "film"), "--calibration", str(tmp_path / "c.yaml"), "--out", str(tmp_path / "out")])
+    assert "expected images of 1280x720, found 640x480" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_real_hand_without_markers(
+    tmp_path: Path, hand_video: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Forty frames of the recording, spread over it: nothing is measured, and the command says so."""
+    files.save(calibration, tmp_path / "c.yaml")
+    film = tmp_path / "film"
+    film.mkdir()
+    video = cv2.VideoCapture(str(hand_video))
+    frames = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+    for k in range(frames):
+        assert video.grab()
+        if k % (frames // 40) == 0:
+            cv2.imwrite(str(film / f"{k:04d}.jpg"), video.retrieve()[1])
+    with pytest.raises(SystemExit) as ended:
+        track.main([str(film), "--calibration", str(tmp_path / "c.yaml"), "--out", str(tmp_path / "out")])
+    assert ended.value.code == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "index: pose in 0 of" in said
+    assert "found none in any of its frames" in said
+    rows = list(csv.DictReader((tmp_path / "out" / "track.csv").open()))
+    assert len(rows) >= 40
+    assert all(row["joint_0_rad"] in {"", "nan"} for row in rows)
+
+
 def test_overlay_marks_what_is_hidden(tracker: Tracker, scene: Scene) -> None:
     pose = np.full(3, 0.3)
     tip = scene.centres("index", pose)[-1]

@@ -25,26 +25,53 @@ from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))
 CROPS = 2000
+#: Packages that are known to carry photographs; those that are not installed are left out.
+PACKAGES = ("matplotlib", "skimage", "sklearn", "mediapipe", "cv2", "scipy", "imageio", "PIL")
 SMALLEST = 5_000
+#: A drawing or an icon has fewer colours.
+FEWEST_COLOURS = 1_000
+VIDEO_FRAMES = 30
 
 
-def photographs() -> list[Path]:
-    """Images that come with installed packages, large enough to be more than icons."""
-    found = []
-    for package in ("matplotlib", "cv2", "scipy", "PIL"):
+def photographs() -> dict[str, np.ndarray]:
+    """Photographs that come with installed packages, by where they are."""
+    found = {}
+    for package in PACKAGES:
         spec = importlib.util.find_spec(package)
         if spec is None or not spec.submodule_search_locations:
             continue
         for root in spec.submodule_search_locations:
-            found += [p for p in sorted(Path(root).rglob("*")) if p.suffix.lower() in {".jpg", ".jpeg", ".png"}]
-    return [path for path in found if path.stat().st_size > SMALLEST]
+            for path in sorted(Path(root).rglob("*")):
+                if path.suffix.lower() not in {".jpg", ".jpeg", ".png"} or path.stat().st_size < SMALLEST:
+                    continue
+                image = decode(path.read_bytes())
+                if len(np.unique(image.reshape(-1, 3), axis=0)) > FEWEST_COLOURS:
+                    found[f"{package}/{path.relative_to(root)}"] = image
+    return found
+
+
+def frames_of(path: Path) -> list[np.ndarray]:
+    """Frames of a video, spread over it."""
+    video = cv2.VideoCapture(str(path))
+    count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+    wanted = set(np.linspace(0, count - 1, VIDEO_FRAMES).astype(int).tolist())
+    frames = [np.asarray(video.retrieve()[1]) for k in range(count) if video.grab() and k in wanted]
+    video.release()
+    return frames
 
 
 @pytest.fixture(scope="module")
-def real() -> list[np.ndarray]:
-    images = [decode(path.read_bytes()) for path in photographs()]
-    assert any(image.shape[0] > 300 for image in images), "matplotlib ships at least one photograph"
-    return images
+def real(request: pytest.FixtureRequest) -> list[np.ndarray]:
+    named = photographs()
+    assert any(image.shape[0] > 300 for image in named.values()), "matplotlib ships at least one photograph"
+    try:
+        video = frames_of(request.getfixturevalue("hand_video"))
+    except pytest.skip.Exception:
+        video = []
+    sizes = [f"{name} {image.shape[1]}x{image.shape[0]}" for name, image in named.items()]
+    with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+        print(f"\nreal images: {', '.join(sizes)}; {len(video)} frames of a recorded hand")
+    return [*named.values(), *video]
 
 
 def test_random_crops_of_real_images_never_crash(real: list[np.ndarray]) -> None:

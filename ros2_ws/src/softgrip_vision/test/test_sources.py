@@ -7,7 +7,8 @@ import io
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -17,6 +18,7 @@ import pytest
 from softgrip_vision.errors import FrameError, SourceError
 from softgrip_vision.sources import Capture, CaptureState, Frame, SourceOptions, decode, jpeg_size, open_source
 from softgrip_vision.sources.mjpeg import PartReader, boundary_of, capture_time_ns
+from softgrip_vision.sources.opencv import DeviceStream
 from softgrip_vision.sources.opening import SourceKind, dereference, kind_of
 
 Serve = Callable[..., str]
@@ -138,6 +140,102 @@ def test_a_video_keeps_its_own_time(tmp_path: Path, jpegs: list[bytes]) -> None:
     truncated.write_bytes(path.read_bytes()[:200])
     with pytest.raises(SourceError, match="corrupt"):
         open_source(str(truncated))
+
+
+class FakeDevice:
+    """Stands where OpenCV's V4L2 capture stands: three frames, then unplugged. No machine of the tests has a camera."""
+
+    def __init__(self, buffer_ms: float) -> None:
+        self.buffer_ms, self.frames, self.asked, self.released = buffer_ms, 3, {}, False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, key: int, value: float) -> None:
+        self.asked[key] = value
+
+    def get(self, key: int) -> float:
+        return self.buffer_ms if key == cv2.CAP_PROP_POS_MSEC else 0.0
+
+    def grab(self) -> bool:
+        self.frames -= 1
+        return self.frames >= 0
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, np.full((48, 64, 3), self.frames, np.uint8)
+
+    def release(self) -> None:
+        self.released = True
+
+
+@pytest.mark.parametrize(
+    ("buffer_ms", "age_ns"),
+    [(7_988.0, 12_000_000), (0.0, 0), (9_000.0, 0)],  # the buffer's own time; none given; another clock
+)
+def test_a_device_stamps_with_the_time_of_its_buffer(
+    monkeypatch: pytest.MonkeyPatch, buffer_ms: float, age_ns: int
+) -> None:
+    device = FakeDevice(buffer_ms)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: device)
+    now = 1_700_000_000_000_000_000
+    stream = DeviceStream(Path("/dev/null"), 64, 48, 60.0, lambda: now, lambda: 8_000_000_000)
+    assert device.asked[cv2.CAP_PROP_FRAME_WIDTH] == 64
+    assert device.asked[cv2.CAP_PROP_FPS] == 60.0
+    frames = [stream.read() for _ in range(3)]
+    assert [frame.stamp_ns for frame in frames if frame] == [now - age_ns] * 3
+    assert [(frame.width, frame.height) for frame in frames if frame] == [(64, 48)] * 3
+    with pytest.raises(SourceError, match="was it unplugged"):
+        stream.read()
+    stream.close()
+    assert device.released
+
+
+def test_a_device_that_is_no_camera_is_named() -> None:
+    with pytest.raises(SourceError, match="/dev/null: expected a V4L2 camera, found a device that cannot be opened"):
+        open_source("/dev/null")
+
+
+@contextmanager
+def ordinary_user() -> Iterator[None]:
+    """Not root, whom nothing is forbidden."""
+    root = os.getuid() == 0
+    if root:
+        os.setreuid(65534, 0)
+    try:
+        yield
+    finally:
+        if root:
+            os.setreuid(0, 0)
+
+
+def test_a_file_without_permission_is_named(tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    film.write_bytes(b"film")
+    film.chmod(0)
+    with ordinary_user(), pytest.raises(SourceError, match=r"film\.mp4: .*Permission denied"):
+        open_source(str(film))
+
+
+def test_a_video_with_a_hole_ends_without_a_crash(tmp_path: Path, jpegs: list[bytes]) -> None:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (1280, 720))
+    for data in jpegs:
+        writer.write(decode(data))
+    writer.release()
+    whole = path.read_bytes()
+    random = np.random.default_rng(3)
+    for name, data in (
+        ("hole.avi", whole[: len(whole) // 3] + random.bytes(len(whole) // 3) + whole[2 * len(whole) // 3 :]),
+        ("cut.avi", whole[: 2 * len(whole) // 3]),
+    ):
+        (tmp_path / name).write_bytes(data)
+        source = open_source(str(tmp_path / name), start_ns=0)
+        frames = 0
+        while (frame := source.read()) is not None:
+            assert frame.pixels().shape == (720, 1280, 3)
+            frames += 1
+        assert 1 <= frames <= 5
+        source.close()
 
 
 def test_a_folder_is_read_in_order_of_names(tmp_path: Path) -> None:

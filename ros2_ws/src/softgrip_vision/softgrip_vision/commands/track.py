@@ -5,6 +5,7 @@ Writes into the output folder:
   track.csv     one line per frame and finger: time, joint angles and tip with standard deviations, markers
   track.png     joint angles and tip over time, with their uncertainty
   overlay.mp4   the video with what was found drawn in
+Ends with 1 when no frame showed a finger.
 
 Example:
   ros2 run softgrip_vision track closing.mp4 --calibration camera.yaml --out out/closing --profile power
@@ -92,6 +93,8 @@ def _track(arguments: argparse.Namespace) -> None:
     write_csv(rows, arguments.out / "track.csv")
     plot(rows, arguments.out / "track.png")
     _summary(rows, arguments.out)
+    if all(reading.pose is None for _, reading in rows):
+        raise VisionError(f"expected markers in {arguments.video}, found none in any of its frames")
 
 
 def _chains(arguments: argparse.Namespace, fingers: Sequence[str]) -> tuple[Chains, str]:

@@ -17,23 +17,35 @@ from softgrip_vision.sources.frame import Frame
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 DEFAULT_FILE_FPS = 30.0
+#: [ms] A buffer's time further back than this is not on the monotonic clock.
+OLDEST_BUFFER_MS = 1000.0
 
 
 class DeviceStream:
-    """A V4L2 device. OpenCV gives no buffer time here, so a frame's stamp is taken when its grab returns.
+    """A V4L2 device.
+
+    A frame's stamp is the time that the driver gave its buffer (CAP_PROP_POS_MSEC, on the monotonic clock, to the
+    millisecond); where it gave none, the time at which the grab returned.
 
     Args:
         path: e.g. /dev/video0.
         width, height: [px] asked for; 0 = the device's choice.
         fps: [Hz] asked for; 0 = the device's choice.
         now_ns: clock of the stamps.
+        monotonic_ns: clock of the buffers.
     """
 
     def __init__(
-        self, path: Path, width: int, height: int, fps: float, now_ns: Callable[[], int] = time.time_ns
+        self,
+        path: Path,
+        width: int,
+        height: int,
+        fps: float,
+        now_ns: Callable[[], int] = time.time_ns,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         _require_access(path)
-        self._path, self._now_ns = path, now_ns
+        self._path, self._now_ns, self._monotonic_ns = path, now_ns, monotonic_ns
         self._capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise SourceError(f"{path}: expected a V4L2 camera, found a device that cannot be opened; is it in use?")
@@ -50,11 +62,16 @@ class DeviceStream:
     def read(self) -> Frame | None:
         """Return the next frame."""
         grabbed = self._capture.grab()
-        stamp = self._now_ns()
+        stamp = self._now_ns() - self._age_ns()
         done, image = self._capture.retrieve() if grabbed else (False, None)
         if not done or image is None:
             raise SourceError(f"{self._path}: the camera gave no frame; was it unplugged?")
         return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+
+    def _age_ns(self) -> int:
+        """Return how long ago [ns] the frame just grabbed was captured; 0 when the driver does not tell."""
+        age_ms = self._monotonic_ns() * 1e-6 - float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
+        return round(age_ms * 1e6) if 0.0 <= age_ms < OLDEST_BUFFER_MS else 0
 
     def close(self) -> None:
         """Release the device."""
@@ -69,15 +86,26 @@ class VideoStream:
     Args:
         target: path or rtsp:// URL.
         live: whether it is a stream.
+        timeout: [s] without data after which a stream counts as dead.
         start_ns: [ns] time of a file's first frame.
         now_ns: clock of a live stream's stamps.
     """
 
-    def __init__(self, target: str, *, live: bool, start_ns: int = 0, now_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self,
+        target: str,
+        *,
+        live: bool,
+        timeout: float = 2.0,
+        start_ns: int = 0,
+        now_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
         if not live:
             _require_access(Path(target))
         self._target, self._live, self._now_ns = target, live, now_ns
-        self._capture = cv2.VideoCapture(target, cv2.CAP_FFMPEG)
+        limit_ms = round(timeout * 1e3)
+        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, limit_ms] if live else []
+        self._capture = cv2.VideoCapture(target, cv2.CAP_FFMPEG, limits)
         if not self._capture.isOpened():
             what = "a stream" if live else "a video"
             raise SourceError(

@@ -100,7 +100,7 @@ def open_source(source: str, options: SourceOptions | None = None, start_ns: int
         case SourceKind.MJPEG:
             return MjpegStream(source, options.timeout)
         case SourceKind.RTSP:
-            return VideoStream(source, live=True)
+            return VideoStream(source, live=True, timeout=options.timeout)
         case SourceKind.VIDEO:
             return VideoStream(source, live=False, start_ns=start)
         case SourceKind.REFERENCE:
