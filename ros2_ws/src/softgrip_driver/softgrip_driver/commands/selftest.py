@@ -121,7 +121,7 @@ def causes(found: Measurement, wanted_rate: float) -> list[str]:
     if not texts and found.rate < wanted_rate:
         texts.append(
             f"a group read takes {found.median * 1e3:.2f} ms, its bytes {found.wire_time * 1e3:.2f} ms: the rest is "
-            "this computer; close other programs or use a faster one"
+            "this computer; close other programs, allow real-time priority (rtprio in limits.conf), use a faster one"
         )
     return texts
 
