@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from embedded_ros.messages import Message
 
 HEADER = b"\x00\x01\x00\x00"
+MEMO_BYTES = 1 << 12
 LAZY_BYTES = 1 << 16  # longer arrays stay a view of the packet until somebody asks for them
 
 FORMATS = {
@@ -137,15 +138,36 @@ class _Writer(_Source):
             self.emit(f"for e in {local}:")
             self.emit("    if not isinstance(e, bytes) or len(e) != 1: raise TypeError")
             self.emit("    b += e")
+        elif kind.base == "string" and not kind.text_bound:
+            self.strings(kind, local, owner)
         else:
-            self.flush()
-            item = self.fresh("e")
-            self.emit(f"if isinstance({local}, (str, bytes)): raise TypeError")
-            self.emit(f"for {item} in {local}:")
-            self.depth += 1
-            self.element(kind.element, item, owner)
-            self.flush()
-            self.depth -= 1
+            self.items(kind, local, owner)
+
+    def items(self, kind: FieldType, local: str, owner: type[Message]) -> None:
+        self.flush()
+        item = self.fresh("e")
+        self.emit(f"if isinstance({local}, (str, bytes)): raise TypeError")
+        self.emit(f"for {item} in {local}:")
+        self.depth += 1
+        self.element(kind.element, item, owner)
+        self.flush()
+        self.depth -= 1
+
+    def strings(self, kind: FieldType, local: str, owner: type[Message]) -> None:
+        """Names of joints and the like are the same in every message: what they became last time is kept."""
+        self.flush()
+        if kind.array == "fixed":
+            self.emit("b += PADDING[-(len(b) + 4) & 3]")
+        memo = self.share("M", [(b"", None)])
+        self.emit(f"block, known = {memo}[0]")
+        self.emit(f"if {local}.__class__ is list and {local} == known: b += block")
+        self.emit("else:")
+        self.depth += 1
+        self.emit("begin = len(b)")
+        self.items(kind, local, owner)
+        self.emit(f"if {local}.__class__ is list and len(b) - begin <= {MEMO_BYTES}:")
+        self.emit(f"    {memo}[0] = bytes(b[begin:]), {local}.copy()")
+        self.depth -= 1
 
     def numbers(self, kind: FieldType, local: str, value: str) -> None:
         code = ARRAY_CODES[kind.base]
@@ -218,6 +240,16 @@ class _Reader(_Source):
             return
         items, item = self.fresh("l"), self.fresh("i")
         self.emit(f"if {length} > size - o: raise ValueError")
+        memo = ""
+        if kind.base == "string":  # as in _Writer.strings
+            if kind.array == "fixed":
+                self.emit("o += -(o + 4) & 3")
+            memo = self.share("M", [(b"", [])])
+            self.emit(f"block, known = {memo}[0]")
+            self.emit(f"if {length} == len(known) and d.startswith(block, o): {items} = known.copy(); o += len(block)")
+            self.emit("else:")
+            self.depth += 1
+            self.emit("begin = o")
         self.emit(f"{items} = []")
         self.emit(f"for _ in range({length}):")
         self.depth += 1
@@ -225,6 +257,9 @@ class _Reader(_Source):
         self.flush()
         self.emit(f"{items}.append({item})")
         self.depth -= 1
+        if memo:
+            self.emit(f"if o - begin <= {MEMO_BYTES}: {memo}[0] = d[begin:o], {items}.copy()")
+            self.depth -= 1
         self.emit(f"{place} = {items}")
 
     def numbers(self, kind: FieldType, place: str, length: str) -> None:
@@ -236,10 +271,8 @@ class _Reader(_Source):
         if kind.array == "fixed":
             self.emit(f"{place} = arrays.read_array(d, {code!r}, {length}, o)")
         else:
-            local = self.fresh("a")
-            self.emit(f"{local} = view[o:o + {length} * {size}]")
-            self.emit(f"if {length} < {LAZY_BYTES // size}: {local} = array({code!r}, {local}.tobytes())")
-            self.emit(f"{place} = {local}")
+            part = f"[o:o + {length} * {size}]"
+            self.emit(f"{place} = array({code!r}, d{part}) if {length} < {LAZY_BYTES // size} else memoryview(d){part}")
         self.emit(f"o += {length} * {size}")
 
     def flush(self) -> None:
@@ -265,7 +298,7 @@ def make_deserializer(kind: type[Message]) -> Callable[[bytes], Any]:
     """Return ``f(bytes) -> message``; it raises CdrError when the bytes cannot be a message of the class."""
     reader = _Reader()
     reader.names["new"] = object.__new__
-    reader.emit("o = 4; size = len(d); view = memoryview(d)")
+    reader.emit("o = 4; size = len(d)")
     reader.message(kind, "m")
     reader.flush()
     reader.emit("return m")

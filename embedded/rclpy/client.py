@@ -88,7 +88,7 @@ class Client(Endpoint):
             sample = reply.ok
             if sample is not None and sequence in self._pending:
                 self._replies.append((sequence, sample.payload.to_bytes()))
-                self._node._rcl_wake()
+                self._node._rcl_ready(self)
 
         Link.ask(self._querier, payload, attachment, on_reply)
         return future

@@ -33,6 +33,8 @@ def full_type_name(kind: Any) -> str:
 class Endpoint(Destroyable):
     """Base of the endpoints of a node."""
 
+    _is_entity = False  # whether the executor runs it itself; those of actions are run by the action
+
     def __init__(self, node: Node, kind: EntityKind, name: str, interface: Any, qos: QoSProfile) -> None:
         self._node = node
         self._name = name

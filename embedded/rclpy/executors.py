@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else 3600.0
 
 
+_LOOK_PERIOD_S = 0.001
+
+
 class TimeoutException(Exception):  # noqa: N818  rclpy's name, as those below
     """Nothing became ready in time."""
 
@@ -80,6 +83,8 @@ class Executor:
         self._active: set[int] = set()
         self._idle = threading.Event()
         self._callbacks: Iterator[Task | _Work] | None = None
+        self._hints: collections.deque[tuple[Any, Node]] = collections.deque()
+        self._look_due_s = 0.0
         # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
         self._wake_lock = threading.Lock()
         self._wake_lock.acquire()
@@ -97,8 +102,15 @@ class Executor:
 
     def wake(self) -> None:
         """Have the waiting thread look again."""
-        with contextlib.suppress(RuntimeError):
+        try:
             self._wake_lock.release()
+        except RuntimeError:
+            return  # it has been woken already
+
+    def _hint(self, entity: Any, node: Node) -> None:
+        """Say that an entity has become ready: the waiting thread need not look for it among all."""
+        self._hints.append((entity, node))
+        self.wake()
 
     def _enter_spin(self) -> None:
         with self._spin_lock:
@@ -264,16 +276,36 @@ class Executor:
             self._wait(end, nodes)
 
     def _next_ready(self, nodes: list[Node] | None) -> Task | _Work | None:
-        """Return work, going round: all that was ready at one look comes before a second look."""
+        """Return work, going round: all that was ready at one look comes before a second look.
+
+        What has just become ready goes first, but looks never wait longer than a millisecond for that.
+        """
         if self._callbacks is not None:
             found = next(self._callbacks, None)
             if found is not None:
                 return found
+            self._callbacks = None
+        now = time.monotonic()
+        if nodes is None and now < self._look_due_s and (found := self._hinted()) is not None:
+            return found
+        self._look_due_s = now + _LOOK_PERIOD_S
         self._callbacks = self._look(nodes)
         found = next(self._callbacks, None)
         if found is None:
             self._callbacks = None
         return found
+
+    def _hinted(self) -> _Work | None:
+        while self._hints:
+            try:
+                entity, node = self._hints.popleft()
+            except IndexError:
+                return None
+            if node in self._nodes and entity._is_ready() and self.can_execute(entity):
+                work = self._taken(entity, node)
+                if work is not None:
+                    return work
+        return None
 
     def _look(self, nodes: list[Node] | None) -> Iterator[Task | _Work]:
         for _ in range(len(self._ready_tasks)):

@@ -39,6 +39,7 @@ from embedded_ros.wire import Entity, EntityKind, encode_token
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
     from rclpy.context import Context
+    from rclpy.endpoint import Endpoint
     from rclpy.impl.rcutils_logger import RcutilsLogger
     from rclpy.parameter import Parameter
 
@@ -181,6 +182,15 @@ class Node(NodeParameters, NodeGraph, NodeEntities):
         self._rcl_executor_reference = None if new_executor is None else weakref.ref(new_executor)
         if new_executor is not None:
             new_executor.add_node(self)
+
+    def _rcl_ready(self, endpoint: Endpoint) -> None:
+        """Have the executor run an endpoint that has become ready; called on Zenoh's threads."""
+        reference = self._rcl_executor_reference
+        if reference is not None and (executor := reference()) is not None:
+            if endpoint._is_entity:
+                executor._hint(endpoint, self)
+            else:
+                executor.wake()
 
     def _rcl_wake(self) -> None:
         reference = self._rcl_executor_reference

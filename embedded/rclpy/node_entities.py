@@ -186,6 +186,7 @@ class NodeEntities:
             event_callbacks=event_callbacks or SubscriptionEventCallbacks(),
         )  # fmt: skip
         group.add_entity(made)
+        made._is_entity = True
         self._subscriptions.append(made)
         self._rcl_adopt(made.event_handlers, group)
         self._rcl_changed()
@@ -210,6 +211,7 @@ class NodeEntities:
         group = self._rcl_group(callback_group)
         made = Client(self._rcl_node(), srv_type, self._rcl_remapped(srv_name, "service"), qos_profile, group)
         group.add_entity(made)
+        made._is_entity = True
         self._clients.append(made)
         self._rcl_changed()
         return made
@@ -230,6 +232,7 @@ class NodeEntities:
             self._rcl_node(), srv_type, self._rcl_remapped(srv_name, "service"), callback, group, qos_profile
         )
         group.add_entity(made)
+        made._is_entity = True
         self._services.append(made)
         self._rcl_changed()
         return made

@@ -62,7 +62,7 @@ class Service(Endpoint):
 
     def _on_query(self, query: zenoh.Query) -> None:
         self._queue.append(query)
-        self._node._rcl_wake()
+        self._node._rcl_ready(self)
 
     def _is_ready(self) -> bool:
         return bool(self._queue)

@@ -8,7 +8,7 @@ import inspect
 import struct
 import time
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rclpy.endpoint import Endpoint
 
@@ -26,12 +26,6 @@ if TYPE_CHECKING:
     from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
-
-
-class _Received(NamedTuple):
-    payload: zenoh.ZBytes
-    attachment: bytes
-    received_ns: int
 
 
 class Subscription(Endpoint):
@@ -65,7 +59,7 @@ class Subscription(Endpoint):
         self._callback: Callable[..., Any] = callback
         self.callback = callback
         depth = None if self._wire_qos.history == 2 else max(1, self._wire_qos.depth)
-        self._queue: collections.deque[_Received] = collections.deque(maxlen=depth)
+        self._queue: collections.deque[tuple[zenoh.ZBytes, bytes, int]] = collections.deque(maxlen=depth)
         self._accepted: dict[bytes, bool] = {}
         self._last: dict[bytes, int] = {}
         self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(callback_group, self, topic)
@@ -103,10 +97,12 @@ class Subscription(Endpoint):
         if not accepted:
             return
         queue = self._queue
-        if len(queue) == queue.maxlen:
+        waiting = len(queue)
+        if waiting == queue.maxlen:
             self._lost(1)
-        queue.append(_Received(sample.payload, data, time.time_ns()))
-        self._node._rcl_wake()
+        queue.append((sample.payload, data, time.time_ns()))
+        if not waiting:
+            self._node._rcl_ready(self)
 
     def _accept(self, gid: bytes) -> bool:
         """Whether DDS would deliver from this publisher; not remembered until its token is seen."""
@@ -129,15 +125,17 @@ class Subscription(Endpoint):
         if taken is None:
             return None
         message, info = taken
+        if self._queue:
+            self._node._rcl_ready(self)
         return self._callback, (
             (message, info) if self._callback_type is self.CallbackType.WithMessageInfo else (message,)
         )
 
     def _take_one(self) -> tuple[Any, dict[str, Any]] | None:
         try:
-            received = self._queue.popleft()
-            sequence, stamp_ns, gid = wire.decode_attachment(received.attachment)
-            payload = received.payload.to_bytes()
+            sample, attachment, received_ns = self._queue.popleft()
+            sequence, stamp_ns, gid = wire.decode_attachment(attachment)
+            payload = sample.to_bytes()
             message = payload if self.raw else deserialize(payload, self.msg_type)
         except IndexError:
             return None
@@ -150,7 +148,7 @@ class Subscription(Endpoint):
             self._lost(sequence - last - 1)
         info = {
             "source_timestamp": stamp_ns,
-            "received_timestamp": received.received_ns,
+            "received_timestamp": received_ns,
             "publication_sequence_number": sequence,
             "reception_sequence_number": None,
             "publisher_gid": gid,

@@ -150,3 +150,19 @@ def test_random_bytes_never_do_worse_than_an_error(data: bytes) -> None:
             deserialize(b"\x00\x01\x00\x00" + data, kind)
         except CdrError:
             continue
+
+
+def test_remembered_strings_are_those_of_this_message() -> None:
+    one, two = joints(), joints()
+    two.name = ["a", "bd"]
+    first, second = bytes(serialize(one)), bytes(serialize(two))
+    assert first.replace(b"bc\0", b"bd\0") == second
+    assert [bytes(serialize(message)) for message in (one, two, two, one)] == [first, second, second, first]
+    one.name.append("late")
+    assert deserialize(bytes(serialize(one)), JointState).name == ["a", "bc", "late"]
+    received = deserialize(first, JointState)
+    received.name.append("own")
+    assert deserialize(first, JointState).name == ["a", "bc"]
+    assert deserialize(second, JointState).name == ["a", "bd"]
+    with pytest.raises(TypeError, match=r"JointState.name\[1\]"):
+        serialize(JointState(name=["a", 1]))
