@@ -25,6 +25,7 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import FaultBoard
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
+from softgrip_emulator.rig.sensor import OtherLine
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.pty import PtyPort
 
@@ -94,6 +95,7 @@ class EmulatedCell:
         chain: Sequence[ServoPlace] | None = None,
         supply: Supply | None = None,
         camera: CameraSettings | None = None,
+        gauge_on: str = "",
     ) -> None:
         """Prepare a cell; nothing exists before `open`.
 
@@ -106,6 +108,10 @@ class EmulatedCell:
             chain: servos on the bus.
             supply: of the servos.
             camera: resolution, rate, port.
+            gauge_on: slot whose tendon the force gauge hangs in; empty = the rig's cable.
+
+        Raises:
+            EmulatorError: no such slot.
         """
         self.wire_dir = wire_dir
         self.seed = seed
@@ -113,6 +119,9 @@ class EmulatedCell:
         self._epoch_s = time.time()
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
         self.rig = EmulatedRig(seed, rig_time_scale * time_scale)
+        if gauge_on:
+            index = self.plant.index(gauge_on)
+            self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
         self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)

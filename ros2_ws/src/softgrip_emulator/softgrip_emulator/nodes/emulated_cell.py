@@ -65,6 +65,9 @@ PARAMETERS = ParameterTable(
     Parameter("camera_fps", 30.0, "frames a second", "Hz", 1.0, 120.0),
     Parameter("camera_port", 0, "TCP port of the stream on 127.0.0.1, 0 = a free one (see camera.url)", "", 0, 65535),
     Parameter("jpeg_quality", 88, "of the stream", "%", 10, 100),
+    Parameter(
+        "gauge_on", "", "slot whose tendon the force gauge hangs in, to calibrate its servo; empty = the rig's cable"
+    ),
     Parameter("fault_plan", "", "YAML file with faults at times or at random; empty = none"),
     Parameter("truth_rate", 30.0, "of emulator/truth", "Hz", 0.1, 200.0),
 )
@@ -191,6 +194,7 @@ def _open_cell(values: dict[str, Any]) -> EmulatedCell:
                 values["camera_port"],
                 values["jpeg_quality"],
             ),
+            gauge_on=values["gauge_on"],
         )
         cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
         if values["fault_plan"]:

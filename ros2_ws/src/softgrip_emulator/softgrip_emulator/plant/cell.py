@@ -160,6 +160,12 @@ class CellPlant:
             self.grasp.place(item, next((f.profile for f in self.mounted if f is not None), ""), offset_m)
             self._calm_s = 0.0
 
+    def lift(self) -> None:
+        """Have the arm go up with whatever the fingers hold."""
+        with self.lock:
+            self.grasp.lift()
+            self._calm_s = 0.0
+
     def _draw(self, slot: str, serial: str, profile: str) -> FingerTruth:
         if profile not in self.profiles:
             raise EmulatorError(f"mount: expected a profile of {sorted(self.profiles)}, found '{profile}'")
@@ -192,8 +198,13 @@ class CellPlant:
 
     # -- time ------------------------------------------------------------------------------------------------------
 
-    def advance_to(self, now_s: float) -> None:
-        """Live until `now_s` [s]. Each step takes the lock by itself: the bus is never kept waiting long."""
+    def advance_to(self, now_s: float, *, alone: bool = False) -> None:
+        """Live until `now_s` [s]. Each step takes the lock by itself: the bus is never kept waiting long.
+
+        Args:
+            now_s: of the cell's clock.
+            alone: nobody else waits for the lock (the plant in virtual time, in one thread).
+        """
         if now_s - self.now_s > _MAX_LAG_S:
             with self.lock:
                 skipped = now_s - self.now_s - STEP_S
@@ -206,7 +217,8 @@ class CellPlant:
                     return
                 self.step(dt_s)
             # Let go of the interpreter: a thread that waits for the lock would else not get it before the last step.
-            time.sleep(0)
+            if not alone:
+                time.sleep(0)
 
     def catch_up(self, now_s: float) -> None:
         """Live a little towards `now_s`, so that a reading is fresh; a long way is left to the cell's own thread."""

@@ -4,7 +4,7 @@
 World coordinates are (along the palm, out of the palm). Pads are rows of points that press on the product's outline
 (a rounded rectangle) with a stiffness in series of pad and product; tangentially they stick until Coulomb's limit.
 The product moves in the plane, overdamped; it does not turn. While it stands on the table it moves along only. When
-the grip has settled the arm lifts: from then on its weight pulls.
+the arm lifts (told to, or by itself when the grip has settled) its weight pulls.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from softgrip_emulator.plant.outline import Outline
+from softgrip_emulator.plant.pads import Pads
 from softgrip_emulator.plant.products import Hand, Product, hand
 
 if TYPE_CHECKING:
@@ -29,7 +31,6 @@ _GRAVITY: Final = 9.81
 _SHAKE: Final = 1.15
 """The arm accelerates: the product weighs this much more than at rest."""
 _PAD_STIFFNESS_N_PER_M: Final = 6000.0
-_ALONG_LINK: Final = np.array([0.3, 0.55, 0.8, 1.0])
 _DAMPING_NS_PER_M: Final = 1.5
 _RELAXATION: Final = 0.4
 """Share of the implicit step taken: the pads of the other side, not yet touched, are not in its stiffness."""
@@ -60,14 +61,14 @@ class Grasp:
 
     def __init__(self, slots: Sequence[str]) -> None:
         self._hand: Hand = hand()
+        self._slots = tuple(slots)
         places = [self._hand.slots.get(slot) for slot in slots]
-        side = np.array([1.0 if p is None else float(p.side) for p in places])
-        rest = np.array([0.7 if p is None else p.rest_angle_rad for p in places])
-        self._base = np.array([[0.0, 0.0] if p is None else [p.along_m, p.out_m] for p in places])
-        self._forward = np.stack([side * np.cos(rest), np.sin(rest)], axis=1)
-        self._inward = np.stack([-side * np.sin(rest), np.cos(rest)], axis=1)
         self._across = np.array([0.0 if p is None else p.across_m for p in places])
         self._count = len(places)
+        self.lifts_itself = True
+        """Whoever has no arm to command has the product lifted as soon as the grip has settled."""
+        self._pads: Pads | None = None
+        self._outline: Outline | None = None
         self._product: Product | None = None
         self._name = ""
         self._clear()
@@ -95,9 +96,14 @@ class Grasp:
         self._product = product
         self._name = "" if product is None else product.name
         if product is not None:
+            self._outline = Outline(product, self._across, self._hand.finger_width_m)
             along, out = self._hand.presented_at(product, profile)
             self._centre = np.array([along + offset_m, out])
             self._start = self._centre.copy()
+
+    def lift(self) -> None:
+        """Raise the arm: from here on whatever does not hold the product leaves it behind."""
+        self._lifted = self._product is not None
 
     def state(self) -> GraspState:
         """Snapshot."""
@@ -122,13 +128,15 @@ class Grasp:
             touches.
         """
         product = self._product
-        if product is None:
+        if product is None or self._outline is None:
             return None
         if self._nap > 0:
             self._nap -= 1
             return None
-        points, levers = self._pads(bank)
-        distance, normal = self._outline(product, points)
+        if self._pads is None or self._pads.bank is not bank:
+            self._pads = Pads(bank, self._hand, self._slots)
+        points, levers = self._pads.points()
+        distance, normal = self._outline.distance(points - self._centre)
         nearest = float(distance.min()) if distance.size else 1.0
         if nearest > 0.0:
             self._loosen(nearest, dt_s)
@@ -154,57 +162,6 @@ class Grasp:
             self._velocity = np.array([0.0, 0.3])
             self._centre = self._centre + self._velocity * dt_s
             self._notice_loss()
-
-    def _pads(self, bank: FingerBank) -> tuple[Array, Array]:
-        """Pad points in the world (F, P, 2) and how they move with each joint, (F, P, J, 2)."""
-        joints, heading = bank.chain()
-        cos, sin = np.cos(heading), np.sin(heading)
-        along = np.stack([cos, -sin], axis=2)
-        inward = np.stack([-sin, -cos], axis=2)
-        reach = bank.link_m[:, :, None] * _ALONG_LINK
-        depth = np.where(_ALONG_LINK < 1.0, 1.0, 0.55) * bank.body_height_m[:, None, None]
-        local = (
-            joints[:, :-1, None, :] + reach[..., None] * along[:, :, None, :] + depth[..., None] * inward[:, :, None, :]
-        )
-        count, links, per_link, _ = local.shape
-        local = local.reshape(count, links * per_link, 2)
-        # A joint moves the points on its own link and beyond; turning closes, i.e. (x, y) goes by (y, -x).
-        arm = local[:, :, None, :] - joints[:, None, :-1, :]
-        turn = np.stack([arm[..., 1], -arm[..., 0]], axis=-1)
-        beyond = np.repeat(np.arange(links), per_link)[:, None] >= np.arange(links)[None, :]
-        turn = turn * (beyond[None, :, :] & bank.real_joint[:, None, :])[..., None]
-        real = np.repeat(bank.real_joint, per_link, axis=1)
-        world = self._base[:, None, :] + self._to_world(local)
-        world[~real] = 1.0e3
-        return world, self._to_world(turn)
-
-    def _to_world(self, vectors: Array) -> Array:
-        shape = (self._count, *(1,) * (vectors.ndim - 2), 2)
-        forward, inward = self._forward.reshape(shape), self._inward.reshape(shape)
-        return np.asarray(vectors[..., :1] * forward - vectors[..., 1:] * inward)
-
-    def _outline(self, product: Product, points: Array) -> tuple[Array, Array]:
-        """Signed distance of points to the product's outline (F, P) and the outward normal (F, P, 2)."""
-        half = np.array([product.width_m, product.height_m]) / 2.0
-        corner = product.corner_m
-        edge = np.maximum(np.abs(self._across) - self._hand.finger_width_m / 2.0, 0.0)
-        reach = edge / (product.length_m / 2.0)
-        # Away from the middle of a ball a finger meets a smaller cross-section; beyond the end it meets nothing.
-        shrink = (
-            np.sqrt(np.maximum(1.0 - reach**2, 0.0)) if product.round_in_length else np.where(reach < 1.0, 1.0, 0.0)
-        )
-        shrink = shrink[:, None, None]
-        offset = points - self._centre
-        sign = np.where(offset >= 0.0, 1.0, -1.0)
-        from_core = np.abs(offset) - (half - corner) * shrink
-        outer = np.maximum(from_core, 0.0)
-        length = np.sqrt((outer**2).sum(axis=2))
-        inner = np.minimum(from_core.max(axis=2), 0.0)
-        distance = length + inner - corner * shrink[..., 0]
-        along_axis = (from_core == from_core.max(axis=2, keepdims=True)).astype(np.float64)
-        direction = np.where(length[..., None] > 1e-9, outer / np.maximum(length, 1e-9)[..., None], along_axis)
-        distance = np.where(shrink[..., 0] > 0.0, distance, 1.0)
-        return distance, sign * direction
 
     def _stiffness(self, product: Product) -> float:
         softness = 0.15 if self._crushed else 1.0
@@ -284,7 +241,7 @@ class Grasp:
         quiet = abs(total - self._force_before) < _SETTLED_RATE_N_PER_S * dt_s
         self._force_before = total
         self._settled_s = self._settled_s + dt_s if quiet and total > _SETTLED_FORCE_N else 0.0
-        if self._settled_s > _SETTLED_S:
+        if self.lifts_itself and self._settled_s > _SETTLED_S:
             self._lifted = True
 
     def _notice_loss(self) -> None:

@@ -4,30 +4,67 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from softgrip_emulator.rig.plant import RigPlant
+    from collections.abc import Callable
+
+    from softgrip_emulator.rig.truth import RigTruth
+
+
+class ForceSource(Protocol):
+    """A line with a force in it."""
+
+    @property
+    def truth(self) -> RigTruth:
+        """The gauge's gain and noise."""
+        ...
+
+    @property
+    def force(self) -> float:
+        """In the line now [N]."""
+        ...
+
+    def advance(self, now_s: float) -> None:
+        """Live until a time [s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class OtherLine:
+    """A line that lives by itself, such as a finger's tendon: what `look` gives is the force [N]."""
+
+    truth: RigTruth
+    look: Callable[[], float]
+
+    @property
+    def force(self) -> float:
+        """In the line now [N]."""
+        return self.look()
+
+    def advance(self, now_s: float) -> None:
+        """It lives on its own clock."""
 
 
 class LoadCell:
     """Force as the electronics see it [N], pulling positive.
 
     Args:
-        plant: what pulls at it.
+        line: what it hangs in.
         capacity: [N] above it the cell saturates.
         seed: of the noise.
     """
 
-    def __init__(self, plant: RigPlant, capacity: float, seed: int) -> None:
+    def __init__(self, line: ForceSource, capacity: float, seed: int) -> None:
         self.capacity = capacity
         #: Set to stick at the last value.
         self.stuck = False
         #: Zero drift [N/s], from the moment it is set.
         self.drift_rate = 0.0
-        self._plant = plant
+        self._line = line
         self._rng = np.random.default_rng([seed, 0x4C43])
         self._lock = threading.Lock()
         self._offset = 0.0
@@ -35,16 +72,21 @@ class LoadCell:
         self._last_s = 0.0
         self._last = 0.0
 
+    def hang(self, line: ForceSource) -> None:
+        """Take it out of its line and put it into another."""
+        with self._lock:
+            self._line = line
+
     def read(self, now_s: float) -> float:
         """Return the force now [N]; infinite beyond the capacity."""
         with self._lock:
-            self._plant.advance(now_s)
+            self._line.advance(now_s)
             self._offset += self.drift_rate * max(now_s - self._last_s, 0.0)
             self._last_s = max(now_s, self._last_s)
             if not self.stuck:
-                truth = self._plant.truth
+                truth = self._line.truth
                 noise = float(self._rng.normal(0.0, truth.gauge_noise))
-                self._last = self._plant.force * truth.gauge_gain + noise + self._offset
+                self._last = self._line.force * truth.gauge_gain + noise + self._offset
             return (
                 self._last - self._tare if abs(self._last) < self.capacity else float(np.copysign(np.inf, self._last))
             )
