@@ -59,6 +59,21 @@ def referenced(text: str, package: str) -> Iterator[tuple[str, str]]:
         yield (scope.split("/")[0] if scope else package), name
 
 
+def same_definition(one: str, other: str) -> bool:
+    """Return whether two schema texts say the same, apart from comments, blanks and the order of their parts."""
+    return _parts(one) == _parts(other)
+
+
+def _parts(text: str) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for number, part in enumerate(re.split(r"(?m)^={80}$", text)):
+        lines = [" ".join(line.split("#", 1)[0].replace("=", " = ").split()) for line in part.splitlines()]
+        lines = [line for line in lines if line]
+        name = lines.pop(0) if number and lines else ""
+        found[name] = [line.replace(" = ", "=") for line in lines]
+    return found
+
+
 def _action_parts(package: str, name: str, find: FindInterface) -> dict[str, str]:
     """Definitions that rosidl derives from an action for its feedback topic; names keep "action" in the middle."""
     action, _, suffix = name.rpartition("_")

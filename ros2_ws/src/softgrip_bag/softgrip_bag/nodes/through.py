@@ -32,8 +32,8 @@ from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
 from softgrip_bag.nodes.steps import Messages, Step, runs, stamp_of
 from softgrip_bag.nodes.trees import tree
-from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, latched_topics, read, topic_types
+from softgrip_bag.nodes.types import check_definition, message_class
+from softgrip_bag.reader import RawMessage, latched_topics, read, topic_summaries, topic_types
 
 
 @dataclass(frozen=True)
@@ -172,6 +172,9 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance:
         raise BagError(f"expected one of {', '.join(NODES)}, found {name!r}")
     replayable = NODES[name]
     types = topic_types(bag)
+    for topic in topic_summaries(bag):
+        if topic.type_name.startswith("softgrip_interfaces/") and topic.messages:
+            check_definition(topic)
     if replayable.trace:
         return _check_traced(bag, name, types, ros_arguments, tolerance)
     driver = next((topic for topic in replayable.drivers if topic in types), None)

@@ -10,6 +10,8 @@ from typing import Any
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.reader import TopicSummary
+from softgrip_bag.schema_text import same_definition, schema_text
 
 
 def message_class(type_name: str) -> Any:
@@ -37,3 +39,17 @@ def interface_text(package: str, kind: str, name: str) -> str:
         return path.read_text()
     except (PackageNotFoundError, OSError) as error:
         raise BagError(f"expected the definition of {package}/{kind}/{name}, found none ({error})") from error
+
+
+def check_definition(topic: TopicSummary) -> None:
+    """Make sure that a topic was recorded with the definition that is installed here.
+
+    Raises:
+        BagError: when the type is not installed, or is another one of that name.
+    """
+    message_class(topic.type_name)
+    if topic.schema and not same_definition(topic.schema, schema_text(topic.type_name, interface_text)):
+        raise BagError(
+            f"{topic.name}: expected {topic.type_name} as it is installed here, found one with other fields: the bag "
+            "is of another ROS distribution or version; read it there, or by its schemas (rosbags, mcap-ros2-support)"
+        )
