@@ -6,8 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from scipy.special import betaincinv
-
 from softgrip_cell.products import TableMark
 
 #: Success rate that a mark of Table 4.2 stands for.
@@ -61,6 +59,8 @@ class SuccessEstimate:
 
 def estimate(mark: TableMark | None, tally: Tally = Tally()) -> SuccessEstimate:
     """Combine a mark (None: never tried) with counted grasps by Bayes' rule for a rate (Beta-binomial)."""
+    from scipy.special import betaincinv  # noqa: PLC0415  30 MB that only a plan needs
+
     weight = 0.0 if mark is None else MARK_WEIGHT
     rate = 0.0 if mark is None else MARK_RATE[mark]
     a = JEFFREYS + weight * rate + tally.gripped

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from softgrip_model.friction.fit import Fit
 from softgrip_model.friction.laws import Law
 from softgrip_model.friction.record import Verdict
+from softgrip_model.friction.student import f_tail, t_tail
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,8 @@ def _outliers(fit: Fit, studentised: Array, significance: float) -> tuple[int, .
     """Bonferroni test: the chance that the worst of N good points looks this bad is below the significance."""
     if fit.degrees_of_freedom < 2:
         return ()
-    p_values = 2.0 * stats.t.sf(np.abs(studentised), fit.degrees_of_freedom - 1) * len(fit.points)
+
+    p_values = 2.0 * t_tail(np.abs(studentised), fit.degrees_of_freedom - 1) * len(fit.points)
     return tuple(int(i) for i in np.flatnonzero(p_values < significance))
 
 
@@ -159,9 +160,7 @@ def _f_test(method: str, lack: float, lack_freedom: int, rest: float, rest_freed
     if rest <= 0.0:
         return None
     statistic = max(lack, 0.0) / lack_freedom / (rest / rest_freedom)
-    return LackOfFit(
-        method, statistic, (lack_freedom, rest_freedom), float(stats.f.sf(statistic, lack_freedom, rest_freedom))
-    )
+    return LackOfFit(method, statistic, (lack_freedom, rest_freedom), f_tail(statistic, (lack_freedom, rest_freedom)))
 
 
 def _verdict(

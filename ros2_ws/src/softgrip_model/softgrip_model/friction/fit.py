@@ -9,12 +9,12 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from softgrip_model.friction import _core
 from softgrip_model.friction.errors import DataError
 from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law, k_index, law_index
 from softgrip_model.friction.measurements import Measurements, check_enough
+from softgrip_model.friction.student import t_quantile
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Fit:
         if of_one_measurement:
             variance = variance + self.residual_stddev**2
         freedom = self.degrees_of_freedom if self.degrees_of_freedom > 0 else math.inf
-        return np.asarray(np.sqrt(variance) * stats.t.ppf(0.5 + level / 2, freedom))
+        return np.asarray(np.sqrt(variance) * t_quantile(0.5 + level / 2, freedom))
 
 
 def fit(

@@ -10,9 +10,9 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from softgrip_model.friction.laws import FrictionLaw, Law
+from softgrip_model.friction.student import t_quantile
 
 #: What an id may look like; it is also a file name.
 ID_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -94,7 +94,7 @@ class FrictionModel:
         if of_one_measurement:
             stddev = np.hypot(stddev, self.residual_stddev)
         freedom = self.degrees_of_freedom if self.degrees_of_freedom > 0 else np.inf
-        half = stddev * stats.t.ppf(0.5 + level / 2, freedom)
+        half = stddev * t_quantile(0.5 + level / 2, freedom)
         return np.exp(mean - half), np.exp(mean + half)
 
     def age(self, now: datetime) -> float:
