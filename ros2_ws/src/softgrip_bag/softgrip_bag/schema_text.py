@@ -33,7 +33,7 @@ def schema_text(type_name: str, find: FindInterface) -> str:
         BagError: when a definition cannot be found.
     """
     package, kind, name = _split(type_name)
-    own = _action_parts(package, name, find) if kind == "action" else {}
+    own = _derived(package, kind, name, find)
     parts = [(own.get(name) or find(package, kind, name)).strip("\n")]
     done = {(package, name)}
     pending = list(referenced(parts[0], package))
@@ -43,7 +43,7 @@ def schema_text(type_name: str, find: FindInterface) -> str:
             continue
         done.add(reference)
         text = (own.get(reference[1]) or find(reference[0], "msg", reference[1])).strip("\n")
-        scope = f"{reference[0]}/action" if reference[1] in own else reference[0]
+        scope = f"{reference[0]}/{kind}" if reference[1] in own else reference[0]
         parts.append(f"{SEPARATOR}\nMSG: {scope}/{reference[1]}\n{text}")
         pending += referenced(text, reference[0])
     return "\n".join(parts) + "\n"
@@ -74,16 +74,30 @@ def _parts(text: str) -> dict[str, list[str]]:
     return found
 
 
-def _action_parts(package: str, name: str, find: FindInterface) -> dict[str, str]:
-    """Definitions that rosidl derives from an action for its feedback topic; names keep "action" in the middle."""
-    action, _, suffix = name.rpartition("_")
-    if suffix != "FeedbackMessage":
-        raise BagError(f"expected the feedback message of an action, found {package}/action/{name}")
-    feedback = re.split(r"(?m)^---\s*$", find(package, "action", action))[2]
-    return {
-        name: f"unique_identifier_msgs/UUID goal_id\n{package}/action/{action}_Feedback feedback",
-        f"{action}_Feedback": feedback or "\n",
-    }
+def _derived(package: str, kind: str, name: str, find: FindInterface) -> dict[str, str]:
+    """Definitions that rosidl derives for an action's feedback and a service's events; their names keep the kind."""
+    base, _, suffix = name.rpartition("_")
+    if kind == "action":
+        if suffix != "FeedbackMessage":
+            raise BagError(f"expected the feedback message of an action, found {package}/action/{name}")
+        feedback = _halves(find(package, kind, base))[2]
+        fields = f"unique_identifier_msgs/UUID goal_id\n{package}/action/{base}_Feedback feedback"
+        return {name: fields, f"{base}_Feedback": feedback}
+    if kind == "srv":
+        if suffix != "Event":
+            raise BagError(f"expected the events of a service, found {package}/srv/{name}")
+        request, response = _halves(find(package, kind, base))[:2]
+        fields = (
+            "service_msgs/ServiceEventInfo info\n"
+            f"{package}/srv/{base}_Request[<=1] request\n{package}/srv/{base}_Response[<=1] response"
+        )
+        return {name: fields, f"{base}_Request": request, f"{base}_Response": response}
+    return {}
+
+
+def _halves(text: str) -> list[str]:
+    """The parts of a service or action; an empty one is a blank line, so that it is told from a missing one."""
+    return [part.strip("\n") or "\n" for part in re.split(r"(?m)^---\s*$", text)]
 
 
 def _split(type_name: str) -> tuple[str, str, str]:

@@ -2,9 +2,11 @@
 from __future__ import annotations
 
 import pytest
+from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.types import interface_text, message_class
 from softgrip_bag.schema_text import SEPARATOR, referenced, schema_text
 
 FILES = {
@@ -74,3 +76,18 @@ def test_constants_comments_and_primitives_are_no_references() -> None:
 def test_a_type_name_of_another_form_is_refused(name: str) -> None:
     with pytest.raises(BagError, match="expected a type like"):
         schema_text(name, find)
+
+
+def test_the_events_of_a_service_are_read_by_others_from_their_schema() -> None:
+    from std_srvs.srv import SetBool  # noqa: PLC0415  as the recorder meets it
+
+    name = "std_srvs/srv/SetBool_Event"
+    event = SetBool.Event(request=[SetBool.Request(data=True)])
+    event.info.sequence_number = 7
+    assert message_class(name) is SetBool.Event
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema_text(name, interface_text), name))
+    found = store.deserialize_cdr(serialize_message(event), "std_srvs/srv/msg/SetBool_Event")  # rosbags' name for it
+    assert found.info.sequence_number == 7
+    assert [request.data for request in found.request] == [True]
+    assert list(found.response) == []

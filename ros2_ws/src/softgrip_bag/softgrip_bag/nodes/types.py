@@ -15,7 +15,7 @@ from softgrip_bag.schema_text import same_definition, schema_text
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of e.g. "std_msgs/msg/String" or "pkg/action/Move_FeedbackMessage".
+    """Return the class of e.g. "std_msgs/msg/String" "pkg/action/Move_FeedbackMessage" or "pkg/srv/Set_Event".
 
     Raises:
         BagError: when the package is not installed or does not have the type.
@@ -25,6 +25,8 @@ def message_class(type_name: str) -> Any:
         module = importlib.import_module(f"{package}.{kind}")
         if kind == "action" and name.endswith("_FeedbackMessage"):
             return getattr(module, name.removesuffix("_FeedbackMessage")).Impl.FeedbackMessage
+        if kind == "srv" and name.endswith("_Event"):
+            return getattr(module, name.removesuffix("_Event")).Event
         return getattr(module, name)
     except (ImportError, AttributeError) as error:
         raise BagError(
