@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import statistics
 import sys
 import time
 from collections.abc import Callable
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # one core; read when numpy is imported
 
 import cv2
 import numpy as np

@@ -16,7 +16,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,19 +36,19 @@ class ColourModel:
     half_angle_deg: float = 60.0
 
     @cached_property
-    def _weights(self) -> NDArray[np.float32]:
-        """(2, 3): rows give chroma along, and scaled chroma across, from (B, G, R)."""
+    def _forms(self) -> NDArray[np.float32]:
+        """(3, 2): columns give c - o and c + o from (B, G, R), o scaled; the smaller of them is c - |o|."""
         hue = math.radians(self.hue_deg)
         alpha = np.array([-0.5, -0.5, 1.0])
         beta = np.array([-1.0, 1.0, 0.0]) * (math.sqrt(3) / 2)
         along = math.cos(hue) * alpha + math.sin(hue) * beta
         across = (-math.sin(hue) * alpha + math.cos(hue) * beta) / math.tan(math.radians(self.half_angle_deg))
-        return np.array([along, across], dtype=np.float32)
+        return np.column_stack([along - across, along + across]).astype(np.float32)
 
     def signal(self, image: Image) -> Signal:
         """Return the (h, w) signal [grey levels] of an (h, w, 3) BGR image; not clipped at 0."""
-        chroma = cv2.transform(image.astype(np.float32), self._weights)
-        return np.asarray(chroma[:, :, 0] - np.abs(chroma[:, :, 1]))
+        forms = image.reshape(-1, 3).astype(np.float32) @ self._forms
+        return np.asarray(np.minimum(forms[:, 0], forms[:, 1]).reshape(image.shape[:2]))
 
 
 def hue_of(colour: NDArray[np.floating]) -> float:

@@ -70,7 +70,9 @@ def real(request: pytest.FixtureRequest) -> list[np.ndarray]:
         video = []
     sizes = [f"{name} {image.shape[1]}x{image.shape[0]}" for name, image in named.items()]
     with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
-        print(f"\nreal images: {', '.join(sizes)}; {len(video)} frames of a recorded hand")
+        print(  # noqa: T201  which ones it was, for the log
+            f"\nreal images: {', '.join(sizes)}; {len(video)} frames of a recorded hand"
+        )
     return [*named.values(), *video]
 
 
