@@ -286,11 +286,18 @@ class Solver:
 
     @property
     def bytes_per_iteration(self) -> int:
-        """What one iteration must at least read: factors twice or multigrid levels, one for axes alike, and the elements."""
+        """What one iteration must at least move.
+
+        Factors twice, or multigrid levels as often as a cycle reads them, one for axes alike; constants of the elements
+        once; the acceleration's history, in float, once; six vectors of unknowns (position, force, residual, step,
+        last point, last residual) once.
+        """
         maps = self.supports.maps()
         distinct = [axis for axis in range(3) if maps[axis] not in maps[:axis]]
+        inverse = sum(self._core.inverse_bytes(axis) for axis in distinct)
         element = 8 * (24 + 12 + 10 + 2) + 4 * 8
-        return sum(self._core.inverse_bytes(axis) for axis in distinct) + element * len(self.mesh.hexes)
+        unknown = 4 * 2 * self.settings.window + 8 * 6
+        return inverse + element * len(self.mesh.hexes) + unknown * self._core.unknowns
 
     def rest(self) -> State:
         """Return the undeformed state."""

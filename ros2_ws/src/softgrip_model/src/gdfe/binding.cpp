@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "softgrip/gdfe/simd.hpp"
 #include "softgrip/gdfe/solver.hpp"
 #include "softgrip/gdfe/stream.hpp"
 
@@ -29,6 +30,8 @@ gdfe::SecantTables make_tables(const Eigen::Ref<const Eigen::MatrixXd>& coeffici
 PYBIND11_MODULE(_core, module) {
   module.doc() = "Private core of softgrip_model.gdfe.";
   module.def("simd_target", &gdfe::simd_target);
+  module.def("simd_targets", &gdfe::simd_targets);
+  module.def("use_simd_target", &gdfe::use_simd_target, py::arg("name"));
   module.def("read_bandwidth", &gdfe::read_bandwidth, py::arg("working_set"), py::arg("threads"), py::arg("repeats"));
 
   py::class_<gdfe::Element>(module, "Element")

@@ -50,16 +50,19 @@ HWY_INLINE V determinant(const Matrix3<V>& a, const Matrix3<V>& cof) {
   return hn::MulAdd(a.m[0][0], cof.m[0][0], hn::MulAdd(a.m[0][1], cof.m[0][1], a.m[0][2] * cof.m[0][2]));
 }
 
-// Newton's polar iteration R <- (g R + cof(R) / (g det R)) / 2 with Frobenius scaling g in its first steps.
+// Newton's polar iteration R <- (g R + cof(R) / (g det R)) / 2, with Frobenius scaling g in its first steps where an element
+// of the group is far from a rotation.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE Matrix3<V> rotation_of(D d, const Matrix3<V>& f) {
   const V half = hn::Set(d, 0.5);
   Matrix3<V> r = f;
+  const auto even = hn::Lt(hn::Abs(dot(f, f) - hn::Set(d, 3.0)), hn::Set(d, 1.5));
+  const bool near = hn::AllTrue(d, hn::And(even, hn::Gt(determinant(f, cofactors(f)), half)));
   for (int iteration = 0; iteration < 12; ++iteration) {
     const Matrix3<V> cof = cofactors(r);
     const V inverse = hn::Set(d, 1.0) / determinant(r, cof);
     V scale = half, scale_inverse = half * inverse;
-    if (iteration < 2) {
+    if (iteration < 2 && !near) {
       const V ratio = hn::Sqrt(dot(cof, cof) / dot(r, r)) * hn::Abs(inverse);  // |R^-T| / |R|
       const V g = hn::Sqrt(ratio);
       scale = half * g;
@@ -73,7 +76,7 @@ HWY_INLINE Matrix3<V> rotation_of(D d, const Matrix3<V>& f) {
       r.m[k / 3][k % 3] = after;
     }
     // quadratic: a change of 1e-8 leaves 1e-16
-    if (iteration >= 2 && hn::AllTrue(d, hn::Lt(change, hn::Set(d, 1e-15)))) break;
+    if ((iteration >= 2 || near) && hn::AllTrue(d, hn::Lt(change, hn::Set(d, 1e-15)))) break;
   }
   return r;
 }
@@ -97,7 +100,8 @@ HWY_INLINE Matrix3<V> volume_correction(D d, const Matrix3<V>& f) {
       change = hn::MulAdd(delta, delta, change);
       correction.m[k / 3][k % 3] = after;
     }
-    if (hn::AllTrue(d, hn::Lt(change, hn::Set(d, 1e-22)))) break;
+    // linear, by a tenth to a third a step: a change of 3e-10 leaves at most 1e-10
+    if (hn::AllTrue(d, hn::Lt(change, hn::Set(d, 1e-19)))) break;
   }
   return correction;
 }
@@ -318,8 +322,6 @@ void LocalStep(ElementBlocks& e, const SecantTables& tables, Law law, VolumeShap
   }
 }
 
-const char* TargetName() { return hwy::TargetName(HWY_TARGET); }
-
 }  // namespace HWY_NAMESPACE
 }  // namespace softgrip::gdfe
 HWY_AFTER_NAMESPACE();
@@ -328,14 +330,11 @@ HWY_AFTER_NAMESPACE();
 namespace softgrip::gdfe {
 
 HWY_EXPORT(LocalStep);
-HWY_EXPORT(TargetName);
 
 void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
                 double* force, std::size_t nodes, std::size_t first, std::size_t last) {
   HWY_DYNAMIC_DISPATCH(LocalStep)(elements, tables, law, shape, position, force, nodes, first, last);
 }
-
-const char* simd_target() { return HWY_DYNAMIC_DISPATCH(TargetName)(); }
 
 }  // namespace softgrip::gdfe
 #endif

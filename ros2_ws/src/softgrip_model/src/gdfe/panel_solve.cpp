@@ -147,6 +147,20 @@ void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panel
   }
 }
 
+inline double largest_magnitude(const double* values, std::size_t size) {
+  const hn::ScalableTag<double> d;
+  const std::size_t lanes = hn::Lanes(d);
+  auto most = hn::Zero(d), also = hn::Zero(d);
+  std::size_t i = 0;
+  for (; i + 2 * lanes <= size; i += 2 * lanes) {
+    most = hn::Max(most, hn::Abs(hn::LoadU(d, values + i)));
+    also = hn::Max(also, hn::Abs(hn::LoadU(d, values + i + lanes)));
+  }
+  double largest = hn::GetLane(hn::MaxOfLanes(d, hn::Max(most, also)));
+  for (; i < size; ++i) largest = std::max(largest, std::abs(values[i]));
+  return largest;
+}
+
 // Every thread carries its subtrees up in arrays of its own, the top is solved by one, and each carries it down again.
 template <int count, class T>
 void substitute(const PanelStore<T>& store, double* const* columns, std::size_t size, std::size_t max_below, T* base) {
@@ -156,8 +170,7 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
   // right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them
   double scale[count], inverse[count];
   for (int k = 0; k < count; ++k) {
-    double largest = 0.0;
-    for (std::size_t i = 0; i < size; ++i) largest = std::max(largest, std::abs(columns[k][i]));
+    const double largest = largest_magnitude(columns[k], size);
     scale[k] = largest > 0.0 ? largest : 1.0;
     inverse[k] = 1.0 / scale[k];
   }

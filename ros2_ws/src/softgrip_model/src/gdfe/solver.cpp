@@ -26,6 +26,10 @@ std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric
   return elements;
 }
 
+Eigen::Map<const Eigen::VectorXd> first(const std::vector<double>& vector, std::size_t count) {
+  return {vector.data(), static_cast<Eigen::Index>(count)};
+}
+
 // Mean place at rest of the nodes of every unknown.
 Eigen::MatrixX3d places_of(const DofMap& map, const Nodes& rest, Eigen::Index size) {
   Eigen::MatrixX3d places = Eigen::MatrixX3d::Zero(size, 3);
@@ -196,15 +200,26 @@ void Solver::cable_points(std::size_t index, const double* position, std::vector
   }
 }
 
-void Solver::expand(const Task& task, const std::vector<double>& state) {
+// What the task gives on every node, component by component as the iteration reads it.
+void Solver::lay_out(const Task& task) {
+  base_.resize(3 * nodes_);
+  dead_load_.resize(3 * nodes_);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const Axis& a = axes_[axis];
-    const auto column = static_cast<Eigen::Index>(axis);
     for (std::size_t i = 0; i < nodes_; ++i) {
-      const auto row = static_cast<Eigen::Index>(i);
-      const double u = a.dof[i] >= 0 ? state[a.offset + static_cast<std::size_t>(a.dof[i])] : task.prescribed(row, column);
-      position_[axis * nodes_ + i] = rest_(row, column) + u;
+      const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
+      base_[axis * nodes_ + i] = rest_(row, column) + (axes_[axis].dof[i] < 0 ? task.prescribed(row, column) : 0.0);
+      dead_load_[axis * nodes_ + i] = task.load(row, column);
     }
+  }
+  dead_load_squared_ = task.load.squaredNorm();
+}
+
+void Solver::expand(const std::vector<double>& state) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::int32_t* dof = axes_[axis].dof.data();
+    const double *base = base_.data() + axis * nodes_, *displacement = state.data() + axes_[axis].offset;
+    double* position = position_.data() + axis * nodes_;
+    for (std::size_t i = 0; i < nodes_; ++i) position[i] = base[i] + (dof[i] >= 0 ? displacement[dof[i]] : 0.0);
   }
 }
 
@@ -230,17 +245,15 @@ void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
 // Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
 double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
   std::fill(residual.begin(), residual.end(), 0.0);
-  double held = 0.0, loads = follower_squared_;
+  double held = 0.0, loads = follower_squared_ + dead_load_squared_;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const Axis& a = axes_[axis];
-    double* out = residual.data() + a.offset;
-    const double* force = force_.data() + axis * nodes_;
+    const std::int32_t* dof = axes_[axis].dof.data();
+    double* out = residual.data() + axes_[axis].offset;
+    const double *force = force_.data() + axis * nodes_, *load = dead_load_.data() + axis * nodes_;
     for (std::size_t i = 0; i < nodes_; ++i) {
-      const double load = task.load(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
-      const double g = force[i] - load;
-      loads += load * load;
-      if (a.dof[i] >= 0) {
-        out[a.dof[i]] -= g;
+      const double g = force[i] - load[i];
+      if (dof[i] >= 0) {
+        out[dof[i]] -= g;
       } else {
         held += g * g;
       }
@@ -249,8 +262,7 @@ double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
   for (const CableWork& work : cable_work_) {
     for (const Eigen::Vector3d& force : work.state.force) loads += force.squaredNorm();
   }
-  double free = 0.0;
-  for (std::size_t i = 0; i < unknowns_; ++i) free += residual[i] * residual[i];
+  const double free = first(residual, unknowns_).squaredNorm();
   // an unloaded mesh at rest is in balance
   const double floor = std::max(task.force_floor, 1e-12 * weight_scale_);
   balance_scale_ = std::max({std::sqrt(held), std::sqrt(loads), floor});
@@ -337,13 +349,14 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     state[unknowns_ + c] = start_tension[c] * cable_work_[c].tension_scale;
   }
 
+  lay_out(task);
   begin_contact(task);
-  Anderson accelerate(state.size(), settings_.window);
+  Anderson accelerate(state.size(), settings_.window, settings_.threads);
   Outcome outcome;
   double last_norm = 0.0;
   int halvings = 0;
   for (int iteration = 0;; ++iteration) {
-    expand(task, state);
+    expand(state);
     add_element_forces();
     pull_cables(task, state);
     add_followers(task);
@@ -355,8 +368,7 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
       precondition(residual);
       drive_lengths(task, state, residual);
       contact_.resolve(position_.data(), unbalanced, residual);
-      double square = 0.0;
-      for (std::size_t i = 0; i < unknowns_; ++i) square += unbalanced[i] * unbalanced[i];
+      const double square = first(unbalanced, unknowns_).squaredNorm();
       outcome.residual = std::sqrt(square) / std::max(balance_scale_, std::sqrt(contact_.force_squared()));
       outcome.length_error = contact_.gap_error();
     }
@@ -385,16 +397,17 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
       precondition(residual);
       drive_lengths(task, state, residual);
     }
-    double norm = 0.0;
-    for (const double value : residual) norm += value * value;
-    norm = std::sqrt(norm);
+    const double norm = first(residual, residual.size()).norm();
     if (iteration > 0 && norm > kGrowth * last_norm) accelerate.forget();
     last_norm = norm;
     accelerate.advance(state, residual, step);
-    double largest = 0.0;
-    for (std::size_t i = 0; i < unknowns_; ++i) largest = std::max(largest, std::abs(step[i]));
-    const double cap = settings_.step_limit > 0.0 && largest > settings_.step_limit ? settings_.step_limit / largest : 1.0;
-    for (std::size_t i = 0; i < state.size(); ++i) state[i] += step[i] *= cap;
+    if (settings_.step_limit > 0.0) {
+      const double largest = first(step, unknowns_).cwiseAbs().maxCoeff();
+      if (largest > settings_.step_limit) {
+        for (double& value : step) value *= settings_.step_limit / largest;
+      }
+    }
+    for (std::size_t i = 0; i < state.size(); ++i) state[i] += step[i];
     for (std::size_t c = 0; c < cables_.size(); ++c) {
       double& tension = state[unknowns_ + c];
       if (tension < 0.0) step[unknowns_ + c] -= tension, tension = 0.0;
@@ -447,12 +460,11 @@ void Solver::place(const Nodes& displacement) {
 }
 
 void Solver::add_element_forces() {
-  std::fill(force_.begin(), force_.end(), 0.0);
-  std::fill(shares_.begin(), shares_.end(), 0.0);
   const auto threads = static_cast<std::size_t>(settings_.threads);
 #pragma omp parallel for num_threads(settings_.threads) schedule(static, 1) if (threads > 1)
   for (std::size_t t = 0; t < threads; ++t) {
     double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * 3 * nodes_;
+    std::fill(force, force + 3 * nodes_, 0.0);
     if (ogden_) {
       ogden_->add_forces(position_.data(), force, blocks_.strain.data(), nodes_, t * blocks_.elements / threads,
                          (t + 1) * blocks_.elements / threads);

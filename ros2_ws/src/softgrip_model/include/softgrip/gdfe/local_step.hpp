@@ -49,7 +49,4 @@ struct ElementBlocks {
 void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
                 double* force, std::size_t nodes, std::size_t first, std::size_t last);
 
-// Name of the instruction set that local_step runs on here.
-const char* simd_target();
-
 }  // namespace softgrip::gdfe

@@ -125,7 +125,8 @@ class Solver {
   void build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
                   const std::array<DofMap, 3>& maps);
   void build_point_columns();
-  void expand(const Task& task, const std::vector<double>& state);
+  void lay_out(const Task& task);
+  void expand(const std::vector<double>& state);
   void pull_cables(const Task& task, const std::vector<double>& state);
   void cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const;
   double out_of_balance(const Task& task, std::vector<double>& residual);
@@ -150,6 +151,8 @@ class Solver {
   double follower_squared_ = 0.0;  // of their forces
   double balance_scale_ = 1.0;     // reactions and loads that the residual is measured against
   std::vector<double> position_, force_, follower_, scratch_;
+  std::vector<double> base_, dead_load_;  // of the task: rest plus prescribed displacements, and loads, [3][nodes]
+  double dead_load_squared_ = 0.0;
   std::vector<double> shares_;  // forces of every thread but the first, [thread][3][nodes]
   double weight_scale_ = 1.0;
 };
