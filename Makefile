@@ -55,8 +55,13 @@ faults: setup  ## every fault of the drives with its time to safe, every process
 soak: setup  ## ten minutes of random faults
 	SOFTGRIP_SOAK_SECONDS=600 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_soak.py
 
-fuzz: setup  ## random and mutated bytes into the emulated servo bus
-	$(BIN)/python -m softgrip_emulator.commands.fuzz_bus
+FUZZ_SECONDS ?= 60
+
+fuzz: setup  ## random and mutated bytes into every parser: atheris on both ends of the wires, then 100,000 of hypothesis on each
+	$(BIN)/python -m softgrip_emulator.commands.fuzz_bus --seconds $(FUZZ_SECONDS)
+	$(BIN)/python -m softgrip_driver.commands.fuzz_replies --seconds $(FUZZ_SECONDS)
+	SOFTGRIP_FUZZ_EXAMPLES=100000 $(BIN)/python -m pytest -q -n 2 --timeout 1800 $(SRC)/softgrip_driver/test/test_protocol.py \
+	  $(SRC)/softgrip_emulator/test/test_fuzz.py -k "no_stream_breaks or any_bytes_in_any_pieces"
 
 crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
 	$(BIN)/python benchmarks/recorder_crash.py

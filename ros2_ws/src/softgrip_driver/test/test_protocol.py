@@ -12,24 +12,17 @@ from dynamixel_sdk import Protocol2PacketHandler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from softgrip_driver.commands.fuzz_replies import SEEDS, ScriptedSerial, Target, crc16, fuzz_at_random, mutate
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.bus import Bus, Reply
 from softgrip_driver.dynamixel.stuffing import PacketHandler, stuff, unstuff
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError, RefusedError
 
+#: streams that hypothesis makes up; `make fuzz` asks for 100,000
+EXAMPLES = int(os.environ.get("SOFTGRIP_FUZZ_EXAMPLES", "300"))
 #: what a receiver would take for the beginning of a packet
 FALSE_HEADER = re.compile(rb"\xff\xff\xfd(?!\xfd)")
 HEADER = bytes.fromhex("ff ff fd 00")
-
-
-def crc16(data):
-    """Bitwise CRC-16 of the e-manual (0x8005, not reflected), independent of the SDK's table."""
-    crc = 0
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x8005) & 0xFFFF if crc & 0x8000 else crc << 1
-    return crc
 
 
 def packet(servo_id, instruction, body):
@@ -39,36 +32,6 @@ def packet(servo_id, instruction, body):
 
 def status(servo_id, data, error=0):
     return packet(servo_id, 0x55, bytes((error, *data)))
-
-
-class ScriptedSerial:
-    """Stands where pyserial's Serial does: answers each write with the next scripted reply."""
-
-    def __init__(self, replies=()):
-        self.replies, self.sent = list(replies), []
-        self.reader, self.writer = os.pipe()
-        os.set_blocking(self.reader, False)
-        self.fd = self.reader
-
-    def write(self, data):
-        self.sent.append(bytes(data))
-        if self.replies:
-            os.write(self.writer, self.replies.pop(0))
-        return len(data)
-
-    def read(self, size):
-        try:
-            return os.read(self.reader, size)
-        except BlockingIOError:
-            return b""
-
-    def reset_input_buffer(self):
-        while self.read(4096):
-            pass
-
-    def close(self):
-        os.close(self.reader)
-        os.close(self.writer)
 
 
 @pytest.fixture
@@ -223,26 +186,6 @@ def test_noise_before_a_reply_does_no_harm(scripted):
     assert bus.read(1, reg.PRESENT_VOLTAGE) == 7
 
 
-def mutated(rng, data):
-    """Damage a stream: flip a bit, lose, double or insert a byte, cut it, or replace it by noise."""
-    out = bytearray(data)
-    kind = rng.randrange(6)
-    at = rng.randrange(len(out))
-    if kind == 0:
-        out[at] ^= 1 << rng.randrange(8)
-    elif kind == 1:
-        del out[at]
-    elif kind == 2:
-        out.insert(at, out[at])
-    elif kind == 3:
-        out.insert(at, rng.randrange(256))
-    elif kind == 4:
-        del out[at:]
-    else:
-        out = bytearray(rng.randbytes(rng.randrange(40)))
-    return bytes(out)
-
-
 def test_a_hundred_thousand_damaged_streams_give_an_error_or_the_truth(scripted):
     """Nothing but the driver's own errors may escape, and no value but the true one may be returned."""
     rng = random.Random(7)
@@ -251,7 +194,7 @@ def test_a_hundred_thousand_damaged_streams_give_an_error_or_the_truth(scripted)
     truth = (-123456).to_bytes(4, "little", signed=True)
     accepted = 0
     for _ in range(100_000):
-        stream = mutated(rng, status(1, truth))
+        stream = mutate(status(1, truth), rng)
         serial.replies = [stream]
         try:
             value = bus.read_bytes(1, 132, 4).data
@@ -264,17 +207,28 @@ def test_a_hundred_thousand_damaged_streams_give_an_error_or_the_truth(scripted)
     assert 0 < accepted < 40_000
 
 
-@settings(max_examples=300, deadline=None)
-@given(st.binary(max_size=120))
-def test_no_stream_breaks_a_group_read(stream):
-    bus = Bus("scripted", 1_000_000, 0.0)
-    serial = ScriptedSerial([stream, stream])
-    try:
-        bus.port.ser, bus.port.is_open = serial, True
-        assert set(bus.sync_read([1, 2], 126, 10)) <= {1, 2}
-        assert set(bus.fast_sync_read([1, 2], 126, 10)) <= {1, 2}
-    finally:
-        serial.close()
+pieces = st.binary(max_size=40) | st.sampled_from(SEEDS) | st.builds(
+    mutate, st.sampled_from(SEEDS), st.randoms(use_true_random=False)
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def target():
+    return Target()
+
+
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(stream=st.lists(pieces, max_size=4).map(b"".join))
+def test_no_stream_breaks_a_parser_or_gives_a_value_that_it_does_not_hold(target, stream):
+    target.feed(stream)
+
+
+def test_the_fuzz_command_feeds_many_and_would_see_a_wrong_value(monkeypatch):
+    assert fuzz_at_random(0.2, seed=2) >= 10
+    target = Target()
+    monkeypatch.setattr(target._bus, "read_bytes", lambda *_: Reply(1, False, 0, b"\x01\x02\x03\x04"))
+    with pytest.raises(AssertionError, match="took 01 02 03 04 out of"):
+        target.feed(b"noise")
 
 
 def test_a_vanished_port_is_named_and_the_bus_opens_again(tmp_path):
