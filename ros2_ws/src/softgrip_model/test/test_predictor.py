@@ -147,7 +147,7 @@ class Closings:
         self.session, self.rng, self.stamp = session, rng, 0
         self.residuals: list[Residual] = []
 
-    def run(self, count: int, friction_factor: float, stiffness_factor: float) -> None:
+    def run(self, count: int, friction_factor: float, stiffness_factor: float, off: float = 0.0) -> None:
         finger = self.session.configuration.fingers["index"]
         law = self.session.configuration.friction_of("index").law
         a, n, e, lam = law.coefficients
@@ -156,7 +156,7 @@ class Closings:
         true = dataclasses.replace(
             finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(quadratic, linear, constant))
         )
-        pulls = np.linspace(0.5, 18.0, 36)
+        pulls = np.linspace(0.5, 18.0, 36) * (1.0 + off)
         truth = Kernel([true], other).solve(pulls)
         assert not truth.failed.any()
         for _ in range(count):
@@ -174,14 +174,41 @@ class Closings:
         self.residuals += self.session.on_measured(self.stamp, [seen])
 
 
+def power_closings(profiles: dict[str, Profile], seed: int) -> Closings:
+    return Closings(Session(profiles, {"index": "power"}, WearSettings()), np.random.default_rng(seed))
+
+
 @pytest.fixture
 def closings(profiles: dict[str, Profile]) -> Closings:
-    return Closings(Session(profiles, {"index": "power"}, WearSettings()), np.random.default_rng(7))
+    return power_closings(profiles, 7)
 
 
-def test_nothing_moved_stays_ok(closings: Closings) -> None:
-    closings.run(30, 1.1, 0.9)  # a finger that differs from its model from the start is the baseline
-    assert {residual.verdict for residual in closings.residuals} == {Verdict.OK}
+@pytest.mark.parametrize("seed", range(7, 12))
+def test_nothing_moved_raises_no_alarm(profiles: dict[str, Profile], seed: int) -> None:
+    """A baseline of few closings is uncertain; that is no shift."""
+    closings = power_closings(profiles, seed)
+    closings.run(40, 1.1, 0.9)  # a finger that differs from its model from the start is the baseline
+    assert {residual.verdict for residual in closings.residuals} <= {Verdict.OK, Verdict.WATCH}
+
+
+def test_slow_wear_is_not_taken_into_the_baseline(closings: Closings) -> None:
+    closings.run(30, 1.0, 1.0)
+    for closing in range(40):
+        closings.run(1, 1.0 + 0.01 * closing, 1.0)
+    last = closings.residuals[-1]
+    assert last.verdict is Verdict.RECALIBRATE
+    assert last.cusum_friction > last.cusum_stiffness
+
+
+def test_a_length_that_is_off_by_rounding_counts_all_the_same(profiles: dict[str, Profile]) -> None:
+    """Samples a spacing apart: which of them count may not hang on the last bit of a pulled length."""
+    said = []
+    for off in (-1e-15, 0.0, 1e-15):
+        closings = power_closings(profiles, 7)
+        closings.run(8, 1.0, 1.0, off)
+        said.append([residual.cusum_friction for residual in closings.residuals])
+    assert said[0] == pytest.approx(said[1], abs=1e-6)
+    assert said[2] == pytest.approx(said[1], abs=1e-6)
 
 
 def test_friction_shift_asks_for_calibration(closings: Closings) -> None:

@@ -63,6 +63,11 @@ struct Finger {
     return {design.opening_rad[j], q, design.routing_mm[2 * j], design.routing_mm[2 * j + 1]};
   }
 
+  Groove groove(int j, double q, TurningHalfAngle& turning) const {
+    const double ra = design.routing_mm[2 * j], rb = design.routing_mm[2 * j + 1];
+    return {turning.at(0.5 * (design.opening_rad[j] - q), ra, rb), q, ra, rb};
+  }
+
   // Signed bend of the cable at a routing point, given the groove it belongs to.
   double bend_rad(int point, const Groove& groove, double q) const {
     const int j = point / 2;
@@ -107,8 +112,8 @@ struct Joint {
   double exit_slope, entry_slope;  // d ln Rf / dq
   double diagonal;                 // d residual / dq
 
-  Joint(const Finger& f, int j, double q, const friction::Tension& beyond)
-      : groove(f.groove(j, q)),
+  Joint(const Finger& f, int j, double q, const Groove& at, const friction::Tension& beyond)
+      : groove(at),
         phi_entry(f.bend_rad(2 * j, groove, q)),
         phi_exit(f.bend_rad(2 * j + 1, groove, q)),
         exit(f, phi_exit, beyond),
@@ -143,7 +148,7 @@ struct Sweep {
   double log_tip_step = 0.0;
   std::uint8_t friction_status = 0;
 
-  Sweep(const Finger& finger, const State& x, Control control, double target) {
+  Sweep(const Finger& finger, const State& x, Control control, double target, PerJoint<TurningHalfAngle>& turning) {
     const Design& d = finger.design;
     const int n = d.joints;
     Linear along{x.log_tip_tension, 0.0, 1.0};
@@ -151,7 +156,8 @@ struct Sweep {
     log_tension[2 * n] = along;
     stretch(d, along, finger.link_span_mm[n]);
     for (int j = n - 1; j >= 0; --j) {
-      const Joint<friction::Slopes::State> joint(finger, j, x.angle_rad[j], beyond);
+      const double q = x.angle_rad[j];
+      const Joint<friction::Slopes::State> joint(finger, j, q, finger.groove(j, q, turning[j]), beyond);
       beyond = joint.before;
       const double gain = joint.torque * joint.exit.gain();
       const double per_diagonal = 1.0 / joint.diagonal;
@@ -248,17 +254,20 @@ inline void accept(const Finger& finger, const Sweep& sweep, Equilibrium& out) {
 }
 
 // Newton from a start. Stops once a step is so small that, converging quadratically, the next would be rounding.
-inline Equilibrium newton(const Finger& finger, State x, Control control, double target) {
+inline void newton(const Finger& finger, State x, Control control, double target, PerJoint<TurningHalfAngle>& turning,
+                   Equilibrium& out) {
   constexpr double kLargestAngleStep = 0.25, kLargestLogStep = 1.0, kSmallestStep = 1e-6;
   constexpr int kMostIterations = 60;
   const int n = finger.design.joints;
-  Equilibrium out;
-  while (out.iterations < kMostIterations) {
-    const Sweep sweep(finger, x, control, target);
-    ++out.iterations;
+  out.status = kNotConverged;
+  for (out.iterations = 1; out.iterations <= kMostIterations; ++out.iterations) {
+    const Sweep sweep(finger, x, control, target, turning);
     // a blow-up first: the NaN that it leaves is invalid for the bends further on
-    if ((sweep.friction_status & friction::kBlowUp) != 0) return out.status = kFrictionBlowUp, out;
-    if ((sweep.friction_status & friction::kInvalid) != 0) return out;
+    if ((sweep.friction_status & friction::kBlowUp) != 0) {
+      out.status = kFrictionBlowUp;
+      return;
+    }
+    if ((sweep.friction_status & friction::kInvalid) != 0) return;
     const double ds = std::clamp(sweep.log_tip_step, -kLargestLogStep, kLargestLogStep);
     double largest = std::abs(sweep.log_tip_step);
     bool finite = std::isfinite(largest);
@@ -270,10 +279,12 @@ inline Equilibrium newton(const Finger& finger, State x, Control control, double
       finite = finite && std::isfinite(full);
       x.angle_rad[j] += std::clamp(full, -kLargestAngleStep, std::min(kLargestAngleStep, room));
     }
-    if (!finite) return out;
-    if (largest < kSmallestStep) return accept(finger, sweep, out), out;
+    if (!finite) return;
+    if (largest < kSmallestStep) {
+      accept(finger, sweep, out);
+      return;
+    }
   }
-  return out;
 }
 
 // Where Newton starts when nothing is known: the straight finger's linear, frictionless answer, scaled to the target.

@@ -9,6 +9,78 @@
 
 namespace softgrip::finger {
 
+// Sine and cosine of an angle.
+struct Direction {
+  double rad, sine, cosine;
+  explicit Direction(double angle) : rad(angle), sine(std::sin(angle)), cosine(std::cos(angle)) {}
+};
+
+// A turn by so little that short series give its sine and cosine to full precision.
+struct SmallTurn {
+  static constexpr double kLargest_rad = 1.0 / 32;
+  double rad, sine, cosine;
+
+  explicit SmallTurn(double turn) : rad(turn) {
+    const double t2 = turn * turn;
+    sine = turn * (1.0 + t2 * (-1.0 / 6 + t2 * (1.0 / 120 + t2 * (-1.0 / 5040))));
+    cosine = 1.0 + t2 * (-1.0 / 2 + t2 * (1.0 / 24 + t2 * (-1.0 / 720)));
+  }
+
+  Direction applied_to(Direction from) const {
+    const double s = from.sine * cosine + from.cosine * sine;
+    from.cosine = from.cosine * cosine - from.sine * sine;
+    from.sine = s;
+    from.rad += rad;
+    return from;
+  }
+};
+
+// Directions of one angle after another, each by a small turn from the last one that was worked out in full: a few products
+// instead of two library functions.
+class Turning {
+ public:
+  Direction at(double rad) {
+    const double turn = rad - kept_.rad;
+    if (!(std::abs(turn) < SmallTurn::kLargest_rad)) return kept_ = Direction(rad);
+    return SmallTurn(turn).applied_to(kept_);
+  }
+
+ private:
+  Direction kept_{0.0};
+};
+
+// Half the angle w between a groove's flanks as its closed forms need it, with the angle of the span against the
+// perpendicular of the groove's bisector: atan((rb - ra) cos / ((ra + rb) sin)).
+struct HalfAngle {
+  Direction half;
+  double lean_rad;
+
+  HalfAngle(double half_rad, double ra, double rb)
+      : half(half_rad), lean_rad(std::atan((rb - ra) * half.cosine / ((ra + rb) * half.sine))) {}
+  HalfAngle(const Direction& direction, double lean) : half(direction), lean_rad(lean) {}
+};
+
+// The same for one angle after another. The span's vector (sum sin, difference cos) turns with the half angle.
+class TurningHalfAngle {
+ public:
+  HalfAngle at(double half_rad, double ra, double rb) {
+    const double change = half_rad - kept_.half.rad;
+    if (!(std::abs(change) < SmallTurn::kLargest_rad)) return kept_ = HalfAngle(half_rad, ra, rb);
+    const SmallTurn turn(change);
+    const Direction to = turn.applied_to(kept_.half);
+    const double sum = ra + rb, difference = rb - ra;
+    const double across = -sum * difference * turn.sine;
+    const double along = sum * sum * kept_.half.sine * to.sine + difference * difference * kept_.half.cosine * to.cosine;
+    const double t = across / along, t2 = t * t;
+    if (!(std::abs(t) < SmallTurn::kLargest_rad)) return kept_ = HalfAngle(half_rad, ra, rb);
+    const double arc = t * (1.0 + t2 * (-1.0 / 3 + t2 * (1.0 / 5 + t2 * (-1.0 / 7 + t2 * (1.0 / 9)))));
+    return {to, kept_.lean_rad + arc};
+  }
+
+ private:
+  HalfAngle kept_{Direction(HUGE_VAL), 0.0};
+};
+
 // The free span across a groove whose flanks make the angle w = opening - q; ra, rb = distance of entry and exit from
 // the apex. From the triangle apex-entry-exit: law of cosines for the span, law of tangents for its direction.
 struct Groove {
@@ -19,18 +91,18 @@ struct Groove {
   double d_direction;    // d / dq
   double sin_w, cos_w;
 
-  Groove(double opening_rad, double q, double ra, double rb) {
-    const double half = 0.5 * (opening_rad - q);
-    const double s = std::sin(half), c = std::cos(half);
-    const double sum_s = (ra + rb) * s, difference_c = (rb - ra) * c;
-    const double span_squared = sum_s * sum_s + difference_c * difference_c;
-    sin_w = 2.0 * s * c;
-    cos_w = 1.0 - 2.0 * s * s;
-    span_mm = std::sqrt(span_squared);
+  Groove(double opening_rad, double q, double ra, double rb)
+      : Groove(HalfAngle(0.5 * (opening_rad - q), ra, rb), q, ra, rb) {}
+
+  Groove(const HalfAngle& w, double q, double ra, double rb) {
+    const double sum_s = (ra + rb) * w.half.sine, difference_c = (rb - ra) * w.half.cosine;
+    sin_w = 2.0 * w.half.sine * w.half.cosine;
+    cos_w = 1.0 - 2.0 * w.half.sine * w.half.sine;
+    span_mm = std::sqrt(sum_s * sum_s + difference_c * difference_c);
     const double per_span = 1.0 / span_mm;
     arm_mm = ra * rb * sin_w * per_span;
     d_arm = (arm_mm * arm_mm - ra * rb * cos_w) * per_span;
-    direction_rad = -0.5 * q - std::atan(difference_c / sum_s);
+    direction_rad = -0.5 * q - w.lean_rad;
     d_direction = -0.5 - 0.5 * (rb * rb - ra * ra) * per_span * per_span;
   }
 };

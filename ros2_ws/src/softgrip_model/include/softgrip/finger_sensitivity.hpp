@@ -21,16 +21,22 @@ struct Tip {
   double x_mm = 0.0, y_mm = 0.0;
 };
 
-// In the base frame: x along the straight finger from joint 0, closing towards -y.
-inline Tip tip_of(const Design& d, const PerJoint<double>& angle_rad) {
+// In the base frame: x along the straight finger from joint 0, closing towards -y. `directions` gives the links' directions.
+template <typename Directions>
+Tip tip_of(const Design& d, const PerJoint<double>& angle_rad, Directions&& directions) {
   Tip tip;
   double heading = 0.0;
   for (int j = 0; j < d.joints; ++j) {
     heading += angle_rad[j];
-    tip.x_mm += d.link_mm[j] * std::cos(heading);
-    tip.y_mm -= d.link_mm[j] * std::sin(heading);
+    const Direction link = directions(j, heading);
+    tip.x_mm += d.link_mm[j] * link.cosine;
+    tip.y_mm -= d.link_mm[j] * link.sine;
   }
   return tip;
+}
+
+inline Tip tip_of(const Design& d, const PerJoint<double>& angle_rad) {
+  return tip_of(d, angle_rad, [](int, double heading) { return Direction(heading); });
 }
 
 using Column = std::array<double, kMaxColumns>;
@@ -92,7 +98,7 @@ class SensitivityPass {
   int stiffness() const { return 1 + 3 * n_ + coefficients_; }
 
   friction::Tension joint(int j, double q, const friction::Tension& beyond) {
-    const Joint<friction::Slopes::All> g(finger_, j, q, beyond);
+    const Joint<friction::Slopes::All> g(finger_, j, q, finger_.groove(j, q), beyond);
     const double ra = d_.routing_mm[2 * j], rb = d_.routing_mm[2 * j + 1];
     const GrooveRouting groove(g.groove, ra, rb);
     const detail::SlopeRouting before(finger_, j), after(finger_, j + 1);

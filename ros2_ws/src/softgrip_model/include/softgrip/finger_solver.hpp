@@ -58,13 +58,15 @@ inline Equilibrium solve(const Finger& finger, Control control, double target) {
   const std::uint32_t refusal = detail::unsolvable(finger, control, target);
   if (refusal != kOk) return detail::without_solution(refusal);
   if (target <= 0.0) return detail::slack(finger);
-  Equilibrium found = newton(finger, straight_start(finger, control, target), control, target);
+  PerJoint<TurningHalfAngle> turning;
+  Equilibrium found;
+  newton(finger, straight_start(finger, control, target), control, target, turning, found);
   if ((found.status & kFailure) == kOk) return found;
   constexpr int kSteps = 32;
   State x = straight_start(finger, control, target / kSteps);
   int iterations = found.iterations;
   for (int i = 1; i <= kSteps; ++i) {
-    found = newton(finger, x, control, target * i / kSteps);
+    newton(finger, x, control, target * i / kSteps, turning, found);
     iterations += found.iterations;
     if ((found.status & kFailure) != kOk) return detail::without_solution(found.status & kFailure);
     x = found.state;
@@ -80,12 +82,14 @@ class March {
 
   Equilibrium to(double target) {
     const double log_target = std::log(target);
+    Equilibrium found;
     if (known_ > 0 && target > last_target_ && detail::unsolvable(finger_, control_, target) == kOk) {
-      const Equilibrium found = newton(finger_, ahead(target, log_target), control_, target);
-      if ((found.status & kFailure) == kOk) return remember(target, log_target, found.state), found;
+      newton(finger_, ahead(target, log_target), control_, target, turning_, found);
     }
-    known_ = 0;
-    const Equilibrium found = solve(finger_, control_, target);
+    if ((found.status & kFailure) != kOk) {
+      known_ = 0;
+      found = solve(finger_, control_, target);
+    }
     if ((found.status & (kFailure | kSlack)) == kOk) remember(target, log_target, found.state);
     return found;
   }
@@ -130,6 +134,7 @@ class March {
 
   const Finger& finger_;
   Control control_;
+  PerJoint<TurningHalfAngle> turning_;
   std::array<State, kPoints> state_;  // a ring; angles and tension relative to the target
   std::array<double, kPoints> log_target_{};
   double last_target_ = 0.0;

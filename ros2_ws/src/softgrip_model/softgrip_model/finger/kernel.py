@@ -50,25 +50,26 @@ class Status(IntFlag):
     EXTRAPOLATED = STRAIN_OUTSIDE | TENSION_OUTSIDE | ANGLE_OUTSIDE
 
 
-_REASONS = {
-    Status.BAD_DESIGN: "impossible geometry or material",
-    Status.BAD_FRICTION: "friction coefficients outside the law's domain",
-    Status.BAD_TARGET: "the prescribed quantity is not a number that can be reached",
-    Status.FRICTION_BLOW_UP: "the friction law has no value at these angles and tensions",
-    Status.NOT_CONVERGED: "no equilibrium found",
-    Status.OUT_OF_REACH: "pulled further than the closed grooves leave",
-    Status.REVERSING: "the cable runs backwards at a joint while pulling",
-    Status.STOP_ENGAGED: "a groove is closing on its stop",
-    Status.STRAIN_OUTSIDE: "strain beyond the measured modulus",
-    Status.TENSION_OUTSIDE: "tension outside the friction calibration",
-    Status.ANGLE_OUTSIDE: "wrap angle above the friction calibration",
-    Status.SLACK: "cable slack",
+_REASONS: dict[int, str] = {
+    int(Status.BAD_DESIGN): "impossible geometry or material",
+    int(Status.BAD_FRICTION): "friction coefficients outside the law's domain",
+    int(Status.BAD_TARGET): "the prescribed quantity is not a number that can be reached",
+    int(Status.FRICTION_BLOW_UP): "the friction law has no value at these angles and tensions",
+    int(Status.NOT_CONVERGED): "no equilibrium found",
+    int(Status.OUT_OF_REACH): "pulled further than the closed grooves leave",
+    int(Status.REVERSING): "the cable runs backwards at a joint while pulling",
+    int(Status.STOP_ENGAGED): "a groove is closing on its stop",
+    int(Status.STRAIN_OUTSIDE): "strain beyond the measured modulus",
+    int(Status.TENSION_OUTSIDE): "tension outside the friction calibration",
+    int(Status.ANGLE_OUTSIDE): "wrap angle above the friction calibration",
+    int(Status.SLACK): "cable slack",
 }
 
 
 def reason(status: int) -> str:
     """Return a status in words; empty for OK."""
-    return "; ".join(text for bit, text in _REASONS.items() if status & bit)
+    plain = int(status)
+    return "; ".join(text for bit, text in _REASONS.items() if plain & bit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +218,9 @@ class Kernel:
         """
         wanted = np.asarray(targets, dtype=np.float64)
         if wanted.ndim < 2:
-            wanted = np.broadcast_to(wanted.reshape(-1), (len(self), wanted.size))
+            wanted = wanted.reshape(1, -1)
+            if len(self) > 1:
+                wanted = np.broadcast_to(wanted, (len(self), wanted.size))
         if gradient and len({law.law for law in self._laws}) > 1:
             raise FingerError("gradients need friction laws of one kind; solve each kind in its own kernel")
         try:

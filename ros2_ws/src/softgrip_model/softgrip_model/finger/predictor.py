@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 #: [m/s] A cable that is let out faster than this is not being pulled: the prediction says so.
 PAYING_OUT = 5e-4
 
+#: Plain numbers: bit operations on an enum's members are slow, and every reading needs some.
+_FAILURE, _SLACK = int(Status.FAILURE), int(Status.SLACK)
+_DOUBTFUL = int(Status.EXTRAPOLATED | Status.REVERSING)
+
 
 class Validity(IntEnum):
     """How far to trust a prediction."""
@@ -177,19 +181,19 @@ class Configuration:
     def _prediction(self, reading: TendonReading, solution: Solution, i: int, k: int) -> Prediction:
         finger = self.fingers[reading.finger]
         n = finger.joints
-        status = Status(int(solution.status[i, k]))
+        status = int(solution.status[i, k])
         stddev = self._stddev(reading.finger, solution, i, k)
         validity, why = _trust(status, reading)
-        tip = 1e-3 * solution.tip_mm[i, k]
-        tip_stddev = (math.nan, math.nan) if stddev is None else tuple(1e-3 * stddev[-5:-3])
+        x_mm, y_mm = solution.tip_mm[i, k].tolist()
+        sx_mm, sy_mm = (math.nan, math.nan) if stddev is None else stddev[-5:-3].tolist()
         return Prediction(
             finger=reading.finger,
             profile=self.mounted[reading.finger],
             pulled_length=reading.pulled_length,
             joint_angles=solution.angle_rad[i, k, :n],
             joint_angles_stddev=None if stddev is None else stddev[:n],
-            tip=(float(tip[0]), float(tip[1])),
-            tip_stddev=(float(tip_stddev[0]), float(tip_stddev[1])),
+            tip=(1e-3 * x_mm, 1e-3 * y_mm),
+            tip_stddev=(1e-3 * sx_mm, 1e-3 * sy_mm),
             tensions=solution.tension_n[i, k, : 2 * n + 1],
             validity=validity,
             reason=why,
@@ -200,19 +204,18 @@ class Configuration:
         covariance = self.friction_of(slot).covariance
         if covariance is None or solution.gradient is None:
             return None
-        if int(solution.status[i, k]) & Status.SLACK:
+        if int(solution.status[i, k]) & _SLACK:
             return np.zeros(solution.gradient.values.shape[2])
         slopes = solution.gradient.friction[i, k]
-        variance = np.einsum("ri,ij,rj->r", slopes, covariance, slopes)
+        variance = ((slopes @ covariance) * slopes).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _trust(status: Status, reading: TendonReading) -> tuple[Validity, str]:
-    words = [reason(status)] if status & ~Status.SLACK else []
-    if status & Status.FAILURE:
-        return Validity.FAILED, words[0]
-    doubtful = bool(status & (Status.EXTRAPOLATED | Status.REVERSING))
+def _trust(status: int, reading: TendonReading) -> tuple[Validity, str]:
+    why = reason(status & ~_SLACK)
+    if status & _FAILURE:
+        return Validity.FAILED, why
     if reading.velocity < -PAYING_OUT:
-        doubtful = True
-        words.append("cable is being let out; predicted as if pulled")
-    return (Validity.EXTRAPOLATED if doubtful else Validity.OK), "; ".join(words)
+        paid_out = "cable is being let out; predicted as if pulled"
+        return Validity.EXTRAPOLATED, f"{why}; {paid_out}" if why else paid_out
+    return (Validity.EXTRAPOLATED if status & _DOUBTFUL else Validity.OK), why

@@ -3,7 +3,9 @@
 
 Each closing gives one least-squares estimate of two shifts: a factor on ln Rf and a factor on the moduli. Tip or angles
 alone cannot see the stiffness, and tension alone hardly separates the two (docs/finger.md), so both are used. The first
-closings set the baseline; after it a two-sided CUSUM per shift decides.
+closings set the baseline; after it a two-sided CUSUM per shift decides. A few closings give a baseline that is itself
+uncertain, which a plain CUSUM takes for a shift sooner or later; so it is self-starting (Hawkins, Journal of Quality
+Technology 19, 1987): each closing is judged against all calm ones before it, by the deviation that this comparison has.
 """
 
 from __future__ import annotations
@@ -19,6 +21,9 @@ from softgrip_model.finger.kernel import Solution
 from softgrip_model.friction.laws import FrictionLaw, Law
 
 Array = NDArray[np.float64]
+
+#: Pulled lengths that differ by less are the same.
+_ROUNDING_MM = 1e-6
 
 _SCALED = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.0, 0.0, 1.0, 1.0)}
 
@@ -43,7 +48,8 @@ class WearSettings:
         spacing_mm: pulled length between the samples of a closing.
         least_pull_mm: shortest pull that is looked at.
         least_samples: of a closing that counts.
-        baseline: closings that set the baseline.
+        baseline: closings that are looked at before the first verdict.
+        settled: calm closings after which the baseline stays as it is, so that slow wear is not taken in.
         allowance: CUSUM k [standard deviations].
         limit: CUSUM h [standard deviations].
         largest_score: a closing counts at most this much, so that one odd closing never decides.
@@ -57,6 +63,7 @@ class WearSettings:
     least_pull_mm: float = 1.0
     least_samples: int = 8
     baseline: int = 5
+    settled: int = 30
     allowance: float = 0.5
     limit: float = 5.0
     largest_score: float = 4.0
@@ -76,27 +83,34 @@ class Shift:
 
 @dataclass
 class _Cusum:
-    """Two-sided, self-starting: the first `baseline` values set mean and spread."""
+    """Two-sided and self-starting."""
 
     settings: WearSettings
     values: list[float] = field(default_factory=list)
+    """Those that make up the baseline."""
+    stddev: float = 0.0
+    """Of one closing as its noise has it; the largest so far."""
     up: float = 0.0
     down: float = 0.0
-    mean: float = 0.0
-    stddev: float = 0.0
     last: float = 0.0
+    """Shift of the latest closing."""
 
     def add(self, value: float, stddev: float) -> None:
         if not math.isfinite(value):
             return
-        if len(self.values) < self.settings.baseline:
+        self.stddev = max(self.stddev, stddev)
+        if self.ready:
+            self._judge(value)
+        calm = self.statistic <= self.settings.limit / 2
+        if len(self.values) < self.settings.settled and calm:
             self.values.append(value)
-            self.mean = float(np.mean(self.values))
-            spread = float(np.std(self.values, ddof=1)) if len(self.values) > 1 else 0.0
-            self.stddev = math.hypot(max(spread, stddev), max(spread, stddev) / math.sqrt(len(self.values)))
-            return
-        self.last = value - self.mean
-        score = float(np.clip(self.last / self.stddev, -self.settings.largest_score, self.settings.largest_score))
+
+    def _judge(self, value: float) -> None:
+        count = len(self.values)
+        spread = max(self.stddev, float(np.std(self.values, ddof=1)))
+        self.last = value - float(np.mean(self.values))
+        most = self.settings.largest_score
+        score = float(np.clip(self.last / (spread * math.sqrt(1.0 + 1.0 / count)), -most, most))
         self.up = max(0.0, self.up + score - self.settings.allowance)
         self.down = max(0.0, self.down - score - self.settings.allowance)
 
@@ -151,7 +165,8 @@ class WearMonitor:
         if not pulling:
             self._finish()
             return
-        usable = pulled >= max(self._settings.least_pull_mm, self._furthest_mm + self._settings.spacing_mm)
+        next_mm = max(self._settings.least_pull_mm, self._furthest_mm + self._settings.spacing_mm)
+        usable = pulled >= next_mm - _ROUNDING_MM
         if not usable or solution.gradient is None or not (np.isfinite(tip_mm).all() and math.isfinite(tension_n)):
             return
         rows = solution.gradient.values[0, 0, -5:-2]  # tip x, tip y, actuator tension
@@ -177,7 +192,7 @@ class WearMonitor:
         limit = self._settings.limit
         friction = f"friction {100 * self._friction.last:+.0f} %"
         stiffness = f"stiffness {100 * self._stiffness.last:+.0f} %"
-        since = f"against the first {self._settings.baseline} of {self.closings} closings"
+        since = f"against the calm ones of {self.closings} closings"
         if self.cusum_stiffness > limit and self.cusum_stiffness >= self.cusum_friction:
             return Verdict.WORN, f"{stiffness} {since}: the finger's strips have changed; replace it"
         if self.cusum_friction > limit:

@@ -4,6 +4,13 @@
 #include <atomic>
 #include <thread>
 
+// Also compiled for processors with fused multiply-add; the loader takes what the machine has.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
+#define SOFTGRIP_FOR_EACH_PROCESSOR __attribute__((target_clones("arch=x86-64-v3", "default"), flatten))
+#else
+#define SOFTGRIP_FOR_EACH_PROCESSOR
+#endif
+
 namespace softgrip::finger {
 namespace {
 
@@ -29,7 +36,8 @@ void write_gradient(const Finger& finger, const Equilibrium& found, Control cont
   }
 }
 
-void write(const Finger& finger, const Equilibrium& found, std::size_t at, const BatchOut& out) {
+void write(const Finger& finger, const Equilibrium& found, PerJoint<Turning>& heading, std::size_t at,
+           const BatchOut& out) {
   const int n = finger.design.joints, wide = out.joints;
   const bool failed = (found.status & kFailure) != kOk;
   double* angle = out.angle_rad + at * wide;
@@ -42,7 +50,8 @@ void write(const Finger& finger, const Equilibrium& found, std::size_t at, const
   }
   for (int i = 0; i < 2 * wide; ++i) phi[i] = i < 2 * n ? found.phi_rad[i] : kNan;
   for (int i = 0; i <= 2 * wide; ++i) tension[i] = i <= 2 * n ? std::exp(found.log_tension[i]) : kNan;
-  const Tip tip = failed ? Tip{kNan, kNan} : tip_of(finger.design, found.state.angle_rad);
+  const auto turned = [&heading](int j, double rad) { return heading[j].at(rad); };
+  const Tip tip = failed ? Tip{kNan, kNan} : tip_of(finger.design, found.state.angle_rad, turned);
   out.tip_mm[2 * at] = tip.x_mm;
   out.tip_mm[2 * at + 1] = tip.y_mm;
   out.pulled_mm[at] = found.pulled_mm;
@@ -54,36 +63,43 @@ bool sound(const friction::Model& model) {
   return friction::evaluate(model, 0.0, 1.0).has_value();
 }
 
+// One design at all of its targets.
+SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const friction::Model& friction, const double* targets,
+                                              std::size_t count, Control control, bool march, std::size_t at,
+                                              const BatchOut& out) {
+  std::uint32_t refusal = sound(design) ? kOk : kBadDesign;
+  if (refusal == kOk && !sound(friction)) refusal = kBadFriction;
+  Design d = design;
+  if (refusal != kOk) d.link_mm.fill(kNan);
+  const Finger finger(d, friction);
+  const std::size_t gradient_size =
+      static_cast<std::size_t>(sensitivity_rows(out.joints) * sensitivity_columns(out.joints, friction.law));
+  March marcher(finger, control);
+  PerJoint<Turning> heading;
+  for (std::size_t k = 0; k < count; ++k, ++at) {
+    const Equilibrium found = refusal != kOk ? detail::without_solution(refusal)
+                              : march        ? marcher.to(targets[k])
+                                             : solve(finger, control, targets[k]);
+    write(finger, found, heading, at, out);
+    if (out.gradient != nullptr) {
+      write_gradient(finger, found, control, targets[k], out.joints, out.gradient + at * gradient_size);
+    }
+  }
+}
+
 }  // namespace
 
 void solve_batch(const std::vector<Design>& designs, const std::vector<friction::Model>& frictions,
                  const double* targets, std::size_t targets_per_design, Control control, bool march, int threads,
                  const BatchOut& out) {
-  const std::size_t gradient_size = static_cast<std::size_t>(
-      sensitivity_rows(out.joints) * sensitivity_columns(out.joints, frictions[0].law));
-  auto solve_design = [&](std::size_t i) {
-    std::uint32_t refusal = sound(designs[i]) ? kOk : kBadDesign;
-    if (refusal == kOk && !sound(frictions[i])) refusal = kBadFriction;
-    Design d = designs[i];
-    if (refusal != kOk) d.link_mm.fill(kNan);
-    const Finger finger(d, frictions[i]);
-    March marcher(finger, control);
-    for (std::size_t k = 0; k < targets_per_design; ++k) {
-      const std::size_t at = i * targets_per_design + k;
-      const Equilibrium found = refusal != kOk ? detail::without_solution(refusal)
-                                : march        ? marcher.to(targets[at])
-                                               : solve(finger, control, targets[at]);
-      write(finger, found, at, out);
-      if (out.gradient != nullptr) {
-        write_gradient(finger, found, control, targets[at], out.joints, out.gradient + at * gradient_size);
-      }
-    }
-  };
   std::atomic<std::size_t> next{0};
   constexpr std::size_t kChunk = 16;
   auto work = [&] {
     for (std::size_t begin = next.fetch_add(kChunk); begin < designs.size(); begin = next.fetch_add(kChunk)) {
-      for (std::size_t i = begin; i < std::min(begin + kChunk, designs.size()); ++i) solve_design(i);
+      for (std::size_t i = begin; i < std::min(begin + kChunk, designs.size()); ++i) {
+        const std::size_t at = i * targets_per_design;
+        solve_design(designs[i], frictions[i], targets + at, targets_per_design, control, march, at, out);
+      }
     }
   };
   std::vector<std::thread> helpers;
