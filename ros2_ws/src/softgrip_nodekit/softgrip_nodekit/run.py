@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -48,6 +49,9 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         executor.add_node(node)
         if isinstance(node, LifecycleNode) and _autostart(node):
             _bring_up(node)
+        # What the start made stays. A collection that walks through all of it stops the node for tens of milliseconds.
+        gc.collect()
+        gc.freeze()
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
