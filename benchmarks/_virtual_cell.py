@@ -106,7 +106,8 @@ class VirtualCell:
         model = MODELS["XL330-M288"]
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
         servos = [Servo(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]
-        self._backend = DynamixelBackend(_VirtualBus(self.plant), servos)
+        # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
+        self._backend = DynamixelBackend(_VirtualBus(self.plant), servos, watchdog=0.0)
         self.controller = GripperController(dict.fromkeys(SLOTS, limits), Policies())
         self._backend.connect()
         self.mount(finger_set, copy)
@@ -162,7 +163,7 @@ class VirtualCell:
 
     def _cycle(self) -> None:
         target = self.plant.now_s + self.period_s
-        self.plant.advance_to(target)
+        self.plant.advance_to(target, alone=True)
         readings = {name: replace(r, time=self.plant.now_s) for name, r in self._backend.read().items()}
         self._act(self.controller.step(self.plant.now_s, readings))
 
@@ -256,7 +257,8 @@ class VirtualCell:
                 self._closing = self.controller.move(request, now_s)
             elif isinstance(command, Press):
                 names = [SLOTS[slot] for slot in command.slots]
-                self.controller.move(MoveRequest(names, MoveMode.TENSION, command.tensions_n), now_s)
+                request = MoveRequest(names, MoveMode.TENSION, command.tensions_n, command.speed_m_per_s)
+                self.controller.move(request, now_s)
             else:
                 ticket = self.controller.move(
                     MoveRequest(SLOTS, MoveMode.LENGTH, [max(0.0, s.length) for s in self.controller.snapshots()]),

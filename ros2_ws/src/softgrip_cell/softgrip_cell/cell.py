@@ -17,7 +17,7 @@ from softgrip_cell.grasp.values import GraspTask, Outcome, Verdict
 from softgrip_cell.observation import TendonSample
 from softgrip_cell.outcomes import SuccessEstimate, Tally, estimate
 from softgrip_cell.planner import Durations, Order, Plan, admissible_sets, plan_mix
-from softgrip_cell.products import Catalogue, FingerSet, Grasp, Product
+from softgrip_cell.products import Catalogue, FingerSet, Grasp, Product, TableMark
 from softgrip_cell.storage.journal import Journal, OpenOperation, Slot
 from softgrip_cell.storage.library import Library
 from softgrip_cell.swap.check import Finding, FingerCheck
@@ -77,6 +77,8 @@ class Cell:
         self._busy: Mode | None = None
         self._product = ""
         self._note = ""
+        #: Why mounted fingers were found worn in this run, by serial.
+        self._worn: dict[str, str] = {}
         self._availability = Availability(clocks.monotonic_s())
         self._catalogue = library.catalogue()
         #: What was going on when the last manager ended without finishing it.
@@ -224,7 +226,10 @@ class Cell:
             raise RefusedError(
                 f"product '{product_id}' is not in the mix; known are {', '.join(sorted(catalogue.products))}"
             )
-        mounted = gates.check_fingers(self._slots, self.mounted_set(), product, trial=trial)
+        gates.check_passports(self._slots, self._library.passports(), self._worn)
+        mounted = self.mounted_set()
+        mark = self._mark(catalogue, product_id, mounted)
+        mounted = gates.check_fingers(self._slots, mounted, product, mark, trial=trial, confirm_lift=confirm_lift)
         references = self._references()
         recipe = product.recipe_for(mounted.id)
         gates.check_friction(self._friction(), self._limits, references, recipe.pull_limit_m)
@@ -311,6 +316,21 @@ class Cell:
         self._slots = self._journal.slots()
         self._counts = self._journal.counts()
 
+    def wear(self, slot: str, reason: str) -> None:
+        """Take note that a mounted finger is worn: its passport says so, and no grasp uses it any more."""
+        mounted = next((item for item in self._slots if item.name == slot), None)
+        if mounted is None or mounted.serial in self._worn or self._busy is Mode.SWAPPING:
+            return
+        serial = self._journal.wear(slot, reason)
+        if serial:
+            self._worn[serial] = reason
+            self._slots = self._journal.slots()
+            self._note = f"slot {slot}: finger {serial} is worn: {reason}"
+
+    def _mark(self, catalogue: Catalogue, product_id: str, mounted: FingerSet | None) -> TableMark:
+        """What table and counted grasps say of the mounted set and a product."""
+        return TableMark.FAILURE if mounted is None else self.estimates(catalogue)[product_id][mounted.id].mark
+
     def _refuse_when_busy(self) -> None:
         if self._busy is Mode.HOLDING:
             raise RefusedError(f"'{self._product}' is held; call tendon/release when it may be let go")
@@ -335,7 +355,7 @@ class Cell:
         usable = {
             (passport.profile, passport.finger)
             for passport in passports
-            if passport.objection() is None or passport.serial in mounted
+            if passport.objection() is None or (passport.serial in mounted and not passport.is_spent)
         }
         return [
             item.id

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from softgrip_cell.errors import RefusedError
 from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.passports import Passport
 from softgrip_cell.products import FingerSet, Product, TableMark
 from softgrip_cell.storage.journal import Slot, SlotState
 
@@ -106,6 +107,25 @@ def check_friction(
             )
 
 
+def check_passports(slots: Sequence[Slot], passports: Mapping[str, Passport], worn: Mapping[str, str]) -> None:
+    """Refuse when a mounted finger may not be used any more.
+
+    Args:
+        slots: what is mounted.
+        passports: every known finger, by serial.
+        worn: why fingers were found worn in this run, by serial.
+
+    Raises:
+        RefusedError: with the reason.
+    """
+    for slot in slots:
+        passport = passports.get(slot.serial)
+        objection = passport.objection() if passport is not None else None
+        if objection is not None:
+            why = f" ({worn[slot.serial]})" if slot.serial in worn else ""
+            raise RefusedError(f"slot {slot.name}: {objection}{why}; swap it (cell/swap)")
+
+
 def mounted_set(slots: Sequence[Slot], finger_sets: Sequence[FingerSet]) -> FingerSet | None:
     """Return the set whose profile is in every slot, None when mixed or unknown."""
     if any(slot.state not in (SlotState.TO_BE_VERIFIED, SlotState.VERIFIED) for slot in slots):
@@ -114,8 +134,24 @@ def mounted_set(slots: Sequence[Slot], finger_sets: Sequence[FingerSet]) -> Fing
     return next((item for item in finger_sets if profiles == {item.profile}), None)
 
 
-def check_fingers(slots: Sequence[Slot], mounted: FingerSet | None, product: Product, *, trial: bool) -> FingerSet:
-    """Refuse when the fingers in the slots are not known, not verified, or fail on the product (unless it is a trial).
+def check_fingers(
+    slots: Sequence[Slot],
+    mounted: FingerSet | None,
+    product: Product,
+    mark: TableMark,
+    *,
+    trial: bool,
+    confirm_lift: bool,
+) -> FingerSet:
+    """Refuse when the fingers in the slots are not known, not verified, or not up to the product.
+
+    Args:
+        slots: what is mounted.
+        mounted: the set in all slots.
+        product: what is to be grasped.
+        mark: what table and counted grasps say of that set and the product; FAILURE where nothing is known.
+        trial: grasp although the table says that it fails.
+        confirm_lift: the lift will show whether it holds; without, that has to be known.
 
     Returns:
         the set in the slots.
@@ -131,4 +167,9 @@ def check_fingers(slots: Sequence[Slot], mounted: FingerSet | None, product: Pro
         raise RefusedError(f"expected one finger set in all slots, found {found}; run cell/swap")
     if not trial and product.marks.get(mounted.id) is TableMark.FAILURE:
         raise RefusedError(f"finger set '{mounted.id}' does not hold '{product.id}'; call cell/select_product and swap")
+    if not confirm_lift and mark is not TableMark.SUCCESS:
+        raise RefusedError(
+            f"finger set '{mounted.id}' is not known to hold '{product.id}' (table and counted grasps say: "
+            f"{mark.value}); only a lift can tell: grasp with confirm_lift"
+        )
     return mounted

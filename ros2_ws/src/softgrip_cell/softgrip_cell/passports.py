@@ -55,6 +55,11 @@ class Passport:
     calibrated: date | None = None
     version: int = 1
 
+    @property
+    def is_spent(self) -> bool:
+        """Worn, retired, or closed as often as it may: not to be mounted again, wherever it is."""
+        return self.state in (FingerState.WORN, FingerState.RETIRED) or self.cycles >= self.cycle_limit
+
     def objection(self) -> str | None:
         """Return why this finger may not be mounted, or None."""
         if self.state in (FingerState.WORN, FingerState.RETIRED, FingerState.UNKNOWN):

@@ -49,6 +49,7 @@ class Bench:
         contact_m: pulled length at which each finger touches; infinity for none.
         stiffness_n_per_m: excess tension per pulled length beyond the contact.
         gain: this finger's tension over the predicted one.
+        creep_n: tension that creep has taken from the free motion since the reference was learned.
         grip: factor on the excess as a function of time since the hold began [s]: what slipping looks like.
     """
 
@@ -56,6 +57,7 @@ class Bench:
     stiffness_n_per_m: float = 2000.0
     gain: float = 1.12
     noise_n: float = 0.08
+    creep_n: float = 0.0
     grip: Callable[[float], float] = lambda _: 1.0
     seed: int = 1
     broken: frozenset[int] = frozenset()
@@ -67,6 +69,8 @@ class Bench:
         self._goal = Close((), (), 0.0, 0.0)
         self._held_ns: int | None = None
         self._pressed: set[int] = set()
+        self._tension_n: dict[int, float] = {}
+        self._press_speed = 0.0
         self.commands: list[object] = []
         self.peak_excess_n = 0.0
 
@@ -75,14 +79,27 @@ class Bench:
             self.commands.append(command)
             if isinstance(command, Open):
                 self.pulled_m = [0.0, 0.0, 0.0]
+                self._tension_n.clear()
             elif isinstance(command, Close):
                 self._goal = command
+                for slot in command.slots:
+                    self._tension_n.pop(slot, None)
             else:
                 pressed = command.slots if isinstance(command, Press) else range(3)
                 self._goal = self._without(pressed)
+                if isinstance(command, Press):
+                    self._tension_n.update(zip(command.slots, command.tensions_n, strict=True))
+                    self._press_speed = command.speed_m_per_s or 0.05
+                else:
+                    self._tension_n.clear()
                 self._pressed |= set(pressed)
                 if len(self._pressed) == 3:
                     self._held_ns = self._held_ns or self.now_ns
+
+    def _true_tension_n(self, slot: int, held_s: float) -> float:
+        pulled = self.pulled_m[slot]
+        excess = max(0.0, pulled - self.contact_m[slot]) * self.stiffness_n_per_m * self.grip(held_s)
+        return max(0.0, self.gain * free_tension(pulled) - self.creep_n) + excess
 
     def _without(self, slots: Sequence[int]) -> Close:
         kept = [(s, t) for s, t in zip(self._goal.slots, self._goal.targets_m, strict=True) if s not in slots]
@@ -95,11 +112,13 @@ class Bench:
             travel = self._goal.speed_m_per_s * PERIOD_NS * 1e-9
             self.pulled_m[slot] = min(target_m, self.pulled_m[slot] + travel)
         held_s = 0.0 if self._held_ns is None else (self.now_ns - self._held_ns) * 1e-9
+        for slot, wanted_n in self._tension_n.items():
+            if self._true_tension_n(slot, held_s) < wanted_n and self.pulled_m[slot] < 0.035:
+                self.pulled_m[slot] += self._press_speed * PERIOD_NS * 1e-9
         tensions = []
         for slot, pulled in enumerate(self.pulled_m):
-            excess = max(0.0, pulled - self.contact_m[slot]) * self.stiffness_n_per_m * self.grip(held_s)
-            self.peak_excess_n = max(self.peak_excess_n, excess)
-            true_n = self.gain * free_tension(pulled) + excess
+            true_n = self._true_tension_n(slot, held_s)
+            self.peak_excess_n = max(self.peak_excess_n, true_n - self.gain * free_tension(pulled))
             tensions.append(0.0 if slot in self.broken else true_n + self._rng.gauss(0.0, self.noise_n))
         sample = TendonSample(self.now_ns, tuple(self.pulled_m), tuple(tensions))
         return Pair(sample, predict(sample))

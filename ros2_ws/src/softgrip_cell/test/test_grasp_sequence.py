@@ -77,22 +77,39 @@ def test_a_finger_that_presses_hard_enough_stops_alone_while_the_others_go_on(ru
     assert made.pulled_m[2] > 0.010
 
 
-def test_decision_comes_within_100_ms_of_reaching_the_holding_tension(run, task, bench) -> None:
+def test_decision_comes_within_100_ms_of_standing_and_pressing(run, task, bench) -> None:
     made = bench(contact_m=EVERYWHERE, noise_n=0.08)
-    sequence = GraspSequence(task("orange"), SETTINGS)
-    recipe = task("orange").recipe
-    reached_ns = None
-    steps = []
-    for step in run(sequence, made):
-        steps.append(step)
+    hold_n = task("orange").recipe.hold_excess_n
+    pressed_ns = moved_ns = 0
+    before = list(made.pulled_m)
+    verdict = None
+    for step in run(GraspSequence(task("orange"), SETTINGS), made):
+        verdict = step.verdict
         excess = [max(0.0, p - c) * made.stiffness_n_per_m for p, c in zip(made.pulled_m, EVERYWHERE, strict=True)]
-        if reached_ns is None and excess[2] >= recipe.hold_excess_n and max(excess[:2]) >= recipe.hold_excess_n:
-            reached_ns = made.now_ns
-    verdict = steps[-1].verdict
+        if min(excess[2], max(excess[:2])) >= 0.8 * hold_n:
+            pressed_ns = pressed_ns or made.now_ns
+        moved_ns = made.now_ns if made.pulled_m != before else moved_ns
+        before = list(made.pulled_m)
     assert verdict is not None
-    assert reached_ns is not None
-    assert abs(made.now_ns - reached_ns) * 1e-9 < 0.1
+    assert verdict.outcome is Outcome.GRIPPED
+    assert pressed_ns > 0
+    assert 0.0 <= (made.now_ns - max(pressed_ns, moved_ns)) * 1e-9 < 0.1
     assert 0.0 <= verdict.latency_s < 0.1
+
+
+def test_what_creep_takes_from_the_tension_is_not_taken_from_a_touch(run, task, bench) -> None:
+    """A finger that closed a moment ago needs 0.8 N less all the way; 0.5 N/mm of contact is felt within 1 mm."""
+    made = bench(contact_m=(0.008,) * 3, stiffness_n_per_m=500.0, creep_n=0.8)
+    touched_m = next(min(made.pulled_m) for step in run(GraspSequence(task("orange"), SETTINGS), made) if step.contact)
+    assert 0.008 < touched_m < 0.009
+
+
+def test_a_product_that_sits_against_fingers_at_their_stops_is_held_while_the_thumb_presses(run, task, bench) -> None:
+    made = bench(contact_m=(math.inf, math.inf, 0.008))
+    hook = replace(task("orange", confirm_lift=True), opposed=False)
+    assert verdict_of(run, GraspSequence(hook, SETTINGS), made).outcome is Outcome.GRIPPED
+    lost = bench(contact_m=(math.inf, math.inf, 0.008), grip=lambda t: 1.0 if t < 0.5 else 0.0)
+    assert verdict_of(run, GraspSequence(hook, SETTINGS), lost).outcome is Outcome.SLIPPED
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -131,7 +148,7 @@ def test_an_object_that_pops_out_while_closing_is_slipped(run, task, bench) -> N
             made.contact_m = (math.inf,) * 3
     assert step.verdict is not None
     assert step.verdict.outcome is Outcome.SLIPPED
-    assert "got away while closing" in step.verdict.reason
+    assert "lost while the fingers pressed" in step.verdict.reason
 
 
 def test_a_broken_tendon_is_named(run, task, bench) -> None:
@@ -182,7 +199,7 @@ def test_without_the_reference_of_the_empty_closing_a_stiff_finger_would_feel_an
         verdict_of(run, GraspSequence(replace(task(), references=(each,) * 3), SETTINGS), bench(gain=1.3)).reason
         for each in (blank, exact)
     ]
-    assert reasons[0].startswith("touched by index, middle, thumb")
+    assert not reasons[0].startswith("closed on nothing")
     assert reasons[1].startswith("closed on nothing")
 
 

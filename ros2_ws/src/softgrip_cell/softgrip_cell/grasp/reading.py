@@ -61,7 +61,7 @@ class Reading:
 class Baseline:
     """What this closing's tension is beside the reference while the finger still moves freely.
 
-    Printed TPU creeps: a finger that was closed a moment ago needs up to a newton less than in its check, the whole way.
+    Printed TPU creeps: a finger that was closed a moment ago needs up to a newton less than in its check, all the way.
     Nothing of that can be told beforehand, but it is there before anything is touched.
     """
 
@@ -122,6 +122,7 @@ class Reader:
             settings.contact_sigma * reference.stddev_n,
             settings.contact_free_fraction * free_n,
             settings.length_error_m * reference.slope(pulled_m),
+            settings.end_free_fraction * free_n if pulled_m > reference.reach_m - settings.end_m else 0.0,
         )
         judged = pulled_m >= settings.contact_from_m
         baseline = self._baselines[slot]

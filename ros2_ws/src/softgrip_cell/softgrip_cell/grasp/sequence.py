@@ -8,9 +8,11 @@ from dataclasses import replace
 from typing import Final
 
 from softgrip_cell.grasp.evidence import evidence, excess_text, pulled_text
+from softgrip_cell.grasp.pressing import Pressing
 from softgrip_cell.grasp.reading import Reader, Reading
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Outcome, Phase, Press, Step, Stop, Verdict
+from softgrip_cell.grasp.trail import Trail
+from softgrip_cell.grasp.values import Command, GraspTask, Open, Outcome, Phase, Step, Stop, Verdict
 from softgrip_cell.observation import Pair, TendonFault, TendonSample
 
 NANOSECONDS: Final = 1e9
@@ -18,20 +20,17 @@ NANOSECONDS: Final = 1e9
 #: Share of the force limit at which a finger stops closing: the rest is what it still moves until it stands.
 FORCE_MARGIN: Final = 0.85
 
-#: Shares of the holding excess that are enough when every finger has come to its end: to hold, and to try a lift.
-LEAST_HOLD: Final = 0.5
-LEAST_TRY: Final = 0.2
+#: Share of the holding excess that a product has to have taken before losing it is a slip, not a mistaken touch.
+FELT_SHARE: Final = 0.15
 
-#: Fingers that touch nothing are held with this, so that their tendons stay taut [N].
-LEAST_TENSION_N: Final = 1.0
-
-#: A finger is pulled again when its tension has fallen below this share of what it pressed with; at most so often [s].
-KEEP_SHARE: Final = 0.85
-KEEP_PERIOD_S: Final = 0.1
-
-#: A hold counts when nothing had to be pulled again for REST_S; it has GIVING_WAY_S beyond the window for that [s].
+#: A hold counts when no finger had to follow by more than FOLLOW_M within REST_S; it has GIVING_WAY_S for that.
 REST_S: Final = 0.3
+FOLLOW_M: Final = 0.001
 GIVING_WAY_S: Final = 3.0
+
+#: Fingers that move less than this within STANDING_S stand [m], [s]: 3 mm/s.
+STANDING_S: Final = 0.06
+STANDING_M: Final = 0.0002
 
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
@@ -55,13 +54,12 @@ class GraspSequence:
         self._last_ns: int | None = None
         self._phase_since_ns = 0
         self._closing = list(range(len(task.slots)))
-        self._pressing: list[int] = []
+        self._pressing = Pressing(task, settings, self._reader)
+        self._trail = Trail(REST_S)
         self._path_ended = False
         self._was_enclosed = False
         self._peak_n = [0.0] * len(task.slots)
         self._at_end: set[int] = set()
-        self._kept_n: dict[int, float] = {}
-        self._kept_since_ns: dict[int, int] = {}
         self._before = ""
         self._runs: dict[str, list[int]] = {}
 
@@ -86,7 +84,11 @@ class GraspSequence:
             self._phase_since_ns = now_ns
         self._last_ns = now_ns
         self._readings = self._reader.read(pair)
-        self._peak_n = [max(p, r.excess_n) for p, r in zip(self._peak_n, self._readings, strict=True)]
+        self._trail.add(now_ns, [reading.pulled_m for reading in self._readings])
+        self._peak_n = [
+            peak_n if self._pressing.at_end(slot, reading) else max(peak_n, reading.excess_n)
+            for slot, (peak_n, reading) in enumerate(zip(self._peak_n, self._readings, strict=True))
+        ]
         lost = self._lost_tendon(now_ns)
         if lost is not None:
             return lost
@@ -126,7 +128,7 @@ class GraspSequence:
     def _approach(self, now_ns: int) -> Step:
         if all(reading.pulled_m <= self._settings.open_m for reading in self._readings):
             self._enter(Phase.CLOSE, now_ns)
-            return Step(self._phase, (self._close_command(),))
+            return Step(self._phase, (self._pressing.close(self._closing),))
         if self._elapsed_s(now_ns) > self._patience_s():
             return self._end(Outcome.ABORTED, f"the fingers do not open: {self._pulled_text()}", now_ns)
         return Step(self._phase)
@@ -137,62 +139,72 @@ class GraspSequence:
         began_ns = self._began("escaped", escaped, now_ns, self._settings.slip_s)
         if began_ns is not None:
             return self._end(Outcome.SLIPPED, f"the product got away while closing: {self._excess_text()}", began_ns)
+        enclosed = self._encloses([self._presses(slot) for slot in self._every_slot])
+        if self._began("enclosed", enclosed, now_ns) is not None:
+            return self._enclosed(now_ns)
         commands = self._stop_finished_fingers(now_ns)
-        enclosed = self._encloses([slot in self._pressing for slot in self._every_slot])
-        began_ns = self._began("enclosed", enclosed, now_ns, self._settings.gather_s if self._closing else 0.0)
-        if began_ns is not None:
-            return self._enclosed(now_ns, began_ns, commands)
         if commands:
             return Step(self._phase, commands)
-        if self._path_ended:
+        if self._path_ended or self._all_stand(now_ns):
             return self._path_end(now_ns)
         if self._elapsed_s(now_ns) > self._patience_s():
             return self._end(Outcome.ABORTED, f"the fingers do not come to an end: {self._pulled_text()}", now_ns)
-        return Step(self._phase)
+        return Step(self._phase, self._keep_up(now_ns))
 
     def _path_end(self, now_ns: int) -> Step:
-        """Every finger is where it can go: either what it has is enough, or there is nothing."""
-        touching = [reading.touching for reading in self._readings]
-        # Where the lift will tell, a lighter touch from both sides is worth a try.
-        share = LEAST_TRY if self._task.confirm_lift else LEAST_HOLD
-        least_n = share * self._recipe.hold_excess_n
-        if self._encloses([reading.touching and reading.excess_n >= least_n for reading in self._readings]):
-            return self._enclosed(now_ns, now_ns)
+        """Every finger is where it can go, without anything between thumb and fingers."""
+        if self._task.confirm_lift and self._hooked():
+            return self._enclosed(now_ns)
         began_ns = self._began("empty", True, now_ns)
         if began_ns is None:
             return Step(self._phase)
-        if any(touching):
-            who = ", ".join(name for name, touch in zip(self._task.slots, touching, strict=True) if touch)
-            reason = f"touched by {who} only, or too lightly to hold: {self._excess_text()}"
+        touching = [name for name, reading in zip(self._task.slots, self._readings, strict=True) if reading.touching]
+        if touching:
+            reason = f"touched by {', '.join(touching)} only: {self._excess_text()}"
         else:
             reason = f"closed on nothing: {self._excess_text()}"
         return self._end(Outcome.EMPTY, reason, began_ns)
 
-    def _enclosed(self, now_ns: int, event_ns: int, commands: tuple[Command, ...] = ()) -> Step:
-        """Thumb and fingers press: whatever still moves keeps what it has."""
-        rest = [slot for slot in self._every_slot if slot not in self._pressing]
-        self._at_end = {s for s in rest if self._readings[s].pulled_m >= self._path_m(s) - self._settings.reach_m}
-        commands += (self._press(rest, now_ns),) if rest else ()
-        if not self._task.confirm_lift:
-            reason = f"held from both sides: {self._excess_text()}"
-            return self._end(Outcome.GRIPPED, reason, event_ns, commands)
+    def _enclosed(self, now_ns: int) -> Step:
+        """Touched from both sides: what touches presses as the recipe asks, what does not goes on closing."""
+        touching = [slot for slot in self._every_slot if self._presses(slot)]
+        self._at_end = {s for s in self._every_slot if self._pressing.at_end(s, self._readings[s])}
+        # Pulling harder at its end would only press a finger on its own stops.
+        new = [slot for slot in touching if slot not in self._pressing.slots and slot not in self._at_end]
+        self._closing = [slot for slot in self._closing if slot not in touching]
         self._enter(Phase.HOLD, now_ns)
-        return Step(self._phase, commands)
+        return Step(self._phase, (self._pressing.press(new, self._readings, now_ns),) if new else ())
 
     def _hold(self, now_ns: int) -> Step:
-        """Let the tension settle after the stop; only then the product is lifted."""
-        if self._elapsed_s(now_ns) < self._settings.settle_s:
-            return Step(self._phase, self._keep_up(now_ns))
-        began_ns = self._began("lost", not self._holding(), now_ns, self._settings.slip_s)
+        """Wait for the holding force; then it is held, or, where that is asked for, lifted to see."""
+        began_ns = self._began("lost", not self._holding(now_ns), now_ns, self._settings.slip_s)
         if began_ns is not None:
-            return self._end(Outcome.SLIPPED, f"lost while the fingers stopped: {self._excess_text()}", began_ns)
-        if "lost" not in self._runs:
-            self._before = self._excess_text()
-            self._enter(Phase.LIFT, now_ns)
-        return Step(self._phase, self._keep_up(now_ns))
+            return self._lost_in_hold(now_ns, began_ns)
+        full_ns = self._began("full", self._grips(now_ns), now_ns)
+        waited = self._elapsed_s(now_ns) >= self._settings.settle_s and "lost" not in self._runs
+        if full_ns is None and not waited:
+            return Step(self._phase, self._press_what_touches(now_ns))
+        self._at_end |= {s for s in self._closing if self._pressing.at_end(s, self._readings[s])}
+        commands = self._press_the_rest(now_ns)
+        if not self._task.confirm_lift:
+            event_ns = full_ns if full_ns is not None else now_ns
+            return self._end(Outcome.GRIPPED, f"held from both sides: {self._excess_text()}", event_ns, commands)
+        self._before = self._excess_text()
+        self._enter(Phase.LIFT, now_ns)
+        return Step(self._phase, commands)
+
+    def _lost_in_hold(self, now_ns: int, began_ns: int) -> Step:
+        felt_n = FELT_SHARE * self._recipe.hold_excess_n
+        if self._encloses([peak_n >= felt_n for peak_n in self._peak_n]):
+            return self._end(Outcome.SLIPPED, f"lost while the fingers pressed: {self._excess_text()}", began_ns)
+        # A touch that was none, or one that only pushed the product along: go on looking for it.
+        self._closing = list(self._every_slot)
+        self._was_enclosed = self._path_ended = False
+        self._enter(Phase.CLOSE, now_ns)
+        return Step(self._phase, (self._pressing.close(self._closing),))
 
     def _lift(self, now_ns: int) -> Step:
-        began_ns = self._began("slipped", not self._holding(), now_ns, self._settings.slip_s)
+        began_ns = self._began("slipped", not self._holding(now_ns), now_ns, self._settings.slip_s)
         if began_ns is not None:
             lifted_s = self._elapsed_s(began_ns)
             reason = f"lost after {lifted_s:.2f} s of lifting: {self._excess_text()}; before: {self._before}"
@@ -202,7 +214,7 @@ class GraspSequence:
             return self._end(
                 Outcome.SLIPPED, f"keeps giving way: {self._excess_text()}; before: {self._before}", now_ns
             )
-        if over_s >= 0.0 and not self._runs and self._at_rest(now_ns):
+        if over_s >= 0.0 and "slipped" not in self._runs and self._trail.advance_m(now_ns, REST_S) <= FOLLOW_M:
             reason = f"held for {self._settings.lift_window_s:g} s: {self._excess_text()}"
             return self._end(Outcome.GRIPPED, reason, now_ns)
         return Step(self._phase, self._keep_up(now_ns))
@@ -219,19 +231,49 @@ class GraspSequence:
         ]
         return "; ".join(text for text, needed in zip(pair.free.objections, within, strict=True) if text and needed)
 
-    def _holding(self) -> bool:
-        """Thumb and a finger still press; a product that gets away takes all excess with it."""
-        share = self._settings.slip_share
-        pressing = []
-        for slot, reading in enumerate(self._readings):
-            # A finger that ran to its end while its tension was kept up stands at its stops, not at a product.
-            ran_out = slot not in self._at_end and reading.pulled_m >= self._path_m(slot)
-            pressing.append(reading.excess_n >= share * reading.threshold_n and not ran_out)
-        return self._encloses(pressing)
+    def _presses(self, slot: int) -> bool:
+        """A finger touches; one that keeps a tension and was not let go on does so whatever its tension says.
 
-    def _at_rest(self, now_ns: int) -> bool:
-        """No finger had to be pulled again lately: what has to be followed all the time is not held."""
-        return now_ns - max(self._kept_since_ns.values()) >= REST_S * NANOSECONDS
+        Pushed back by the others, a standing finger has its friction against it and less tension than in free motion.
+        """
+        reading = self._readings[slot]
+        return reading.touching or (slot in self._pressing.slots and reading.pulled_m < self._pressing.path_m(slot))
+
+    def _holding(self, now_ns: int) -> bool:
+        """Thumb and a finger still press; a product that gets away takes all excess with it.
+
+        Fingers that have closed as far as they go stand at their stops, and their tension tells nothing: they are a
+        wall, and the product is held as long as the other side presses it against that.
+        """
+        share = self._settings.slip_share
+        walls = [reading.pulled_m >= self._pressing.path_m(slot) for slot, reading in enumerate(self._readings)]
+        free = [not wall or slot in self._at_end for slot, wall in enumerate(walls)]
+        presses = [
+            free[slot] and (reading.excess_n >= share * reading.threshold_n or self._pressing.is_starting(slot, now_ns))
+            for slot, reading in enumerate(self._readings)
+        ]
+        one_side = any(free[slot] and reading.touching for slot, reading in enumerate(self._readings))
+        on_wall = one_side and self._encloses([press or wall for press, wall in zip(presses, walls, strict=True)])
+        return self._encloses(presses) or on_wall
+
+    def _hooked(self) -> bool:
+        """The thumb of a hook presses on something while the fingers, closed as far as they go, feel none of it."""
+        thumb = self._task.thumb
+        fingers = [slot for slot in self._every_slot if slot != thumb]
+        return (
+            not self._task.opposed
+            and self._readings[thumb].touching
+            and all(self._pressing.at_end(slot, self._readings[slot]) for slot in fingers)
+        )
+
+    def _grips(self, now_ns: int) -> bool:
+        """Both sides stand and press with what the recipe asks for."""
+        full = [reading.touching and self._pressing.is_full(s, reading) for s, reading in enumerate(self._readings)]
+        return self._encloses(full) and self._trail.advance_m(now_ns, STANDING_S) <= STANDING_M
+
+    def _all_stand(self, now_ns: int) -> bool:
+        """Nothing moves any more, wherever it stands."""
+        return self._elapsed_s(now_ns) >= START_S and self._trail.advance_m(now_ns, REST_S) <= STANDING_M
 
     def _lost_tendon(self, now_ns: int) -> Step | None:
         settings = self._settings
@@ -275,41 +317,6 @@ class GraspSequence:
 
     # --- commands --------------------------------------------------------------------------------------------------
 
-    def _close_command(self) -> Close:
-        slots = tuple(self._closing)
-        free_n = max(self._task.references[slot].tension(self._path_m(slot)) for slot in slots)
-        excess_n = max(self._reader.excess_limit(slot, self._recipe.force_limit_n) for slot in slots)
-        limit_n = min(free_n + excess_n, self._settings.tension_limit_n)
-        return Close(slots, tuple(map(self._path_m, slots)), self._recipe.closing_speed_m_per_s, limit_n)
-
-    def _path_m(self, slot: int) -> float:
-        """End of a finger's path: what the recipe allows, but never beyond what was checked."""
-        return min(self._recipe.pull_limit_m, self._task.references[slot].reach_m)
-
-    def _press(self, slots: Sequence[int], now_ns: int) -> Press:
-        """Keep what these fingers press with now, but no more than the product bears."""
-        for slot in slots:
-            reading = self._readings[slot]
-            most_n = reading.free_n + self._reader.excess_limit(slot, self._recipe.force_limit_n)
-            most_n = min(most_n, self._settings.tension_limit_n)
-            self._kept_n[slot] = max(LEAST_TENSION_N, min(reading.tension_n, most_n))
-            self._kept_since_ns[slot] = now_ns
-        return Press(tuple(slots), tuple(self._kept_n[slot] for slot in slots))
-
-    def _keep_up(self, now_ns: int) -> tuple[Command, ...]:
-        """Pull again where a product that settled or gave way has taken a finger's tension away."""
-        slots = [
-            slot
-            for slot, kept_n in self._kept_n.items()
-            if self._readings[slot].tension_n < KEEP_SHARE * kept_n
-            and self._readings[slot].pulled_m < self._path_m(slot) - self._settings.reach_m
-            and now_ns - self._kept_since_ns[slot] >= KEEP_PERIOD_S * NANOSECONDS
-        ]
-        if not slots:
-            return ()
-        self._kept_since_ns.update(dict.fromkeys(slots, now_ns))
-        return (Press(tuple(slots), tuple(self._kept_n[slot] for slot in slots)),)
-
     def _stop_finished_fingers(self, now_ns: int) -> tuple[Command, ...]:
         """Let fingers that press hard enough keep their tension; leave out those that came to their end."""
         limit_n = FORCE_MARGIN * self._recipe.force_limit_n
@@ -323,15 +330,35 @@ class GraspSequence:
         going_on = [
             slot
             for slot in self._closing
-            if slot not in pressing and self._readings[slot].pulled_m < self._path_m(slot) - self._settings.reach_m
+            if slot not in pressing and not self._pressing.at_end(slot, self._readings[slot])
         ]
-        if len(going_on) == len(self._closing):
-            return ()
-        self._closing = going_on
-        self._pressing += pressing
-        self._path_ended = not going_on
+        if len(going_on) < len(self._closing):
+            self._closing = going_on
+            self._path_ended = not going_on
         # The driver goes on closing the other fingers by itself.
-        return (self._press(pressing, now_ns),) if pressing else ()
+        return (self._pressing.press(pressing, self._readings, now_ns),) if pressing else ()
+
+    def _keep_up(self, now_ns: int) -> tuple[Command, ...]:
+        standing = [advance_m <= STANDING_M for advance_m in self._trail.advances_m(now_ns, STANDING_S)]
+        return self._pressing.keep_up(self._readings, standing, now_ns)
+
+    def _press_what_touches(self, now_ns: int) -> tuple[Command, ...]:
+        """Fingers that came later press as well; the others keep what they have."""
+        new = [
+            slot
+            for slot in self._closing
+            if self._began(f"touches {slot}", self._readings[slot].touching, now_ns) is not None
+            and not self._pressing.at_end(slot, self._readings[slot])
+        ]
+        self._closing = [slot for slot in self._closing if slot not in new]
+        first = (self._pressing.press(new, self._readings, now_ns),) if new else ()
+        return (*first, *self._keep_up(now_ns))
+
+    def _press_the_rest(self, now_ns: int) -> tuple[Command, ...]:
+        """No finger goes on closing beside a product that is held."""
+        rest = [slot for slot in self._every_slot if slot not in self._pressing.slots]
+        self._closing = []
+        return (self._pressing.keep(rest, self._readings, now_ns),) if rest else ()
 
     # --- bookkeeping -----------------------------------------------------------------------------------------------
 

@@ -16,6 +16,9 @@ class GraspSettings:
         contact_free_fraction: and never less than this share of the free tension, which the table repairs only so far.
         length_error_m: error of the pulled length between two closings: where the free tension rises steeply it looks
             like contact [m].
+        end_free_fraction: and never less than this share of it where the checked path ends, within end_m of it: there
+            the grooves close, and the table is from a few samples.
+        end_m: see end_free_fraction [m].
         contact_from_m: pulled length from which contact is looked for: before, slack and the motor's start hide it [m].
         run: samples in a row that have to agree before anything is decided.
         slip_share: share of the contact threshold below which a finger that held touches nothing any more.
@@ -24,7 +27,7 @@ class GraspSettings:
         lost_floor_n: free tension from which that can be judged [N].
         lost_s: how long it has to pull nothing: the drive's tension is no good while it gets up to speed [s].
         press_speed_m_per_s: pulled length per second once both sides touch and only force is missing [m/s].
-        settle_s: after both sides touched, how long the holding force may take to come [s].
+        settle_s: after both sides touched, how long the fingers may take until they stand and press [s].
         lift_window_s: how long the hold is watched after lifting (thesis 4.3.3: 5 s) [s].
         stale_s: longest gap between paired samples [s].
         open_m: pulled length below which a finger counts as open [m].
@@ -37,6 +40,8 @@ class GraspSettings:
     contact_floor_n: float = 0.35
     contact_free_fraction: float = 0.03
     length_error_m: float = 0.0003
+    end_free_fraction: float = 0.12
+    end_m: float = 0.0015
     contact_from_m: float = 0.003
     run: int = 3
     slip_share: float = 0.7
@@ -45,7 +50,7 @@ class GraspSettings:
     lost_floor_n: float = 4.0
     lost_s: float = 0.2
     press_speed_m_per_s: float = 0.03
-    settle_s: float = 0.4
+    settle_s: float = 0.8
     lift_window_s: float = 5.0
     stale_s: float = 0.25
     open_m: float = 0.0015

@@ -71,7 +71,7 @@ class DriverLink:
             self.move(self._slots, [0.0] * len(self._slots), self._open_speed, 0.0, ended)
         elif isinstance(command, Press):
             tendons = [self._slots[slot] for slot in command.slots]
-            self._send(tendons, MoveTendon.Goal.TENSION, command.tensions_n, 0.0, 0.0, ended)
+            self._send(tendons, MoveTendon.Goal.TENSION, command.tensions_n, command.speed_m_per_s, 0.0, ended)
         else:
             self.hold()
 

@@ -222,6 +222,25 @@ class Journal:
             connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
             self._audit(connection, "distrust", ", ".join(refused), {"worn": list(worn)})
 
+    def wear(self, slot: str, reason: str) -> str:
+        """The finger in a slot is worn, as its own closings show: its passport says so, and the slot is unverified.
+
+        Returns:
+            its serial; empty when nobody knows what is in the slot, and then nothing is written.
+        """
+        with self._database.write() as connection:
+            found = select(SLOT.c.serial).where(SLOT.c.slot == slot, SLOT.c.state != SlotState.UNKNOWN.value)
+            serial = str(connection.execute(found).scalar() or "")
+            if serial:
+                connection.execute(
+                    update(PASSPORT)
+                    .where(PASSPORT.c.serial == serial)
+                    .values(state=FingerState.WORN.value, version=PASSPORT.c.version + 1)
+                )
+                connection.execute(update(SLOT).where(SLOT.c.slot == slot).values(state=SlotState.TO_BE_VERIFIED.value))
+                self._audit(connection, "worn", serial, {"slot": slot, "reason": reason})
+        return serial
+
     def finish_grasp(
         self, product: str, product_version: int, finger_set: str, outcome: str, reason: str, duration_s: float
     ) -> None:

@@ -180,7 +180,7 @@ class SwapSequence:
                 for passport in self._passports.values()
                 if passport.profile == self.finger_set.profile
                 and passport.finger == slot.name
-                and (passport.objection() is None or passport.serial == slot.serial)
+                and (passport.objection() is None or (passport.serial == slot.serial and not passport.is_spent))
             ]
             if not candidates:
                 raise RefusedError(
