@@ -184,6 +184,34 @@ def test_bad_frames_are_named_and_nothing_is_measured(watcher: Watcher, calibrat
     assert watcher.until(good), "a good frame after bad ones is measured"
 
 
+def test_a_size_that_changes_in_mid_stream_is_named_by_both_nodes(
+    watcher: Watcher,
+    calibration_file: Path,
+    jpeg: bytes,
+    serve: Callable[..., str],
+    part: Callable[[bytes, str | None], bytes],
+) -> None:
+    """Frames of the calibrated size, then of another one: those are passed on as uncalibrated and not measured."""
+    small = bytes(cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1])
+    url = serve([part(jpeg, None), part(small, None)])
+    watcher.start("marker_tracker", calibration_file=calibration_file)
+    assert watcher.until(lambda: watcher.said("no frame yet"))
+    watcher.start("camera", source=url, calibration_file=calibration_file, reconnect_delay_s=0.2)
+    assert watcher.until(
+        lambda: all(
+            "found 640x360" in watcher.health.get(f"{node}: frames", (0, ""))[1]
+            for node in ("camera", "marker_tracker")
+        )
+    ), watcher.health
+    assert watcher.health["camera: frames"][0] == 2
+    assert watcher.until(lambda: {info.width for info in watcher.infos} == {640, 1280})
+    assert all(info.k[0] == 0.0 for info in watcher.infos if info.width == 640)
+    assert watcher.until(lambda: bool(watcher.measured))
+    sizes = {seconds(info.header.stamp): info.width for info in watcher.infos}
+    stamps = [seconds(message.header.stamp) for message in watcher.measured]
+    assert all(sizes.get(stamp, 1280) == 1280 for stamp in stamps)
+
+
 def test_raw_images_of_another_driver_and_a_swap(watcher: Watcher, calibration_file: Path, jpeg: bytes) -> None:
     watcher.start("marker_tracker", calibration_file=calibration_file, transport="raw")
     image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)

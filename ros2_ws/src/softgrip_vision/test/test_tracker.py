@@ -237,6 +237,16 @@ def test_wrong_frames_are_named(tracker: Tracker, scene: Scene) -> None:
         tracker.measure(image, 0.99)
 
 
+def test_a_frame_of_another_size_in_between_changes_nothing(tracker: Tracker, scene: Scene) -> None:
+    image = scene.render({"index": np.full(3, 0.3)}).image
+    assert tracker.measure(image, 1.0)[0].pose is not None
+    with pytest.raises(CalibrationError, match="found 640x360"):
+        tracker.measure(np.ascontiguousarray(image[::2, ::2]), 1.03)
+    reading = tracker.measure(image, 1.06)[0]
+    assert reading.pose is not None
+    assert reading.pose.angles == pytest.approx(np.full(3, 0.3), abs=math.radians(0.3))
+
+
 def test_time_that_starts_again_starts_the_tracker_again(tracker: Tracker, scene: Scene) -> None:
     image = scene.render({"index": np.full(3, 0.3)}).image
     tracker.measure(image, 1000.0)
