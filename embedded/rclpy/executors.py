@@ -6,13 +6,23 @@ from __future__ import annotations
 import collections
 import contextlib
 import os
-import sys
 import threading
 import time
 import warnings
 from types import CoroutineType
 from typing import TYPE_CHECKING, Any, Self
 
+from rclpy.executor_waiting import LONGEST_WAIT_S, Waiting
+from rclpy.executor_work import (
+    ConditionReachedException,
+    Continuation,
+    ExternalShutdownException,
+    ShutdownException,
+    TimeoutException,
+    TimeoutObject,
+    Work,
+    nothing,
+)
 from rclpy.task import Future, Task
 from rclpy.utilities import get_default_context
 
@@ -21,73 +31,33 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
     from rclpy.node import Node
-    from rclpy.timer import Timer
-    from rclpy.waitable import Waitable
 
-# Windows does not interrupt a waiting lock for Ctrl-C.
-_LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else 3600.0
-
-
-_LOOK_PERIOD_S = 0.001
-
-
-class TimeoutException(Exception):  # noqa: N818  rclpy's name, as those below
-    """Nothing became ready in time."""
-
-
-class ShutdownException(Exception):  # noqa: N818
-    """The executor was shut down."""
+__all__ = [
+    "ConditionReachedException",
+    "Executor",
+    "ExternalShutdownException",
+    "MultiThreadedExecutor",
+    "ShutdownException",
+    "SingleThreadedExecutor",
+    "TimeoutException",
+    "TimeoutObject",
+]
 
 
-class ExternalShutdownException(Exception):  # noqa: N818
-    """The context was shut down from outside, such as by SIGTERM."""
-
-    def __init__(self) -> None:
-        super().__init__()
-
-
-class ConditionReachedException(Exception):  # noqa: N818
-    """What was waited for is there."""
-
-
-class TimeoutObject:
-    """A timeout that starts to run when it is first asked."""
-
-    def __init__(self, timeout: float) -> None:
-        self._timeout = timeout
-        self._end: float | None = None
-
-    @property
-    def timeout(self) -> float:
-        """Seconds left."""
-        now = time.monotonic()
-        if self._end is None:
-            self._end = now + self._timeout
-        return max(0.0, self._end - now)
-
-
-class Executor:
+class Executor(Waiting):
     """Base of the executors."""
 
     _others_wait = False  # whether another thread waits for entities that a callback gives back
 
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = context or get_default_context()
-        self._nodes: set[Node] = set()
+        super().__init__()
         self._nodes_lock = threading.RLock()
-        self._pending_tasks: dict[Task, tuple[Any, Any]] = {}
-        self._ready_tasks: collections.deque[Task] = collections.deque()
         self._is_shutdown = False
         self._is_spinning = False
         self._spin_lock = threading.Lock()
         self._active: set[int] = set()
         self._idle = threading.Event()
-        self._callbacks: Iterator[Task | _Work] | None = None
-        self._hints: collections.deque[tuple[Any, Node]] = collections.deque()
-        self._look_due_s = 0.0
-        # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
-        self._wake_lock = threading.Lock()
-        self._wake_lock.acquire()
         self._context._wakers.add(self)
 
     @property
@@ -99,18 +69,6 @@ class Executor:
     def is_spinning(self) -> bool:
         """Whether a thread is spinning it."""
         return self._is_spinning
-
-    def wake(self) -> None:
-        """Have the waiting thread look again."""
-        try:
-            self._wake_lock.release()
-        except RuntimeError:
-            return  # it has been woken already
-
-    def _hint(self, entity: Any, node: Node) -> None:
-        """Say that an entity has become ready: the waiting thread need not look for it among all."""
-        self._hints.append((entity, node))
-        self.wake()
 
     def _enter_spin(self) -> None:
         with self._spin_lock:
@@ -171,7 +129,7 @@ class Executor:
                 return False
             self._idle.clear()
             if self._active - {threading.get_ident()}:
-                self._idle.wait(_LONGEST_WAIT_S if end is None else max(0.0, end - time.monotonic()))
+                self._idle.wait(LONGEST_WAIT_S if end is None else max(0.0, end - time.monotonic()))
         with self._nodes_lock:
             for node in list(self._nodes):
                 self.remove_node(node)
@@ -233,126 +191,6 @@ class Executor:
     ) -> None:
         raise NotImplementedError
 
-    # -- waiting ----------------------------------------------------------------------------------------------
-
-    def can_execute(self, entity: Any) -> bool:
-        """Whether an entity is not being run and its group lets it."""
-        group = entity.callback_group
-        return not entity._executor_event and (group is None or bool(group.can_execute(entity)))
-
-    def wait_for_ready_callbacks(
-        self,
-        timeout_sec: float | TimeoutObject | None = None,
-        nodes: list[Node] | None = None,
-        condition: Callable[[], bool] = lambda: False,
-    ) -> tuple[Task, Any, Node | None]:
-        """Return the next (task, entity, node) that is ready.
-
-        Raises:
-            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: instead.
-        """
-        item = self._next(timeout_sec, nodes, condition)
-        if isinstance(item, _Work):
-            return Task(self._execute, (item,), executor=self), item.entity, item.node
-        return item, *self._pending_tasks.get(item, (None, None))
-
-    def _next(
-        self, timeout_sec: float | TimeoutObject | None, nodes: list[Node] | None, condition: Callable[[], bool]
-    ) -> Task | _Work:
-        """Wait for what is to be run next."""
-        if isinstance(timeout_sec, TimeoutObject):
-            timeout_sec = timeout_sec.timeout
-        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        while True:
-            if self._is_shutdown:
-                raise ShutdownException
-            if not self._context._ok:
-                raise ExternalShutdownException
-            if condition():
-                raise ConditionReachedException
-            found = self._next_ready(nodes)
-            if found is not None:
-                return found
-            self._wait(end, nodes)
-
-    def _next_ready(self, nodes: list[Node] | None) -> Task | _Work | None:
-        """Return work, going round: all that was ready at one look comes before a second look.
-
-        What has just become ready goes first, but looks never wait longer than a millisecond for that.
-        """
-        if self._callbacks is not None:
-            found = next(self._callbacks, None)
-            if found is not None:
-                return found
-            self._callbacks = None
-        now = time.monotonic()
-        if nodes is None and now < self._look_due_s and (found := self._hinted()) is not None:
-            return found
-        self._look_due_s = now + _LOOK_PERIOD_S
-        self._callbacks = self._look(nodes)
-        found = next(self._callbacks, None)
-        if found is None:
-            self._callbacks = None
-        return found
-
-    def _hinted(self) -> _Work | None:
-        while self._hints:
-            try:
-                entity, node = self._hints.popleft()
-            except IndexError:
-                return None
-            if node in self._nodes and entity._is_ready() and self.can_execute(entity):
-                work = self._taken(entity, node)
-                if work is not None:
-                    return work
-        return None
-
-    def _look(self, nodes: list[Node] | None) -> Iterator[Task | _Work]:
-        for _ in range(len(self._ready_tasks)):
-            with contextlib.suppress(IndexError):
-                task = self._ready_tasks.popleft()
-                _, owner = self._pending_tasks.get(task, (None, None))
-                if nodes is None or owner is None or owner in nodes:
-                    yield task
-                else:
-                    self._ready_tasks.append(task)
-        for node in nodes if nodes is not None else self.get_nodes():
-            for entity in node._rcl_entities():
-                if entity._is_ready() and self.can_execute(entity):
-                    work = self._taken(entity, node)
-                    if work is not None:
-                        yield work
-
-    def _taken(self, entity: Any, node: Node) -> _Work | None:
-        """Take what an entity has; None when another thread was faster or it was garbage."""
-        group = entity.callback_group
-        entity._executor_event = True
-        if group is not None and not group.beginning_execution(entity):
-            entity._executor_event = False
-            return None
-        work = _Work(self, entity, node, entity._take())
-        if work.taken is None:
-            work.finish()
-            return None
-        return work
-
-    def _wait(self, end: float | None, nodes: list[Node] | None) -> None:
-        limit = _LONGEST_WAIT_S
-        if end is not None:
-            left = end - time.monotonic()
-            if left <= 0:
-                raise TimeoutException
-            limit = min(limit, left)
-        for node in nodes if nodes is not None else self.get_nodes():
-            everything: list[Timer | Waitable] = [*node._timers, *node._rcl_waitables]
-            for timed in everything:
-                due = timed._seconds_until_due()
-                if due is not None and due < limit and self.can_execute(timed):
-                    limit = due
-        if self._ready_tasks or limit <= 0:
-            return
-        self._wake_lock.acquire(timeout=limit)
-
     # -- running ----------------------------------------------------------------------------------------------
 
     @contextlib.contextmanager
@@ -367,16 +205,16 @@ class Executor:
             if self._is_shutdown:
                 self._idle.set()
 
-    def _execute(self, work: _Work) -> None:
+    def _execute(self, work: Work) -> None:
         """Run a callback. A plain function is done then; a coroutine goes on as a task."""
-        callback, args, *done = work.taken or (_nothing, ())
+        callback, args, *done = work.taken or (nothing, ())
         pending = None
         me = threading.get_ident()
         self._active.add(me)
         try:
             result = callback(*args)
             if result.__class__ is CoroutineType:
-                pending = _Continuation(self, result, work, done)
+                pending = Continuation(self, result, work, done)
             elif done:
                 done[0](result)
         finally:
@@ -405,57 +243,6 @@ class Executor:
             awaited._add_waker(lambda: self._call_task_in_next_spin(task))
 
 
-class _Work:
-    """What an entity had ready: callback, arguments, and maybe what to do with the result."""
-
-    __slots__ = ("entity", "executor", "node", "taken")
-
-    def __init__(self, executor: Executor, entity: Any, node: Node, taken: tuple[Any, ...] | None) -> None:
-        self.executor = executor
-        self.entity = entity
-        self.node = node
-        self.taken = taken
-
-    def finish(self) -> None:
-        """Give the entity and its group back."""
-        entity = self.entity
-        entity._executor_event = False
-        if entity.callback_group is not None:
-            entity.callback_group.ending_execution(entity)
-        if self.executor._others_wait:
-            self.executor.wake()
-
-
-class _Continuation(Task):
-    """A coroutine that a callback of an entity began; the entity is given back when it ends."""
-
-    def __init__(
-        self, executor: Executor, coroutine: Coroutine[Any, Any, Any], work: _Work, done: list[Callable[[Any], None]]
-    ) -> None:
-        super().__init__(_nothing, executor=executor)
-        self._handler = coroutine
-        self._work: _Work | None = work
-        self._use_result = done
-
-    def __call__(self) -> None:
-        """Run one step."""
-        super().__call__()
-        if self._pending_is_over() and self._work is not None:
-            work, self._work = self._work, None
-            try:
-                if self._use_result and self._exception is None and not self._cancelled:
-                    self._use_result[0](self._result)
-            except Exception as error:  # noqa: BLE001  raised where the task's result is asked for
-                self.set_exception(error)
-            finally:
-                work.finish()
-                work.executor.wake()
-
-
-def _nothing() -> None:
-    """Stand for work that is gone when it is looked at."""
-
-
 class SingleThreadedExecutor(Executor):
     """Runs callbacks in the thread that spins."""
 
@@ -466,7 +253,7 @@ class SingleThreadedExecutor(Executor):
             item = self._next(timeout_sec, None, condition)
         except (ShutdownException, TimeoutException, ConditionReachedException):
             return
-        if isinstance(item, _Work):
+        if isinstance(item, Work):
             self._execute(item)
             return
         self._run(item)
@@ -505,9 +292,9 @@ class MultiThreadedExecutor(Executor):
             return
         self._executor.submit(self._run_in_pool, item)
 
-    def _run_in_pool(self, item: Task | _Work) -> None:
+    def _run_in_pool(self, item: Task | Work) -> None:
         try:
-            if isinstance(item, _Work):
+            if isinstance(item, Work):
                 self._execute(item)
             else:
                 self._run(item)

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How an executor waits, and how it finds what has become ready."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Any, cast
+
+from rclpy.executor_work import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    ShutdownException,
+    TimeoutException,
+    TimeoutObject,
+    Work,
+)
+from rclpy.task import Task
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+    from rclpy.timer import Timer
+    from rclpy.waitable import Waitable
+
+# Windows does not interrupt a waiting lock for Ctrl-C.
+LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else 3600.0
+_LOOK_PERIOD_S = 0.001
+
+
+class Waiting:
+    """The waiting part of executors."""
+
+    _context: Context
+    _is_shutdown: bool
+
+    def __init__(self) -> None:
+        self._nodes: set[Node] = set()
+        self._pending_tasks: dict[Task, tuple[Any, Any]] = {}
+        self._ready_tasks: collections.deque[Task] = collections.deque()
+        self._callbacks: Iterator[Task | Work] | None = None
+        self._hints: collections.deque[tuple[Any, Node]] = collections.deque()
+        self._look_due_s = 0.0
+        # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
+        self._wake_lock = threading.Lock()
+        self._wake_lock.acquire()
+
+    def get_nodes(self) -> list[Node]:
+        """Return the nodes."""
+        raise NotImplementedError
+
+    def _execute(self, work: Work) -> None:
+        raise NotImplementedError
+
+    def _itself(self) -> Executor:
+        return cast("Executor", self)
+
+    def wake(self) -> None:
+        """Have the waiting thread look again."""
+        try:
+            self._wake_lock.release()
+        except RuntimeError:
+            return  # it has been woken already
+
+    def _hint(self, entity: Any, node: Node) -> None:
+        """Say that an entity has become ready: the waiting thread need not look for it among all."""
+        self._hints.append((entity, node))
+        self.wake()
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether an entity is not being run and its group lets it."""
+        group = entity.callback_group
+        return not entity._executor_event and (group is None or bool(group.can_execute(entity)))
+
+    def wait_for_ready_callbacks(
+        self,
+        timeout_sec: float | TimeoutObject | None = None,
+        nodes: list[Node] | None = None,
+        condition: Callable[[], bool] = lambda: False,
+    ) -> tuple[Task, Any, Node | None]:
+        """Return the next (task, entity, node) that is ready.
+
+        Raises:
+            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: instead.
+        """
+        item = self._next(timeout_sec, nodes, condition)
+        if isinstance(item, Work):
+            return Task(self._execute, (item,), executor=self._itself()), item.entity, item.node
+        return item, *self._pending_tasks.get(item, (None, None))
+
+    def _next(
+        self, timeout_sec: float | TimeoutObject | None, nodes: list[Node] | None, condition: Callable[[], bool]
+    ) -> Task | Work:
+        """Wait for what is to be run next."""
+        if isinstance(timeout_sec, TimeoutObject):
+            timeout_sec = timeout_sec.timeout
+        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        while True:
+            if self._is_shutdown:
+                raise ShutdownException
+            if not self._context._ok:
+                raise ExternalShutdownException
+            if condition():
+                raise ConditionReachedException
+            found = self._next_ready(nodes)
+            if found is not None:
+                return found
+            self._wait(end, nodes)
+
+    def _next_ready(self, nodes: list[Node] | None) -> Task | Work | None:
+        """Return work, going round: all that was ready at one look comes before a second look.
+
+        What has just become ready goes first, but looks never wait longer than a millisecond for that.
+        """
+        if self._callbacks is not None:
+            found = next(self._callbacks, None)
+            if found is not None:
+                return found
+            self._callbacks = None
+        now = time.monotonic()
+        if nodes is None and now < self._look_due_s and (found := self._hinted()) is not None:
+            return found
+        self._look_due_s = now + _LOOK_PERIOD_S
+        self._callbacks = self._look(nodes)
+        found = next(self._callbacks, None)
+        if found is None:
+            self._callbacks = None
+        return found
+
+    def _hinted(self) -> Work | None:
+        while self._hints:
+            try:
+                entity, node = self._hints.popleft()
+            except IndexError:
+                return None
+            if node in self._nodes and entity._is_ready() and self.can_execute(entity):
+                work = self._taken(entity, node)
+                if work is not None:
+                    return work
+        return None
+
+    def _look(self, nodes: list[Node] | None) -> Iterator[Task | Work]:
+        for _ in range(len(self._ready_tasks)):
+            with contextlib.suppress(IndexError):
+                task = self._ready_tasks.popleft()
+                _, owner = self._pending_tasks.get(task, (None, None))
+                if nodes is None or owner is None or owner in nodes:
+                    yield task
+                else:
+                    self._ready_tasks.append(task)
+        for node in nodes if nodes is not None else self.get_nodes():
+            for entity in node._rcl_entities():
+                if entity._is_ready() and self.can_execute(entity):
+                    work = self._taken(entity, node)
+                    if work is not None:
+                        yield work
+
+    def _taken(self, entity: Any, node: Node) -> Work | None:
+        """Take what an entity has; None when another thread was faster or it was garbage."""
+        group = entity.callback_group
+        entity._executor_event = True
+        if group is not None and not group.beginning_execution(entity):
+            entity._executor_event = False
+            return None
+        work = Work(self._itself(), entity, node, entity._take())
+        if work.taken is None:
+            work.finish()
+            return None
+        return work
+
+    def _wait(self, end: float | None, nodes: list[Node] | None) -> None:
+        limit = LONGEST_WAIT_S
+        if end is not None:
+            left = end - time.monotonic()
+            if left <= 0:
+                raise TimeoutException
+            limit = min(limit, left)
+        for node in nodes if nodes is not None else self.get_nodes():
+            everything: list[Timer | Waitable] = [*node._timers, *node._rcl_waitables]
+            for timed in everything:
+                due = timed._seconds_until_due()
+                if due is not None and due < limit and self.can_execute(timed):
+                    limit = due
+        if self._ready_tasks or limit <= 0:
+            return
+        self._wake_lock.acquire(timeout=limit)
