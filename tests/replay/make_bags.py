@@ -66,10 +66,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bag", type=Path, help="cut a bag that is there already")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated cell")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="only these")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-bags-") as folder:
         bag = options.bag or record(Path(folder), options.seed)
-        for name, part in PARTS.items():
+        for name in options.parts:
+            part = PARTS[name]
             shutil.rmtree(BAGS / name, ignore_errors=True)
             since, until = stretch(bag, part)
             count = excerpt(bag, BAGS / name, part.topics, since, until)

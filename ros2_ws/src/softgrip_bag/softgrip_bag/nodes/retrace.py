@@ -139,7 +139,7 @@ class ReplayedDoors:
 
         Raises:
             Diverged: the node says something else than it did.
-            BagError: a message is missing.
+            MissingMessageError: a message is not in the bag: what follows cannot be replayed.
         """
         while self._at < len(self._steps):
             step = self._steps[self._at]
@@ -155,6 +155,11 @@ class ReplayedDoors:
                 self._entries[step.name](step)
             else:
                 raise self._diverged("(step)", step.name, "nothing")
+
+    @property
+    def untold(self) -> int:
+        """How many outputs are in the steps not taken."""
+        return sum(step.is_output for step in self._steps[self._at :])
 
     def say(self, name: str, message: Any) -> None:
         """Compare what leaves with what left then; the end of the trace cuts a step short."""

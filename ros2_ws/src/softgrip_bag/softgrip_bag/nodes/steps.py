@@ -19,6 +19,14 @@ from softgrip_bag.reader import RawMessage, latched_topics, read
 _SLACK = 5_000_000_000
 
 
+#: Steps that are what the node said, not what it was told.
+_SAID = ("answered ", "feedback ", "finished ", "succeeded ", "aborted ", "canceled ", "called ", "sent ", "withdrawn ")
+
+
+class MissingMessageError(BagError):
+    """The recorder did not get a message that the node worked on."""
+
+
 @dataclass(frozen=True)
 class Step:
     """One entry of a trace: ``name`` is "<word> <what>", times in ns."""
@@ -29,6 +37,11 @@ class Step:
     wall: int
     monotonic: int
     data: bytes
+
+    @property
+    def is_output(self) -> bool:
+        """Whether the node said it."""
+        return self.name.startswith(_SAID)
 
 
 def runs(bag: Path, topic: str) -> Iterator[list[Step]]:
@@ -84,7 +97,7 @@ class Messages:
         """Return the message that a step worked on.
 
         Raises:
-            BagError: when the recorder did not get it.
+            MissingMessageError: when the recorder did not get it.
         """
         key = (topic, step.stamp)
         while key not in self._found and self._read_until < step.wall + _SLACK:
@@ -93,7 +106,7 @@ class Messages:
                 break
             self._take(raw)
         if key not in self._found:
-            raise BagError(
+            raise MissingMessageError(
                 f"{self._bag}: step {step.number}: expected a message of {topic} with stamp {step.stamp * 1e-9:.9f} s, "
                 "found none: the recorder did not get it (see `ros2 bag info`)"
             )

@@ -30,7 +30,7 @@ from softgrip_bag.comparison import NOT_COMPARED, Divergence, Result, first_diff
 from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
-from softgrip_bag.nodes.steps import Messages, Step, runs, stamp_of
+from softgrip_bag.nodes.steps import Messages, MissingMessageError, Step, runs, stamp_of
 from softgrip_bag.nodes.trees import tree
 from softgrip_bag.nodes.types import check_definition, message_class
 from softgrip_bag.reader import RawMessage, latched_topics, read, topic_summaries, topic_types
@@ -191,16 +191,17 @@ def _check_traced(
     replayable = NODES[name]
     if replayable.trace not in types:
         raise BagError(f"{bag}: expected the topic {replayable.trace}, found none; was {name} recorded?")
-    compared = 0
+    compared = without_input = 0
     for steps in runs(bag, replayable.trace):
         with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
             own = [w for p, v in replayable.parameters.items() for w in ("-p", f"{p}:={v.format(folder=folder)}")]
             arguments = [*restore(bag, f"/{name}", Path(folder)), *own, *ros_arguments]
             result = _check_run(bag, replayable, steps, types, arguments, tolerance)
         compared += result.compared
+        without_input += result.without_input
         if result.divergence:
-            return Result(compared, result.divergence)
-    return Result(compared, None)
+            return Result(compared, result.divergence, without_input)
+    return Result(compared, None, without_input)
 
 
 def _check_run(
@@ -224,15 +225,19 @@ def _check_run(
 
     try:
         replayed = ReplayedNode(replayable.class_path, doors=make)
-        doors[0].run()
+        end, without_input = steps[-1].wall, 0
+        try:
+            doors[0].run()
+        except MissingMessageError:
+            end, without_input = doors[0].now_ns() - 1, doors[0].untold
         outputs: dict[str, list[Any]] = defaultdict(list)
         for topic, message in replayed.published():
             if topic in types and topic not in NOT_RESULTS:
                 outputs[topic].append(message)
-        found = _compare(bag, outputs, types, steps[0].wall, {step.wall for step in steps}, tolerance, steps[-1].wall)
-        return Result(doors[0].compared + found.compared, found.divergence)
-    except Diverged as end:
-        return Result(doors[0].compared, end.divergence)
+        found = _compare(bag, outputs, types, steps[0].wall, {step.wall for step in steps}, tolerance, end)
+        return Result(doors[0].compared + found.compared, found.divergence, without_input)
+    except Diverged as found_difference:
+        return Result(doors[0].compared, found_difference.divergence)
     finally:
         for each in doors:
             each.close()

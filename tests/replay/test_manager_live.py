@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""grasp_mix_manager recorded while it works for a controller, and replayed: what it answered and commanded comes again.
+
+The manager, its scripted driver and the controller are those of softgrip_cell's own tests.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from softgrip_bag.excerpt import excerpt
+from softgrip_bag.nodes.digest import digest
+from softgrip_bag.nodes.through import check
+from softgrip_bag.reader import read, topic_summaries
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
+TESTS = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_cell/test"
+NODE = "grasp_mix_manager"
+TRACE = f"/{NODE}/trace"
+NOTHING = (math.inf, math.inf, math.inf)
+LONGEST = 60.0  # [s] for anything that is waited for
+
+
+def load(name: str) -> ModuleType:
+    """Return a module of softgrip_cell's tests."""
+    spec = importlib.util.spec_from_file_location(f"softgrip_cell_{name}", TESTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def until(condition: Callable[[], object], expected: str) -> None:
+    deadline = time.monotonic() + LONGEST
+    while not condition():
+        assert time.monotonic() < deadline, f"expected {expected} within {LONGEST} s"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the bag of a manager that was asked everything."""
+    folder = tmp_path_factory.mktemp("live")
+    manager = load("test_manager_node")
+    patch = pytest.MonkeyPatch()
+    patch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))
+    patch.setenv("ROS_LOCALHOST_ONLY", "1")
+    manager.rclpy.init()
+    cell = manager.Cell(folder, load("conftest").Bench())
+    command = [sys.executable, "-m", "softgrip_bag.nodes.recorder", "--ros-args"]
+    recorder = subprocess.Popen([*command, "-p", f"root:={folder}", "-p", f"path:={folder / 'bag'}"])
+    try:
+        until(lambda: (folder / "bag").is_dir() and "/tendon/state" in topics(folder / "bag"), "a recorder")
+        work(cell, manager, folder / "bag")
+        recorder.send_signal(signal.SIGINT)
+        assert recorder.wait(LONGEST) == 0
+    finally:
+        recorder.kill()
+        cell.close()
+        manager.rclpy.try_shutdown()
+        patch.undo()
+    return folder / "bag"
+
+
+def topics(bag: Path) -> set[str]:
+    return {topic.name for topic in topic_summaries(bag) if topic.messages} if list(bag.glob("*.mcap")) else set()
+
+
+def work(cell: Any, manager: ModuleType, bag: Path) -> None:
+    """A grasp with every outcome, a plan, a refused and a good swap, and a manager that is killed and comes back."""
+
+    def grasp(outcome: str, during: Callable[[], None] | None = None) -> None:
+        def on_phase(phase: str) -> None:
+            if phase == "lift" and during is not None:
+                during()
+
+        result = cell.controller.grasp("orange", on_phase=on_phase)
+        assert manager.GRASP_OUTCOMES[result.outcome] == outcome, result.reason
+        cell.controller.release()
+
+    def slip() -> None:
+        cell.driver.bench.grip = lambda _: 0.0
+
+    def fault() -> None:
+        cell.driver.fault = "overheated"
+
+    cell.start("lift_window_s:=0.5", "stale_s:=3.0")
+    grasp("ABORTED")
+    cell.controller.plan(["egg", "grape"], [2, 1])
+    cell.controller.select("orange")
+    assert cell.swap("claw").outcome == manager.SwapFingers.Result.REFUSED
+    swapped = cell.swap()
+    assert swapped.outcome == manager.SwapFingers.Result.SUCCEEDED, swapped.reason
+    grasp("EMPTY")
+    cell.driver.bench.contact_m = (0.008, 0.009, 0.0085)
+    grasp("GRIPPED")
+    grasp("SLIPPED", during=slip)
+    cell.driver.bench.grip = lambda _: 1.0
+    grasp("TENDON_FAULT", during=fault)
+    cell.driver.fault = ""
+    until(lambda: len(digest(bag).grasps) == 5, "the trace of five grasps")
+    cell.stop(signal.SIGKILL)
+    cell.start("lift_window_s:=0.5", "stale_s:=3.0")
+    cell.driver.bench.contact_m = NOTHING
+    cell.driver.publish_friction()
+    assert cell.swap().outcome == manager.SwapFingers.Result.SUCCEEDED
+    cell.stop()
+
+
+def test_what_the_manager_did_comes_out_again(bag: Path) -> None:
+    result = check(bag, NODE)
+    assert result.divergence is None, str(result.divergence)
+    # a message of a best-effort stream may get lost on a busy machine; what follows it cannot be replayed
+    assert result.compared > (0 if result.without_input else 80)
+    outcomes = [grasp.outcome for grasp in digest(bag).grasps]
+    assert outcomes == ["ABORTED", "EMPTY", "GRIPPED", "SLIPPED", "TENDON_FAULT"]
+
+
+def test_another_threshold_is_found_and_named(bag: Path) -> None:
+    found = check(bag, NODE, ["-p", "slip_share:=0.9", "-p", "contact_sigma:=9.0"]).divergence
+    assert found is not None
+    assert found.topic.startswith(f"{NODE} step ")
+    assert found.recorded != found.replayed
+
+
+def test_what_follows_a_message_that_the_recorder_did_not_get_is_counted_as_not_compared(
+    bag: Path, tmp_path: Path
+) -> None:
+    last = [message.received for message in read(bag, {"/tendon/state"})][-1]
+    excerpt(bag, tmp_path / "cut", {TRACE, "/cell/state"}, 0, last)
+    result = check(tmp_path / "cut", NODE)
+    assert result.divergence is None
+    assert result.without_input > 80
