@@ -8,16 +8,26 @@ from __future__ import annotations
 
 import itertools
 import shlex
-import tempfile
-from copy import copy
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from embedded_ros import workspace
-from embedded_ros.errors import ArgumentsError, EmbeddedError, LaunchError
+from embedded_ros.errors import EmbeddedError, LaunchError
+from embedded_ros.launch_description import (
+    Argument,
+    Description,
+    Frame,
+    Loader,
+    Mapping,
+    Process,
+    joined,
+    number,
+    parameter_value,
+    plain,
+    temporary,
+)
 from embedded_ros.substitutions import Scope, substitute, truth
 
 if TYPE_CHECKING:
@@ -35,89 +45,6 @@ _REFUSED = {
 }  # fmt: skip
 
 
-class Mapping(dict[str, Any]):
-    """A YAML mapping that knows its line."""
-
-    line = 0
-
-
-class _Loader(yaml.SafeLoader):
-    pass
-
-
-def _construct(loader: _Loader, node: yaml.MappingNode) -> Mapping:
-    result = Mapping()
-    result.line = node.start_mark.line + 1
-    for key_node, value_node in node.value:
-        key = str(loader.construct_object(key_node, deep=True))
-        if key in result:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is there twice", key_node.start_mark)
-        result[key] = loader.construct_object(value_node, deep=True)
-    return result
-
-
-_Loader.add_constructor("tag:yaml.org,2002:map", _construct)
-
-
-@dataclass
-class Process:
-    """A process to start: its label, command line, environment and what happens when it ends."""
-
-    label: str
-    command: list[str]
-    environment: dict[str, str]
-    cwd: str | None = None
-    output: str = "log"
-    shell: bool = False
-    respawn: bool = False
-    respawn_delay_s: float = 0.0
-    respawn_max_retries: int = -1
-    on_exit_shutdown: bool = False
-    delay_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Argument:
-    """A declared launch argument."""
-
-    name: str
-    default: str | None
-    description: str
-    choices: tuple[str, ...]
-    where: str
-
-
-@dataclass
-class Description:
-    """What a launch file comes to."""
-
-    processes: list[Process] = field(default_factory=list)
-    messages: list[str] = field(default_factory=list)
-    arguments: list[Argument] = field(default_factory=list)
-    shutdown: bool = False
-
-
-@dataclass
-class _Frame:
-    """State that groups and includes scope."""
-
-    scope: Scope
-    namespace: str = ""
-    remaps: list[tuple[str, str]] = field(default_factory=list)
-    parameters: list[tuple[str, Any]] = field(default_factory=list)
-    parameter_files: list[str] = field(default_factory=list)
-    delay_s: float = 0.0
-
-    def child(self) -> _Frame:
-        twin = copy(self)
-        twin.scope = copy(self.scope)
-        twin.scope.variables = dict(self.scope.variables)
-        twin.scope.environment = dict(self.scope.environment)
-        twin.remaps, twin.parameters = list(self.remaps), list(self.parameters)
-        twin.parameter_files = list(self.parameter_files)
-        return twin
-
-
 class LaunchReader:
     """Walks a launch file and those it includes."""
 
@@ -125,7 +52,7 @@ class LaunchReader:
         self._given = arguments
         self._counter = itertools.count(1)
         self.description = Description()
-        self._actions: dict[str, Callable[[Any, _Frame, str], None]] = {
+        self._actions: dict[str, Callable[[Any, Frame, str], None]] = {
             "arg": self._arg, "let": self._let, "node": self._node, "executable": self._executable,
             "include": self._include, "group": self._group, "push_ros_namespace": self._push_namespace,
             "push-ros-namespace": self._push_namespace, "set_env": self._set_env, "unset_env": self._unset_env,
@@ -142,7 +69,7 @@ class LaunchReader:
         """
         scope = Scope(path)
         scope.variables = dict(self._given)
-        self._file(path, _Frame(scope))
+        self._file(path, Frame(scope))
         unknown = set(self._given) - {argument.name for argument in self.description.arguments}
         if unknown:
             known = ", ".join(argument.name for argument in self.description.arguments) or "none"
@@ -151,11 +78,11 @@ class LaunchReader:
             )
         return self.description
 
-    def _file(self, path: Path, frame: _Frame) -> None:
+    def _file(self, path: Path, frame: Frame) -> None:
         if path.suffix not in {".yaml", ".yml"}:
             raise LaunchError(f"{path}: expected a YAML launch file; XML and Python launch files need ROS 2")
         try:
-            root = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # noqa: S506  a SafeLoader
+            root = yaml.load(path.read_text(encoding="utf-8"), Loader)  # noqa: S506  a SafeLoader
         except OSError as error:
             raise LaunchError(f"{path}: cannot be read: {error.strerror}") from error
         except yaml.MarkedYAMLError as error:
@@ -165,7 +92,7 @@ class LaunchReader:
             raise LaunchError(f"{path}:1: expected one top-level key 'launch' with a list of actions")
         self._children(root["launch"], frame, f"{path}:{root.line}")
 
-    def _children(self, children: Any, frame: _Frame, where: str) -> None:
+    def _children(self, children: Any, frame: Frame, where: str) -> None:
         if not isinstance(children, list):
             raise LaunchError(f"{where}: expected a list of actions, found {type(children).__name__}")
         for child in children:
@@ -208,29 +135,29 @@ class LaunchReader:
         return body
 
     @staticmethod
-    def _text(body: Mapping, key: str, frame: _Frame, default: str | None = None) -> str:
+    def _text(body: Mapping, key: str, frame: Frame, default: str | None = None) -> str:
         if key not in body:
             if default is None:
                 raise LaunchError(f"attribute '{key}' missing")
             return default
-        return substitute(_plain(body[key]), frame.scope)
+        return substitute(plain(body[key]), frame.scope)
 
     @staticmethod
-    def _wanted(body: Any, frame: _Frame) -> bool:
+    def _wanted(body: Any, frame: Frame) -> bool:
         if not isinstance(body, Mapping):
             return True
         if "if" in body and "unless" in body:
             raise LaunchError("'if' and 'unless' cannot both be given")
         if "if" in body:
-            return truth(substitute(_plain(body["if"]), frame.scope))
-        return "unless" not in body or not truth(substitute(_plain(body["unless"]), frame.scope))
+            return truth(substitute(plain(body["if"]), frame.scope))
+        return "unless" not in body or not truth(substitute(plain(body["unless"]), frame.scope))
 
     # -- actions ----------------------------------------------------------------------------------------------
 
-    def _arg(self, body: Any, frame: _Frame, where: str) -> None:
+    def _arg(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "default", "description", "choice"}, {"name"}, where)
         name = self._text(body, "name", frame)
-        choices = tuple(substitute(_plain(item["value"]), frame.scope) for item in body.get("choice", []))
+        choices = tuple(substitute(plain(item["value"]), frame.scope) for item in body.get("choice", []))
         default = self._text(body, "default", frame) if "default" in body else None
         argument = Argument(name, default, self._text(body, "description", frame, ""), choices, where)
         if all(known.name != name for known in self.description.arguments):
@@ -244,12 +171,12 @@ class LaunchReader:
                 f"{where}: {name}: expected {' or '.join(choices)}, found {frame.scope.variables[name]!r}"
             )
 
-    def _let(self, body: Any, frame: _Frame, where: str) -> None:
+    def _let(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
         if self._wanted(body, frame):
             frame.scope.variables[self._text(body, "name", frame)] = self._text(body, "value", frame)
 
-    def _include(self, body: Any, frame: _Frame, where: str) -> None:
+    def _include(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"file", "arg", "let", "if", "unless"}, {"file"}, where)
         if not self._wanted(body, frame):
             return
@@ -261,7 +188,7 @@ class LaunchReader:
             inner.scope.variables[self._text(item, "name", frame)] = self._text(item, "value", frame)
         self._file(path, inner)
 
-    def _group(self, body: Any, frame: _Frame, where: str) -> None:
+    def _group(self, body: Any, frame: Frame, where: str) -> None:
         if isinstance(body, list):
             self._children(body, frame.child(), where)
             return
@@ -275,22 +202,22 @@ class LaunchReader:
             inner.scope.variables[self._text(item, "name", frame)] = self._text(item, "value", frame)
         self._children(body["children"], inner, where)
 
-    def _push_namespace(self, body: Any, frame: _Frame, where: str) -> None:
+    def _push_namespace(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"namespace", "if", "unless"}, {"namespace"}, where)
         if self._wanted(body, frame):
-            frame.namespace = _joined(frame.namespace, self._text(body, "namespace", frame))
+            frame.namespace = joined(frame.namespace, self._text(body, "namespace", frame))
 
-    def _set_env(self, body: Any, frame: _Frame, where: str) -> None:
+    def _set_env(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
         if self._wanted(body, frame):
             frame.scope.environment[self._text(body, "name", frame)] = self._text(body, "value", frame)
 
-    def _unset_env(self, body: Any, frame: _Frame, where: str) -> None:
+    def _unset_env(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "if", "unless"}, {"name"}, where)
         if self._wanted(body, frame):
             frame.scope.environment.pop(self._text(body, "name", frame), None)
 
-    def _append_env(self, body: Any, frame: _Frame, where: str) -> None:
+    def _append_env(self, body: Any, frame: Frame, where: str) -> None:
         allowed = {"name", "value", "prepend", "separator", "if", "unless"}
         body = self._checked(body, allowed, {"name", "value"}, where)
         if not self._wanted(body, frame):
@@ -303,46 +230,46 @@ class LaunchReader:
             parts.reverse()
         frame.scope.environment[name] = separator.join(parts)
 
-    def _set_parameter(self, body: Any, frame: _Frame, where: str) -> None:
+    def _set_parameter(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
         if self._wanted(body, frame):
-            frame.parameters.append((self._text(body, "name", frame), _value(body["value"], None, frame)))
+            frame.parameters.append((self._text(body, "name", frame), parameter_value(body["value"], None, frame)))
 
-    def _set_remap(self, body: Any, frame: _Frame, where: str) -> None:
+    def _set_remap(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"from", "to", "if", "unless"}, {"from", "to"}, where)
         if self._wanted(body, frame):
             frame.remaps.append((self._text(body, "from", frame), self._text(body, "to", frame)))
 
-    def _set_parameters_from_file(self, body: Any, frame: _Frame, where: str) -> None:
+    def _set_parameters_from_file(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"filename", "if", "unless"}, {"filename"}, where)
         if self._wanted(body, frame):
             frame.parameter_files.append(self._text(body, "filename", frame))
 
-    def _set_use_sim_time(self, body: Any, frame: _Frame, where: str) -> None:
+    def _set_use_sim_time(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"value", "if", "unless"}, {"value"}, where)
         if self._wanted(body, frame):
             frame.parameters.append(("use_sim_time", truth(self._text(body, "value", frame))))
 
-    def _log(self, body: Any, frame: _Frame, where: str) -> None:
+    def _log(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"message", "if", "unless"}, {"message"}, where)
         if self._wanted(body, frame):
             self.description.messages.append(self._text(body, "message", frame))
 
-    def _shutdown(self, body: Any, frame: _Frame, where: str) -> None:
+    def _shutdown(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"reason", "if", "unless"}, set(), where)
         if self._wanted(body, frame):
             self.description.shutdown = True
 
-    def _timer(self, body: Any, frame: _Frame, where: str) -> None:
+    def _timer(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"period", "children", "if", "unless"}, {"period", "children"}, where)
         if self._wanted(body, frame):
             inner = frame.child()
-            inner.delay_s += _number(self._text(body, "period", frame), "period")
+            inner.delay_s += number(self._text(body, "period", frame), "period")
             self._children(body["children"], inner, where)
 
     # -- processes --------------------------------------------------------------------------------------------
 
-    def _process(self, body: Mapping, frame: _Frame, label: str, command: list[str], where: str) -> Process:
+    def _process(self, body: Mapping, frame: Frame, label: str, command: list[str], where: str) -> Process:
         prefix = shlex.split(self._text(body, "launch-prefix", frame, ""))
         environment = dict(frame.scope.environment)
         for item in body.get("env", []):
@@ -361,15 +288,15 @@ class LaunchReader:
             cwd=self._text(body, "cwd", frame) if "cwd" in body else None,
             output=output,
             respawn=truth(self._text(body, "respawn", frame, "false")),
-            respawn_delay_s=_number(self._text(body, "respawn_delay", frame, "0"), "respawn_delay"),
+            respawn_delay_s=number(self._text(body, "respawn_delay", frame, "0"), "respawn_delay"),
             respawn_max_retries=int(
-                _number(self._text(body, "respawn_max_retries", frame, "-1"), "respawn_max_retries")
+                number(self._text(body, "respawn_max_retries", frame, "-1"), "respawn_max_retries")
             ),
             on_exit_shutdown=on_exit is not None,
             delay_s=frame.delay_s,
         )
 
-    def _executable(self, body: Any, frame: _Frame, where: str) -> None:
+    def _executable(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, _EXECUTABLE, {"cmd"}, where)
         if not self._wanted(body, frame):
             return
@@ -381,7 +308,7 @@ class LaunchReader:
             process.command = [self._text(body, "cmd", frame)]
         self.description.processes.append(process)
 
-    def _node(self, body: Any, frame: _Frame, where: str) -> None:
+    def _node(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, _NODE, {"pkg", "exec"}, where)
         if not self._wanted(body, frame):
             return
@@ -392,7 +319,7 @@ class LaunchReader:
         name = self._text(body, "name", frame, "")
         if name:
             command += ["-r", f"__node:={name}"]
-        namespace = _joined(frame.namespace, self._text(body, "namespace", frame, ""))
+        namespace = joined(frame.namespace, self._text(body, "namespace", frame, ""))
         if namespace:
             command += ["-r", f"__ns:={namespace}"]
         for path in frame.parameter_files:
@@ -409,7 +336,7 @@ class LaunchReader:
         label = self._text(body, "exec_name", frame, name or executable)
         self.description.processes.append(self._process(body, frame, label, command, where))
 
-    def _parameters(self, item: Any, frame: _Frame, name: str, namespace: str, where: str) -> str:
+    def _parameters(self, item: Any, frame: Frame, name: str, namespace: str, where: str) -> str:
         """Return the path of a parameter file: the given one, or one written with the values."""
         item = self._checked(item, {"name", "value", "type", "sep", "from", "allow_substs", "param"}, set(), where)
         if "from" in item:
@@ -418,12 +345,12 @@ class LaunchReader:
                 raise LaunchError(f"{where}: param: expected a parameter file, found nothing at {path}")
             if not truth(self._text(item, "allow_substs", frame, "false")):
                 return str(path)
-            return _temporary(substitute(path.read_text(encoding="utf-8"), frame.scope))
+            return temporary(substitute(path.read_text(encoding="utf-8"), frame.scope))
         values = self._nested(item, frame, where)
         key = f"{namespace.rstrip('/')}/{name}" if name else "/**"
-        return _temporary(yaml.safe_dump({key: {"ros__parameters": values}}, sort_keys=False))
+        return temporary(yaml.safe_dump({key: {"ros__parameters": values}}, sort_keys=False))
 
-    def _nested(self, item: Mapping, frame: _Frame, where: str) -> dict[str, Any]:
+    def _nested(self, item: Mapping, frame: Frame, where: str) -> dict[str, Any]:
         if "name" not in item:
             raise LaunchError(f"{where}: param: expected 'name' with 'value', or 'from' with a file")
         name = self._text(item, "name", frame)
@@ -434,59 +361,4 @@ class LaunchReader:
             return {name: inner}
         if "value" not in item:
             raise LaunchError(f"{where}: param '{name}': expected 'value'")
-        return {name: _value(item["value"], item.get("type"), frame)}
-
-
-def _plain(value: Any) -> str:
-    """Return a YAML scalar as the text it was meant as."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, list | dict):
-        raise LaunchError(f"expected text or a number, found {value!r}")
-    return "" if value is None else str(value)
-
-
-def _value(value: Any, kind: str | None, frame: _Frame) -> Any:
-    """Return the value of a parameter; text is read as YAML after substitution unless its type is given as str."""
-    if isinstance(value, list):
-        return [_value(item, kind, frame) for item in value]
-    if not isinstance(value, str):
-        return value
-    text = substitute(value, frame.scope)
-    if kind == "str":
-        return text
-    try:
-        found = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise LaunchError(f"value {text!r} is not valid YAML: {error}") from error
-    converters: dict[str, Callable[[Any], Any]] = {"int": int, "float": float, "bool": lambda item: truth(str(item))}
-    if kind in converters:
-        try:
-            return converters[kind](found)
-        except (TypeError, ValueError) as error:
-            raise LaunchError(f"expected a value of type {kind}, found {text!r}") from error
-    return "" if found is None else found
-
-
-def _joined(base: str, name: str) -> str:
-    if not name:
-        return base
-    return name if name.startswith("/") else f"{base.rstrip('/')}/{name}"
-
-
-def _number(text: str, what: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise LaunchError(f"{what}: expected a number, found {text!r}") from None
-
-
-def _temporary(text: str) -> str:
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="launch_params_", suffix=".yaml", delete=False, encoding="utf-8"
-    ) as file:
-        file.write(text)
-    return file.name
-
-
-__all__ = ["Argument", "ArgumentsError", "Description", "LaunchReader", "Process"]
+        return {name: parameter_value(item["value"], item.get("type"), frame)}

@@ -18,7 +18,7 @@ from embedded_ros.child import PARENT_VARIABLE
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from embedded_ros.launch_file import Process
+    from embedded_ros.launch_description import Process
 
 _STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 5.0))
 

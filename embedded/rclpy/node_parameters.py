@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
+from rclpy.parameter_checks import REL_TOL, is_listed, make_descriptor, make_result, problem
 from rclpy.validate_parameter_name import validate_parameter_name
 
 if TYPE_CHECKING:
@@ -26,19 +26,11 @@ if TYPE_CHECKING:
 
     from embedded_ros.arguments import Arguments
 
-_REL_TOL = 1e-6
-
-
-def _result(reason: str = "") -> Any:
-    from rcl_interfaces.msg import SetParametersResult  # noqa: PLC0415  classes are made on first use
-
-    return SetParametersResult(successful=not reason, reason=reason)
-
 
 class NodeParameters:
     """Parameter methods; mixed into Node."""
 
-    PARAM_REL_TOL = _REL_TOL
+    PARAM_REL_TOL = REL_TOL
 
     _rcl_arguments: list[Arguments]
     _parameter_event_publisher: Any
@@ -93,7 +85,7 @@ class NodeParameters:
             ParameterAlreadyDeclaredException, InvalidParameterException, InvalidParameterTypeException,
             InvalidParameterValueException: it cannot be declared like this.
         """
-        given = (name,) if value is None and descriptor is None else (name, value, descriptor or _descriptor())
+        given = (name,) if value is None and descriptor is None else (name, value, descriptor or make_descriptor())
         return self.declare_parameters("", [given], ignore_override)[0]
 
     def declare_parameters(
@@ -128,8 +120,8 @@ class NodeParameters:
         name = f"{namespace}.{name}" if namespace else name
         validate_parameter_name(name)
         second = given[1] if len(given) > 1 else None
-        descriptor = given[2] if len(given) > 2 else _descriptor()
-        if not isinstance(descriptor, type(_descriptor())):
+        descriptor = given[2] if len(given) > 2 else make_descriptor()
+        if not isinstance(descriptor, type(make_descriptor())):
             raise TypeError(
                 f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
             )
@@ -249,7 +241,7 @@ class NodeParameters:
             raise ValueError("The depth must be greater than or equal to zero")
         result = ListParametersResult()
         for name in self._parameters:
-            if _listed(name, prefixes, depth):
+            if is_listed(name, prefixes, depth):
                 result.names.append(name)
                 prefix = name.rpartition(PARAMETER_SEPARATOR_STRING)[0]
                 if prefix and prefix not in result.prefixes:
@@ -270,7 +262,7 @@ class NodeParameters:
         for callback in self._pre_set_parameters_callbacks:
             parameter_list = callback(parameter_list)
         if self._pre_set_parameters_callbacks and not parameter_list:
-            return _result(
+            return make_result(
                 "parameter list cannot be empty, this might be due to pre_set_parameters_callback modifying the "
                 "original parameters list."
             )
@@ -290,20 +282,25 @@ class NodeParameters:
         for parameter in parameter_list:
             known = descriptors if descriptors is not None else self._descriptors
             if parameter.name in known:
-                reason = self._rcl_problem(parameter, known[parameter.name], check_read_only=descriptors is None)
+                reason = problem(
+                    parameter,
+                    known[parameter.name],
+                    declared=self.has_parameter(parameter.name),
+                    check_read_only=descriptors is None,
+                )
                 if reason:
-                    return _result(reason)
+                    return make_result(reason)
         for callback in self._on_set_parameters_callbacks:
             result = callback(parameter_list)
             if not hasattr(result, "successful"):
                 warnings.warn("Callback returned an invalid type, it should return SetParameterResult.", stacklevel=3)
-                return _result("Callback returned an invalid type")
+                return make_result("Callback returned an invalid type")
             if not result.successful:
                 return result
         self._rcl_store(parameter_list, descriptors, allow_not_set_type=allow_not_set_type)
         for post in self._post_set_parameters_callbacks:
             post(parameter_list)
-        return _result()
+        return make_result()
 
     def _rcl_store(
         self, parameter_list: list[Parameter], descriptors: dict[str, Any] | None, *, allow_not_set_type: bool
@@ -321,37 +318,19 @@ class NodeParameters:
             if descriptors is not None:
                 self._descriptors[name] = descriptors[name]
             elif name not in self._descriptors:
-                self._descriptors[name] = _descriptor(dynamic_typing=True)
+                self._descriptors[name] = make_descriptor(dynamic_typing=True)
             new = self.get_parameter_or(name).type_ is Parameter.Type.NOT_SET
             (event.new_parameters if new else event.changed_parameters).append(parameter.to_parameter_msg())
             self._parameters[name] = parameter
         event.stamp = self._clock.now().to_msg()
         self._parameter_event_publisher.publish(event)
 
-    def _rcl_problem(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
-        """Return why a value does not suit a descriptor; '' when it does. Completes the descriptor's name and type."""
-        descriptor.name = parameter.name
-        if check_read_only and descriptor.read_only:
-            return f"Trying to set a read-only parameter: {parameter.name}."
-        if descriptor.dynamic_typing:
-            descriptor.type = parameter.type_.value
-        elif parameter.type_ is Parameter.Type.NOT_SET:
-            if self.has_parameter(parameter.name):
-                return "Static parameter cannot be undeclared"
-        elif parameter.type_.value != descriptor.type:
-            return f"Wrong parameter type, expected '{Parameter.Type(descriptor.type)}' got '{parameter.type_}'"
-        if parameter.type_ is Parameter.Type.INTEGER and descriptor.integer_range:
-            return _integer_problem(parameter, descriptor.integer_range[0])
-        if parameter.type_ is Parameter.Type.DOUBLE and descriptor.floating_point_range:
-            return _float_problem(parameter, descriptor.floating_point_range[0])
-        return ""
-
     def describe_parameter(self, name: str) -> Any:
         """Return the descriptor of a parameter."""
         if name in self._descriptors:
             return self._descriptors[name]
         if self._allow_undeclared_parameters:
-            return _descriptor()
+            return make_descriptor()
         raise ParameterNotDeclaredException(name)
 
     def describe_parameters(self, names: list[str]) -> list[Any]:
@@ -369,10 +348,10 @@ class NodeParameters:
         if self.describe_parameter(name).read_only:
             raise ParameterImmutableException(name)
         current = self.get_parameter(name)
-        if self._rcl_problem(current, descriptor, check_read_only=False):
+        if problem(current, descriptor, declared=True, check_read_only=False):
             if alternative_value is not None:
                 current = Parameter.from_parameter_msg(Message(name=name, value=alternative_value))
-            reason = self._rcl_problem(current, descriptor, check_read_only=False)
+            reason = problem(current, descriptor, declared=True, check_read_only=False)
             if reason:
                 raise InvalidParameterValueException(name, current.value, reason)
         self._parameters[name] = current
@@ -404,50 +383,3 @@ class NodeParameters:
     def remove_post_set_parameters_callback(self, callback: Callable[[list[Parameter]], None]) -> None:
         """Stop calling."""
         self._post_set_parameters_callbacks.remove(callback)
-
-
-def _listed(name: str, prefixes: list[str], depth: int) -> bool:
-    """Whether a name is within a depth (0 is any) of one of the prefixes (none is all)."""
-    separator = PARAMETER_SEPARATOR_STRING
-    rests = [name.removeprefix(prefix + separator) for prefix in prefixes if name.startswith(prefix + separator)]
-    if name in prefixes:
-        return True
-    return any(depth == 0 or rest.count(separator) < depth for rest in (rests if prefixes else [name]))
-
-
-def _descriptor(*, dynamic_typing: bool = False) -> Any:
-    from rcl_interfaces.msg import ParameterDescriptor  # noqa: PLC0415  classes are made on first use
-
-    return ParameterDescriptor(dynamic_typing=dynamic_typing)
-
-
-def _integer_problem(parameter: Parameter, limits: Any) -> str:
-    low, high = sorted((limits.from_value, limits.to_value))
-    value = parameter.value
-    if value in {low, high}:
-        return ""
-    if not low < value < high:
-        return f"Parameter {parameter.name} out of range. Min: {low}, Max: {high}, value: {value}"
-    if limits.step and (value - low) % limits.step:
-        return (
-            f"The parameter value for {parameter.name} is not a valid step. "
-            f"Min: {low}, max: {high}, value: {value}, step: {limits.step}"
-        )
-    return ""
-
-
-def _float_problem(parameter: Parameter, limits: Any) -> str:
-    low, high = sorted((limits.from_value, limits.to_value))
-    value = parameter.value
-    if math.isclose(value, low, rel_tol=_REL_TOL) or math.isclose(value, high, rel_tol=_REL_TOL):
-        return ""
-    if not low < value < high:
-        return f"Parameter {parameter.name} out of range Min: {low}, Max: {high}, value: {value}"
-    if limits.step:
-        nearest = low + round((value - low) / limits.step) * limits.step
-        if not math.isclose(nearest, value, rel_tol=_REL_TOL):
-            return (
-                f"The parameter value for {parameter.name} is not close enough to a valid step. "
-                f"Min: {low}, max: {high}, value: {value}, step: {limits.step}"
-            )
-    return ""

@@ -11,7 +11,8 @@ import yaml
 
 from embedded_ros import workspace as workspaces
 from embedded_ros.errors import LaunchError
-from embedded_ros.launch_file import Description, LaunchReader
+from embedded_ros.launch_description import Description
+from embedded_ros.launch_file import LaunchReader
 from embedded_ros.substitutions import Scope, substitute
 
 

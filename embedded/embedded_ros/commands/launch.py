@@ -11,7 +11,8 @@ from pathlib import Path
 
 from embedded_ros import workspace
 from embedded_ros.errors import LaunchError
-from embedded_ros.launch_file import Argument, LaunchReader
+from embedded_ros.launch_description import Argument
+from embedded_ros.launch_file import LaunchReader
 from embedded_ros.launch_run import LaunchRunner
 
 
