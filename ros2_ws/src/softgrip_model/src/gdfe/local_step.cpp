@@ -40,9 +40,11 @@ HWY_INLINE Matrix3<V> cofactors(const Matrix3<V>& a) {
 
 template <class V>
 HWY_INLINE V dot(const Matrix3<V>& a, const Matrix3<V>& b) {
-  V sum = a.m[0][0] * b.m[0][0];
-  for (int k = 1; k < 9; ++k) sum = hn::MulAdd(a.m[k / 3][k % 3], b.m[k / 3][k % 3], sum);
-  return sum;
+  V rows[3];  // by rows: a chain of nine additions would be waited for
+  for (int i = 0; i < 3; ++i) {
+    rows[i] = hn::MulAdd(a.m[i][0], b.m[i][0], hn::MulAdd(a.m[i][1], b.m[i][1], a.m[i][2] * b.m[i][2]));
+  }
+  return (rows[0] + rows[1]) + rows[2];
 }
 
 template <class V>
@@ -50,60 +52,65 @@ HWY_INLINE V determinant(const Matrix3<V>& a, const Matrix3<V>& cof) {
   return hn::MulAdd(a.m[0][0], cof.m[0][0], hn::MulAdd(a.m[0][1], cof.m[0][1], a.m[0][2] * cof.m[0][2]));
 }
 
-// Newton's polar iteration R <- (g R + cof(R) / (g det R)) / 2, with Frobenius scaling g in its first steps where an element
-// of the group is far from a rotation.
+// One step of Newton's polar iteration R <- (g R + cof(R) / (g det R)) / 2, with Frobenius scaling g where `scaled`; returns
+// the squared change.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Matrix3<V> rotation_of(D d, const Matrix3<V>& f) {
+HWY_INLINE V polar_step(D d, Matrix3<V>& r, bool scaled) {
   const V half = hn::Set(d, 0.5);
-  Matrix3<V> r = f;
-  const auto even = hn::Lt(hn::Abs(dot(f, f) - hn::Set(d, 3.0)), hn::Set(d, 1.5));
-  const bool near = hn::AllTrue(d, hn::And(even, hn::Gt(determinant(f, cofactors(f)), half)));
-  for (int iteration = 0; iteration < 12; ++iteration) {
-    const Matrix3<V> cof = cofactors(r);
-    const V inverse = hn::Set(d, 1.0) / determinant(r, cof);
-    V scale = half, scale_inverse = half * inverse;
-    if (iteration < 2 && !near) {
-      const V ratio = hn::Sqrt(dot(cof, cof) / dot(r, r)) * hn::Abs(inverse);  // |R^-T| / |R|
-      const V g = hn::Sqrt(ratio);
-      scale = half * g;
-      scale_inverse = half * inverse / g;
-    }
-    V change = hn::Zero(d);
-    for (int k = 0; k < 9; ++k) {
-      const V before = r.m[k / 3][k % 3];
-      const V after = hn::MulAdd(scale, before, scale_inverse * cof.m[k / 3][k % 3]);
-      change = hn::MulAdd(after - before, after - before, change);
-      r.m[k / 3][k % 3] = after;
-    }
-    // quadratic: a change of 1e-8 leaves 1e-16
-    if ((iteration >= 2 || near) && hn::AllTrue(d, hn::Lt(change, hn::Set(d, 1e-15)))) break;
+  const Matrix3<V> cof = cofactors(r);
+  const V inverse = hn::Set(d, 1.0) / determinant(r, cof);
+  V scale = half, scale_inverse = half * inverse;
+  if (scaled) {
+    const V ratio = hn::Sqrt(dot(cof, cof) / dot(r, r)) * hn::Abs(inverse);  // |R^-T| / |R|
+    const V g = hn::Sqrt(ratio);
+    scale = half * g;
+    scale_inverse = half * inverse / g;
   }
-  return r;
+  Matrix3<V> change;
+  for (int k = 0; k < 9; ++k) {
+    const V before = r.m[k / 3][k % 3];
+    r.m[k / 3][k % 3] = hn::MulAdd(scale, before, scale_inverse * cof.m[k / 3][k % 3]);
+    change.m[k / 3][k % 3] = r.m[k / 3][k % 3] - before;
+  }
+  return dot(change, change);
 }
 
-// D = F* - F with det F* = 1 and |D| least, by the fixed point of Bouaziz et al. 2014.
+// One step of the fixed point of Bouaziz et al. 2014 towards D = F* - F with det F* = 1 and |D| least; returns the squared
+// change.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Matrix3<V> volume_correction(D d, const Matrix3<V>& f) {
-  const V one = hn::Set(d, 1.0), tiny = hn::Set(d, 1e-12);
-  Matrix3<V> correction;
+HWY_INLINE V volume_step(D d, const Matrix3<V>& f, Matrix3<V>& correction) {
+  Matrix3<V> target;
+  for (int k = 0; k < 9; ++k) target.m[k / 3][k % 3] = f.m[k / 3][k % 3] + correction.m[k / 3][k % 3];
+  const Matrix3<V> cof = cofactors(target);
+  const V gap = determinant(target, cof) - hn::Set(d, 1.0);
+  const V step = (dot(cof, correction) - gap) / (dot(cof, cof) + hn::Set(d, 1e-12));
+  Matrix3<V> change;
+  for (int k = 0; k < 9; ++k) {
+    const V after = step * cof.m[k / 3][k % 3];
+    change.m[k / 3][k % 3] = after - correction.m[k / 3][k % 3];
+    correction.m[k / 3][k % 3] = after;
+  }
+  return dot(change, change);
+}
+
+// The rotation of F and, for the shape `proj`, its volume correction, side by side: each alone is a chain of divisions.
+template <VolumeShape shape, class D, class V = hn::Vec<D>>
+HWY_INLINE void rotation_and_volume(D d, const Matrix3<V>& f, V det, Matrix3<V>& r, Matrix3<V>& correction) {
+  const V half = hn::Set(d, 0.5);
+  const auto even = hn::Lt(hn::Abs(dot(f, f) - hn::Set(d, 3.0)), hn::Set(d, 1.5));
+  const bool near = hn::AllTrue(d, hn::And(even, hn::Gt(det, half)));  // to a rotation: no scaling
+  r = f;
   for (int k = 0; k < 9; ++k) correction.m[k / 3][k % 3] = hn::Zero(d);
   for (int iteration = 0; iteration < 20; ++iteration) {
-    Matrix3<V> target;
-    for (int k = 0; k < 9; ++k) target.m[k / 3][k % 3] = f.m[k / 3][k % 3] + correction.m[k / 3][k % 3];
-    const Matrix3<V> cof = cofactors(target);
-    const V gap = determinant(target, cof) - one;
-    const V step = (dot(cof, correction) - gap) / (dot(cof, cof) + tiny);
-    V change = hn::Zero(d);
-    for (int k = 0; k < 9; ++k) {
-      const V after = step * cof.m[k / 3][k % 3];
-      const V delta = after - correction.m[k / 3][k % 3];
-      change = hn::MulAdd(delta, delta, change);
-      correction.m[k / 3][k % 3] = after;
+    const bool scaled = iteration < 2 && !near;
+    // quadratic: a change of 3e-8 leaves 1e-15
+    auto settled = hn::Lt(polar_step(d, r, scaled), hn::Set(d, 1e-15));
+    if constexpr (shape == VolumeShape::Proj) {
+      // linear, by a tenth to a third a step: a change of 3e-10 leaves at most 1e-10
+      settled = hn::And(settled, hn::Lt(volume_step(d, f, correction), hn::Set(d, 1e-19)));
     }
-    // linear, by a tenth to a third a step: a change of 3e-10 leaves at most 1e-10
-    if (hn::AllTrue(d, hn::Lt(change, hn::Set(d, 1e-19)))) break;
+    if (!scaled && hn::AllTrue(d, settled)) break;
   }
-  return correction;
 }
 
 // x^(-1/3) by Newton; 1 / (2/3 + x/3) lies below it (arithmetic over geometric mean), so the way is monotone.
@@ -213,9 +220,8 @@ HWY_INLINE void lanes_step(D d, ElementBlocks& e, const SecantTables& tables, st
   }
 
   const V det = determinant(f, cofactors(f));
-  Matrix3<V> r = rotation_of(d, f);
-  Matrix3<V> correction = f;
-  if constexpr (shape == VolumeShape::Proj) correction = volume_correction(d, f);
+  Matrix3<V> r, correction;
+  rotation_and_volume<shape>(d, f, det, r, correction);
   repair_inverted(d, f, det, r, correction);
 
   const V strain = equivalent_strain(d, f, r);

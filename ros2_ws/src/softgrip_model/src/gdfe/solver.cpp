@@ -16,6 +16,9 @@ constexpr double kGrowth = 4.0;
 // How often one step is halved when it leaves what the law has a value for.
 constexpr int kHalvings = 12;
 
+// Loops over fewer nodes or unknowns are one thread's.
+constexpr std::size_t kSharedFrom = 6000;
+
 std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric metric) {
   std::vector<Element> elements(static_cast<std::size_t>(hexes.rows()));
   for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
@@ -77,6 +80,7 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   elements_ = {};
   build_point_columns();
   build_contact();
+  accelerate_ = std::make_unique<Anderson>(unknowns_ + cables_.size(), settings_.window, settings_.threads);
 }
 
 void Solver::build_contact() {
@@ -144,8 +148,28 @@ void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes
     for (std::size_t i = 0; i < nodes_; ++i) {
       axes_[axis].dof[i] = map[i] < 0 ? -1 : axes_[axis].inverse->position()[static_cast<std::size_t>(map[i])];
     }
+    list_nodes(axes_[axis]);
     axes_[axis].offset = unknowns_;
     unknowns_ += static_cast<std::size_t>(size);
+  }
+}
+
+void Solver::list_nodes(Axis& axis) const {
+  const auto size = static_cast<std::size_t>(axis.inverse->size());
+  axis.first_node.assign(size + 1, 0);
+  for (const std::int32_t dof : axis.dof) {
+    if (dof >= 0) ++axis.first_node[static_cast<std::size_t>(dof) + 1];
+  }
+  for (std::size_t u = 0; u < size; ++u) axis.first_node[u + 1] += axis.first_node[u];
+  std::vector<std::int32_t> next(axis.first_node.begin(), axis.first_node.end() - 1);
+  axis.nodes.resize(static_cast<std::size_t>(axis.first_node.back()));
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    const auto node = static_cast<std::int32_t>(i);
+    if (axis.dof[i] >= 0) {
+      axis.nodes[static_cast<std::size_t>(next[static_cast<std::size_t>(axis.dof[i])]++)] = node;
+    } else {
+      axis.held.push_back(node);
+    }
   }
 }
 
@@ -219,6 +243,7 @@ void Solver::expand(const std::vector<double>& state) {
     const std::int32_t* dof = axes_[axis].dof.data();
     const double *base = base_.data() + axis * nodes_, *displacement = state.data() + axes_[axis].offset;
     double* position = position_.data() + axis * nodes_;
+#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes_ > kSharedFrom)
     for (std::size_t i = 0; i < nodes_; ++i) position[i] = base[i] + (dof[i] >= 0 ? displacement[dof[i]] : 0.0);
   }
 }
@@ -244,21 +269,21 @@ void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
 
 // Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
 double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
-  std::fill(residual.begin(), residual.end(), 0.0);
   double held = 0.0, loads = follower_squared_ + dead_load_squared_;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::int32_t* dof = axes_[axis].dof.data();
-    double* out = residual.data() + axes_[axis].offset;
+    const Axis& a = axes_[axis];
+    double* out = residual.data() + a.offset;
     const double *force = force_.data() + axis * nodes_, *load = dead_load_.data() + axis * nodes_;
-    for (std::size_t i = 0; i < nodes_; ++i) {
-      const double g = force[i] - load[i];
-      if (dof[i] >= 0) {
-        out[dof[i]] -= g;
-      } else {
-        held += g * g;
-      }
+    const auto size = static_cast<std::size_t>(a.inverse->size());
+#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && size > kSharedFrom)
+    for (std::size_t u = 0; u < size; ++u) {
+      double sum = 0.0;
+      for (std::int32_t k = a.first_node[u]; k < a.first_node[u + 1]; ++k) sum += load[a.nodes[k]] - force[a.nodes[k]];
+      out[u] = sum;
     }
+    for (const std::int32_t i : a.held) held += (force[i] - load[i]) * (force[i] - load[i]);
   }
+  std::fill(residual.begin() + static_cast<std::ptrdiff_t>(unknowns_), residual.end(), 0.0);
   for (const CableWork& work : cable_work_) {
     for (const Eigen::Vector3d& force : work.state.force) loads += force.squaredNorm();
   }
@@ -351,7 +376,8 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
 
   lay_out(task);
   begin_contact(task);
-  Anderson accelerate(state.size(), settings_.window, settings_.threads);
+  Anderson& accelerate = *accelerate_;
+  accelerate.forget();
   Outcome outcome;
   double last_norm = 0.0;
   int halvings = 0;
@@ -407,7 +433,7 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
         for (double& value : step) value *= settings_.step_limit / largest;
       }
     }
-    for (std::size_t i = 0; i < state.size(); ++i) state[i] += step[i];
+    Eigen::Map<Eigen::VectorXd>(state.data(), static_cast<Eigen::Index>(state.size())) += first(step, step.size());
     for (std::size_t c = 0; c < cables_.size(); ++c) {
       double& tension = state[unknowns_ + c];
       if (tension < 0.0) step[unknowns_ + c] -= tension, tension = 0.0;
@@ -461,21 +487,28 @@ void Solver::place(const Nodes& displacement) {
 
 void Solver::add_element_forces() {
   const auto threads = static_cast<std::size_t>(settings_.threads);
-#pragma omp parallel for num_threads(settings_.threads) schedule(static, 1) if (threads > 1)
-  for (std::size_t t = 0; t < threads; ++t) {
-    double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * 3 * nodes_;
-    std::fill(force, force + 3 * nodes_, 0.0);
-    if (ogden_) {
-      ogden_->add_forces(position_.data(), force, blocks_.strain.data(), nodes_, t * blocks_.elements / threads,
-                         (t + 1) * blocks_.elements / threads);
-    } else {
-      local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, nodes_,
-                 t * blocks_.blocks / threads, (t + 1) * blocks_.blocks / threads);
+#pragma omp parallel num_threads(settings_.threads) if (threads > 1)
+  {
+#pragma omp for schedule(static, 1)
+    for (std::size_t t = 0; t < threads; ++t) {
+      double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * 3 * nodes_;
+      std::fill(force, force + 3 * nodes_, 0.0);
+      if (ogden_) {
+        ogden_->add_forces(position_.data(), force, blocks_.strain.data(), nodes_, t * blocks_.elements / threads,
+                           (t + 1) * blocks_.elements / threads);
+      } else {
+        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, nodes_,
+                   t * blocks_.blocks / threads, (t + 1) * blocks_.blocks / threads);
+      }
     }
-  }
-  for (std::size_t t = 1; t < threads; ++t) {  // in order, so that sums do not depend on timing
-    const double* share = shares_.data() + (t - 1) * 3 * nodes_;
-    for (std::size_t i = 0; i < 3 * nodes_; ++i) force_[i] += share[i];
+#pragma omp for schedule(static, 1)
+    for (std::size_t t = 0; t < threads; ++t) {
+      const std::size_t from = t * 3 * nodes_ / threads, to = (t + 1) * 3 * nodes_ / threads;
+      for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
+        const double* share = shares_.data() + (other - 1) * 3 * nodes_;
+        for (std::size_t i = from; i < to; ++i) force_[i] += share[i];
+      }
+    }
   }
 }
 

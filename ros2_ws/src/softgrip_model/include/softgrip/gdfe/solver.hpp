@@ -108,6 +108,8 @@ class Solver {
     std::shared_ptr<const ConstantInverse> inverse;
     DofMap dof;              // node -> place in the inverse's order, -1 prescribed
     std::size_t offset = 0;  // of its unknowns in the state vector
+    std::vector<std::int32_t> first_node, nodes;  // unknown -> its nodes, in compressed rows
+    std::vector<std::int32_t> held;               // nodes without an unknown
     std::shared_ptr<const Eigen::MatrixXd> point_columns;  // L^-1 S^T, one column per moving cable point
   };
   struct CableWork {
@@ -125,6 +127,7 @@ class Solver {
   void build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
                   const std::array<DofMap, 3>& maps);
   void build_point_columns();
+  void list_nodes(Axis& axis) const;
   void lay_out(const Task& task);
   void expand(const std::vector<double>& state);
   void pull_cables(const Task& task, const std::vector<double>& state);
@@ -153,6 +156,7 @@ class Solver {
   std::vector<double> position_, force_, follower_, scratch_;
   std::vector<double> base_, dead_load_;  // of the task: rest plus prescribed displacements, and loads, [3][nodes]
   double dead_load_squared_ = 0.0;
+  std::unique_ptr<Anderson> accelerate_;
   std::vector<double> shares_;  // forces of every thread but the first, [thread][3][nodes]
   double weight_scale_ = 1.0;
 };
