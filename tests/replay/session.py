@@ -29,6 +29,7 @@ SLOTS = ("index", "middle", "thumb")
 SETS = ("hook", "pinch", "power")
 PRODUCT = "egg"
 COPIES = 2
+CALIBRATIONS = 3  # tries
 CABLE_RADIUS, SURFACE_RADIUS = 0.000125, 0.003  # [m]
 PULL, SPEED = 0.020, 0.016  # [m], [m/s] of a closing
 
@@ -76,9 +77,13 @@ class Session:
             surface_radius=SURFACE_RADIUS,
             activate=True,
         )
-        result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
-        if result.outcome != result.SUCCEEDED:
-            raise RuntimeError(f"the calibration failed: {result.reason}")
+        reasons = []
+        for _ in range(CALIBRATIONS):
+            result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
+            if result.outcome == result.SUCCEEDED:
+                return
+            reasons.append(result.reason)
+        raise RuntimeError(f"the calibration failed: {'; '.join(reasons)}")
 
     def _swap(self, finger_set: str) -> None:
         reasons = []
