@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from softgrip_demo import plots
+from softgrip_demo import plots, table42
 from softgrip_design import trajectory
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
             for c in record.closings
             if c.samples
         ],
+        cross_check=table42.page_view(table42.load()),
         film=[
             {
                 "image": _data_url(folder / frame.image),

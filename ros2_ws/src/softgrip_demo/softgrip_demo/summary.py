@@ -9,15 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softgrip_demo.table42 import agrees
+
 if TYPE_CHECKING:
     from softgrip_demo.record import Closing, ShiftRecord
-
-#: Outcomes that agree with a result of Table 4.2. A partial success may hold or slip.
-AGREES = {
-    "success": {"GRIPPED"},
-    "partial": {"GRIPPED", "SLIPPED", "EMPTY"},
-    "failure": {"SLIPPED", "EMPTY", "ABORTED"},
-}
 
 
 @dataclass(frozen=True)
@@ -70,7 +65,7 @@ def summarise(record: ShiftRecord, replay: ReplayCheck, wall_report: float) -> d
                 "grasp": grasp.grasp,
                 "outcome": grasp.outcome,
                 "expected": grasp.expected,
-                "agrees": grasp.outcome in AGREES.get(grasp.expected, set()),
+                "agrees": agrees(grasp.outcome, grasp.expected),
                 "latency_ms": _number(1000.0 * grasp.latency),
                 "reason": grasp.reason,
             }

@@ -18,8 +18,9 @@ LEAST_TENSION_N: Final = 1.0
 #: Share of the holding excess from which a finger counts as pressing with all that was asked of it.
 FULL_SHARE: Final = 0.8
 
-#: A finger is pulled again when it presses with less than this share of it; at most so often [s].
+#: A finger that stands is pulled again when it presses with less than this share of it for LOW_S, at most so often [s].
 KEEP_SHARE: Final = 0.9
+LOW_S: Final = 0.08
 KEEP_PERIOD_S: Final = 0.15
 
 #: What is fragile is pressed at most so many times faster than it was met: a motor does not stop at once [1].
@@ -45,7 +46,7 @@ class Pressing:
         self._kept_since_ns: dict[int, int] = {}
         self._kept_n: dict[int, float] = {}
         self._starting_until_ns: dict[int, int] = {}
-        self._low: dict[int, int] = {}
+        self._low_since_ns: dict[int, int] = {}
 
     @property
     def slots(self) -> frozenset[int]:
@@ -93,11 +94,14 @@ class Pressing:
         """
         for slot, reading in enumerate(readings):
             low = slot in self._kept_since_ns and reading.tension_n < self._wanted_n(slot, reading, KEEP_SHARE)
-            self._low[slot] = self._low.get(slot, 0) + 1 if low and standing[slot] else 0
+            if low and standing[slot]:
+                self._low_since_ns.setdefault(slot, now_ns)
+            else:
+                self._low_since_ns.pop(slot, None)
         slots = [
             slot
             for slot, since_ns in self._kept_since_ns.items()
-            if self._low[slot] >= self._settings.run
+            if now_ns - self._low_since_ns.get(slot, now_ns) >= LOW_S * 1e9
             and not self.at_end(slot, readings[slot])
             and now_ns - since_ns >= KEEP_PERIOD_S * 1e9
         ]

@@ -78,7 +78,7 @@ class FreeReference:
         """Slope at each row [N/m]."""
         if len(self.pulled_m) < 2:
             return np.zeros(1)
-        return np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_m))
+        return np.asarray(np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_m)), dtype=np.float64)
 
     def document(self) -> dict[str, Any]:
         """Return plain data for storage."""

@@ -22,7 +22,7 @@ class GraspSettings:
         contact_from_m: pulled length from which contact is looked for: before, slack and the motor's start hide it [m].
         run: samples in a row that have to agree before anything is decided.
         slip_share: share of the contact threshold below which a finger that held touches nothing any more.
-        slip_s: how long a hold has to be lost before it counts: time enough for the tension to be brought back [s].
+        slip_s: how long a hold has to be lost before it counts [s].
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
         lost_floor_n: free tension from which that can be judged [N].
         lost_s: how long it has to pull nothing: the drive's tension is no good while it gets up to speed [s].
@@ -45,7 +45,7 @@ class GraspSettings:
     contact_from_m: float = 0.003
     run: int = 3
     slip_share: float = 0.7
-    slip_s: float = 0.06
+    slip_s: float = 0.03
     lost_fraction: float = 0.35
     lost_floor_n: float = 4.0
     lost_s: float = 0.2

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who may grasp with what: worn fingers are refused for good, and without a lift only what is known to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.cell import Cell, Clocks, Mode
+from softgrip_cell.errors import RefusedError
+from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits
+from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.passports import FingerState, read_passports
+from softgrip_cell.storage import Database, Journal, Library
+
+SLOTS = ("index", "middle", "thumb")
+POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
+FREE = FreeReference((0.0, 0.02), (0.0, 0.0), (0.0, 15.0), 0.05, "model")
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
+        library = Library(opened, lambda: 1)
+        library.import_catalogue(read_catalogue(), "test")
+        library.import_passports(read_passports().values(), "test")
+        yield opened
+
+
+def start(database: Database, *, verified: bool = True) -> Cell:
+    """A cell with verified power fingers, its driver and friction as they should be."""
+    journal = Journal(database, SLOTS, lambda: 1)
+    limits = FrictionLimits(age_s=1e6, range_factor=5.0)
+    cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
+    if verified:
+        journal.begin("swap", "power", "insert")
+        journal.read_in("close_palm", POWER)
+        references = dict.fromkeys(POWER, FREE.document())
+        journal.finish_swap("power", "SUCCEEDED", "good", 1.0, changed=True, references=references)
+        cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
+        journal.finish_swap("power", "SUCCEEDED", "good", 1.0, changed=False, references=references)
+        cell._slots = journal.slots()
+    cell.update_driver(DriverFacts(heard=True, estop=False))
+    cell.update_friction(lambda: FrictionFacts("model", 1.0, 10.0, usable=True, reason=""))
+    return cell
+
+
+def test_a_worn_finger_is_marked_and_refused_with_the_reason_of_its_residual(database: Database) -> None:
+    cell = start(database)
+    cell.wear("index", "stiffness down by 31 %")
+    assert Library(database, lambda: 1).passports()["PW-I-01"].state is FingerState.WORN
+    with pytest.raises(RefusedError, match=r"slot index: finger PW-I-01 is worn.*stiffness down by 31 %"):
+        cell.begin_grasp("egg", confirm_lift=True, trial=False)
+    assert cell.mode is Mode.IDLE
+    audited = next(entry for entry in Library(database, lambda: 1).audit() if entry.action == "worn")
+    assert (audited.subject, audited.detail["slot"]) == ("PW-I-01", "index")
+    # Neither a restart nor another verdict of the same kind changes that.
+    cell.wear("index", "again")
+    again = start(database, verified=False)
+    with pytest.raises(RefusedError, match="finger PW-I-01 is worn"):
+        again.begin_grasp("egg", confirm_lift=True, trial=False)
+
+
+def test_the_next_swap_takes_another_finger_than_the_worn_one(database: Database) -> None:
+    cell = start(database)
+    cell.wear("index", "friction up by 60 %")
+    spare = {serial for serial, p in read_passports().items() if p.profile == "power" and p.finger == "index"} - {
+        "PW-I-01"
+    }
+    if spare:
+        sequence = cell.begin_swap("power", ())
+        assert not sequence.only_check
+        assert sequence._proposed[0] in spare
+    else:
+        with pytest.raises(RefusedError, match="no usable index finger"):
+            cell.begin_swap("power", ())
+
+
+def test_wear_of_a_slot_that_nobody_knows_writes_nothing(database: Database) -> None:
+    cell = start(database, verified=False)
+    before = Library(database, lambda: 1).passports()
+    cell.wear("index", "whatever")
+    cell.wear("toe", "whatever")
+    assert Library(database, lambda: 1).passports() == before
+
+
+def test_without_a_lift_only_what_is_known_to_hold_is_grasped(database: Database) -> None:
+    cell = start(database)
+    with pytest.raises(RefusedError, match=r"'power' is not known to hold 'cheese_slice'.*partial.*confirm_lift"):
+        cell.begin_grasp("cheese_slice", confirm_lift=False, trial=False)
+    with pytest.raises(RefusedError, match="only a lift can tell"):
+        cell.begin_grasp("grape", confirm_lift=False, trial=True)
+    assert cell.begin_grasp("egg", confirm_lift=False, trial=False).product.id == "egg"
