@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the recorded bags of this folder anew: one session of the emulated cell, through the shipped launch file.
 
-Run after a deliberate change of what a node computes, on a machine with nothing else to do:
-``python tests/replay/make_bags.py``. The excerpts carry what the replayed nodes read and what they said.
+``python tests/replay/make_bags.py``, on a machine with nothing else to do. The excerpts carry what the replayed nodes
+read and what they said. After a deliberate change of what a node computes ``--renew`` is enough: the recorded inputs
+stay, and the nodes answer them anew.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softgrip_bag.excerpt import excerpt
+from softgrip_bag.nodes.through import renewed
 from softgrip_bag.reader import RawMessage, read
 
 HERE = Path(__file__).resolve().parent
@@ -60,6 +62,9 @@ PARTS = {
     ),
 }
 
+#: Nodes whose answers `--renew` replaces; the manager's are steps that belong together, and are recorded only.
+NODES = {"closings": "kinematics_predictor", "shapes": "gdfe_simulator", "frames": "marker_tracker"}
+
 
 def main() -> int:
     """Record a session, or take a bag, and cut the excerpts."""
@@ -67,7 +72,12 @@ def main() -> int:
     parser.add_argument("--bag", type=Path, help="cut a bag that is there already")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated cell")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="only these")
+    parser.add_argument("--renew", action="store_true", help="keep the recorded inputs")
     options = parser.parse_args()
+    if options.renew:
+        for name in options.parts:
+            renew(name)
+        return 0
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-bags-") as folder:
         bag = options.bag or record(Path(folder), options.seed)
         for name in options.parts:
@@ -78,6 +88,16 @@ def main() -> int:
             size = sum(file.stat().st_size for file in (BAGS / name).iterdir())
             sys.stdout.write(f"{name}: {count} messages, {size / 1e3:.0f} kB\n")
     return 0
+
+
+def renew(name: str) -> None:
+    """Have the node of a part answer its recorded inputs anew."""
+    node = NODES.get(name)
+    if node is not None:
+        excerpt(BAGS / name, BAGS / f"{name}.new", instead=renewed(BAGS / name, node))
+        shutil.rmtree(BAGS / name)
+        excerpt(BAGS / f"{name}.new", BAGS / name)
+        shutil.rmtree(BAGS / f"{name}.new")
 
 
 def stretch(bag: Path, part: Part) -> tuple[int, int | None]:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import heapq
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.qos_text import OfferedQos
-from softgrip_bag.reader import attachments, facts, read, topic_summaries
+from softgrip_bag.reader import RawMessage, attachments, facts, read, topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
 
 #: Written anew for each file.
@@ -16,7 +17,12 @@ _NOT_COPIED = "rosbag2"
 
 
 def excerpt(
-    bag: Path, to: Path, topics: Collection[str] | None = None, since: int = 0, until: int | None = None
+    bag: Path,
+    to: Path,
+    topics: Collection[str] | None = None,
+    since: int = 0,
+    until: int | None = None,
+    instead: Mapping[str, Sequence[RawMessage]] | None = None,
 ) -> int:
     """Write a part of a bag; returns the number of messages.
 
@@ -28,6 +34,7 @@ def excerpt(
         topics: only these; None = all.
         since: [ns] by time of reception.
         until: [ns] by time of reception; None = the end.
+        instead: topic -> messages in place of the recorded ones.
 
     Raises:
         BagError: no bag, no MCAP, or no room to write.
@@ -43,7 +50,7 @@ def excerpt(
         for topic in chosen:
             offers = tuple(OfferedQos.from_map(offer) for offer in topic.qos)
             part.add_topic(Topic(topic.name, topic.type_name, topic.type_hash, topic.schema, offers))
-        for message in read(bag, {topic.name for topic in chosen}):
+        for message in _merged(bag, {topic.name for topic in chosen}, instead or {}):
             if until is not None and message.received > until:
                 break
             if message.received >= since or message.topic in latched:
@@ -53,3 +60,13 @@ def excerpt(
         part.abandon()
         raise BagError(f"{to}: cannot be written: {error.strerror}") from error
     return part.messages
+
+
+def _merged(bag: Path, topics: set[str], instead: Mapping[str, Sequence[RawMessage]]) -> Iterator[RawMessage]:
+    others = (message for topic in topics & instead.keys() for message in instead[topic])
+    recorded = read(bag, topics - instead.keys())
+    return heapq.merge(recorded, sorted(others, key=_received), key=_received)
+
+
+def _received(message: RawMessage) -> int:
+    return message.received

@@ -152,4 +152,11 @@ def test_gaps_between_sequence_numbers_are_losses_per_publisher() -> None:
     losses.see("/b", None, None)
     losses.see("/b", UNSUPPORTED, None)
     losses.see("/b", 4, None)
-    assert losses.lost == {"/a": 2}
+    assert losses.lost == {"/a": 1}  # 7 never came; 8 was late
+
+
+def test_a_message_that_comes_very_late_is_lost() -> None:
+    losses = LossCounter()
+    for sequence in (1, 3, 5000, 4999, 2):
+        losses.see("/a", sequence, "p")
+    assert losses.lost == {"/a": 4999 - 3 - 1 + 1}

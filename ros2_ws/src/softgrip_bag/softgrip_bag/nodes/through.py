@@ -19,7 +19,7 @@ import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -171,18 +171,66 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance:
     if name not in NODES:
         raise BagError(f"expected one of {', '.join(NODES)}, found {name!r}")
     replayable = NODES[name]
-    types = topic_types(bag)
+    types = _checked_types(bag)
+    if replayable.trace:
+        return _check_traced(bag, name, types, ros_arguments, tolerance)
+    with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
+        recorded = restore(bag, f"/{name}", Path(folder))
+        replayed, start, fed = _feed(bag, replayable, types, [*recorded, *ros_arguments])
+    return _compare(bag, replayed, types, start, fed, tolerance)
+
+
+def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str, list[RawMessage]]:
+    """Return what a node without services and actions says now to the recorded inputs, in place of what it said then.
+
+    Returns:
+        topic -> messages, received and published when their predecessors were.
+
+    Raises:
+        BagError: as `check` does.
+    """
+    types = _checked_types(bag)
+    with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
+        recorded = restore(bag, f"/{name}", Path(folder))
+        replayed, start, _ = _feed(bag, NODES[name], types, [*recorded, *ros_arguments])
+    keys = _Keys()
+    by_key = {topic: {keys.of(topic, message): message for message in outputs} for topic, outputs in replayed.items()}
+    keys = _Keys()
+    found: dict[str, list[RawMessage]] = {topic: [] for topic in by_key}
+    for raw in read(bag, set(by_key)):
+        key = keys.of(raw.topic, deserialize_message(raw.data, message_class(raw.type_name)))
+        output = by_key[raw.topic].get(key)
+        if output is not None and key[0] >= start:
+            found[raw.topic].append(replace(raw, data=serialize_message(output)))
+    return found
+
+
+def _checked_types(bag: Path) -> dict[str, str]:
     for topic in topic_summaries(bag):
         if topic.type_name.startswith("softgrip_interfaces/") and topic.messages:
             check_definition(topic)
-    if replayable.trace:
-        return _check_traced(bag, name, types, ros_arguments, tolerance)
+    return topic_types(bag)
+
+
+def _feed(
+    bag: Path, replayable: Replayable, types: Mapping[str, str], ros_arguments: Sequence[str]
+) -> tuple[dict[str, list[Any]], int, set[int]]:
+    """Return topic -> results, the stamp from which on they are complete, and the stamps of all that was fed [ns]."""
     driver = next((topic for topic in replayable.drivers if topic in types), None)
     if driver is None:
         raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
-    with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
-        recorded = restore(bag, f"/{name}", Path(folder))
-        return _check(bag, replayable, driver, types, [*recorded, *ros_arguments], tolerance)
+    rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
+    nodes: list[ReplayedNode] = []
+    try:
+        nodes += [ReplayedNode(replayable.class_path), ReplayedNode(replayable.class_path)]
+        replay = _Replay(bag, nodes[0], nodes[1], driver, _results(bag, replayable.result, types))
+        replayed = replay.run(types)
+        results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
+        return results, replay.start, replay.stamps
+    finally:
+        for node in nodes:
+            node.close()
+        rclpy.try_shutdown()
 
 
 def _check_traced(
@@ -243,28 +291,6 @@ def _check_run(
             each.close()
         if replayed is not None:
             replayed.close()
-        rclpy.try_shutdown()
-
-
-def _check(
-    bag: Path,
-    replayable: Replayable,
-    driver: str,
-    types: Mapping[str, str],
-    ros_arguments: Sequence[str],
-    tolerance: float,
-) -> Result:
-    rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
-    nodes: list[ReplayedNode] = []
-    try:
-        nodes += [ReplayedNode(replayable.class_path), ReplayedNode(replayable.class_path)]
-        replay = _Replay(bag, nodes[0], nodes[1], driver, _results(bag, replayable.result, types))
-        replayed = replay.run(types)
-        results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
-        return _compare(bag, results, types, replay.start, replay.stamps, tolerance)
-    finally:
-        for node in nodes:
-            node.close()
         rclpy.try_shutdown()
 
 
