@@ -33,9 +33,7 @@ class LossCounter:
             return
         key = (topic, publisher)
         last = self._last.get(key)
-        if last is None:
-            self._last[key] = sequence
-        elif sequence == last + 1:
+        if last is None or sequence == last + 1:
             self._last[key] = sequence
         elif sequence > last:
             self._last[key] = sequence
