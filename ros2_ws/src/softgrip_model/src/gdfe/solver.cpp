@@ -5,8 +5,6 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "softgrip/gdfe/multigrid.hpp"
-
 namespace softgrip::gdfe {
 namespace {
 
@@ -19,85 +17,11 @@ constexpr int kHalvings = 12;
 // Loops over fewer nodes or unknowns are one thread's.
 constexpr std::size_t kSharedFrom = 6000;
 
-std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric metric) {
-  std::vector<Element> elements(static_cast<std::size_t>(hexes.rows()));
-  for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
-    Corners corners;
-    for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(e, a));
-    elements[static_cast<std::size_t>(e)] = make_element(corners, metric);
-  }
-  return elements;
-}
-
 Eigen::Map<const Eigen::VectorXd> first(const std::vector<double>& vector, std::size_t count) {
   return {vector.data(), static_cast<Eigen::Index>(count)};
 }
 
-// Mean place at rest of the nodes of every unknown.
-Eigen::MatrixX3d places_of(const DofMap& map, const Nodes& rest, Eigen::Index size) {
-  Eigen::MatrixX3d places = Eigen::MatrixX3d::Zero(size, 3);
-  Eigen::VectorXd members = Eigen::VectorXd::Zero(size);
-  for (std::size_t i = 0; i < map.size(); ++i) {
-    if (map[i] < 0) continue;
-    places.row(map[i]) += rest.row(static_cast<Eigen::Index>(i));
-    members(map[i]) += 1.0;
-  }
-  return members.cwiseInverse().asDiagonal() * places;
-}
-
-std::shared_ptr<const ConstantInverse> make_inverse(const SparseMatrix& matrix, const DofMap& map, const Nodes& rest,
-                                                    const Settings& settings) {
-  const bool large = settings.method == Method::Automatic && matrix.rows() > kMultigridAbove;
-  if (settings.method == Method::Multigrid || large) {
-    return std::make_shared<Multigrid>(matrix, places_of(map, rest, matrix.rows()), settings.single_precision_factor,
-                                       settings.threads);
-  }
-  return std::make_shared<Factor>(matrix, settings.single_precision_factor, settings.ordering, settings.threads);
-}
-
 }  // namespace
-
-Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials, SecantTables tables,
-               const std::vector<double>& matrix_weight, std::array<DofMap, 3> maps, std::vector<Cable> cables,
-               std::vector<OgdenMaterial> ogden, Surroundings surroundings, const Settings& settings)
-    : nodes_(static_cast<std::size_t>(rest.rows())),
-      rest_(std::move(rest)),
-      settings_(settings),
-      tables_(std::move(tables)),
-      elements_(make_elements(rest_, hexes, settings.metric)),
-      blocks_(elements_, hexes, materials),
-      cables_(std::move(cables)),
-      cable_work_(cables_.size()),
-      surroundings_(std::move(surroundings)) {
-  if (settings_.law == Law::Rigorous) {
-    ogden_ = std::make_unique<OgdenElements>(rest_, hexes, materials, std::move(ogden));
-  }
-  position_.resize(3 * nodes_);
-  force_.resize(3 * nodes_);
-  shares_.resize(3 * nodes_ * static_cast<std::size_t>(settings_.threads - 1));
-  for (std::size_t e = 0; e < elements_.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements_[e].volume);
-  build_axes(elements_, hexes, matrix_weight, maps);
-  elements_ = {};
-  build_point_columns();
-  build_contact();
-  accelerate_ = std::make_unique<Anderson>(unknowns_ + cables_.size(), settings_.window, settings_.threads);
-}
-
-void Solver::build_contact() {
-  if (surroundings_.obstacles.empty()) return;
-  UnknownsView view;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    view.dof[axis] = &axes_[axis].dof;
-    view.offset[axis] = axes_[axis].offset;
-    view.size[axis] = static_cast<std::size_t>(axes_[axis].inverse->size());
-    view.same_as[axis] = axis;
-    for (std::size_t earlier = axis; earlier-- > 0;) {
-      if (axes_[earlier].inverse == axes_[axis].inverse) view.same_as[axis] = earlier;
-    }
-  }
-  view.apply_inverse = [this](std::size_t axis, double* column) { axes_[axis].inverse->solve(&column, 1, scratch_); };
-  contact_ = Contact(surroundings_.obstacles, nodes_, std::move(view));
-}
 
 void Solver::begin_contact(const Task& task) {
   if (!contact_.empty()) contact_.begin(task.motions, task.motions_before, rest_ + task.before);
@@ -117,97 +41,6 @@ void Solver::add_followers(const Task& task) {
   for (std::size_t i = 0; i < follower_.size(); ++i) {
     force_[i] -= follower_[i];
     follower_squared_ += follower_[i] * follower_[i];
-  }
-}
-
-void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
-                        const std::array<DofMap, 3>& maps) {
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const DofMap& map = maps[axis];
-    const int size = map.empty() ? 0 : std::max(0, *std::max_element(map.begin(), map.end()) + 1);
-    for (std::size_t earlier = 0; earlier < axis && !axes_[axis].inverse; ++earlier) {
-      if (maps[earlier] == map) axes_[axis].inverse = axes_[earlier].inverse;
-    }
-    if (!axes_[axis].inverse) {
-      std::vector<Eigen::Triplet<double>> entries;
-      entries.reserve(elements.size() * 36);
-      for (std::size_t e = 0; e < elements.size(); ++e) {
-        for (int a = 0; a < 8; ++a) {
-          const int row = map[static_cast<std::size_t>(hexes(static_cast<Eigen::Index>(e), a))];
-          for (int b = 0; row >= 0 && b < 8; ++b) {
-            const int column = map[static_cast<std::size_t>(hexes(static_cast<Eigen::Index>(e), b))];
-            if (column >= 0) entries.emplace_back(row, column, weight[e] * elements[e].laplacian(a, b));
-          }
-        }
-      }
-      SparseMatrix matrix(size, size);
-      matrix.setFromTriplets(entries.begin(), entries.end());
-      axes_[axis].inverse = make_inverse(matrix, map, rest_, settings_);
-    }
-    axes_[axis].dof.resize(nodes_);
-    for (std::size_t i = 0; i < nodes_; ++i) {
-      axes_[axis].dof[i] = map[i] < 0 ? -1 : axes_[axis].inverse->position()[static_cast<std::size_t>(map[i])];
-    }
-    list_nodes(axes_[axis]);
-    axes_[axis].offset = unknowns_;
-    unknowns_ += static_cast<std::size_t>(size);
-  }
-}
-
-void Solver::list_nodes(Axis& axis) const {
-  const auto size = static_cast<std::size_t>(axis.inverse->size());
-  axis.first_node.assign(size + 1, 0);
-  for (const std::int32_t dof : axis.dof) {
-    if (dof >= 0) ++axis.first_node[static_cast<std::size_t>(dof) + 1];
-  }
-  for (std::size_t u = 0; u < size; ++u) axis.first_node[u + 1] += axis.first_node[u];
-  std::vector<std::int32_t> next(axis.first_node.begin(), axis.first_node.end() - 1);
-  axis.nodes.resize(static_cast<std::size_t>(axis.first_node.back()));
-  for (std::size_t i = 0; i < nodes_; ++i) {
-    const auto node = static_cast<std::int32_t>(i);
-    if (axis.dof[i] >= 0) {
-      axis.nodes[static_cast<std::size_t>(next[static_cast<std::size_t>(axis.dof[i])]++)] = node;
-    } else {
-      axis.held.push_back(node);
-    }
-  }
-}
-
-void Solver::build_point_columns() {
-  std::size_t columns = 0;
-  for (const Cable& cable : cables_) {
-    first_column_.push_back(columns);
-    columns += cable.points.size();
-  }
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    Axis& a = axes_[axis];
-    for (std::size_t earlier = 0; earlier < axis; ++earlier) {
-      if (axes_[earlier].inverse == a.inverse) a.point_columns = axes_[earlier].point_columns;
-    }
-    if (a.point_columns || columns == 0) continue;
-    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(a.inverse->size(), static_cast<Eigen::Index>(columns)));
-    for (std::size_t c = 0; c < cables_.size(); ++c) {
-      for (std::size_t p = 0; p < cables_[c].points.size(); ++p) {
-        const CablePoint& point = cables_[c].points[p];
-        auto column = matrix->col(static_cast<Eigen::Index>(first_column_[c] + p));
-        for (std::size_t k = 0; k < point.nodes.size(); ++k) {
-          const int dof = a.dof[static_cast<std::size_t>(point.nodes[k])];
-          if (dof >= 0) column(dof) += point.weights[k];
-        }
-        double* data = column.data();
-        a.inverse->solve(&data, 1, scratch_);
-      }
-    }
-    a.point_columns = matrix;
-  }
-  std::vector<double> at_rest(3 * nodes_);
-  for (std::size_t i = 0; i < nodes_; ++i) {
-    for (std::size_t axis = 0; axis < 3; ++axis) at_rest[axis * nodes_ + i] = rest_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
-  }
-  for (std::size_t c = 0; c < cables_.size(); ++c) {
-    cable_points(c, at_rest.data(), cable_work_[c].points);
-    const CableState state = pull_from_anchor(cables_[c], cable_work_[c].points, 0.0);
-    cable_work_[c].rest_length = state.length + state.entry_length;
   }
 }
 
