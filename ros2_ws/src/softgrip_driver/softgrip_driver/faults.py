@@ -50,8 +50,6 @@ _ROWS = (
           "plug the adapter in again; until then servos hold by their bus watchdog, a stage where it was sent"),
     Fault("no_reply", Reaction.HOLD, Recovery.SELF, "the drive does not answer",
           "check its cable and power; the driver keeps asking"),
-    Fault("corrupt_replies", Reaction.REPORT, Recovery.SELF, "many replies arrive damaged",
-          "check wiring, termination and baud rate"),
     Fault("rebooted", Reaction.LET_GO, Recovery.HOME, "the drive restarted and lost its turn count",
           "check the supply, then home"),
     Fault("input_voltage", Reaction.HOLD, Recovery.SELF, "supply voltage out of range",

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from softgrip_driver.dynamixel import registers as reg
@@ -10,8 +11,10 @@ from softgrip_driver.dynamixel.bringup import Servo, set_up, wanted_eeprom
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError, WrongDeviceError
+from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.trajectory import Trajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import Servo as EmulatedServo
@@ -19,6 +22,8 @@ from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.wire.pty import PtyPort
 
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
+TENDONS = ("index", "middle", "thumb")
+EXACT = TendonLimits()
 EMULATED = ["XL330-M288", "XC330-M288", "XM430-W350"]
 
 
@@ -32,7 +37,7 @@ def wired(request, tmp_path):
     """A servo as it comes out of the box, on a port, and the bus to it."""
     device = EmulatedServo(load_model(request.param), 1, baud=1_000_000)
     with PtyPort(tmp_path / "servos", DynamixelChain([device]), paced=False):
-        bus = Bus(str(tmp_path / "servos"), 1_000_000, reply_margin=0.1)
+        bus = Bus(str(tmp_path / "servos"), 1_000_000, reply_margin=1.0)
         bus.open()
         yield request.param, device, bus
         bus.close()
@@ -128,3 +133,51 @@ def test_moves_and_a_tension_limit_on_every_model(virtual, row):
     assert outcome is Outcome.TENSION_LIMIT, reason
     # Twice what the gears' friction may hide, and the torque constant's own error.
     assert bench.plant.bank.tension_n[0] == pytest.approx(limit, abs=0.5 * limit)
+
+
+def test_homing_finds_the_truth(virtual):
+    """The zero is where the emulated finger's slack is taken up, as far as a motor's current can tell."""
+    bench = virtual()
+    outcome, reason = bench.run(bench.controller.home(bench.now), 25.0)
+    assert outcome is Outcome.REACHED, reason
+    slack = bench.plant.bank.slack_m - bench.plant.wound_m()
+    for index, name in enumerate(TENDONS):
+        assert bench.drive(name).zero == pytest.approx(bench.drive(name).position + slack[index], abs=1e-3)
+
+
+def test_two_grippers_on_one_bus(virtual):
+    """A broken tendon stops and opens its own gripper; the other one goes on as if nothing had been."""
+    bench = virtual(grippers={"index": "left", "middle": "left", "thumb": "right"})
+    outcome, reason = bench.run(bench.move([8.0], mode=MoveMode.TENSION))
+    assert outcome is Outcome.REACHED, reason
+    bench.pass_time(0.4)
+    other = bench.move([0.012], 0.002, tendons=["thumb"])
+    bench.plant.disturbances.broken_tendons.add("index")
+    bench.pass_time(0.3)
+    assert bench.drive("index").fault == "tendon_broken"
+    assert bench.drive("middle").state is DriveState.RELEASING
+    assert bench.drive("thumb").fault == ""
+    outcome, reason = bench.run(other)
+    assert outcome is not Outcome.FAULT, reason
+
+
+def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(virtual):
+    """Points sent ahead of time again and again, as a planner does, over the emulated bus."""
+    bench = virtual()
+    bench.run(bench.move([0.004]))
+    lengths, speeds = [], []
+
+    def watch():
+        lengths.append(float(bench.plant.wound_m()[0] - bench.plant.bank.slack_m[0]))
+        speeds.append(abs(bench.drive("index").snapshot().speed))
+
+    for step in range(1, 9):
+        goal = 0.004 + 0.001 * step
+        trajectory = Trajectory.checked([0.1], [goal], [], 0.035)
+        ticket = bench.controller.follow({"index": trajectory}, bench.now)
+        assert not ticket.refusal
+        bench.pass_time(0.1, watch)
+    bench.run(ticket, watch=watch)
+    assert lengths[-1] == pytest.approx(0.012, abs=1.0e-3)
+    assert np.diff(lengths).min() > -3e-4, "it never steps back"
+    assert max(speeds) < EXACT.speed

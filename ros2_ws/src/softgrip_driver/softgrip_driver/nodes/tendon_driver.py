@@ -23,7 +23,7 @@ from trajectory_msgs.msg import JointTrajectory
 from softgrip_driver.configuration import DriverConfiguration, checked_configuration
 from softgrip_driver.errors import ConfigurationError, DriverError
 from softgrip_driver.nodes import convert
-from softgrip_driver.nodes.tendon_health import report_health
+from softgrip_driver.nodes.tendon_health import HealthReport
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Ticket
@@ -66,7 +66,8 @@ class TendonDriver(LifecycleNode):
         self._keeper: ZeroKeeper | None = None
         self._publishing: threading.Thread | None = None
         self._active = False
-        self._diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
+        diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
+        self._health = HealthReport(diagnostics, self._configuration.loop_rate)
         self._state_publisher = self.create_publisher(JointState, "tendon/state", SENSOR)
         self._status_publisher = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
         self._make_servers()
@@ -225,7 +226,7 @@ class TendonDriver(LifecycleNode):
     def _report(self, snapshot: LoopSnapshot) -> None:
         backend = self._backend
         if backend is not None:
-            report_health(self._diagnostics, snapshot, backend.counters, self._configuration.loop_rate)
+            self._health.tell(snapshot, backend.counters)
 
     def _stamp(self, snapshot: LoopSnapshot) -> Time:
         """Return the node clock's time of a monotonic time."""

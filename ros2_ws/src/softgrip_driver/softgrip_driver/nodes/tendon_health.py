@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from softgrip_driver.faults import FAULTS, Reaction
 from softgrip_driver.tendon.backend import Counters
 from softgrip_driver.tendon.loop import LoopSnapshot
@@ -11,11 +13,45 @@ from softgrip_nodekit import Diagnostics, Health
 
 #: share of the nominal rate below which the bus is unwell
 SLOW = 0.9
+#: share of lost or damaged replies since the last look above which it is unwell, too
+BAD = 0.01
 
 
-def report_health(diagnostics: Diagnostics, snapshot: LoopSnapshot, counters: Counters, nominal_rate: float) -> None:
-    """Set the health of the bus and of every tendon."""
-    values = {
+class HealthReport:
+    """Tells /diagnostics about the bus and every tendon.
+
+    Args:
+        diagnostics: of the node.
+        nominal_rate: [Hz] of the loop.
+    """
+
+    def __init__(self, diagnostics: Diagnostics, nominal_rate: float) -> None:
+        self._diagnostics = diagnostics
+        self._nominal_rate = nominal_rate
+        self._before = Counters()
+
+    def tell(self, snapshot: LoopSnapshot, counters: Counters) -> None:
+        """Set the health of all."""
+        self._diagnostics.set("bus", *self._bus_health(snapshot, counters), _bus_values(snapshot, counters))
+        for drive in snapshot.drives:
+            self._diagnostics.set(drive.tendon, *_tendon_health(drive), _tendon_values(drive))
+
+    def _bus_health(self, snapshot: LoopSnapshot, counters: Counters) -> tuple[Health, str]:
+        asked = counters.transactions - self._before.transactions
+        bad = counters.lost + counters.corrupt - self._before.lost - self._before.corrupt
+        self._before = replace(counters)
+        if snapshot.port_lost:
+            return Health.ERROR, snapshot.port_lost
+        advice = "run `ros2 run softgrip_driver selftest` for the cause"
+        if 0.0 < snapshot.rate < SLOW * self._nominal_rate:
+            return Health.WARN, f"{snapshot.rate:.0f} of {self._nominal_rate:.0f} Hz; {advice}"
+        if bad > BAD * asked:
+            return Health.WARN, f"{bad} of {asked} replies lost or damaged; {advice}"
+        return Health.OK, "running"
+
+
+def _bus_values(snapshot: LoopSnapshot, counters: Counters) -> dict[str, object]:
+    return {
         "rate [Hz]": f"{snapshot.rate:.1f}",
         "jitter p99 [ms]": f"{snapshot.jitter_p99 * 1e3:.2f}",
         "missed cycles": snapshot.missed_cycles,
@@ -25,15 +61,6 @@ def report_health(diagnostics: Diagnostics, snapshot: LoopSnapshot, counters: Co
         "refusals": counters.refused,
         "port reopened": counters.reopened,
     }
-    if snapshot.port_lost:
-        diagnostics.set("bus", Health.ERROR, snapshot.port_lost, values)
-    elif 0.0 < snapshot.rate < SLOW * nominal_rate:
-        text = f"{snapshot.rate:.0f} of {nominal_rate:.0f} Hz; run `ros2 run softgrip_driver selftest` for the cause"
-        diagnostics.set("bus", Health.WARN, text, values)
-    else:
-        diagnostics.set("bus", Health.OK, "running", values)
-    for drive in snapshot.drives:
-        diagnostics.set(drive.tendon, *_tendon_health(drive), _tendon_values(drive))
 
 
 def _tendon_health(drive: DriveSnapshot) -> tuple[Health, str]:

@@ -12,20 +12,12 @@ from dataclasses import replace
 
 from softgrip_driver.faults import FAULTS, Reaction, Recovery
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
-from softgrip_driver.tendon.guards import (
-    BreakGuard,
-    JumpGuard,
-    MedianFilter,
-    OverloadGuard,
-    SlackGuard,
-    TensionGuard,
-    ThermalGuard,
-)
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.memory import DriveMemory
 from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
+from softgrip_driver.tendon.watch import Watch
 
 
 class Drive:
@@ -54,16 +46,10 @@ class Drive:
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
         self._m = DriveMemory()
-        self._reset_guards()
+        self._watch = self._new_watch()
 
-    def _reset_guards(self) -> None:
-        self._filter = MedianFilter()
-        self._jump = JumpGuard(self.limits)
-        self._break = BreakGuard(self.limits, self._period)
-        self._slack = SlackGuard(self.limits)
-        self._too_much = TensionGuard(self.limits)
-        self._thermal = ThermalGuard(self.limits)
-        self._overload = OverloadGuard(self._continuous)
+    def _new_watch(self) -> Watch:
+        return Watch(self.limits, self._continuous, self._period)
 
     # --- what is known ---------------------------------------------------------------------------------------------
 
@@ -177,7 +163,7 @@ class Drive:
         self._m.motion = motion
         self._m.outcome, self._m.reason = None, ""
         self._m.job += 1
-        self._break.reset()
+        self._watch.forget_break()
         return motion
 
     def switch_on(self) -> DriveActions:
@@ -185,7 +171,7 @@ class Drive:
         assert self._m.reading is not None
         self.powered = True
         self._m.origin = self._m.reading.position
-        self._reset_guards()
+        self._watch = self._new_watch()
         self._hold_here()
         return DriveActions(power=True)
 
@@ -250,8 +236,8 @@ class Drive:
 
     def _clear_fault(self) -> None:
         self._m.fault, self._m.fault_reason = "", ""
-        self._jump.reset()
-        self._break.reset()
+        self._watch.forget_jump()
+        self._watch.forget_break()
 
     def _hold_here(self) -> None:
         assert self._m.reading is not None
@@ -272,7 +258,7 @@ class Drive:
         if m.reading is not None and reading.time > m.reading.time:
             m.acceleration = (reading.velocity - m.reading.velocity) / (reading.time - m.reading.time)
         m.last_step, m.reading, m.asked, m.silence = now, reading, now, 0.0
-        m.tension = self._filter.step(reading.tension)
+        m.tension = self._watch.tension(reading)
         if m.fault in ("no_reply", "port_lost", "bus_watchdog") and not m.restoring:
             self._clear_fault()
         actions = self._check_device(reading)
@@ -282,7 +268,9 @@ class Drive:
         if not self.powered or m.motion is None:
             return DriveActions()
         view = self._view(reading, now, dt, cap)
-        self._guard(view)
+        found = self._watch.finds(view, m.motion, homed=self.homed)
+        if found is not None:
+            self.set_fault(*found)
         if m.fault and FAULTS[m.fault].reaction is Reaction.LET_GO:
             return self.switch_off()
         step = m.motion.step(view)
@@ -305,13 +293,13 @@ class Drive:
         if not math.isfinite(reading.position):
             return False
         if not self.powered:
-            self._jump.reset()
+            self._watch.forget_jump()
             return True
-        if self._jump.step(reading.time, reading.position):
+        if self._watch.believes(reading):
             return True
-        if self._jump.lost:
+        if self._watch.lost:
             before = self._m.reading.position if self._m.reading is not None else math.nan
-            self._jump.reset()
+            self._watch.forget_jump()
             self._m.reading = reading
             self.set_fault(
                 "position_jump", f"from {before * 1e3:.1f} mm to {reading.position * 1e3:.1f} mm within a few cycles"
@@ -343,41 +331,13 @@ class Drive:
 
     def _tension_cap(self, reading: DriveReading, dt: float) -> float:
         m = self._m
-        share = self._thermal.step(reading.temperature)
-        if self._thermal.tripped:
-            self.set_fault("over_temperature", f"{reading.temperature:.0f} degC, limit {self.limits.stop_at:.0f} degC")
+        allowed = self._watch.allows(reading.temperature, m.tension, dt)
+        m.warnings = allowed.warnings
+        if allowed.too_hot:
+            self.set_fault("over_temperature", allowed.too_hot)
         elif m.fault == "over_temperature":
             self._clear_fault()
-        overload = self._overload.step(m.tension, dt)
-        self._warn("derated", share < 1.0, f"{reading.temperature:.0f} degC: tension limited to {share:.0%}")
-        self._warn(
-            "overload", self._overload.backed_off,
-            f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go",
-        )  # fmt: skip
-        return min(share * self.limits.tension_soft, overload)
-
-    def _warn(self, key: str, present: bool, text: str) -> None:
-        if present:
-            self._m.warnings[key] = text
-        else:
-            self._m.warnings.pop(key, None)
-
-    def _guard(self, view: View) -> None:
-        m = self._m
-        motion = m.motion
-        assert motion is not None
-        if self._too_much.step(view.now, view.tension, view.acceleration):
-            self.set_fault("tension_exceeded", f"{view.tension:.1f} N, hard limit {self.limits.tension_hard:.1f} N")
-            return
-        if motion.paying_out:
-            self._break.reset()
-        elif self._break.step(view.now, view.tension, view.stddev, view.acceleration):
-            self.set_fault("tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm")
-            return
-        if self.homed and self._slack.step(
-            view.now, view.length, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
-        ):
-            self.set_fault("tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length")
+        return allowed.tension
 
     def _trim(self, step: Step, view: View) -> float:
         """Correct what the servo's proportional control leaves over under load; frozen at the tension limit."""

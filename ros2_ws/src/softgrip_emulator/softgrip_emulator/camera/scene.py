@@ -66,6 +66,10 @@ class Scene:
             self._rng.normal(0.0, 1.0, (optics.height + 64, optics.width + 64, 3)).astype(np.float32)
             for _ in range(_NOISE_BANK)
         ]
+        # Kept from frame to frame: fresh pages of memory cost more than drawing into them.
+        self._canvas = np.empty_like(self._background)
+        self._soft = np.empty_like(self._background)
+        self._sum = np.empty(self._background.shape, np.uint16)
         self._noise_level = -1.0
         self._noise_tiles: list[NDArray[np.int8]] = []
         # Markers are glued by hand.
@@ -91,13 +95,12 @@ class Scene:
             light: exposure and noise.
         """
         light = light or Light()
-        image = self._exposed(pose, before)
-        image = cv2.GaussianBlur(image, (3, 3), 0.65)
+        image = cv2.GaussianBlur(self._exposed(pose, before), (3, 3), 0.65, dst=self._soft)
         if light.gain != 1.0:
-            image = cv2.convertScaleAbs(image, alpha=light.gain)
+            image = cv2.convertScaleAbs(image, dst=self._canvas, alpha=light.gain)
         if light.noise > 0.0:
-            image = self._with_noise(image, light.noise)
-        return np.asarray(image, dtype=np.uint8)
+            return self._with_noise(image, light.noise)
+        return np.array(image, dtype=np.uint8)
 
     def _exposed(self, pose: Pose, before: Pose | None) -> Image:
         if before is None or before.joints_m.shape != pose.joints_m.shape:
@@ -105,18 +108,19 @@ class Scene:
         path = self.optics.to_pixels(pose.joints_m) - self.optics.to_pixels(before.joints_m)
         if np.abs(path).max(initial=0.0) < _MOTION_WORTH_PX:
             return self._draw(pose)
-        total = np.zeros(self._background.shape, np.uint16)
+        self._sum.fill(0)
         for share in np.linspace(0.0, 1.0, _MOTION_STEPS):
             between = Pose(
                 before.joints_m + share * (pose.joints_m - before.joints_m),
                 before.headings_rad + share * (pose.headings_rad - before.headings_rad),
                 pose.body_height_m,
             )
-            cv2.add(total, self._draw(between), dst=total, dtype=cv2.CV_16U)
-        return np.asarray((total // _MOTION_STEPS).astype(np.uint8))
+            cv2.add(self._sum, self._draw(between), dst=self._sum, dtype=cv2.CV_16U)
+        return np.asarray(cv2.convertScaleAbs(self._sum, dst=self._canvas, alpha=1.0 / _MOTION_STEPS))
 
     def _draw(self, pose: Pose) -> Image:
-        image = self._background.copy()
+        image = self._canvas
+        np.copyto(image, self._background)
         depth = pose.body_height_m
         for (start, end), heading in zip(pairwise(pose.joints_m), pose.headings_rad, strict=True):
             self._polygon(image, _link_outline(start, end, heading, depth), heading)

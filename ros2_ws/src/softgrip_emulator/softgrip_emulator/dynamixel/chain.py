@@ -20,7 +20,8 @@ from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from softgrip_emulator.dynamixel.servo import Reply, Servo
+    from softgrip_emulator.dynamixel.instructions import Reply
+    from softgrip_emulator.dynamixel.servo import Servo
 
 _PACKET_GAP_S: Final = 0.05
 """A packet interrupted for longer is forgotten (assumption: the e-manual gives no figure)."""

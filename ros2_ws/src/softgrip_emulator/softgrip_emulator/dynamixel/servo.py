@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from softgrip_emulator.dynamixel.instructions import Instructions, Reply
 from softgrip_emulator.dynamixel.motion import (
     POSITION_MODES,
     PULSES_PER_S_PER_VELOCITY_UNIT,
@@ -29,7 +30,7 @@ from softgrip_emulator.dynamixel.table import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    pass
 
 REBOOT_SILENCE_S: Final = 0.4
 """Measured by a user on an XC330 (emanual#1698); ROBOTIS gives no figure."""
@@ -39,13 +40,6 @@ _TICK_MODULO: Final = 32768
 _REVERSE: Final = 0x01
 _TORQUE_ON_BY_GOAL: Final = 0x08
 _STARTUP_TORQUE_ON: Final = 0x01
-_CLEAR_KEY: Final = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
-_BACKUP_KEY: Final = bytes([0x43, 0x54, 0x52, 0x4C])
-_RESET_KEEPS: Final = {
-    0xFF: frozenset[str](),
-    0x01: frozenset({"id"}),
-    0x02: frozenset({"id", "baud_rate"}),
-}
 _OVERLOAD_SHARE: Final = 0.75
 """Share of the stall current that the overload watch takes as too much for long (assumption, no data sheet)."""
 _OVERLOAD_TIME_S: Final = 2.5
@@ -87,14 +81,6 @@ class Shaft:
     temperature_c: float = 25.0
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """Status a servo gives: error field and parameters."""
-
-    error: int
-    parameters: bytes = b""
-
-
 class Servo:
     """Registers, firmware and encoder of one servo.
 
@@ -114,12 +100,11 @@ class Servo:
         self._powered_since_s = 0.0
         self._last_packet_s = 0.0
         self._overload_s = 0.0
-        self._registered: tuple[int, bytes] | None = None
-        self._backup: bytes | None = None
+        self._instructions = Instructions(self)
         self.position_glitch_pulses = 0
         self.forced_error_bits = 0
         self.silenced = False
-        self._fold()
+        self.fold()
 
     # -- on the bus ------------------------------------------------------------------------------------------------
 
@@ -148,7 +133,8 @@ class Servo:
         return self.shaft.supply_v > self.model.motor.brown_out_v
 
     @property
-    def _alert(self) -> int:
+    def alert(self) -> int:
+        """What every status carries while the hardware error status is not zero."""
         return ALERT if self.registers.get("hardware_error_status") else 0
 
     def heard(self, now_s: float) -> None:
@@ -160,17 +146,17 @@ class Servo:
         self._refresh(now_s)
         data = self.registers.read(address, length)
         if data is None:
-            return Reply(StatusError.ACCESS | self._alert)
-        return Reply(self._alert, data)
+            return Reply(StatusError.ACCESS | self.alert)
+        return Reply(self.alert, data)
 
     def write_for_host(self, address: int, data: bytes, now_s: float) -> Reply:
         """Write registers for Write, Sync Write, Bulk Write."""
         try:
             assignments = self.registers.check(address, data)
         except WriteRefusedError as refusal:
-            return Reply(refusal.error | self._alert)
+            return Reply(refusal.error | self.alert)
         self.registers.assign(assignments, lambda name, before: self._react(name, before, now_s))
-        return Reply(self._alert)
+        return Reply(self.alert)
 
     def answers(self, instruction: int) -> bool:
         """Whether the Status Return Level lets it answer."""
@@ -188,94 +174,7 @@ class Servo:
 
     def execute(self, packet: Packet, now_s: float) -> Reply:
         """Obey one instruction that is addressed to this servo alone or to all."""
-        handlers: dict[int, Callable[[bytes, float], Reply]] = {
-            Instruction.PING: self._ping,
-            Instruction.READ: self._read,
-            Instruction.WRITE: self._write,
-            Instruction.REG_WRITE: self._reg_write,
-            Instruction.ACTION: self._action,
-            Instruction.FACTORY_RESET: self._factory_reset,
-            Instruction.REBOOT: self._reboot,
-            Instruction.CLEAR: self._clear,
-            Instruction.CONTROL_TABLE_BACKUP: self._control_table_backup,
-        }
-        handler = handlers.get(packet.instruction)
-        if handler is None:
-            return Reply(StatusError.INSTRUCTION | self._alert)
-        return handler(packet.parameters, now_s)
-
-    def _ping(self, _: bytes, __: float) -> Reply:
-        return Reply(self._alert, self.model.number.to_bytes(2, "little") + bytes([self.model.firmware]))
-
-    def _read(self, parameters: bytes, now_s: float) -> Reply:
-        if len(parameters) != 4:
-            return Reply(StatusError.DATA_LENGTH | self._alert)
-        return self.read_for_host(_u16(parameters), _u16(parameters[2:]), now_s)
-
-    def _write(self, parameters: bytes, now_s: float) -> Reply:
-        if len(parameters) < 3:
-            return Reply(StatusError.DATA_LENGTH | self._alert)
-        return self.write_for_host(_u16(parameters), parameters[2:], now_s)
-
-    def _reg_write(self, parameters: bytes, _: float) -> Reply:
-        if len(parameters) < 3:
-            return Reply(StatusError.DATA_LENGTH | self._alert)
-        address, data = _u16(parameters), parameters[2:]
-        try:
-            self.registers.check(address, data)
-        except WriteRefusedError as refusal:
-            return Reply(refusal.error | self._alert)
-        self._registered = (address, data)
-        self.registers.put("registered_instruction", 1)
-        return Reply(self._alert)
-
-    def _action(self, _: bytes, now_s: float) -> Reply:
-        if self._registered is None:
-            return Reply(StatusError.INSTRUCTION | self._alert)
-        (address, data), self._registered = self._registered, None
-        self.registers.put("registered_instruction", 0)
-        return self.write_for_host(address, data, now_s)
-
-    def _factory_reset(self, parameters: bytes, now_s: float) -> Reply:
-        if len(parameters) != 1:
-            return Reply(StatusError.DATA_LENGTH | self._alert)
-        keep = _RESET_KEEPS.get(parameters[0])
-        if keep is None:
-            return Reply(StatusError.DATA_RANGE | self._alert)
-        reply = Reply(self._alert)
-        self.registers.factory_reset(keep)
-        self.lose_power(now_s)
-        return reply
-
-    def _reboot(self, _: bytes, now_s: float) -> Reply:
-        reply = Reply(self._alert)
-        self.lose_power(now_s)
-        return reply
-
-    def _clear(self, parameters: bytes, _: float) -> Reply:
-        if parameters != _CLEAR_KEY:
-            return Reply(StatusError.DATA_RANGE | self._alert)
-        if self._moving():
-            return Reply(StatusError.RESULT_FAIL | self._alert)
-        self._fold()
-        return Reply(self._alert)
-
-    def _control_table_backup(self, parameters: bytes, now_s: float) -> Reply:
-        if len(parameters) != 5 or parameters[1:] != _BACKUP_KEY or parameters[0] not in {1, 2}:
-            return Reply(StatusError.DATA_RANGE | self._alert)
-        if self.registers.get("torque_enable"):
-            return Reply(StatusError.RESULT_FAIL | self._alert)
-        if parameters[0] == 1:
-            self._backup = self.registers.snapshot()
-            if self.registers.has("backup_ready"):
-                self.registers.put("backup_ready", 1)
-            return Reply(self._alert)
-        if self._backup is None:
-            return Reply(StatusError.RESULT_FAIL | self._alert)
-        reply = Reply(self._alert)
-        self.registers.restore(self._backup)
-        self.lose_power(now_s)
-        return reply
+        return self._instructions.execute(packet, now_s)
 
     # -- firmware behaviour ----------------------------------------------------------------------------------------
 
@@ -302,7 +201,7 @@ class Servo:
             return
         if on and not was_on:
             if self.registers.get("operating_mode") == Mode.POSITION:
-                self._fold()
+                self.fold()
             self._last_packet_s = now_s
             present = self._present_pulses()
             self.registers.put("goal_position", round(present))
@@ -316,18 +215,18 @@ class Servo:
         self.registers.put("goal_current", self.registers.get("current_limit"))
         self.registers.put("goal_velocity", 0)
         if self.registers.get("operating_mode") == Mode.POSITION:
-            self._fold()
+            self.fold()
         self._motion.restart(self._present_pulses())
 
     def lose_power(self, now_s: float) -> None:
         """Reboot or supply failure: RAM and turn count are gone, silence while it boots, errors are cleared."""
         self._silent_until_s = now_s + REBOOT_SILENCE_S
         self._powered_since_s = self._silent_until_s
-        self._registered = None
+        self._instructions.forget()
         self._overload_s = 0.0
         self.forced_error_bits = 0
         self.registers.lose_power()
-        self._fold()
+        self.fold()
         self.registers.put("goal_position", round(self._present_pulses()))
         if self.registers.get("startup_configuration") & _STARTUP_TORQUE_ON:
             self.registers.put("torque_enable", 1)
@@ -377,14 +276,15 @@ class Servo:
     def _raw_pulses(self) -> float:
         return self.shaft.angle_rad / _RAD_PER_PULSE
 
-    def _fold(self) -> None:
+    def fold(self) -> None:
         """The encoder knows the angle within one turn only: forget the turns."""
         self._fold_pulses = math.floor(self._raw_pulses() / PULSES_PER_TURN) * PULSES_PER_TURN
 
     def _present_pulses(self) -> float:
         return self._direction * (self._raw_pulses() - self._fold_pulses) + self.registers.get("homing_offset")
 
-    def _moving(self) -> bool:
+    def moving(self) -> bool:
+        """Whether it turns faster than its moving threshold."""
         speed_rpm = abs(self.shaft.velocity_rad_s) * 60.0 / (2.0 * math.pi)
         return speed_rpm > self.registers.get("moving_threshold") * VELOCITY_UNIT_RPM
 
@@ -400,7 +300,7 @@ class Servo:
         registers.put_present(
             PresentValues(
                 realtime_tick=int((now_s - self._powered_since_s) * 1000.0) % _TICK_MODULO,
-                moving=int(self._moving()),
+                moving=int(self.moving()),
                 moving_status=int(in_position) | (profile if self._motion.profile_active else 0),
                 pwm=_within(round(sign * shaft.duty * PWM_FULL_SCALE), 16),
                 current=_within(round(sign * shaft.current_a / self.model.motor.current_unit_a), 16),
@@ -417,10 +317,6 @@ class Servo:
 def _within(value: int, bits: int) -> int:
     top = (1 << (bits - 1)) - 1
     return max(-top - 1, min(top, value))
-
-
-def _u16(data: bytes) -> int:
-    return int.from_bytes(data[:2], "little")
 
 
 def _baud_register(baud: int) -> int:

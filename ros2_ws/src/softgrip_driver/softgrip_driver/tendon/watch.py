@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All guards of one drive together: what they see, what they allow, and what they find wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from softgrip_driver.tendon.backend import DriveReading
+from softgrip_driver.tendon.guards import (
+    BreakGuard,
+    JumpGuard,
+    MedianFilter,
+    OverloadGuard,
+    SlackGuard,
+    TensionGuard,
+    ThermalGuard,
+)
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import Motion, View
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What heat allows now.
+
+    Attributes:
+        tension: [N] the most.
+        too_hot: why it must stop, empty when it need not.
+        warnings: in words, by their subject.
+    """
+
+    tension: float
+    too_hot: str
+    warnings: dict[str, str] = field(default_factory=dict)
+
+
+class Watch:
+    """Guards of one drive.
+
+    Args:
+        limits: of the drive.
+        continuous_tension: [N] that it may hold for ever.
+        period: [s] between steps.
+    """
+
+    def __init__(self, limits: TendonLimits, continuous_tension: float, period: float) -> None:
+        self._limits = limits
+        self._continuous = continuous_tension
+        self._filter = MedianFilter()
+        self._jump = JumpGuard(limits)
+        self._break = BreakGuard(limits, period)
+        self._slack = SlackGuard(limits)
+        self._too_much = TensionGuard(limits)
+        self._thermal = ThermalGuard(limits)
+        self._overload = OverloadGuard(continuous_tension)
+
+    def forget_jump(self) -> None:
+        """Believe the next position, wherever it is."""
+        self._jump.reset()
+
+    def forget_break(self) -> None:
+        """Forget the tension before: another motion begins."""
+        self._break.reset()
+
+    def believes(self, reading: DriveReading) -> bool:
+        """Return whether the drive can have got to where a reading says it is."""
+        return self._jump.step(reading.time, reading.position)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the position has stayed where it cannot be."""
+        return self._jump.lost
+
+    def tension(self, reading: DriveReading) -> float:
+        """Return the tension [N] without single wild samples."""
+        return self._filter.step(reading.tension)
+
+    def allows(self, temperature: float, tension: float, dt: float) -> Allowance:
+        """Return what is allowed at a temperature [degC] after holding a tension [N] for ``dt`` [s]."""
+        share = self._thermal.step(temperature)
+        most = self._overload.step(tension, dt)
+        warnings = {}
+        if share < 1.0:
+            warnings["derated"] = f"{temperature:.0f} degC: tension limited to {share:.0%}"
+        if self._overload.backed_off:
+            warnings["overload"] = (
+                f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go"
+            )
+        too_hot = f"{temperature:.0f} degC, limit {self._limits.stop_at:.0f} degC" if self._thermal.tripped else ""
+        return Allowance(min(share * self._limits.tension_soft, most), too_hot, warnings)
+
+    def finds(self, view: View, motion: Motion, *, homed: bool) -> tuple[str, str] | None:
+        """Return the fault that a motion shows (name, reason), None when all is well."""
+        limits = self._limits
+        if self._too_much.step(view.now, view.tension, view.acceleration):
+            return "tension_exceeded", f"{view.tension:.1f} N, hard limit {limits.tension_hard:.1f} N"
+        if motion.paying_out:
+            self._break.reset()
+        elif self._break.step(view.now, view.tension, view.stddev, view.acceleration):
+            return "tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm"
+        if homed and self._slack.step(
+            view.now, view.length, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
+        ):
+            return "tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length"
+        return None
