@@ -71,7 +71,7 @@ def _write_until(stop: list[int], pipeline: Pipeline, last: mmap.mmap) -> None:
 
 
 def stop_once(folder: Path, after_s: float, how: signal.Signals) -> int:
-    """Have a writer stopped so long [s] after its first message is on the disk; returns its last message's time [ns]."""
+    """Have a writer stopped [s] after its first message is on the disk; returns its last message's time [ns]."""
     writer = subprocess.Popen([sys.executable, str(Path(__file__).resolve()), "--write", str(folder)])
     deadline = time.monotonic() + _DEADLINE_S
     try:
