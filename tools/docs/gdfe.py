@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from softgrip_model.finger import Finger, close
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe import Law, Settings, Solver, VolumeShape
-from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.march import March, march
 from softgrip_model.gdfe.materials import (
@@ -185,8 +185,10 @@ def _calibrated_force(increments: int) -> float:
     return float(-found.last.reaction[case.left, 0].sum())
 
 
-def _finger_rows() -> str:
-    rows = []
+@functools.cache
+def _fingers() -> tuple[tuple[str, float, Shape, Array, float, float], ...]:
+    """Return design, pulled length [mm], our shape, pseudo-rigid tip [mm] and tension [N], the finger's length [mm]."""
+    found = []
     pulls_mm = np.array([5.0, 10.0, 15.0, 18.0])
     for name, profile in sorted(load_directory(shipped_directory()).items()):
         finger = Finger.from_profile(profile, "index")
@@ -194,19 +196,26 @@ def _finger_rows() -> str:
         closing = Closing(profile, "index", ClosingSettings(RESOLUTIONS["fine"], travel_mm=19.0, tolerance=1e-5))
         for k, pull in enumerate(pulls_mm):
             shape = closing.shape(1e-3 * pull)
-            tip, other = 1e3 * shape.tip[:2], rigid.tip_mm[0, k]
-            share = float(np.linalg.norm(tip - other)) / finger.length_from_joint_mm
-            rows.append(
-                _row(
-                    name,
-                    f"{pull:.0f}",
-                    f"{tip[0]:.1f}, {tip[1]:.1f}" if shape.converged else "not converged",
-                    f"{other[0]:.1f}, {other[1]:.1f}",
-                    f"{100 * share:.1f}",
-                    f"{shape.tension[0]:.2f}",
-                    f"{rigid.tension_n[0, k, 0]:.2f}",
-                )
+            other = rigid.tip_mm[0, k], float(rigid.tension_n[0, k, 0])
+            found.append((name, float(pull), shape, *other, finger.length_from_joint_mm))
+    return tuple(found)
+
+
+def _finger_rows() -> str:
+    rows = []
+    for name, pull, shape, other, pseudo_rigid_n, length in _fingers():
+        tip = 1e3 * shape.tip[:2]
+        rows.append(
+            _row(
+                name,
+                f"{pull:.0f}",
+                f"{tip[0]:.1f}, {tip[1]:.1f}" if shape.converged else "not converged",
+                f"{other[0]:.1f}, {other[1]:.1f}",
+                f"{100 * float(np.linalg.norm(tip - other)) / length:.1f}",
+                f"{shape.tension[0]:.2f}",
+                f"{pseudo_rigid_n:.2f}",
             )
+        )
     return "\n".join(rows)
 
 
@@ -252,8 +261,13 @@ def render() -> str:
 
 
 def draw(folder: Path) -> None:
-    """Draw the figure into a folder."""
+    """Draw the figures into a folder."""
     mpl.use("Agg")
+    _draw_forces(folder / "gdfe_forces.png")
+    _draw_fingers(folder / "gdfe_fingers.png")
+
+
+def _draw_forces(path: Path) -> None:
     figure = Figure(figsize=(6.0, 3.5), layout="constrained")
     axes = figure.add_subplot()
     for shape in VolumeShape:
@@ -265,7 +279,22 @@ def draw(folder: Path) -> None:
     axes.minorticks_off()
     axes.grid(visible=True, alpha=0.3)
     axes.legend()
-    figure.savefig(folder / "gdfe_forces.png", dpi=120)
+    figure.savefig(path, dpi=120)
+
+
+def _draw_fingers(path: Path) -> None:
+    """Tips as the fingers close, of mesh and pseudo-rigid predictor."""
+    figure = Figure(figsize=(6.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for colour, design in zip(("C0", "C1", "C2"), sorted({row[0] for row in _fingers()}), strict=True):
+        own = [row for row in _fingers() if row[0] == design and row[2].converged]
+        tips, others = np.array([1e3 * row[2].tip[:2] for row in own]), np.array([row[3] for row in own])
+        axes.plot(*tips.T, "o-", color=colour, label=f"{design}, mesh")
+        axes.plot(*others.T, "x--", color=colour, label=f"{design}, pseudo-rigid")
+    axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(fontsize="small")
+    figure.savefig(path, dpi=120)
 
 
 def main() -> None:

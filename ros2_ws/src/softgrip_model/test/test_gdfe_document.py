@@ -25,7 +25,18 @@ def test_the_document_is_what_the_code_gives(generator):
     assert written == generator.render(), "docs/gdfe.md is out of date: run tools/docs/gdfe.py"
 
 
-def test_its_figure_can_be_drawn(generator, tmp_path):
-    assert (ROOT / "docs" / "figures" / "gdfe_forces.png").read_bytes().startswith(b"\x89PNG")
+def test_its_figures_can_be_drawn(generator, tmp_path):
     generator.draw(tmp_path)
-    assert (tmp_path / "gdfe_forces.png").stat().st_size > 1000
+    for name in ("gdfe_forces.png", "gdfe_fingers.png"):
+        assert (ROOT / "docs" / "figures" / name).read_bytes().startswith(b"\x89PNG")
+        assert (tmp_path / name).stat().st_size > 1000
+        assert f"figures/{name}" in generator.render()
+
+
+def test_a_changed_answer_changes_the_text(generator, monkeypatch):
+    before = generator._calibration_rows()
+    exact = generator.stiffness_ratio
+    monkeypatch.setattr(generator, "stiffness_ratio", lambda left, right: 1.001 * exact(left, right))
+    written = (ROOT / "docs" / "gdfe.md").read_text(encoding="utf-8")
+    assert before in written
+    assert generator._calibration_rows() not in written

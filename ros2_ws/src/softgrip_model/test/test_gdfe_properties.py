@@ -3,6 +3,7 @@
 
 import itertools
 
+import meshio
 import numpy as np
 import pytest
 
@@ -27,6 +28,7 @@ from softgrip_model.gdfe import (
     _core,
     bar,
 )
+from softgrip_model.gdfe.march import Loading, march
 from softgrip_model.gdfe.materials import Ogden, cheetah, neo_hookean, ninjaflex, shear_secant
 from softgrip_model.gdfe.mesh_file import read_mesh, write_mesh
 from softgrip_model.gdfe.rigid import check_held
@@ -217,11 +219,58 @@ def test_friction_takes_tension_away_by_the_wrap_angles():
     assert found.tension[0][-1] == pytest.approx(np.exp(-mu * sum(angles)), rel=1e-6)
 
 
-def test_a_mesh_goes_through_a_file_and_back(tmp_path):
+@pytest.mark.parametrize("suffix", ["vtu", "vtk", "inp", "msh"])
+def test_a_mesh_goes_through_a_file_and_back(suffix, tmp_path):
+    mesh = skewed()
+    write_mesh(tmp_path / f"body.{suffix}", mesh)
+    read, _ = read_mesh(tmp_path / f"body.{suffix}")
+    np.testing.assert_allclose(read.nodes, mesh.nodes, rtol=1e-12)
+    assert (read.hexes == mesh.hexes).all()
+
+
+def test_materials_go_through_a_file_and_back(tmp_path):
     mesh = bar((4.0, 2.0, 2.0), (4, 2, 2), 2)
     write_mesh(tmp_path / "bar.vtu", mesh)
     read, _ = read_mesh(tmp_path / "bar.vtu")
     assert read.digest == mesh.digest
+
+
+def test_bad_mesh_files_are_refused(tmp_path):
+    mesh = bar((2.0, 1.0, 1.0), (2, 1, 1))
+    lonely = np.vstack([mesh.nodes, [[9.0, 9.0, 9.0]]])
+    meshio.Mesh(lonely, [("hexahedron", mesh.hexes)]).write(tmp_path / "lonely.vtu")
+    with pytest.raises(GdfeError, match="node 12 belongs to no element"):
+        read_mesh(tmp_path / "lonely.vtu")
+    inverted = mesh.hexes[:, [4, 5, 6, 7, 0, 1, 2, 3]]
+    meshio.Mesh(mesh.nodes, [("hexahedron", inverted)]).write(tmp_path / "inverted.vtu")
+    with pytest.raises(GdfeError, match="element 0 is inverted"):
+        read_mesh(tmp_path / "inverted.vtu")
+    meshio.Mesh(mesh.nodes, [("tetra", mesh.hexes[:, :4])]).write(tmp_path / "tetra.vtu")
+    with pytest.raises(GdfeError, match="expected hexahedra of 8 corners, found \\['tetra'\\]"):
+        read_mesh(tmp_path / "tetra.vtu")
+    (tmp_path / "text.vtu").write_text("no mesh", encoding="utf-8")
+    for name in ("text.vtu", "missing.vtu", "mesh.docx"):
+        with pytest.raises(GdfeError, match="cannot be read as a mesh"):
+            read_mesh(tmp_path / name)
+
+
+def test_a_march_that_stops_keeps_the_last_converged_state_and_says_where():
+    mesh = bar((8.0, 2.0, 2.0), (8, 2, 2))
+    left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == 8.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right)
+
+    def loading(share):  # beyond 60 % the end would have to be where nothing can be
+        moved = np.zeros_like(mesh.nodes)
+        moved[right, 1] = share if share < 0.6 else np.nan
+        return Loading(moved)
+
+    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports)
+    found = march(solver, loading, 4, halvings=2)
+    assert not found.completed
+    assert found.shares[-1] == pytest.approx(0.5625)
+    assert found.last.converged
+    np.testing.assert_allclose(found.last.displacement[right, 1], 0.5625)
+    assert "kept: 56.2 %" in found.reason
 
 
 def test_bad_meshes_are_refused_with_element_and_reason():

@@ -3,14 +3,16 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
 from softgrip_model.commands import simulate
-from softgrip_model.gdfe import GdfeError
+from softgrip_model.gdfe import GdfeError, bar
 from softgrip_model.gdfe.case_file import parse_case
+from softgrip_model.gdfe.mesh_file import write_mesh
 
 GOOD = """
 schema: 1
@@ -189,3 +191,56 @@ def test_the_thesis_law_takes_no_forces(tmp_path, capsys):
     case.write_text(LOADED + "loads: [{face: right, force_n: {x: 0.01}}]\n")
     assert simulate.main([str(case), "--law", "thesis", "--out", str(tmp_path)]) == 2
     assert "prescribed displacements only" in capsys.readouterr().err
+
+
+FINGER = """
+schema: 1
+title: short closing
+finger: {profile: hook, finger: index, resolution: coarse, pull_m: 0.006, steps: 3}
+"""
+
+
+def test_a_finger_closes_beside_the_pseudo_rigid_prediction(tmp_path, capsys):
+    data = simulated(tmp_path, FINGER)
+    assert [state["converged"] for state in data["states"]] == [True] * 3
+    last = data["states"][-1]
+    # the published designs and the mesh are different models: some per cent of the finger's 95 mm apart, not more
+    apart = np.linalg.norm(np.array(last["tip_m"][:2]) - last["pseudo_rigid_tip_m"][:2])
+    assert apart < 0.05 * 0.095
+    assert last["tension_n"][0] > last["tension_n"][-1] > 0.0
+    assert (tmp_path / "case.vtu").stat().st_size > 1000
+    assert (tmp_path / "case.png").read_bytes().startswith(b"\x89PNG")
+    assert "pseudo-rigid" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("hook", "fist", "finger.profile: expected one of hook, pinch, power"),
+        ("finger: index", "finger: toe", "toe"),
+        ("coarse", "finest", "finger.resolution: expected one of coarse, fine"),
+        ("pull_m: 0.006", "pull_m: -1.0", "finger.pull_m: expected 0.0001 or more"),
+    ],
+)
+def test_a_wrong_finger_is_refused(old, new, message, tmp_path, capsys):
+    case = tmp_path / "finger.yaml"
+    case.write_text(FINGER.replace(old, new))
+    assert simulate.main([str(case), "--out", str(tmp_path)]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_another_mesh_can_be_given(tmp_path):
+    write_mesh(tmp_path / "fine.vtu", bar((4.0, 1.0, 1.0), (16, 3, 3)))
+    case = tmp_path / "bar.yaml"
+    case.write_text(GOOD)
+    arguments = ["--mesh", str(tmp_path / "fine.vtu"), "--out", str(tmp_path), "--json", str(tmp_path / "out.json")]
+    assert simulate.main([str(case), *arguments]) == 0
+    assert json.loads((tmp_path / "out.json").read_text())["hexahedra"] == 144
+
+
+def test_the_documents_case_runs(tmp_path):
+    document = Path(__file__).parents[4] / "docs" / "gdfe.md"
+    text = document.read_text(encoding="utf-8").split("```yaml")[1].split("```")[0]
+    data = simulated(tmp_path, text)
+    assert data["contacts"][0]["force_n"][1] > 0.0
+    assert data["cables"][0]["tension_n"][0] == pytest.approx(0.05)

@@ -48,7 +48,10 @@ def read_mesh(path: Path) -> tuple[Mesh, tuple[str, ...]]:
             for offset, k in zip(offsets, chosen, strict=False):
                 if sets[k] is not None:
                     materials[offset + np.asarray(sets[k], dtype=np.int64)] = number
-    used, renumbered = np.unique(hexes, return_inverse=True)
+    orphans = np.setdiff1d(np.arange(len(data.points)), np.concatenate([block.data.ravel() for block in data.cells]))
+    if len(orphans):
+        raise GdfeError(f"{path}: node {orphans[0]} belongs to no element ({len(orphans)} such nodes); remove them")
+    used, renumbered = np.unique(hexes, return_inverse=True)  # corners of lines and faces only are left out
     return Mesh(data.points[used], renumbered.reshape(-1, 8).astype(np.int32), materials), names
 
 

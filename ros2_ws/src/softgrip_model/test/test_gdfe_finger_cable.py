@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cable of a finger's mesh against one that is worked out here: routing, Matte friction, balance with the mesh."""
+
+import numpy as np
+import pytest
+
+from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.profile import load_directory, shipped_directory
+
+
+@pytest.fixture(scope="module")
+def closing():
+    settings = ClosingSettings(RESOLUTIONS["coarse"], 6.0, keyframe_mm=2.0, tolerance=1e-6, max_iterations=4000)
+    return Closing(load_directory(shipped_directory())["power"], "index", settings)
+
+
+def cable_points(finger, displacement):
+    """Return the cable's points at a state, (k, 3) [mm]."""
+    at = finger.mesh.nodes + displacement
+    return np.array([p.weights @ at[p.nodes] if len(p.nodes) else np.array(p.position) for p in finger.routing])
+
+
+def cable_forces(finger, law, displacement, tension):
+    """Return forces on the nodes (n, 3) of a cable pulled by a tension, Eqs 3.7-3.9."""
+    points = cable_points(finger, displacement)
+    spans = np.vstack([[1.0, 0.0, 0.0], np.diff(points, axis=0)])  # the first one runs to the actuator, along -x
+    directions = spans / np.linalg.norm(spans, axis=1)[:, None]
+    angles = np.arccos(np.clip((directions[:-1] * directions[1:]).sum(axis=1), -1.0, 1.0))
+    tensions = [tension]
+    for angle in angles:  # T_before = Rf(angle, T_after) T_after
+        low = tensions[-1]
+        for _ in range(100):
+            low = tensions[-1] / float(law.ratio(angle, max(low, 1e-2)))
+        tensions.append(low)
+    load = np.zeros_like(finger.mesh.nodes)
+    for number, point in enumerate(finger.routing):
+        force = -tensions[number] * directions[number]
+        if number + 1 < len(directions):
+            force = force + tensions[number + 1] * directions[number + 1]
+        load[point.nodes] += point.weights[:, None] * force
+    return load
+
+
+@pytest.mark.parametrize("pull_mm", [2.0, 5.0])
+def test_the_mesh_is_in_balance_with_its_cable(closing, pull_mm):
+    finger = closing.finger_mesh
+    shape = closing.shape(1e-3 * pull_mm)
+    displacement = 1e3 * shape.vertices - finger.mesh.nodes
+    load = cable_forces(finger, closing.friction.law, displacement, shape.tension[0])
+    inside = closing._solver.internal_force(displacement)
+    free = np.setdiff1d(np.arange(len(load)), finger.clamped)
+    assert shape.converged
+    assert np.abs(load).max() > 0.01
+    np.testing.assert_allclose(inside[free], load[free], atol=2e-3 * np.abs(load).max())
+
+
+def test_the_cable_is_shorter_by_what_was_pulled(closing):
+    finger = closing.finger_mesh
+    displacement = 1e3 * closing.shape(0.005).vertices - finger.mesh.nodes
+
+    def length(moved):
+        return np.linalg.norm(np.diff(cable_points(finger, moved), axis=0), axis=1).sum()
+
+    assert length(0.0 * displacement) - length(displacement) == pytest.approx(5.0, abs=2e-3)
