@@ -103,7 +103,7 @@ def draw_camera(axes: Axes, bag: Path) -> None:
 def main() -> int:
     """Draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bag", type=Path, default=BAGS / "grasps", help="drawn in the plots")
+    parser.add_argument("--bag", type=Path, default=BAGS / "closings", help="drawn in the plots")
     parser.add_argument("--frames", type=Path, default=BAGS / "frames", help="whose first frame is shown")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs/images/bags_layout.png")
     options = parser.parse_args()
