@@ -176,8 +176,10 @@ class SlackGuard:
         A motor that slows down needs less current, which passes for less tension.
         """
         slack = pulling and pulled > self._limits.slack_travel and tension < self._limits.tension_slack
-        if not slack or acceleration < -STEADY_ACCELERATION:
+        if not slack:
             self._since = None
+        elif acceleration < -STEADY_ACCELERATION:
+            return False
         elif self._since is None:
             self._since = now
         return self._since is not None and now - self._since >= self.CONFIRM
