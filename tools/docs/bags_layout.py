@@ -68,6 +68,9 @@ def draw_plot(axes: Axes, panel: dict[str, Any], found: dict[str, tuple[list[flo
         times, values = found[line["value"]]
         style = "--" if line.get("lineStyle") == "dashed" else "-"
         axes.plot(times, values, style, color=line["color"], lw=0.9, label=line["label"])
+    shown = np.concatenate([np.asarray(found[line["value"]][1], dtype=float) for line in panel["paths"]])
+    low, high = np.nanpercentile(shown, [0.0, 99.0])  # where a model has its limit single values are far out
+    axes.set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
     axes.set_title(panel["title"], loc="left", fontsize=9)
     axes.set_ylabel(panel["yAxisLabel"])
     axes.legend(fontsize=6, ncols=2, loc="upper left")
