@@ -63,7 +63,8 @@ class Row:
 INDEX = ("slot", "index")
 ROWS = [
     Row("bytes_lost", "", arguments=(("share", 0.002),), lasts=0.6, safe_within=None),
-    Row("bytes_flipped", "", arguments=(("share", 0.002),), lasts=0.6, safe_within=None),
+    # Fewer: a length that was flipped upwards makes the servos wait for bytes that are of other packets.
+    Row("bytes_flipped", "", arguments=(("share", 0.0005),), lasts=0.6, safe_within=None),
     Row("bytes_duplicated", "", arguments=(("share", 0.002),), lasts=0.6, safe_within=None),
     Row("bytes_delayed", "no_reply", arguments=(("delay_s", 0.1),), reason="does not answer"),
     Row("crc_error", "no_reply", reason="does not answer"),
