@@ -130,10 +130,10 @@ def settle(launched: Any, observer: Observer, back: str) -> None:
         return f"mode {observer.mode}, errors {observer.faults()}, heard {observer.heard}\n{launched.output[-6000:]}"
 
     if back in DRIVES:
-        wait_for(lambda: observer.sees("tendon_driver"), state, 30.0)
-        wait_for(lambda: observer.ask("/estop_reset", 30.0)[0], state, 30.0, 0.5)
-        wait_for(lambda: observer.ask("/tendon/home", 60.0)[0], state, 60.0, 0.5)
-    wait_for(calm, state, 40.0)
+        wait_for(lambda: observer.sees("tendon_driver"), state, 90.0)
+        wait_for(lambda: observer.ask("/estop_reset", 30.0)[0], state, 60.0, 0.5)
+        wait_for(lambda: observer.ask("/tendon/home", 60.0)[0], state, 90.0, 0.5)
+    wait_for(calm, state, 90.0)
 
 
 def beat(observer: Observer, nodes: set[str], timeout: float = 15.0) -> None:
@@ -146,7 +146,7 @@ def beat(observer: Observer, nodes: set[str], timeout: float = 15.0) -> None:
     wait_for(lambda: not silent(), lambda: f"no word of {silent()}", timeout)
 
 
-@pytest.mark.timeout(200)
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize(("node", "how"), CASES)
 def test_one_process_goes_and_the_cell_goes_on(
     cell: tuple[Any, Observer], node: str, how: str, record_property: Callable[[str, object], None]
