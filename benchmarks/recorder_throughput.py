@@ -209,15 +209,27 @@ def live(folder: Path, seconds: float) -> tuple[int, int, float, float]:
         for sender in senders:
             _tell(sender)
             sender.wait(_DEADLINE_S)
+        _await_quiet(bag)
         recorder.send_signal(2)
         recorder.wait(_DEADLINE_S)
     finally:
         for process in (recorder, *senders):
             process.kill()
-    sent = sum(answer["sent"] for answer in answers)
-    kept = sum(t.messages for t in topic_summaries(bag) if t.name.startswith(("/joints_", "/image", "/shape")))
+    sent, kept = sum(answer["sent"] for answer in answers), _kept(bag)
     shutil.rmtree(bag)
     return sent, sent - kept, share, max(answer["seconds"] for answer in answers)
+
+
+def _kept(bag: Path) -> int:
+    return sum(t.messages for t in topic_summaries(bag) if t.name.startswith(("/joints_", "/image", "/shape")))
+
+
+def _await_quiet(bag: Path) -> None:
+    """Wait until what was on its way to the recorder is on the disk: nothing more comes for a second."""
+    before = -1
+    while (found := _kept(bag)) != before:
+        before = found
+        time.sleep(1.0)
 
 
 def _line(process: subprocess.Popen[str]) -> str:
