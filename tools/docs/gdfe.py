@@ -32,6 +32,7 @@ from softgrip_model.gdfe.materials import (
     ninjaflex,
     ninjaflex_ogden,
 )
+from softgrip_model.gdfe.reference_finger import calculix_moments, our_moments, reference_closing
 from softgrip_model.gdfe.solver import Metric
 from softgrip_model.gdfe.thesis import (
     ThesisState,
@@ -219,6 +220,16 @@ def _finger_rows() -> str:
     return "\n".join(rows)
 
 
+def _strip_rows() -> str:
+    theirs, closing, rows = calculix_moments(), reference_closing(), []
+    for pull in (4.0, 8.0, 12.0):
+        ours = our_moments(closing, pull)
+        cells = [f"{a:.2f} / {b:.2f}" for a, b in zip(-ours, -theirs[pull], strict=True)]
+        apart = ", ".join(f"{100 * (a / b - 1):.1f}" for a, b in zip(ours, theirs[pull], strict=True))
+        rows.append(_row(f"{pull:g}", *cells, apart))
+    return "\n".join(rows)
+
+
 def _refinement() -> tuple[str, str]:
     """Return the rows of the refinement study and the observed order p of |tip(h) - tip| ~ h^p, h = 1, 2/3, 1/2."""
     profile = load_directory(shipped_directory())["power"]
@@ -254,6 +265,7 @@ def render() -> str:
         "calibrated_forces": " | ".join(f"{_calibrated_force(n):.0f}" for n in FORCE_INCREMENTS),
         "finger_hexes": "2,088",
         "finger_rows": _finger_rows(),
+        "strip_rows": _strip_rows(),
         "refinement_rows": refinement_rows,
         "order": order,
     }

@@ -171,6 +171,10 @@ class Closing:
             return self._shape(pulled_length, nearest, started, reason, converged=False)
         return self._shape(pulled_length, found, started, reason, converged=True)
 
+    def state(self, pulled_mm: float) -> State:
+        """Return a state near the shape at a pulled length [mm], to start another solve of the same mesh from."""
+        return State(self._start(pulled_mm).displacement)
+
     def _compute_keyframes(self) -> None:
         step, count = self.settings.keyframe_mm, round(self.settings.travel_mm / self.settings.keyframe_mm)
         self._keyframes.append(self._solve(0.0, self._solver.rest()))
