@@ -30,6 +30,7 @@ class Bench:
 
     def __init__(self, stage: Stage, gauge: Gauge) -> None:
         self.stage, self.gauge = stage, gauge
+        self._measuring = threading.Lock()
         self._in_use = threading.Lock()
         self._closed = threading.Event()
 
@@ -62,12 +63,14 @@ class Bench:
         Raises:
             BusyError: somebody has.
         """
-        if not self._in_use.acquire(blocking=False):
+        if not self._measuring.acquire(blocking=False):
             raise BusyError("the rig is measuring already: wait for it, or cancel it first")
         try:
-            yield
+            # A look of the idle rig is over soon; it is no measurement that could be cancelled.
+            with self._in_use:
+                yield
         finally:
-            self._in_use.release()
+            self._measuring.release()
 
     def look(self, now: float) -> Sample | None:
         """Read both while nobody measures; None while somebody does.
