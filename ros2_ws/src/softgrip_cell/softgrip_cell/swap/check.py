@@ -18,6 +18,8 @@ from softgrip_cell.observation import Pair, SeenTip
 
 #: Fewer comparable samples than this prove nothing.
 LEAST_SAMPLES: Final = 20
+#: [m] of pulled length that one value of a course stands for.
+SMOOTH_M: Final = 0.5e-3
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,13 @@ class _Trace:
     measured_n: NDArray[np.float64]
     predicted_n: NDArray[np.float64]
 
+    def smooth(self) -> _Trace:
+        """Return the medians over every SMOOTH_M of pulled length: what one late or noisy sample says does not count."""
+        places = np.floor(self.pulled_m / SMOOTH_M).astype(int)
+        pieces = [places == place for place in np.unique(places)]
+        columns = (self.pulled_m, self.measured_n, self.predicted_n)
+        return _Trace(*(np.array([np.median(column[piece]) for piece in pieces]) for column in columns))
+
     @property
     def ratio(self) -> float:
         """Measured over predicted tension, by least squares."""
@@ -146,16 +155,17 @@ class EmptyClosing:
         if missing:
             return _unseen(name, missing)
         tip_m, tip_allowed_m = self._tip_error(index, name)
-        finding, reason = self._compare(name, trace, tip_m, tip_allowed_m)
+        course = trace.smooth()
+        finding, reason = self._compare(name, course, tip_m, tip_allowed_m)
         if finding is not Finding.GOOD:
-            return FingerCheck(name, finding, reason, trace.ratio, tip_m)
+            return FingerCheck(name, finding, reason, course.ratio, tip_m)
         try:
             reference = learn_reference(
                 trace.pulled_m, trace.measured_n, trace.predicted_n, self._pairs[-1].free.friction_model
             )
         except CatalogueError as error:
             return _unseen(name, str(error))
-        return FingerCheck(name, finding, reason, trace.ratio, tip_m, reference)
+        return FingerCheck(name, finding, reason, course.ratio, tip_m, reference)
 
     def _trace(self, index: int) -> tuple[_Trace, str]:
         """Return a slot's comparable samples, and what is missing for a judgement (empty for nothing)."""
@@ -163,14 +173,17 @@ class EmptyClosing:
         pulled = np.array([pair.sample.pulled_m[index] for pair in self._pairs])
         measured = np.array([pair.sample.tension_n[index] for pair in self._pairs])
         predicted = np.array([pair.free.tension_n[index] for pair in self._pairs])
-        # Where the grooves close the predicted tension shoots up: nothing can be compared there.
-        compared = (pulled >= settings.from_m) & (predicted > 0.0) & (predicted < settings.tension_limit_n)
+        # Where the grooves close the predicted tension shoots up: nothing can be compared there. Nor where the finger
+        # stands or goes back a little: friction turns round, and the prediction is of a finger that closes.
+        closes = np.diff(np.maximum.accumulate(pulled), prepend=-math.inf) > 0.0
+        compared = closes & (pulled >= settings.from_m) & (predicted > 0.0) & (predicted < settings.tension_limit_n)
+        samples = int(compared.sum())
         trace = _Trace(pulled[compared], measured[compared], predicted[compared])
         reach_m = float(trace.pulled_m.max(initial=0.0))
-        if len(trace.pulled_m) >= LEAST_SAMPLES and reach_m >= settings.reach_m:
+        if samples >= LEAST_SAMPLES and reach_m >= settings.reach_m:
             return trace, ""
         reasons = sorted({pair.free.objections[index] for pair in self._pairs} - {""})
-        found = "; ".join([f"{len(trace.pulled_m)} samples up to {reach_m * 1e3:.1f} mm", *reasons])
+        found = "; ".join([f"{samples} samples up to {reach_m * 1e3:.1f} mm", *reasons])
         return trace, f"expected a closing to {settings.reach_m * 1e3:.1f} mm or more, found {found}"
 
     def _compare(self, name: str, trace: _Trace, tip_m: float, tip_allowed_m: float) -> tuple[Finding, str]:

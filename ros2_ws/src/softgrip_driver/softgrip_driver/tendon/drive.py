@@ -30,6 +30,8 @@ class Drive:
         period: [s] between steps.
     """
 
+    #: a motion advances by at most as many periods in one step
+    MOST_PERIODS = 2.0
     #: [1/s] and [m] of the integral correction of the position
     TRIM_RATE = 6.0
     MAX_TRIM = 3e-3
@@ -267,7 +269,8 @@ class Drive:
         cap = self._tension_cap(reading, dt)
         if not self.powered or m.motion is None:
             return DriveActions()
-        view = self._view(reading, now, dt, cap)
+        # After a late step the motion goes on from where it is: slower, never with a jerk to make up for it.
+        view = self._view(reading, now, min(dt, self.MOST_PERIODS * self._period), cap)
         found = self._watch.finds(view, m.motion, homed=self.homed)
         if found is not None:
             self.set_fault(*found)
