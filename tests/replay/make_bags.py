@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softgrip_bag.excerpt import excerpt
+from softgrip_bag.facts import arithmetic
 from softgrip_bag.nodes.through import renewed
 from softgrip_bag.reader import RawMessage, read
 
@@ -75,6 +76,7 @@ def main() -> int:
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="only these")
     parser.add_argument("--renew", action="store_true", help="keep the recorded inputs")
     options = parser.parse_args()
+    (BAGS / "arithmetic.txt").write_text(arithmetic() + "\n")
     if options.renew:
         for name in options.parts:
             renew(name)

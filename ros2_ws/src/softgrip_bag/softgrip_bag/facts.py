@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import subprocess
@@ -27,6 +28,17 @@ def machine() -> dict[str, str]:
         "middleware": os.environ.get("RMW_IMPLEMENTATION", ""),
         "mcap": writer,
     }
+
+
+def arithmetic(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
+    """Return what decides how a machine rounds: the kind of processor and a digest of what it can do."""
+    try:
+        lines = dict(line.split(":", 1) for line in cpuinfo.read_text().splitlines() if ":" in line)
+    except OSError:
+        return platform.machine()
+    told = {name.strip(): value.strip() for name, value in lines.items()}
+    abilities = " ".join(sorted(told.get("flags", told.get("Features", "")).split()))
+    return f"{platform.machine()} {hashlib.sha256(abilities.encode()).hexdigest()[:16]}"
 
 
 def software(folder: Path = Path(__file__).parent) -> dict[str, str]:

@@ -92,11 +92,10 @@ class _Trace:
     predicted_n: NDArray[np.float64]
 
     def smooth(self) -> _Trace:
-        """Return the medians over every SMOOTH_M of pulled length: what one late or noisy sample says does not count."""
+        """Return the medians over every SMOOTH_M of pulled length, to which one late or noisy sample means nothing."""
         places = np.floor(self.pulled_m / SMOOTH_M).astype(int)
-        pieces = [places == place for place in np.unique(places)]
-        columns = (self.pulled_m, self.measured_n, self.predicted_n)
-        return _Trace(*(np.array([np.median(column[piece]) for piece in pieces]) for column in columns))
+        columns = np.stack([self.pulled_m, self.measured_n, self.predicted_n])
+        return _Trace(*np.array([np.median(columns[:, places == place], axis=1) for place in np.unique(places)]).T)
 
     @property
     def ratio(self) -> float:
