@@ -386,7 +386,7 @@ def test_kill_9_in_a_swap_leaves_the_truth_or_unknown(cell: Cell, step: str) -> 
     assert [m.serial for m in state.mounted] == [f"{prefix}-{n[0].upper()}-01" if prefix else "" for n in SLOTS]
     assert f"restarted during swap 'pinch' at step '{step}'" in state.reason
     until(lambda: cell.driver.released > released, 10.0, "the tendons to be released")
-    assert "run cell/swap" in cell.controller.grasp("egg").reason
+    assert "cell/swap" in cell.controller.grasp("egg").reason
     assert cell.integrity() == "ok"
 
 
