@@ -14,6 +14,12 @@ class Slow:
     def __init__(self) -> None:
         self.asked, self.let = threading.Event(), threading.Event()
 
+    def open(self) -> str:
+        return "a device"
+
+    def close(self) -> None:
+        self.closed = True
+
     def travel(self) -> float:
         self.asked.set()
         assert self.let.wait(10.0)
@@ -46,6 +52,19 @@ def test_a_measurement_waits_for_a_look_of_the_idle_rig(device):
     assert measured.wait(10.0)
     for thread in (looking, measuring):
         thread.join(10.0)
+
+
+def test_a_measurement_takes_up_again_what_went_away(device):
+    device.let.set()
+    bench = Bench(device, device)
+    bench.open()
+    opened = []
+    device.open = lambda: opened.append("again")
+    with bench.measuring():
+        assert not opened
+    bench._disconnect()
+    with bench.measuring():
+        assert opened == ["again", "again"]
 
 
 def test_two_measurements_at_once_are_refused_and_nobody_looks_meanwhile(device):

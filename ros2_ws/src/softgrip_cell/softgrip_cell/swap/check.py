@@ -19,7 +19,7 @@ from softgrip_cell.observation import Pair, SeenTip
 #: Fewer comparable samples than this prove nothing.
 LEAST_SAMPLES: Final = 20
 #: [m] of pulled length that one value of a course stands for.
-SMOOTH_M: Final = 0.5e-3
+SMOOTH_M: Final = 2.0e-3
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from softgrip_driver.rig.pull import Sample
 
 #: [s] between attempts to connect.
 _RETRY_PERIOD = 0.1
+#: [s] for devices that went away to come back when a measurement begins.
+_PATIENCE = 3.0
 
 
 class BusyError(DriverError):
@@ -33,6 +35,7 @@ class Bench:
         self._measuring = threading.Lock()
         self._in_use = threading.Lock()
         self._closed = threading.Event()
+        self._connected = False
 
     def open(self, patience: float = 0.0) -> tuple[Identity, Identity]:
         """Connect and identify both.
@@ -47,7 +50,7 @@ class Bench:
         end = time.monotonic() + patience
         while True:
             try:
-                return self.stage.open(), self.gauge.open()
+                identities = self.stage.open(), self.gauge.open()
             except (DeviceNotFoundError, PortLostError, NoReplyError):
                 self._disconnect()
                 if time.monotonic() >= end or self._closed.wait(_RETRY_PERIOD):
@@ -55,6 +58,9 @@ class Bench:
             except DriverError:
                 self._disconnect()
                 raise
+            else:
+                self._connected = True
+                return identities
 
     @contextmanager
     def measuring(self) -> Iterator[None]:
@@ -62,12 +68,15 @@ class Bench:
 
         Raises:
             BusyError: somebody has.
+            DriverError: a device is not there.
         """
         if not self._measuring.acquire(blocking=False):
             raise BusyError("the rig is measuring already: wait for it, or cancel it first")
         try:
             # A look of the idle rig is over soon; it is no measurement that could be cancelled.
             with self._in_use:
+                if not self._connected:  # a device was silent when somebody looked
+                    self.open(_PATIENCE)
                 yield
         finally:
             self._measuring.release()
@@ -105,5 +114,6 @@ class Bench:
         self._disconnect()
 
     def _disconnect(self) -> None:
+        self._connected = False
         self.stage.close()
         self.gauge.close()
