@@ -39,7 +39,7 @@ _REST_AFTER_S: Final = 0.3
 _REST_SPEED_RAD_S: Final = 1e-3
 _MAX_OFFSET_M: Final = 0.1
 _READING_CATCH_UP_S: Final = 0.006
-_MAX_LAG_S: Final = 0.25
+_MAX_LAG_S: Final = 0.04
 """Further behind the clock than this, the plant skips time instead of taking the processor from the others."""
 
 
