@@ -194,8 +194,8 @@ def test_a_tension_outside_the_interval_is_refused(gain: float) -> None:
 
 
 def test_a_tension_that_rises_otherwise_is_refused_whatever_its_size() -> None:
-    """0.056 p^2.2 has the predicted size about, but not its course."""
-    result = closing(gain=0.056, bend=2.2).judge()["thumb"]
+    """0.0067 p^3 has the predicted size about, but not its course."""
+    result = closing(gain=0.0067, bend=3.0).judge()["thumb"]
     assert abs(result.tension_ratio - 1.0) < SETTINGS.tension_fraction
     assert result.finding is Finding.OFF
     assert "course is off" in result.reason

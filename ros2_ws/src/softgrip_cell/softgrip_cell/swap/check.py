@@ -36,6 +36,7 @@ class CheckSettings:
             the motor's torque constant make it so wide.
         shape_fraction: how far the measured curve may be from the predicted one once their sizes are made equal, as a
             share of the mean tension.
+        noise_n: what gears and cogging of a motor add to a tension, however small it is [N].
         change_fraction: how far the tension may be from what it was when the same finger was checked before.
         broken_fraction: measured over predicted tension below which nothing is pulled.
         tip_m: largest distance of the seen from the predicted fingertip, beside the camera's own uncertainty [m].
@@ -49,6 +50,7 @@ class CheckSettings:
     from_m: float = 0.004
     tension_fraction: float = 0.45
     shape_fraction: float = 0.30
+    noise_n: float = 0.8
     change_fraction: float = 0.15
     broken_fraction: float = 0.3
     tip_m: float = 0.012
@@ -195,8 +197,9 @@ class EmptyClosing:
             low, high = 1.0 - settings.tension_fraction, 1.0 + settings.tension_fraction
             found = f"tension is {ratio:.0%} of the prediction, expected {low:.0%} to {high:.0%}"
             return Finding.OFF, f"{found}: another finger than its passport says, worn, or jammed"
-        if misfit > settings.shape_fraction:
-            found = f"the tension's course is off by {misfit:.0%}, expected at most {settings.shape_fraction:.0%}"
+        allowed = math.hypot(settings.shape_fraction, settings.noise_n / float(np.mean(trace.measured_n)))
+        if misfit > allowed:
+            found = f"the tension's course is off by {misfit:.0%}, expected at most {allowed:.0%}"
             return Finding.OFF, f"{found}: another finger than its passport says, or jammed"
         if tip_m > tip_allowed_m:
             found = (
