@@ -10,15 +10,15 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from softgrip_emulator.camera.camera import Camera
+from softgrip_emulator.camera.apart import CameraApart, CameraSettings
+from softgrip_emulator.camera.camera import Look
 from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
-from softgrip_emulator.camera.scene import Pose, Scene
-from softgrip_emulator.camera.stream import FrameBoard, StreamServer
+from softgrip_emulator.camera.scene import Pose
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.errors import EmulatorError
@@ -46,17 +46,6 @@ SEEN_SLOT: Final = "index"
 """The camera looks at this finger from the side."""
 _PLANT_PERIOD_S: Final = 0.004
 _EXPOSURE_S: Final = 0.008
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Resolution and rate of the emulated camera; port 0 = a free one."""
-
-    width: int = 640
-    height: int = 480
-    fps: float = 30.0
-    port: int = 0
-    jpeg_quality: int = 88
 
 
 @dataclass(frozen=True)
@@ -127,18 +116,8 @@ class EmulatedCell:
         self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)
         self._settings = camera or CameraSettings()
         self._optics = draw_optics(self._settings.width, self._settings.height, seed)
-        self.scene = Scene(self._optics, seed)
-        self.board = FrameBoard()
-        self.camera = Camera(
-            self.scene,
-            self.board,
-            self._look,
-            wall_time_s=self.epoch_time_s,
-            fps=self._settings.fps * time_scale,
-            jpeg_quality=self._settings.jpeg_quality,
-            random=np.random.default_rng([seed, 0x4652]).random,
-        )
-        self._stream: StreamServer | None = None
+        timed = replace(self._settings, fps=self._settings.fps * time_scale)
+        self.camera = CameraApart(timed, self._optics, seed, self._look)
         self.faults = FaultBoard(self)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live, name="plant", daemon=True)
@@ -151,24 +130,23 @@ class EmulatedCell:
         """
         try:
             self.wire_dir.mkdir(parents=True, exist_ok=True)
-            self._stream = StreamServer(self.board, self._settings.port)
-        except OSError as error:
-            raise EmulatorError(
-                f"camera stream on port {self._settings.port}: expected a free port on 127.0.0.1 and a folder "
-                f"{self.wire_dir} to write to, found: {error}; choose another port (0 = any free one) or wire_dir"
-            ) from error
-        try:
             write_calibration(
                 self.wire_dir / "camera_calibration.yaml", calibrated(self._optics, self.seed), SEEN_SLOT, self.seed
             )
             self.bus_port.start()
             self.rig.open_ports(self.wire_dir)
-            self._stream.start(self.wire_dir / "camera.url")
         except OSError as error:
             self.close()
             raise EmulatorError(f"wire folder {self.wire_dir}: expected to make ports in it, found: {error}") from error
+        try:
+            self.camera.open(self.wire_dir / "camera.url")
+        except OSError as error:
+            self.close()
+            raise EmulatorError(
+                f"camera stream on port {self._settings.port}: expected a free port on 127.0.0.1 and a folder "
+                f"{self.wire_dir} to write to, found: {error}; choose another port (0 = any free one) or wire_dir"
+            ) from error
         self._thread.start()
-        self.camera.start()
         return self
 
     def close(self) -> None:
@@ -177,8 +155,6 @@ class EmulatedCell:
         if self._thread.is_alive():
             self._thread.join(2.0)
         self.camera.close()
-        if self._stream is not None:
-            self._stream.close()
         self.bus_port.close()
         self.rig.close()
         for name in ("camera.url", "camera_calibration.yaml"):
@@ -199,7 +175,7 @@ class EmulatedCell:
     @property
     def stream_url(self) -> str:
         """Address of the camera's stream; empty before `open`."""
-        return "" if self._stream is None else self._stream.url
+        return self.camera.stream_url
 
     def truth(self) -> Truth:
         """What is so now."""
@@ -223,21 +199,22 @@ class EmulatedCell:
             )
             return Truth(fingers, plant.grasp.state(), self.faults.active)
 
-    def _look(self) -> tuple[Pose, Pose]:
+    def _look(self) -> Look:
         """The seen finger now, and where it was when the exposure began (from its joint speeds)."""
         plant = self.plant
+        stamp_s, faults = self.epoch_time_s(), replace(self.camera.faults)
         with plant.lock:
             index = plant.index(SEEN_SLOT)
             finger = plant.mounted[index]
             if finger is None:
                 empty = Pose(np.zeros((0, 2)), np.zeros(0))
-                return empty, empty
+                return Look(empty, empty, stamp_s, faults)
             chain, heading = plant.bank.chain()
             joints = finger.joints
             now = Pose(chain[index, : joints + 1], heading[index, :joints], finger.body_height_m)
             earlier, earlier_heading = plant.bank.chain(plant.bank.q - _EXPOSURE_S * plant.bank.joint_speed)
             before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m)
-            return now, before
+            return Look(now, before, stamp_s, faults)
 
     def _live(self) -> None:
         while not self._stop.is_set():

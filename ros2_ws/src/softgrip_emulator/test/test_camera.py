@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from softgrip_emulator.camera.camera import Camera
+from softgrip_emulator.camera.apart import CameraApart, CameraSettings
+from softgrip_emulator.camera.camera import Camera, CameraFaults, Look
 from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
 from softgrip_emulator.camera.scene import Light, Pose, Scene
 from softgrip_emulator.camera.stream import FrameBoard, StreamServer
@@ -102,16 +103,17 @@ def stream(tmp_path):
     board = FrameBoard()
     scene = Scene(draw_optics(320, 240, seed=1), seed=1)
     angle = [0.0]
+    faults = CameraFaults()
 
     def look():
         angle[0] += 0.5
-        return pose_of((angle[0], 0, 0)), pose_of((angle[0], 0, 0))
+        return Look(pose_of((angle[0], 0, 0)), pose_of((angle[0], 0, 0)), time.time(), faults)
 
     camera = Camera(scene, board, look, fps=60.0, random=np.random.default_rng(1).random)
     server = StreamServer(board)
     server.start(tmp_path / "camera.url")
     camera.start()
-    yield camera, (tmp_path / "camera.url").read_text().strip()
+    yield camera, (tmp_path / "camera.url").read_text().strip(), faults
     camera.close()
     server.close()
 
@@ -131,7 +133,7 @@ def parts(url, count):
 
 
 def test_the_stream_has_frames_with_rising_stamps(stream):
-    _, url = stream
+    _, url, _ = stream
     before_s = time.time()
     rows = list(parts(url, 5))
     stamps = [stamp for stamp, _ in rows]
@@ -142,29 +144,74 @@ def test_the_stream_has_frames_with_rising_stamps(stream):
 
 
 def test_it_takes_no_frames_while_nobody_looks(stream, until):
-    camera, url = stream
+    camera, url, _ = stream
     list(parts(url, 2))
     assert until(lambda: camera._board.viewers == 0)
     taken = camera.frames_taken
     assert not until(lambda: camera.frames_taken > taken + 1, 0.3)
 
 
-def test_camera_faults(stream):
-    camera, url = stream
-    camera.faults.frozen = True
+def test_a_frozen_camera_repeats_its_frame(stream):
+    _, url, faults = stream
+    faults.frozen = True
     frozen = [data for _, data in parts(url, 3)]
     assert frozen[0] == frozen[1] == frozen[2]
-    camera.faults.frozen = False
-    camera.faults.gain = 0.05
-    assert cv2.imdecode(np.frombuffer(camera.take(), np.uint8), cv2.IMREAD_COLOR).mean() < 12
-    camera.faults.gain = 1.0
-    camera.faults.drop_share = 0.5
-    lost = sum(camera.take() is None for _ in range(60))
+
+
+def test_a_dark_camera_and_one_that_loses_frames():
+    pose, faults = pose_of((10, 0, 0)), CameraFaults(gain=0.05)
+    scene = Scene(draw_optics(320, 240, seed=1), seed=1)
+    random = np.random.default_rng(1).random
+    camera = Camera(scene, FrameBoard(), lambda: Look(pose, pose, 0.0, faults), random=random)
+    assert cv2.imdecode(np.frombuffer(camera.take()[0], np.uint8), cv2.IMREAD_COLOR).mean() < 12
+    faults.gain = 1.0
+    faults.drop_share = 0.5
+    lost = sum(camera.take()[0] is None for _ in range(60))
     assert 15 < lost < 45
 
 
+def test_a_scene_that_has_shown_much_shows_a_pose_as_a_fresh_one_does():
+    optics = draw_optics(640, 480, seed=3)
+    used = Scene(optics, seed=3)
+    dark = Light(noise=0.0)
+    for k in range(12):
+        used.render(pose_of((7 * k, 3 * k, 2 * k)), pose_of((6 * k, 3 * k, k)), dark)
+    used.render(Pose(np.zeros((0, 2)), np.zeros(0)), light=dark)
+    for now, before in (((30, 20, 15), (30, 20, 15)), ((60, 10, 5), (52, 8, 5)), ((60.001, 10, 5), (60.001, 10, 5))):
+        fresh = Scene(optics, seed=3).render(pose_of(now), pose_of(before), dark)
+        assert np.array_equal(used.render(pose_of(now), pose_of(before), dark), fresh)
+
+
+def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_path):
+    stamps = iter(range(1, 1000))
+    apart = CameraApart(
+        CameraSettings(320, 240, fps=60.0),
+        draw_optics(320, 240, seed=1),
+        1,
+        lambda: Look(pose_of((10, 0, 0)), pose_of((10, 0, 0)), float(next(stamps))),
+    )
+    apart.open(tmp_path / "camera.url")
+    rows = list(parts((tmp_path / "camera.url").read_text().strip(), 3))
+    assert [stamp for stamp, _ in rows] == sorted({stamp for stamp, _ in rows})
+    assert cv2.imdecode(np.frombuffer(rows[0][1], np.uint8), cv2.IMREAD_COLOR).shape == (240, 320, 3)
+    assert apart.running
+    process = apart._process
+    apart.close()
+    assert process.returncode == 0
+    assert not apart.running
+
+
+def test_a_camera_that_is_killed_is_noticed(tmp_path, until):
+    pose = pose_of((10, 0, 0))
+    apart = CameraApart(CameraSettings(320, 240), draw_optics(320, 240, seed=1), 1, lambda: Look(pose, pose, 0.0))
+    apart.open(tmp_path / "camera.url")
+    apart._process.kill()
+    assert until(lambda: not apart.running)
+    apart.close()
+
+
 def test_two_viewers_and_a_wrong_path(stream):
-    _, url = stream
+    _, url, _ = stream
     assert len(list(parts(url, 2))) == len(list(parts(url, 2))) == 2
     with pytest.raises(urllib.error.HTTPError):
         urllib.request.urlopen(url.replace("stream.mjpg", "secret"), timeout=5)

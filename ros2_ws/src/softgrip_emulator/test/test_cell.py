@@ -8,7 +8,8 @@ import dynamixel_sdk
 import numpy as np
 import pytest
 
-from softgrip_emulator.cell import CameraSettings, EmulatedCell
+from softgrip_emulator.camera.apart import CameraSettings
+from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import BUS_FAULTS, CAMERA_FAULTS, random_plan, read_plan
 from softgrip_emulator.wire.pty import host_baud

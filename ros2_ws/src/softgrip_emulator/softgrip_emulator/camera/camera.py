@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from softgrip_emulator.camera.stream import FrameBoard
-
-_log = logging.getLogger(__name__)
 
 _IDLE_LOOK_S: Final = 0.05
 
@@ -32,14 +29,30 @@ class CameraFaults:
     gain: float = 1.0
 
 
+@dataclass(frozen=True)
+class Look:
+    """What there is to see in one exposure.
+
+    Attributes:
+        pose: of the finger at the end of the exposure.
+        before: at its beginning.
+        stamp_s: seconds since the epoch.
+        faults: of the camera.
+    """
+
+    pose: Pose
+    before: Pose
+    stamp_s: float
+    faults: CameraFaults = field(default_factory=CameraFaults)
+
+
 class Camera:
     """Exposes, compresses and pins frames to a board, in a thread of its own.
 
     Args:
         scene: what is rendered.
         board: where frames go.
-        look: gives the finger's pose at the end and at the beginning of the exposure just over.
-        wall_time_s: seconds since the epoch, for the stamps.
+        look: gives what the exposure just over has seen; OSError or EOFError when there is nothing left to look at.
         fps: frames a second.
         jpeg_quality: 1..100.
         random: 0..1, for dropped frames.
@@ -49,19 +62,16 @@ class Camera:
         self,
         scene: Scene,
         board: FrameBoard,
-        look: Callable[[], tuple[Pose, Pose]],
+        look: Callable[[], Look],
         *,
-        wall_time_s: Callable[[], float] = time.time,
         fps: float = 30.0,
         jpeg_quality: int = 88,
         random: Callable[[], float] | None = None,
     ) -> None:
-        self.faults = CameraFaults()
         self.frames_taken = 0
         self._scene = scene
         self._board = board
         self._look = look
-        self._wall_time_s = wall_time_s
         self._period_s = 1.0 / fps
         self._quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
         self._random = random or (lambda: 1.0)
@@ -79,20 +89,18 @@ class Camera:
         if self._thread.is_alive():
             self._thread.join(2.0)
 
-    def take(self) -> bytes | None:
-        """One compressed frame, or None when the sensor lost it."""
-        if self.faults.drop_share > 0.0 and self._random() < self.faults.drop_share:
-            return None
-        if self.faults.frozen and self._frozen_data is not None:
-            return self._frozen_data
-        pose, before = self._look()
-        light = Light(gain=self.faults.gain)
-        ok, data = cv2.imencode(".jpg", self._scene.render(pose, before, light), self._quality)
-        if not ok:
-            return None
-        self.frames_taken += 1
-        self._frozen_data = data.tobytes()
-        return self._frozen_data
+    def take(self) -> tuple[bytes | None, float]:
+        """One compressed frame, or None when the sensor lost it, and its stamp [s]."""
+        look = self._look()
+        faults = look.faults
+        if faults.drop_share > 0.0 and self._random() < faults.drop_share:
+            return None, look.stamp_s
+        if not faults.frozen or self._frozen_data is None:
+            image = self._scene.render(look.pose, look.before, Light(gain=faults.gain))
+            _, data = cv2.imencode(".jpg", image, self._quality)
+            self.frames_taken += 1
+            self._frozen_data = data.tobytes()
+        return self._frozen_data, look.stamp_s
 
     def _run(self) -> None:
         due_s = time.monotonic()
@@ -101,8 +109,10 @@ class Camera:
                 self._stop.wait(_IDLE_LOOK_S)
                 due_s = time.monotonic()
                 continue
-            stamp_s = self._wall_time_s()
-            data = self.take()
+            try:
+                data, stamp_s = self.take()
+            except (OSError, EOFError):
+                return
             if data is not None:
                 self._board.pin(data, stamp_s)
             due_s = max(due_s + self._period_s, time.monotonic())

@@ -65,12 +65,6 @@ class Optics:
         )
         return np.asarray(bent * self.matrix[(0, 1), (0, 1)] + self.matrix[:2, 2])
 
-    def jacobian(self, point: Array) -> Array:
-        """(2, 2) derivative of the pixel by the plane point [px/m]."""
-        step = 1e-4
-        ends = self.to_pixels(point + step * np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
-        return np.stack([ends[0] - ends[1], ends[2] - ends[3]], axis=1) / step
-
 
 def draw_optics(width: int, height: int, seed: int) -> Optics:
     """The true camera for a seed: a little tilted, with a small barrel distortion."""

@@ -29,6 +29,11 @@ _NOISE_BANK: Final = 6
 _SUBPIXEL_BITS: Final = 4
 _MOTION_STEPS: Final = 3
 _MOTION_WORTH_PX: Final = 0.7
+_STILL_PX: Final = 0.002
+"""A finger that has moved less than this since it was drawn is not drawn again."""
+_MARGIN_PX: Final = 6
+_CROSS_WIDTH_M: Final = 1e-4
+_CROSS_M: Final = 0.5 * _CROSS_WIDTH_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 @dataclass(frozen=True)
@@ -61,15 +66,17 @@ class Scene:
     def __init__(self, optics: Optics, seed: int) -> None:
         self.optics = optics
         self._rng = np.random.default_rng([seed, 0x5343])
-        self._background = self._paint_bench()
+        self._bench = self._paint_bench()
         self._noise = [
             self._rng.normal(0.0, 1.0, (optics.height + 64, optics.width + 64, 3)).astype(np.float32)
             for _ in range(_NOISE_BANK)
         ]
-        # Kept from frame to frame: fresh pages of memory cost more than drawing into them.
-        self._canvas = np.empty_like(self._background)
-        self._soft = np.empty_like(self._background)
-        self._sum = np.empty(self._background.shape, np.uint16)
+        # Only the window round the finger differs from the bench, and only while the finger moves.
+        self._soft_bench = _soften(self._bench)
+        self._canvas = self._bench.copy()
+        self._soft = self._soft_bench.copy()
+        self._window = (slice(0, 0), slice(0, 0))
+        self._drawn: Array | None = None
         self._noise_level = -1.0
         self._noise_tiles: list[NDArray[np.int8]] = []
         # Markers are glued by hand.
@@ -95,64 +102,104 @@ class Scene:
             light: exposure and noise.
         """
         light = light or Light()
-        image = cv2.GaussianBlur(self._exposed(pose, before), (3, 3), 0.65, dst=self._soft)
+        self._expose(pose, pose if before is None or before.joints_m.shape != pose.joints_m.shape else before)
+        image = self._soft
         if light.gain != 1.0:
-            image = cv2.convertScaleAbs(image, dst=self._canvas, alpha=light.gain)
+            image = cv2.convertScaleAbs(image, alpha=light.gain)
         if light.noise > 0.0:
             return self._with_noise(image, light.noise)
         return np.array(image, dtype=np.uint8)
 
-    def _exposed(self, pose: Pose, before: Pose | None) -> Image:
-        if before is None or before.joints_m.shape != pose.joints_m.shape:
-            return self._draw(pose)
-        path = self.optics.to_pixels(pose.joints_m) - self.optics.to_pixels(before.joints_m)
-        if np.abs(path).max(initial=0.0) < _MOTION_WORTH_PX:
-            return self._draw(pose)
-        self._sum.fill(0)
-        for share in np.linspace(0.0, 1.0, _MOTION_STEPS):
-            between = Pose(
-                before.joints_m + share * (pose.joints_m - before.joints_m),
-                before.headings_rad + share * (pose.headings_rad - before.headings_rad),
-                pose.body_height_m,
-            )
-            cv2.add(self._sum, self._draw(between), dst=self._sum, dtype=cv2.CV_16U)
-        return np.asarray(cv2.convertScaleAbs(self._sum, dst=self._canvas, alpha=1.0 / _MOTION_STEPS))
+    def _expose(self, pose: Pose, before: Pose) -> None:
+        """Bring `_soft` up to date: what the lens throws on the sensor in the time from `before` to `pose`."""
+        ends_px = np.stack([self.optics.to_pixels(p.joints_m) for p in (before, pose)])
+        drawn = self._drawn
+        if drawn is not None and drawn.shape == ends_px.shape and np.allclose(ends_px, drawn, rtol=0.0, atol=_STILL_PX):
+            return
+        self._drawn = ends_px
+        self._soft[self._window] = self._soft_bench[self._window]
+        self._canvas[self._window] = self._bench[self._window]
+        outlines = [self._outline(p) for p in (before, pose)]
+        self._window = self._window_round(np.concatenate(outlines))
+        if np.abs(ends_px[1] - ends_px[0]).max(initial=0.0) < _MOTION_WORTH_PX:
+            self._draw(pose)
+        else:
+            total = np.zeros(self._canvas[self._window].shape, np.uint16)
+            for share in np.linspace(0.0, 1.0, _MOTION_STEPS):
+                between = Pose(
+                    before.joints_m + share * (pose.joints_m - before.joints_m),
+                    before.headings_rad + share * (pose.headings_rad - before.headings_rad),
+                    pose.body_height_m,
+                )
+                total += self._draw(between)
+            self._canvas[self._window] = cv2.convertScaleAbs(total, alpha=1.0 / _MOTION_STEPS)
+        # The window's edge shows the bench, which is soft already.
+        self._soft[self._window][1:-1, 1:-1] = _soften(self._canvas[self._window])[1:-1, 1:-1]
+
+    def _outline(self, pose: Pose) -> Array:
+        """(n, 2) pixels that contain the finger and its markers."""
+        joints = np.vstack([[[-BASE_MARKER_M, 0.0]], pose.joints_m])
+        reach = max(pose.body_height_m, MARKER_DIAMETER_M) + _BODY_ABOVE_M
+        corners = reach * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+        return self.optics.to_pixels((joints[:, None, :] + corners).reshape(-1, 2))
+
+    def _window_round(self, points_px: Array) -> tuple[slice, slice]:
+        """Rows and columns of the picture round some points."""
+        size = np.array([self.optics.width, self.optics.height])
+        low = np.clip(np.floor(points_px.min(axis=0)).astype(int) - _MARGIN_PX, 0, size)
+        high = np.clip(np.ceil(points_px.max(axis=0)).astype(int) + _MARGIN_PX, low, size)
+        return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
     def _draw(self, pose: Pose) -> Image:
-        image = self._canvas
-        np.copyto(image, self._background)
-        depth = pose.body_height_m
-        for (start, end), heading in zip(pairwise(pose.joints_m), pose.headings_rad, strict=True):
-            self._polygon(image, _link_outline(start, end, heading, depth), heading)
-        for centre in self.markers_m(pose):
-            self._disc(image, centre)
-        return image
+        """The window with the sharp finger."""
+        self._canvas[self._window] = self._bench[self._window]
+        links = zip(pairwise(pose.joints_m), pose.headings_rad, strict=True)
+        outlines = [_link_outline(start, end, heading, pose.body_height_m) for (start, end), heading in links]
+        markers = self.markers_m(pose)
+        # One call for all points: a marker's centre, and the ends of a small cross for the shape of its image.
+        crosses = markers[:, None, :] + _CROSS_M
+        points = self.optics.to_pixels(np.concatenate([*outlines, crosses.reshape(-1, 2)]))
+        for number, heading in enumerate(pose.headings_rad):
+            self._polygon(points[6 * number : 6 * number + 6], heading)
+        self._discs(points[6 * len(outlines) :].reshape(-1, 5, 2))
+        return self._canvas[self._window]
 
-    def _polygon(self, image: Image, outline_m: Array, heading: float) -> None:
-        corners = np.rint(self.optics.to_pixels(outline_m) * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+    def _polygon(self, outline_px: Array, heading: float) -> None:
+        corners = np.rint(outline_px * (1 << _SUBPIXEL_BITS)).astype(np.int32)
         # Light from above: a link that turns down gets darker.
         shade = 0.82 + 0.18 * float(np.cos(heading))
         colour = tuple(shade * c for c in _BODY_BGR)
-        cv2.fillPoly(image, [corners], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.fillPoly(self._canvas, [corners], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
         edge = tuple(shade * c for c in _BODY_EDGE_BGR)
-        cv2.polylines(image, [corners], True, edge, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.polylines(self._canvas, [corners], True, edge, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
 
-    def _disc(self, image: Image, centre_m: Array) -> None:
-        """A disc by its coverage of each pixel: distance to the rim, one pixel wide, in the disc's own plane."""
-        centre = self.optics.to_pixels(centre_m[None, :])[0]
-        jacobian = self.optics.jacobian(centre_m)
-        scale = float(np.sqrt(abs(np.linalg.det(jacobian))))
-        reach = int(np.ceil(0.5 * MARKER_DIAMETER_M * scale)) + 3
-        left, top = int(centre[0]) - reach, int(centre[1]) - reach
+    def _discs(self, crosses_px: Array) -> None:
+        """Discs by their coverage of each pixel: distance to the rim, one pixel wide, in the discs' own plane.
+
+        Args:
+            crosses_px: (n, 5, 2) images of the centres and of `_CROSS_M` round them.
+        """
+        image = self._canvas
+        centres = crosses_px[:, 0]
+        jacobians = (crosses_px[:, 1::2] - crosses_px[:, 2::2]).transpose(0, 2, 1) / _CROSS_WIDTH_M
+        determinants = jacobians[:, 0, 0] * jacobians[:, 1, 1] - jacobians[:, 0, 1] * jacobians[:, 1, 0]
+        scales = np.sqrt(np.abs(determinants))
+        back = np.linalg.inv(jacobians) * scales[:, None, None]
+        reach = int(np.ceil(0.5 * MARKER_DIAMETER_M * scales.max(initial=0.0))) + 3
+        corners = centres.astype(int) - reach
         size = 2 * reach + 1
-        if left < 0 or top < 0 or left + size > image.shape[1] or top + size > image.shape[0]:
-            return
-        u, v = np.meshgrid(np.arange(left, left + size) - centre[0], np.arange(top, top + size) - centre[1])
-        back = np.linalg.inv(jacobian)
-        distance = np.hypot(back[0, 0] * u + back[0, 1] * v, back[1, 0] * u + back[1, 1] * v) * scale
-        cover = np.clip(0.5 * MARKER_DIAMETER_M * scale - distance + 0.5, 0.0, 1.0)[:, :, None]
-        patch = image[top : top + size, left : left + size]
-        patch[:] = np.rint(patch + cover * (_MARKER_BGR - patch)).astype(np.uint8)
+        steps = np.arange(size)
+        u = (steps + (corners - centres)[:, 0, None])[:, None, :]
+        v = (steps + (corners - centres)[:, 1, None])[:, :, None]
+        across = back[:, 0, 0, None, None] * u + back[:, 0, 1, None, None] * v
+        down = back[:, 1, 0, None, None] * u + back[:, 1, 1, None, None] * v
+        rim = 0.5 * MARKER_DIAMETER_M * scales[:, None, None] + 0.5
+        covers = np.clip(rim - np.sqrt(across * across + down * down), 0.0, 1.0)[..., None]
+        for (left, top), cover in zip(corners, covers, strict=True):
+            if left < 0 or top < 0 or left + size > image.shape[1] or top + size > image.shape[0]:
+                continue
+            patch = image[top : top + size, left : left + size]
+            patch[:] = np.rint(patch + cover * (_MARKER_BGR - patch))
 
     def _paint_bench(self) -> Image:
         width, height = self.optics.width, self.optics.height
@@ -178,6 +225,11 @@ class Scene:
         dv, du = self._rng.integers(0, 64, 2)
         patch = tile[dv : dv + image.shape[0], du : du + image.shape[1]]
         return np.asarray(cv2.add(image, patch, dtype=cv2.CV_8U))
+
+
+def _soften(image: Image) -> Image:
+    """The lens' own blur."""
+    return np.asarray(cv2.GaussianBlur(image, (3, 3), 0.65))
 
 
 def _link_outline(start: Array, end: Array, heading: float, depth_m: float) -> Array:

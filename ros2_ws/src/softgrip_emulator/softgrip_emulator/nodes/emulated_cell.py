@@ -14,7 +14,8 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from softgrip_emulator.cell import CameraSettings, EmulatedCell
+from softgrip_emulator.camera.apart import CameraSettings
+from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
@@ -163,6 +164,11 @@ class EmulatedCellNode(Node):
             self._diagnostics.set("plant", Health.WARN, message, values)
         else:
             self._diagnostics.set("plant", Health.OK, "keeps up with its clock", values)
+        if self.cell.camera.running:
+            self._diagnostics.set("camera", Health.OK, "takes frames while somebody looks")
+        else:
+            message = "the camera's process ended: expected it to run as long as the cell; start the cell again"
+            self._diagnostics.set("camera", Health.ERROR, message)
 
     def close(self) -> None:
         """Take the wires away."""
