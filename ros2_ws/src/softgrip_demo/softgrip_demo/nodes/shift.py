@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from softgrip_cell.errors import CellError
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES, CellController
@@ -28,10 +26,10 @@ from softgrip_demo.errors import ShiftError
 from softgrip_demo.nodes import convert
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.nodes.link import CellLink
+from softgrip_demo.nodes.operator import Operator
 from softgrip_demo.nodes.watch import Watch
-from softgrip_demo.products import expected_outcome, finger_design, product_names, serials_of
+from softgrip_demo.products import expected_outcome, finger_design, product_names
 from softgrip_demo.record import Closing, Frame, FrictionResult, GraspResult, ShiftRecord, Stage
-from softgrip_interfaces.action import CalibrateFriction, MoveTendon
 from softgrip_interfaces.srv import StopRecording
 from softgrip_nodekit import Parameter, ParameterTable, StartupError
 from softgrip_vision import calibration as vision
@@ -69,13 +67,12 @@ class Shift:
         self._hands = hands
         self._watch = Watch(node, self._values["watched_finger"])
         self._cell = CellController(node, wait=self._link.wait)
-        self._confirm_rig = node.create_client(Trigger, "rig/confirm")
+        self._operator = Operator(self._link, hands, self._cell, self._values["slots"])
         self._out = Path(self._values["out"])
         self._profiles = Path(self._values["profile_dir"])
         self._stages: list[Stage] = []
         self._film: tuple[Frame, ...] = ()
         self._mounted = ""
-        self._copies: Counter[str] = Counter()
         self._swaps = 0
 
     def run(self) -> None:
@@ -121,69 +118,24 @@ class Shift:
             raise ShiftError(f"no messages on {missing} within {timeout:g} s; see the log of the cell") from error
 
     def _calibrate(self) -> FrictionResult:
-        """Nine points (Table 3.3), the operator setting angle and weight as the rig asks."""
-
-        def on_feedback(feedback: Any) -> None:
-            if feedback.phase == feedback.SET_UP:
-                self._log.info(f"rig: {feedback.instruction}")
-                self._hands.set_rig(feedback.angle, feedback.load)
-                self._confirm_rig.call_async(Trigger.Request())
-
-        goal = CalibrateFriction.Goal(
-            plan="9",
-            law="matte",
-            cable="PE braid 0.25 mm",
-            surface="TPU, printed along the layers",
-            cable_radius=self._values["cable_radius"],
-            surface_radius=self._values["surface_radius"],
-            activate=True,
-        )
-        result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
-        if result.outcome != result.SUCCEEDED:
-            raise ShiftError(f"friction calibration failed: {result.reason}")
+        result = self._operator.calibrate(self._values["cable_radius"], self._values["surface_radius"])
         friction = convert.friction_result(result)
         self._log.info(f"friction: {friction.verdict}, average error {100 * friction.average_error:.2f} %")
         return friction
 
     def _swap(self, finger_set: str) -> None:
-        """Have another set mounted, the hands doing what the cell asks for."""
-        if finger_set == self._mounted:
-            return
-        slots = self._values["slots"]
-        while True:
-            serials = serials_of(finger_set, slots, self._copies[finger_set])
-            result = self._cell.swap(finger_set, self._seat(finger_set, serials), serials)
-            if result.outcome == result.SUCCEEDED:
-                break
-            # The cell no longer trusts these fingers: take the next ones from the store.
-            self._log.warning(f"swap to {finger_set}: {result.reason}")
-            self._copies[finger_set] += 1
-        self._log.info(f"swap to {finger_set}: {result.reason}")
-        self._mounted = finger_set
-        self._swaps += 1
-
-    def _seat(self, finger_set: str, serials: Sequence[str]) -> Callable[[str, str], Sequence[str]]:
-        """Return what the hands do at each step of a swap."""
-        slots = self._values["slots"]
-
-        def confirm(step: str, instruction: str) -> Sequence[str]:
-            self._log.info(f"swap: {instruction}")
-            if step == "remove":
-                self._hands.mount(slots, [""] * len(slots), "")
-            if step == "insert":
-                self._hands.mount(slots, serials, finger_set)
-                return serials
-            return ()
-
-        return confirm
+        if finger_set != self._mounted:
+            self._operator.swap(finger_set)
+            self._mounted = finger_set
+            self._swaps += 1
 
     def _closing(self, finger_set: str) -> Closing:
         """Mount a set and close it empty, 0 to full pull, in front of the camera."""
         self._swap(finger_set)
         self._watch.begin()
-        self._move(self._values["full_pull"], self._values["closing_speed"])
+        self._operator.move(self._values["full_pull"], self._values["closing_speed"])
         gathered = self._watch.end()
-        self._move(0.0, self._values["release_speed"])
+        self._operator.move(0.0, self._values["release_speed"])
         samples = pair(gathered.measured, gathered.predicted)
         if not samples:
             raise ShiftError(
@@ -238,12 +190,6 @@ class Shift:
         plan = self._cell.plan(products, [1] * len(products))
         self._log.info(f"plan: {plan.swaps} swaps, sets that the mix can do without: {list(plan.redundant_sets)}")
         return [(step.product, step.finger_set) for step in plan.steps]
-
-    def _move(self, pulled_length: float, speed: float) -> None:
-        goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[pulled_length], speed=speed)
-        result = self._link.act(MoveTendon, "tendon/move", goal, timeout=30.0)
-        if result.outcome not in {result.REACHED, result.TENSION_LIMIT}:
-            raise ShiftError(f"tendon/move to {1000 * pulled_length:g} mm ended otherwise: {result.reason}")
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:

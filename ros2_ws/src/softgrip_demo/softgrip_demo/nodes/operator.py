@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person does at the cell when it asks: sets the rig, seats fingers, takes the next ones when it refuses some."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from std_srvs.srv import Trigger
+
+from softgrip_cell.nodes.controller_client import CellController
+from softgrip_demo.errors import ShiftError
+from softgrip_demo.nodes.hands import Hands
+from softgrip_demo.nodes.link import CellLink
+from softgrip_demo.products import serials_of
+from softgrip_interfaces.action import CalibrateFriction, MoveTendon
+
+#: The same fingers are seated so often before they are laid aside: a cable can be hooked in badly.
+SEATINGS: Final = 2
+TRIES: Final = 4
+
+
+class Operator:
+    """Calibrates the rig, swaps fingers and moves them, on emulated hardware.
+
+    Args:
+        link: calls services and actions.
+        hands: move things on the emulated hardware.
+        cell: the cell's client.
+        slots: of the gripper.
+    """
+
+    def __init__(self, link: CellLink, hands: Hands, cell: CellController, slots: Sequence[str]) -> None:
+        self._link = link
+        self._hands = hands
+        self._cell = cell
+        self._slots = slots
+        self._log = link.node.get_logger()
+        self._confirm_rig = link.node.create_client(Trigger, "rig/confirm")
+        self._copies: Counter[str] = Counter()
+
+    def calibrate(self, cable_radius: float, surface_radius: float) -> Any:
+        """Nine points (Table 3.3), with angle and weight as the rig asks for them; returns CalibrateFriction.Result.
+
+        Raises:
+            ShiftError: the rig does not answer or fails.
+        """
+
+        def on_feedback(feedback: Any) -> None:
+            if feedback.phase == feedback.SET_UP:
+                self._log.info(f"rig: {feedback.instruction}")
+                self._hands.set_rig(feedback.angle, feedback.load)
+                self._confirm_rig.call_async(Trigger.Request())
+
+        goal = CalibrateFriction.Goal(
+            plan="9",
+            law="matte",
+            cable="PE braid 0.25 mm",
+            surface="TPU, printed along the layers",
+            cable_radius=cable_radius,
+            surface_radius=surface_radius,
+            activate=True,
+        )
+        result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
+        if result.outcome != result.SUCCEEDED:
+            raise ShiftError(f"friction calibration failed: {result.reason}")
+        return result
+
+    def swap(self, finger_set: str) -> None:
+        """Have a set mounted; fingers that the check refuses are laid aside and the next ones taken.
+
+        Raises:
+            ShiftError: no fingers of the set passed; says why each did not.
+        """
+        reasons: list[str] = []
+        seatings = 0
+        while len(reasons) < TRIES:
+            try:
+                serials = serials_of(finger_set, self._slots, self._copies[finger_set])
+            except ShiftError as error:
+                reasons.append(str(error))
+                break
+            result = self._cell.swap(finger_set, self._seat(finger_set, serials), serials)
+            if result.outcome == result.SUCCEEDED:
+                self._log.info(f"swap to {finger_set}: {result.reason}")
+                return
+            self._log.warning(f"swap to {finger_set}: {result.reason}")
+            reasons.append(f"{serials[0]} ...: {result.reason}")
+            seatings += 1
+            if seatings == SEATINGS or "refused" in result.reason:
+                self._copies[finger_set] += 1
+                seatings = 0
+        raise ShiftError(f"no {finger_set} fingers passed: {'; '.join(reasons)}")
+
+    def move(self, pulled_length: float, speed: float) -> None:
+        """Close or open all fingers to a pulled length [m] at a speed [m/s].
+
+        Raises:
+            ShiftError: they did not get there.
+        """
+        goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[pulled_length], speed=speed)
+        result = self._link.act(MoveTendon, "tendon/move", goal, timeout=30.0)
+        if result.outcome not in {result.REACHED, result.TENSION_LIMIT}:
+            raise ShiftError(f"tendon/move to {1000 * pulled_length:g} mm ended otherwise: {result.reason}")
+
+    def _seat(self, finger_set: str, serials: Sequence[str]) -> Callable[[str, str], Sequence[str]]:
+        """Return what the hands do at each step of a swap."""
+
+        def confirm(step: str, instruction: str) -> Sequence[str]:
+            self._log.info(f"swap: {instruction}")
+            if step == "remove":
+                self._hands.mount(self._slots, [""] * len(self._slots), "")
+            if step == "insert":
+                self._hands.mount(self._slots, serials, finger_set)
+                return serials
+            return ()
+
+        return confirm

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operator's patience: seat again, then take the next fingers, and say why when there are none left."""
+
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import pytest
+
+from softgrip_demo.errors import ShiftError
+from softgrip_demo.nodes.operator import Operator
+
+SLOTS = ("index", "middle", "thumb")
+
+
+class Cell:
+    """Answers swaps as told and keeps the serials it was shown."""
+
+    def __init__(self, *reasons: str) -> None:
+        self.reasons = list(reasons)
+        self.shown: list[str] = []
+
+    def swap(self, finger_set, confirm, serials):
+        confirm("remove", "")
+        self.shown.append(confirm("insert", "")[0])
+        reason = self.reasons.pop(0) if self.reasons else ""
+        return SimpleNamespace(outcome=int(bool(reason)), SUCCEEDED=0, reason=reason)
+
+
+@pytest.mark.parametrize(
+    ("reasons", "shown"),
+    [
+        ((), ["PI-I-01"]),
+        (("index: stopped",), ["PI-I-01", "PI-I-01"]),
+        (("check refused: worn",), ["PI-I-01", "PI-I-02"]),
+        (("index: stopped", "index: stopped"), ["PI-I-01", "PI-I-01", "PI-I-02"]),
+    ],
+)
+def test_fingers_are_seated_again_and_refused_ones_laid_aside(reasons, shown):
+    cell, hands = Cell(*reasons), MagicMock()
+    Operator(MagicMock(), hands, cell, SLOTS).swap("pinch")
+    assert cell.shown == shown
+    # the old fingers come out before others go in
+    serials = [call.args[1] for call in hands.mount.call_args_list]
+    assert serials[0::2] == [["", "", ""]] * len(shown)
+
+
+def test_an_empty_store_is_said_with_the_reasons():
+    cell = Cell(*["check refused: worn"] * 9)
+    with pytest.raises(ShiftError, match=r"no pinch fingers passed: PI-I-01 .*worn.*PI-I-02 .*worn.*found 2 passports"):
+        Operator(MagicMock(), MagicMock(), cell, SLOTS).swap("pinch")
+
+
+def test_laid_aside_stays_aside():
+    cell = Cell("check refused: worn")
+    operator = Operator(MagicMock(), MagicMock(), cell, SLOTS)
+    operator.swap("pinch")
+    operator.swap("pinch")
+    assert cell.shown == ["PI-I-01", "PI-I-02", "PI-I-02"]
