@@ -33,8 +33,8 @@ cell: setup  ## the emulated cell, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
-# Tests that run in real time (a whole cell, the drives' loop) have the machine to themselves.
-REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test
+# Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
+REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
 test: setup lint  ## lint, then every test
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
@@ -49,11 +49,12 @@ clean:  ## remove what was built
 	rm -rf out build $(SRC)/softgrip_model/build .mypy_cache .ruff_cache
 
 faults: setup  ## every fault of the drives with its time to safe, every process killed and frozen; on an otherwise idle machine
-	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py tests/faults
+	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py \
+	  $(SRC)/softgrip_driver/test/test_backend_contract.py tests/faults
 	SOFTGRIP_EVERY_PROCESS=1 $(BIN)/python -m pytest -q -n0 -s tests/system/test_process_faults.py
 
 soak: setup  ## ten minutes of random faults
-	SOFTGRIP_SOAK_SECONDS=600 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_soak.py
+	SOFTGRIP_SOAK_SECONDS=600 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/real_time/test_soak.py
 
 FUZZ_SECONDS ?= 60
 

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bench: emulated servos and fingers on a pseudo-terminal, with the driver's own loop on the other end."""
+"""Benches: emulated servos and fingers, or a stage, on wires, with the driver's own loop on the other end.
+
+They run in a time of their own, exact on any machine; in real time, on pseudo-terminals, in `real_time/` and in
+`make faults` (SOFTGRIP_QUIET_MACHINE=1).
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import os
-import threading
-import time
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -22,9 +25,7 @@ from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_emulator.clock import CellClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.faults import BUS_FAULTS
@@ -34,20 +35,24 @@ from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.spring import SpringPlant
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.faulty import FaultyWire
-from softgrip_emulator.wire.pty import PtyPort
 from softgrip_model.profile import load_directory
 
 PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
 TENDONS = ("index", "middle", "thumb")
 BAUD = 1_000_000
-#: On a machine that others use too, the emulator's thread may sleep for longer than a servo may be silent. `make
-#: faults` sets the variable and measures with the driver's real limits.
+#: `make faults` sets the variable and measures in real time with the driver's real limits.
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
-LIMITS = TendonLimits(no_reply=0.05 if QUIET else 0.3)
-#: for a bench in a time of its own
-EXACT = TendonLimits()
 POLICIES = Policies()
-REPLY_MARGIN, WATCHDOG = (0.004, 0.08) if QUIET else (0.02, 0.6)
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+worlds = load(Path(__file__).with_name("worlds.py"))
 
 
 class RunningLoop:
@@ -65,6 +70,26 @@ class RunningLoop:
         """Wait until a snapshot meets a condition; the snapshot, or None."""
         return self.loop.wait_for(condition, deadline)
 
+    def watched(self, ticket, deadline: float = 15.0):
+        """Wait as `run` does; return the snapshots of every cycle until the end."""
+        first = self.loop.snapshot.sequence
+        self.run(ticket, deadline)
+        return self.loop.since(first, 0.0)
+
+    def pass_time(self, duration: float):
+        """Wait; return the snapshots of every cycle."""
+        first, end = self.loop.snapshot.sequence, self.loop.snapshot.time + duration
+        assert self.until(lambda seen: seen.time >= end, duration + 5.0)
+        return self.loop.since(first, 0.0)
+
+    def move(self, targets, speed=0.02, tension_limit=0.0, tendons=(), mode=MoveMode.LENGTH):
+        request = MoveRequest(list(tendons), mode, list(targets), speed, tension_limit)
+        return self.loop.call(lambda controller, now: controller.move(request, now))
+
+    def now(self) -> float:
+        """[s] by the driver's clock."""
+        return self.world.now()
+
     def clear(self) -> None:
         """End all faults."""
         while self.undo:
@@ -76,40 +101,40 @@ class RunningLoop:
 
 
 class Bench(RunningLoop):
-    """Emulator and driver with the serial wire between them."""
+    """Emulator and driver with the serial wire between them.
+
+    On a machine that others use too, the emulator's thread may sleep for longer than a servo may be silent: in real
+    time the limits are the driver's own only where the machine is quiet.
+    """
 
     def __init__(
-        self, folder: Path, *, rate=200.0, limits=LIMITS, policies=POLICIES, seed=3, history=4096, grippers=None,
+        self, folder: Path, world, *, rate=200.0, limits=None, policies=POLICIES, seed=3, history=4096, grippers=None,
         model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION,
     ) -> None:  # fmt: skip
-        self.clock = CellClock()
+        self.world, self.undo, self.identities = world, [], ()
+        limits = limits or TendonLimits(no_reply=0.05 if world.quiet else 0.3)
         chain = [ServoPlace(name, number, model) for number, name in enumerate(TENDONS, start=1)]
         supply = Supply(load_model(model).motor.nominal_voltage_v)
         self.plant = CellPlant(load_directory(PROFILES), seed=seed, chain=chain, supply=supply)
         self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
+        self.plant.now_s = world.clock.now_s()
         self.bus_wire = FaultyWire(
             DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up), seed
         )
-        self.bus_port = PtyPort(folder / "servos", self.bus_wire, clock=self.clock)
-        self._stop = threading.Event()
-        self._living = threading.Thread(target=self._live, daemon=True)
+        self.bus_port = world.port(folder / "servos", self.bus_wire)
         table = MODELS[model]
         torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
-        self.servos = [Servo(name, i, table, Spool(0.010, 1), torque, mode) for i, name in enumerate(TENDONS, start=1)]
-        self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=REPLY_MARGIN)
-        self.backend = DynamixelBackend(self.bus, self.servos, watchdog=WATCHDOG)
+        self.servos = [
+            Servo(name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard)
+            for i, name in enumerate(TENDONS, start=1)
+        ]
+        self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=0.004 if world.quiet else 0.02)
+        self.backend = DynamixelBackend(self.bus, self.servos, watchdog=0.08 if world.quiet else 0.6)
         self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies, grippers, 1.0 / rate)
-        self.loop = BusLoop(self.backend, self.controller, rate, history)
-        self.identities = ()
-        self.undo = []
-
-    def _live(self) -> None:
-        while not self._stop.wait(0.003):
-            self.plant.advance_to(self.clock.now_s())
+        self.loop = world.loop(self.backend, self.controller, rate, history)
 
     def open(self) -> Bench:
-        self.bus_port.start()
-        self._living.start()
+        self.world.live(self.plant.advance_to)
         self.identities = self.backend.connect()
         self.loop.start()
         assert self.until(lambda seen: all(drive.time > 0.0 for drive in seen.drives), 5.0)
@@ -119,8 +144,7 @@ class Bench(RunningLoop):
         self.clear()
         self.loop.stop()
         self.backend.disconnect()
-        self._stop.set()
-        self._living.join(2.0)
+        self.world.close()
         self.bus_port.close()
 
     def hold_taut(self, tension: float = 5.0) -> None:
@@ -133,34 +157,14 @@ class Bench(RunningLoop):
             zero = here + float(slack[index])
             self.loop.call(lambda c, _, n=name, z=zero, m=index + 1: c.drives[n].set_zero(z, m))
         if tension:
-            request = MoveRequest([], MoveMode.TENSION, [tension], 0.03)
-            outcome, reason = self.run(self.loop.call(lambda c, now: c.move(request, now)))
+            outcome, reason = self.run(self.move([tension], 0.03, mode=MoveMode.TENSION))
             assert outcome == 0, reason
 
     def cause(self, fault: str, **arguments) -> float:
-        """Start a fault by the emulator's name; return the time [s, monotonic] it began."""
-        began = time.monotonic()
+        """Start a fault by the emulator's name; return the time [s] it began, by the driver's clock."""
+        began = self.now()
         self.undo.append(BUS_FAULTS[fault](self, **arguments))
         return began
-
-
-@pytest.fixture
-def benches():
-    """The classes of benches, for who opens one himself: servos, or a stage."""
-    return Bench, StageBench
-
-
-@pytest.fixture
-def bench(tmp_path, request):
-    """An opened bench; `@pytest.mark.parametrize("bench", [{...}], indirect=True)` changes its settings."""
-    settings = getattr(request, "param", None)
-    if settings is None and "bench_settings" in request.fixturenames:
-        settings = request.getfixturevalue("bench_settings")
-    one = Bench(tmp_path, **(settings or {}))
-    try:
-        yield one.open()
-    finally:
-        one.close()
 
 
 class StageBench(RunningLoop):
@@ -169,25 +173,26 @@ class StageBench(RunningLoop):
     LIMITS = TendonLimits(
         travel=0.030, speed=0.015, acceleration=0.2, release_speed=0.006, lead=0.003, slack_travel=0.009,
         tension_soft=20.0, tension_hard=25.0, homing_tension=4.0, homing_speed=0.005, homing_travel=0.025,
-        no_reply=0.05 if QUIET else 0.3, stall_time=1.0, break_confirm=0.08,
+        stall_time=1.0, break_confirm=0.08,
     )  # fmt: skip
 
-    def __init__(self, folder: Path, stage: str, gauge: str) -> None:
+    def __init__(self, folder: Path, world, stage: str, gauge: str) -> None:
+        self.world, self.undo = world, []
+        limits = replace(self.LIMITS, no_reply=0.05 if world.quiet else 0.3)
         self.plant = SpringPlant(RigTruth.from_seed(1))
-        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=self.plant)
-        self.rig.open_ports(folder)
+        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=self.plant, clock=world.clock)
+        self.rig.open_ports(folder, world.port)
         stream = StreamSettings(line=gauge, counts_per_newton=COUNTS_PER_NEWTON)
-        reply = 0.04 if QUIET else 0.15
+        reply = 0.04 if world.quiet else 0.15
         self.backend = StageBackend(
             "pull",
             make_stage(stage, str(folder / "stand"), reply),
             make_gauge("gcl2" if gauge == "gcl2" else "stream", str(folder / "gauge"), stream, reply),
-            1.2 * self.LIMITS.speed,
+            1.2 * limits.speed,
         )
         rate = STAGE_RATES[stage]
-        self.controller = GripperController({"pull": self.LIMITS}, POLICIES, period=1.0 / rate)
-        self.loop = BusLoop(self.backend, self.controller, rate)
-        self.undo = []
+        self.controller = GripperController({"pull": limits}, POLICIES, period=1.0 / rate)
+        self.loop = world.loop(self.backend, self.controller, rate, 256)
 
     def open(self) -> StageBench:
         self.identities = self.backend.connect()
@@ -199,6 +204,7 @@ class StageBench(RunningLoop):
         self.clear()
         self.loop.stop()
         self.backend.disconnect()
+        self.world.close()
         self.rig.close()
 
     def hold_taut(self, tension: float) -> None:
@@ -206,13 +212,12 @@ class StageBench(RunningLoop):
         self.loop.power(on=True)
         self.loop.mark_session("pull", 1)
         self.loop.call(lambda c, _: c.drives["pull"].set_zero(self.plant.slack, 1))
-        ticket = self.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.TENSION, [tension], 0.01), now))
-        outcome, reason = self.run(ticket)
+        outcome, reason = self.run(self.move([tension], 0.01, mode=MoveMode.TENSION))
         assert outcome == 0, reason
 
     def cause(self, fault: str, **arguments) -> float:
-        """Start a fault of the rig, or of the tendon; return the time [s, monotonic] it began."""
-        began = time.monotonic()
+        """Start a fault of the rig, or of the tendon; return the time [s] it began, by the driver's clock."""
+        began = self.now()
         if fault == "tendon_break":
             self.plant.cut(True)
             self.undo.append(lambda: self.plant.cut(False))
@@ -225,114 +230,41 @@ class StageBench(RunningLoop):
         return began
 
 
-class LoopbackSerial:
-    """Stands where pyserial's Serial does; the servos answer at once, in a time that only `VirtualBench` moves."""
-
-    def __init__(self, chain, now, baud):
-        self._chain, self._now, self._baud = chain, now, baud
-        self.fd, self._writer = os.pipe()
-        os.set_blocking(self.fd, False)
-
-    def write(self, data):
-        for chunk in self._chain.exchange(bytes(data), self._now(), self._baud):
-            os.write(self._writer, chunk.data)
-        return len(data)
-
-    def read(self, size):
-        try:
-            return os.read(self.fd, size)
-        except BlockingIOError:
-            return b""
-
-    def reset_input_buffer(self):
-        while self.read(4096):
-            pass
-
-    def close(self):
-        os.close(self.fd)
-        os.close(self._writer)
-
-
-class VirtualBench:
-    """The driver's whole control cycle on emulated servos and fingers in a time of its own: no thread, no load, exact.
-
-    Args:
-        patch: monkeypatch, for the clock of the modules that read one.
-        others: settings of `Bench`.
-    """
-
-    PERIOD = 0.005
-    CLOCKED = ("dynamixel.backend", "dynamixel.port", "tendon.loop")
-
-    def __init__(self, patch, *, limits=EXACT, policies=POLICIES, seed=3, grippers=None,
-                 model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION):  # fmt: skip
-        self.now = 100.0
-        for module in self.CLOCKED:
-            patch.setattr(f"softgrip_driver.{module}.time", SimpleNamespace(monotonic=lambda: self.now))
-        chain = [ServoPlace(name, number, model) for number, name in enumerate(TENDONS, start=1)]
-        supply = Supply(load_model(model).motor.nominal_voltage_v)
-        self.plant = CellPlant(load_directory(PROFILES), seed=seed, chain=chain, supply=supply)
-        self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
-        self.plant.now_s = self.now
-        table = MODELS[model]
-        torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
-        servos = [
-            Servo(name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard)
-            for i, name in enumerate(TENDONS, start=1)
-        ]
-        self.bus = Bus("virtual", BAUD)
-        self.serial = LoopbackSerial(
-            DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up), lambda: self.now, BAUD
-        )
-        patch.setattr(self.bus.port, "open", self._open)
-        self.backend = DynamixelBackend(self.bus, servos)
-        self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies, grippers, self.PERIOD)
-        self.loop = BusLoop(self.backend, self.controller, 1.0 / self.PERIOD)
-        self.backend.connect()
-        self.pass_time(0.05)
-        self.loop._power_all(self.controller, on=True)
-        slack = self.plant.bank.slack_m - self.plant.wound_m()
-        for index, name in enumerate(TENDONS):
-            self.backend.mark_session(name, index + 1)
-            self.drive(name).set_zero(self.drive(name).position + float(slack[index]), index + 1)
-
-    def _open(self):
-        self.bus.port.ser, self.bus.port.is_open, self.bus.port.tx_time_per_byte = self.serial, True, 0.01
-
-    def drive(self, name):
-        return self.controller.drives[name]
-
-    def pass_time(self, seconds, watch=lambda: None):
-        """Live for a while; ``watch`` is called after each cycle."""
-        for _ in range(round(seconds / self.PERIOD)):
-            self.now += self.PERIOD
-            self.plant.advance_to(self.now)
-            self.loop._cycle(self.now)
-            watch()
-
-    def run(self, ticket, deadline=10.0, watch=lambda: None):
-        """Live until a request has ended; (outcome, reason)."""
-        end = self.now + deadline
-        while self.controller.result(ticket)[0] is None and self.now < end:
-            self.pass_time(self.PERIOD, watch)
-        return self.controller.result(ticket)
-
-    def move(self, targets, speed=0.02, tension_limit=0.0, tendons=(), mode=MoveMode.LENGTH):
-        return self.controller.move(MoveRequest(list(tendons), mode, list(targets), speed, tension_limit), self.now)
+@pytest.fixture
+def world(monkeypatch):
+    """Where the benches stand."""
+    return worlds.RealWorld(quiet=True) if QUIET else worlds.OwnWorld(monkeypatch)
 
 
 @pytest.fixture
-def virtual(monkeypatch):
-    """Make a VirtualBench from settings."""
-    made = []
+def real_world():
+    """Pseudo-terminals and the machine's clock."""
+    return worlds.RealWorld(QUIET)
 
-    def make(**settings):
-        made.append(VirtualBench(monkeypatch, **settings))
-        return made[-1]
 
-    yield make
-    for one in made:
-        one.serial.close()
+@pytest.fixture
+def virtual_rig():
+    """The module of the rig in virtual time."""
+    return load(Path(__file__).resolve().parents[4] / "benchmarks" / "_virtual_rig.py")
+
+
+@pytest.fixture
+def benches():
+    """The classes of benches, for who opens one himself: servos, or a stage."""
+    return Bench, StageBench
+
+
+@pytest.fixture
+def bench(tmp_path, request, world):
+    """An opened bench; `@pytest.mark.parametrize("bench", [{...}], indirect=True)` changes its settings."""
+    settings = getattr(request, "param", None)
+    if settings is None and "bench_settings" in request.fixturenames:
+        settings = request.getfixturevalue("bench_settings")
+    one = Bench(tmp_path, world, **(settings or {}))
+    try:
+        yield one.open()
+    finally:
+        one.close()
 
 
 @pytest.fixture

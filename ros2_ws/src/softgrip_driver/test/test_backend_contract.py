@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One contract over every tendon backend, each against its emulated device: servo models and modes, stand, stage."""
 
-import time
-
 import pytest
 
 from softgrip_driver.dynamixel.registers import OperatingMode
@@ -31,6 +29,7 @@ class ServoDevice:
 
     def __init__(self, request, model, mode):
         self.bench = request.getfixturevalue("bench")
+        self.world = self.bench.world
         self.bench.loop.stop()
         self.backend, self.name = self.bench.backend, "index"
         self.backend.disconnect()
@@ -67,9 +66,10 @@ class StageDevice:
     #: it goes on until the gauge was read again
     tension_error = 0.5
 
-    def __init__(self, tmp_path, stage, gauge):
-        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=SpringPlant(RigTruth.from_seed(1)))
-        self.rig.open_ports(tmp_path)
+    def __init__(self, tmp_path, world, stage, gauge):
+        self.world = world
+        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=SpringPlant(RigTruth.from_seed(1)), clock=world.clock)
+        self.rig.open_ports(tmp_path, world.port)
         stream = StreamSettings(line=gauge)
         self.backend, self.name = (
             StageBackend(
@@ -117,8 +117,8 @@ def bench_settings():
 
 
 @pytest.fixture
-def device(request, kind, bench_settings, tmp_path):
-    one = ServoDevice(request, *kind[1:]) if kind[0] == "servo" else StageDevice(tmp_path, *kind[1:])
+def device(request, kind, bench_settings, tmp_path, world):
+    one = ServoDevice(request, *kind[1:]) if kind[0] == "servo" else StageDevice(tmp_path, world, *kind[1:])
     yield one
     one.recover()
     one.backend.disconnect()
@@ -127,9 +127,10 @@ def device(request, kind, bench_settings, tmp_path):
 
 def wait(device, condition, deadline=8.0):
     """Read until a condition holds."""
-    end = time.monotonic() + deadline
+    end = device.world.now() + deadline
     reading = None
-    while time.monotonic() < end:
+    while device.world.now() < end:
+        device.world.breathe()
         reading = device.backend.read().get(device.name, reading)
         if reading is not None and condition(reading):
             return reading
@@ -138,10 +139,11 @@ def wait(device, condition, deadline=8.0):
 
 def drive_to(device, goal, tension_limit, done, deadline=8.0, begin=None):
     """Send a setpoint each cycle, moving from ``begin`` at 15 mm/s, until something holds; the last reading."""
-    began = time.monotonic()
+    began = device.world.now()
     end = began + deadline
     reading = None
-    while (now := time.monotonic()) < end:
+    while (now := device.world.now()) < end:
+        device.world.breathe()
         setpoint = goal if begin is None else min(goal, begin + 0.015 * (now - began))
         device.backend.write({device.name: Setpoint(setpoint, tension_limit)})
         reading = device.backend.read().get(device.name, reading)
@@ -184,8 +186,8 @@ def test_it_moves_only_with_power_and_to_its_setpoint(device):
 def test_it_keeps_a_tension_limit_by_itself_where_the_device_can(device):
     begin = start(device)
     limit = device.limit
-    until = time.monotonic() + 1.7
-    drive_to(device, begin + 0.02, limit, lambda _: time.monotonic() > until, begin=begin)
+    until = device.world.now() + 1.7
+    drive_to(device, begin + 0.02, limit, lambda _: device.world.now() > until, begin=begin)
     if device.limits_tension:
         assert 0.5 * limit < device.tension() < (1.0 + device.tension_error) * limit
     else:
@@ -205,9 +207,10 @@ def test_disconnecting_leaves_it_safe(device):
     begin = start(device)
     drive_to(device, begin + 0.02, 20.0, lambda now: now.position > begin + 0.001)
     device.backend.disconnect()
-    deadline = time.monotonic() + 3.0
+    deadline = device.world.now() + 3.0
     while device.pulls():
-        assert time.monotonic() < deadline
+        assert device.world.now() < deadline
+        device.world.breathe()
 
 
 def test_silence_gives_no_reading_is_counted_and_ends(device):
@@ -215,9 +218,9 @@ def test_silence_gives_no_reading_is_counted_and_ends(device):
     wait(device, lambda _: True)
     lost = device.backend.counters.lost
     device.fall_silent()
-    end = time.monotonic() + 8.0
+    end = device.world.now() + 8.0
     while device.backend.read():
-        assert time.monotonic() < end, "a silent device gave readings"
+        assert device.world.now() < end, "a silent device gave readings"
     assert device.backend.counters.lost > lost
     device.recover()
     assert wait(device, lambda _: True)
@@ -241,7 +244,7 @@ def test_a_session_mark_lasts_as_long_as_the_device_knows_its_turns(device):
     device.backend.mark_session(device.name, 9)
     assert wait(device, lambda now: now.session_mark is not None).session_mark == 9
     for _ in device.backend.restore(device.name):
-        pass
+        device.world.breathe()
     assert wait(device, lambda now: now.session_mark is not None).session_mark != 9
 
 

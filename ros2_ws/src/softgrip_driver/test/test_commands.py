@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench commands against emulated servos, as a person types them."""
 
-import contextlib
 import csv
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,29 +10,25 @@ import pytest
 from softgrip_driver.commands import calibrate_tension, scan, selftest, setup
 from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import MODELS
-from softgrip_driver.tendon.units import TorqueModel
-from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import Servo
 from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.wire.pty import PtyPort
-from softgrip_model.profile import load_directory
-
-PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
 
 
 @pytest.fixture
-def chain(tmp_path):
+def chain(tmp_path, world):
     """Put servos (model, ID, baud) on a port."""
-    with contextlib.ExitStack() as stack:
+    ports = []
 
-        def make(*rows):
-            servos = [Servo(load_model(model), number, baud=baud) for model, number, baud in rows]
-            stack.enter_context(PtyPort(tmp_path / "servos", DynamixelChain(servos), paced=False))
-            return str(tmp_path / "servos"), servos
+    def make(*rows):
+        servos = [Servo(load_model(model), number, baud=baud) for model, number, baud in rows]
+        ports.append(world.port(tmp_path / "servos", DynamixelChain(servos)))
+        return str(tmp_path / "servos"), servos
 
-        yield make
+    yield make
+    for port in ports:
+        port.close()
+    world.close()
 
 
 def test_scan_finds_servos_at_every_baud_rate(chain, capsys):
@@ -149,40 +143,6 @@ def test_a_bad_recording_is_named(tmp_path, capsys):
     assert "expected columns current_a" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_calibration_on_the_wires_of_the_cell_betters_the_data_sheet(tmp_path, capsys):
-    """As a person types it: servo and gauge on their ports, the gauge hung into the tendon of a finger."""
-    cell = EmulatedCell(load_directory(PROFILES), tmp_path, seed=4, gauge_on="index")
-    cell.plant.mount(["index"], ["a"], ["power"])
-    with cell:
-        code = calibrate_tension.main([
-            "--port", str(tmp_path / "servos"), "--id", "1", "--gauge", str(tmp_path / "gauge"), "--tension", "9",
-            "--travel", "0.025", "--speed", "0.006", "--rounds", "2", "--record", str(tmp_path / "samples.csv"),
-            "--reply-margin", "0.1",
-        ])  # fmt: skip
-        printed = capsys.readouterr().out
-        assert code == 0, printed
-        assert cell.plant.servos[0].registers.get("torque_enable") == 0
-        motor = cell.plant.motors[0]
-    fitted = dict(re.findall(r"^(\w+): \[([\d.]+)\]$", printed, re.MULTILINE))
-    assert set(fitted) == {"torque_per_ampere_nm_a", "friction_currents_a", "tension_stddev_share"}
-    truth = motor.ratings.torque_constant_nm_per_a * 0.010 / motor.spool_radius_m
-    share = float(fitted["tension_stddev_share"])
-    assert float(fitted["torque_per_ampere_nm_a"]) == pytest.approx(truth, rel=max(0.12, 2.0 * share))
-    # What it was measured for: tensions over a recording of its own, against the data sheet's.
-    samples = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension > 2.0]
-    sheet = MODELS["XL330-M288"]
-    models = (
-        TorqueModel(float(fitted["torque_per_ampere_nm_a"]), float(fitted["friction_currents_a"]), share),
-        TorqueModel(sheet.torque_per_ampere, sheet.no_load_current),
-    )
-    errors = [
-        np.sqrt(np.mean([(m.pull(s.current, s.speed, 0.010)[0] - s.tension) ** 2 for s in samples])) for m in models
-    ]
-    assert errors[0] < errors[1]
-
-
-@pytest.mark.slow
 def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monkeypatch, tmp_path):
     """The gauge reads the tendon of the emulated finger, which is the truth."""
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One contract for every stage and every gauge, on the wire; and the words of each protocol."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from softgrip_driver.rig.errors import SaturatedError, UnitChangedError
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON, FORMATS
 
-SCALE = 20.0
 ALL_GAUGES = ["gcl2", *FORMATS]
 
 
@@ -31,10 +29,30 @@ def gauge_of(rig_gauge: str, directory: Path):
     return make_gauge("gcl2" if rig_gauge == "gcl2" else "stream", str(directory / "gauge"), stream)
 
 
-def until(condition, seconds=5.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "the condition did not come"
+@pytest.fixture
+def until(world):
+    def wait(condition, seconds=100.0):
+        deadline = world.now() + seconds
+        while not condition():
+            assert world.now() < deadline, "the condition did not come"
+            world.breathe()
+
+    return wait
+
+
+@pytest.fixture
+def make_rig(tmp_path, world):
+    """Make a rig whose ports stand in the folder of the test."""
+    rigs = []
+
+    def make(**settings):
+        rigs.append(EmulatedRig(clock=world.clock, **settings).open_ports(tmp_path, world.port))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+    world.close()
 
 
 def stands(rig):
@@ -48,19 +66,17 @@ def read(gauge, times=3):
 
 
 @pytest.fixture(params=STAGES)
-def stage_rig(request, tmp_path):
-    with EmulatedRig(seed=1, time_scale=SCALE, stage=request.param).open_ports(tmp_path) as rig:
-        stage = make_stage(request.param, str(tmp_path / "stand"))
-        yield rig, stage
-        stage.close()
+def stage_rig(request, tmp_path, make_rig):
+    rig, stage = make_rig(stage=request.param), make_stage(request.param, str(tmp_path / "stand"))
+    yield rig, stage
+    stage.close()
 
 
 @pytest.fixture(params=ALL_GAUGES)
-def gauge_rig(request, tmp_path):
-    with EmulatedRig(seed=1, time_scale=SCALE, gauge=request.param).open_ports(tmp_path) as rig:
-        gauge = gauge_of(request.param, tmp_path)
-        yield rig, gauge
-        gauge.close()
+def gauge_rig(request, tmp_path, make_rig):
+    rig, gauge = make_rig(gauge=request.param), gauge_of(request.param, tmp_path)
+    yield rig, gauge
+    gauge.close()
 
 
 # -- every stage -------------------------------------------------------------------------------------------------------
@@ -71,7 +87,7 @@ def test_a_stage_identifies_itself(stage_rig):
     assert stage.open().model
 
 
-def test_a_stage_goes_where_it_is_sent_and_stops_there(stage_rig):
+def test_a_stage_goes_where_it_is_sent_and_stops_there(stage_rig, until):
     rig, stage = stage_rig
     stage.open()
     stage.zero()
@@ -91,7 +107,7 @@ def test_a_stage_runs_at_the_asked_speed(stage_rig):
     assert rig.plant.velocity == pytest.approx(40e-3 / 60, rel=1e-3)
 
 
-def test_a_stage_stops_at_once(stage_rig):
+def test_a_stage_stops_at_once(stage_rig, until):
     rig, stage = stage_rig
     stage.open()
     stage.zero()
@@ -102,7 +118,7 @@ def test_a_stage_stops_at_once(stage_rig):
     assert stage.travel() < 19e-3
 
 
-def test_closing_a_stage_stops_it(stage_rig):
+def test_closing_a_stage_stops_it(stage_rig, until):
     rig, stage = stage_rig
     stage.open()
     stage.zero()
@@ -113,7 +129,7 @@ def test_closing_a_stage_stops_it(stage_rig):
     stage.close()
 
 
-def test_a_stage_whose_host_dies_ends_its_motion_by_itself(stage_rig):
+def test_a_stage_whose_host_dies_ends_its_motion_by_itself(stage_rig, until):
     rig, stage = stage_rig
     stage.open()
     stage.zero()
@@ -199,7 +215,7 @@ def test_a_saturated_gauge_gives_no_number(gauge_rig):
         read(gauge)
 
 
-def test_a_contaminated_stream_gives_no_number(gauge_rig):
+def test_a_contaminated_stream_gives_no_number(gauge_rig, until):
     rig, gauge = gauge_rig
     gauge.open()
     rig.inject("contaminated_stream")
@@ -228,72 +244,72 @@ def test_an_unplugged_gauge_is_told_and_can_be_taken_up_again(gauge_rig):
 # -- one device's own --------------------------------------------------------------------------------------------------
 
 
-def test_auto_return_at_the_panel_is_found_out(tmp_path):
-    with EmulatedRig(time_scale=SCALE).open_ports(tmp_path) as rig:
-        stage = make_stage("mark10", str(tmp_path / "stand"))
-        stage.open()
-        stage.zero()
-        stage.start(5e-3, 1e-3)
-        until(lambda: stage.travel() > 1e-3)
-        rig.inject("auto_return")
-        with pytest.raises(RefusedError, match="PC control is off"):
-            stage.start(8e-3, 1e-3)
-        stage.close()
+def test_auto_return_at_the_panel_is_found_out(tmp_path, make_rig, until):
+    rig = make_rig()
+    stage = make_stage("mark10", str(tmp_path / "stand"))
+    stage.open()
+    stage.zero()
+    stage.start(5e-3, 1e-3)
+    until(lambda: stage.travel() > 1e-3)
+    rig.inject("auto_return")
+    with pytest.raises(RefusedError, match="PC control is off"):
+        stage.start(8e-3, 1e-3)
+    stage.close()
 
 
 @pytest.mark.parametrize("unit", ["LB", "G", "KG", "MN"])
-def test_a_unit_switched_at_the_panel_is_never_taken_for_newtons(tmp_path, unit):
-    with EmulatedRig(time_scale=SCALE).open_ports(tmp_path) as rig:
-        gauge = gauge_of("gcl2", tmp_path)
-        gauge.open()
-        rig.inject("unit_switched", unit=unit)
-        with pytest.raises(UnitChangedError, match="switched at the panel"):
-            gauge.tension()
-        assert abs(gauge.tension()) < 0.1
-        gauge.close()
+def test_a_unit_switched_at_the_panel_is_never_taken_for_newtons(tmp_path, make_rig, unit):
+    rig = make_rig()
+    gauge = gauge_of("gcl2", tmp_path)
+    gauge.open()
+    rig.inject("unit_switched", unit=unit)
+    with pytest.raises(UnitChangedError, match="switched at the panel"):
+        gauge.tension()
+    assert abs(gauge.tension()) < 0.1
+    gauge.close()
 
 
-def test_an_illegal_command_is_told_with_its_code(tmp_path):
-    with EmulatedRig(time_scale=SCALE).open_ports(tmp_path) as rig:
-        gauge = gauge_of("gcl2", tmp_path)
-        gauge.open()
-        rig.inject("illegal_command")
-        with pytest.raises(RefusedError, match=r"\*10") as caught:
-            gauge.tension()
-        assert caught.value.code == 10
-        gauge.close()
+def test_an_illegal_command_is_told_with_its_code(tmp_path, make_rig):
+    rig = make_rig()
+    gauge = gauge_of("gcl2", tmp_path)
+    gauge.open()
+    rig.inject("illegal_command")
+    with pytest.raises(RefusedError, match=r"\*10") as caught:
+        gauge.tension()
+    assert caught.value.code == 10
+    gauge.close()
 
 
-def test_a_low_battery_is_a_warning_and_automatic_output_is_given_back(tmp_path):
-    with EmulatedRig(time_scale=SCALE).open_ports(tmp_path) as rig:
-        rig.inject("battery_low")
-        rig.inject("contaminated_stream", rate=20)
-        gauge = gauge_of("gcl2", tmp_path)
-        assert gauge.open().warnings == ("battery low: charge the gauge",)
-        assert rig.gauge.due_s() is None
-        gauge.close()
-        until(lambda: rig.gauge.due_s() is not None)
+def test_a_low_battery_is_a_warning_and_automatic_output_is_given_back(tmp_path, make_rig, until):
+    rig = make_rig()
+    rig.inject("battery_low")
+    rig.inject("contaminated_stream", rate=20)
+    gauge = gauge_of("gcl2", tmp_path)
+    assert gauge.open().warnings == ("battery low: charge the gauge",)
+    assert rig.gauge.due_s() is None
+    gauge.close()
+    until(lambda: rig.gauge.due_s() is not None)
 
 
-def test_grbl_in_alarm_is_refused(tmp_path):
-    with EmulatedRig(time_scale=SCALE, stage="grbl").open_ports(tmp_path) as rig:
-        rig.inject("alarm")
-        stage = make_stage("grbl", str(tmp_path / "stand"))
-        with pytest.raises(RefusedError, match=r"\$X"):
-            stage.open()
-        rig.clear()
+def test_grbl_in_alarm_is_refused(tmp_path, make_rig):
+    rig = make_rig(stage="grbl")
+    rig.inject("alarm")
+    stage = make_stage("grbl", str(tmp_path / "stand"))
+    with pytest.raises(RefusedError, match=r"\$X"):
         stage.open()
-        with pytest.raises(RefusedError, match="soft limits"):
-            stage.start(0.5, 1e-3)
-        stage.close()
+    rig.clear()
+    stage.open()
+    with pytest.raises(RefusedError, match="soft limits"):
+        stage.start(0.5, 1e-3)
+    stage.close()
 
 
-def test_a_wrong_baud_rate_is_no_reply(tmp_path):
-    with EmulatedRig(time_scale=SCALE, gauge="grams").open_ports(tmp_path):
-        gauge = make_gauge("stream", str(tmp_path / "gauge"), StreamSettings(baud=9600))
-        with pytest.raises((NoReplyError, CorruptReplyError)):
-            gauge.open()
-        gauge.close()
+def test_a_wrong_baud_rate_is_no_reply(tmp_path, make_rig):
+    make_rig(gauge="grams")
+    gauge = make_gauge("stream", str(tmp_path / "gauge"), StreamSettings(baud=9600))
+    with pytest.raises((NoReplyError, CorruptReplyError)):
+        gauge.open()
+    gauge.close()
 
 
 # -- words -------------------------------------------------------------------------------------------------------------

@@ -1,27 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guided measurement on the emulated rig: plans, faults, power cuts. Nothing bad may be recorded as good."""
 
-import importlib.util
 import json
-import math
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softgrip_driver.errors import ConfigurationError, DriverError, NoReplyError, PortLostError, RefusedError
-from softgrip_driver.rig import plan
-from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
-from softgrip_driver.rig.clock import ScaledClock
+from softgrip_driver.errors import NoReplyError, RefusedError
 from softgrip_driver.rig.errors import JournalError, LimitError, SaturatedError, StageStalledError, StoppedError
 from softgrip_driver.rig.journal import Journal, Measured, Request
-from softgrip_driver.rig.plan import Point, points_of
-from softgrip_driver.rig.procedure import Phase, PlanFailedError, Procedure, Settings
+from softgrip_driver.rig.procedure import Phase, PlanFailedError, Settings
 from softgrip_driver.rig.pull import PullSettings
-from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
 from softgrip_driver.rig.slide import Verdict
-from softgrip_emulator.rig import EmulatedRig
 from softgrip_model.friction.record import Verdict as ModelVerdict
 
 #: Four settings that carry a fit: quicker than nine.
@@ -34,60 +24,19 @@ CORNERS = Request(
 )
 
 
-def load_virtual_rig():
-    path = Path(__file__).resolve().parents[4] / "benchmarks" / "_virtual_rig.py"
-    spec = importlib.util.spec_from_file_location("virtual_rig", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-virtual = load_virtual_rig()
-
-
-class Bench(virtual.VirtualRig):
+@pytest.fixture
+def bench(tmp_path, virtual_rig):
     """The virtual rig, with the settings as keywords."""
 
-    def procedure(self, **settings):
-        return super().procedure(Settings(**settings))
+    class Bench(virtual_rig.VirtualRig):
+        def procedure(self, **settings):
+            return super().procedure(Settings(**settings))
 
-    def journal(self):
-        (path,) = self.folder.glob("*.jsonl")
-        return Journal.read(path)
+        def journal(self):
+            (path,) = self.folder.glob("*.jsonl")
+            return Journal.read(path)
 
-
-@pytest.fixture
-def bench(tmp_path):
     return Bench(3, tmp_path / "plans")
-
-
-@pytest.fixture
-def wired(tmp_path):
-    """Make a rig behind pseudo-terminals, in accelerated time, with its procedure."""
-    rigs = []
-
-    def make(scale, stage="mark10", gauge="gcl2", **settings):
-        rig = EmulatedRig(seed=5, time_scale=scale, stage=stage, gauge=gauge).open_ports(tmp_path)
-        rigs.append(rig)
-        devices = (
-            make_stage(stage, str(tmp_path / "stand")),
-            make_gauge("gcl2" if gauge == "gcl2" else "stream", str(tmp_path / "gauge"), StreamSettings(line=gauge)),
-        )
-        for device in devices:
-            device.open()
-        hands = virtual.Hands(rig)
-        return hands, Procedure(*devices, hands, ScaledClock(scale), Settings(**settings), tmp_path / "plans")
-
-    yield make
-    for rig in rigs:
-        rig.close()
-
-
-def until_stands(rig):
-    deadline = time.monotonic() + 5.0
-    while rig.plant.velocity:
-        assert time.monotonic() < deadline, "the stage still moves"
-        rig.plant.advance(rig.clock.now_s())
 
 
 # -- what goes well ----------------------------------------------------------------------------------------------------
@@ -146,15 +95,6 @@ def test_an_adaptive_plan_stops_when_the_interval_is_narrow(bench):
     assert narrow.calibration.assessment.widest_interval <= 0.03
     capped = bench.procedure(adaptive_interval=0.001, adaptive_most=8).run(Request("adaptive"))
     assert len(capped.points) == 8
-
-
-@pytest.mark.parametrize(("stage", "gauge"), [("mark10", "gcl2"), ("grbl", "grams"), ("grbl", "scale")])
-def test_it_goes_as_well_over_wires(wired, stage, gauge):
-    hands, procedure = wired(40.0, stage, gauge)
-    outcome = procedure.run(CORNERS)
-    assert outcome.calibration.model.points == 5
-    assert len(hands.accepted()) == 5
-    until_stands(hands.rig)
 
 
 # -- what goes wrong: repeated, and good in the end --------------------------------------------------------------------
@@ -266,26 +206,6 @@ def test_a_lasting_fault_ends_the_plan_with_nothing_recorded(bench, fault, argum
     assert bench.stands() or fault == "stand_silent"
 
 
-@pytest.mark.parametrize("port", ["stand", "gauge"])
-def test_an_unplugged_device_ends_the_plan(wired, tmp_path, port):
-    hands, procedure = wired(20.0)
-
-    def unplug(_):
-        if hands.samples == 40:
-            hands.rig.inject("unplugged", port=port)
-
-    hands.on_sample = unplug
-    with pytest.raises(PortLostError, match="plug it in") as caught:
-        procedure.run(CORNERS)
-    assert not hands.accepted()
-    until_stands(hands.rig)
-    assert hands.rig.plant.travel < 12.01e-3
-    if port == "stand":
-        assert "runs to its own limit" in caught.value.__notes__[0]
-    (path,) = (tmp_path / "plans").glob("*.jsonl")
-    assert Journal.read(path).points == {}
-
-
 def test_a_fault_during_the_pull_stops_the_stage(bench):
     def switch(_):
         if bench.hands.samples == 60:
@@ -342,7 +262,7 @@ def test_a_stopped_plan_keeps_its_points_and_is_resumed(bench):
     assert bench.stands()
     assert sorted(bench.journal().points) == [0, 1, 2]
 
-    bench.time.stopped, bench.hands = False, virtual.Hands(bench.rig)
+    bench.time.stopped, bench.hands = False, type(bench.hands)(bench.rig)
     outcome = bench.procedure().run(Request("9"), resume=True)
     assert [s.index for s in bench.hands.asked()] == [3, 4]
     assert len(outcome.points) == 5
@@ -373,43 +293,3 @@ def test_a_damaged_record_is_refused_with_its_line(tmp_path):
         Journal.read(journal.path)
     with pytest.raises(JournalError, match="already there"):
         Journal.begin(tmp_path, "p", CORNERS)
-
-
-# -- plans and pulley --------------------------------------------------------------------------------------------------
-
-
-def test_plans():
-    nine = points_of("9")
-    assert len(nine) == 9
-    assert {round(math.degrees(p.angle)) for p in nine} == {10, 50, 90}
-    assert {p.load for p in nine} == {0.2, 0.6, 1.0}
-    assert len(points_of("45")) == 45
-    assert points_of("custom", (0.1,) * 4, (0.2,) * 4)[0] == Point(0.1, 0.2)
-    assert set(plan.PLANS) == {"9", "45", "adaptive", "custom", "pulley"}
-
-
-@pytest.mark.parametrize(
-    ("name", "angles", "loads", "reason"),
-    [
-        ("seven", (), (), "expected one of"),
-        ("custom", (0.1, 0.2), (0.2,), "as many angles as loads"),
-        ("custom", (0.1, 0.2, 0.3), (0.2, 0.2, 0.3), "at least 4"),
-        ("custom", (0.1, 0.2, 90.0, 0.3), (0.2, 0.2, 0.2, 0.2), "point 3"),
-        ("custom", (0.1, 0.2, 0.3, 0.4), (0.2, 200.0, 0.2, 0.2), "point 2"),
-    ],
-)
-def test_impossible_plans_are_refused(name, angles, loads, reason):
-    with pytest.raises(ConfigurationError, match=reason):
-        points_of(name, angles, loads)
-
-
-def test_the_pulley_file(tmp_path):
-    assert read_pulley(tmp_path) is None
-    write_pulley(tmp_path, Pulley(1.012, 0.002))
-    assert read_pulley(tmp_path) == Pulley(1.012, 0.002)
-    (tmp_path / "pulley.calibration").write_text("ratio: 7\nstddev: 0\n")
-    with pytest.raises(ConfigurationError, match="calibrate the pulley again"):
-        read_pulley(tmp_path)
-    (tmp_path / "pulley.calibration").write_text("no")
-    with pytest.raises(DriverError, match="expected ratio"):
-        read_pulley(tmp_path)

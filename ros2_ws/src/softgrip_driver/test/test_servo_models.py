@@ -19,11 +19,9 @@ from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import Servo as EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.wire.pty import PtyPort
 
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
 TENDONS = ("index", "middle", "thumb")
-EXACT = TendonLimits()
 EMULATED = ["XL330-M288", "XC330-M288", "XM430-W350"]
 
 
@@ -33,14 +31,23 @@ def servo_of(model, mode=CURRENT):
 
 
 @pytest.fixture(params=EMULATED)
-def wired(request, tmp_path):
+def wired(request, tmp_path, world):
     """A servo as it comes out of the box, on a port, and the bus to it."""
     device = EmulatedServo(load_model(request.param), 1, baud=1_000_000)
-    with PtyPort(tmp_path / "servos", DynamixelChain([device]), paced=False):
-        bus = Bus(str(tmp_path / "servos"), 1_000_000, reply_margin=1.0)
-        bus.open()
-        yield request.param, device, bus
-        bus.close()
+    port = world.port(tmp_path / "servos", DynamixelChain([device]))
+    bus = Bus(str(tmp_path / "servos"), 1_000_000)
+    bus.open()
+    yield request.param, device, bus
+    bus.close()
+    port.close()
+    world.close()
+
+
+@pytest.fixture
+def taut(bench):
+    """A bench whose drives are held and know the true zero."""
+    bench.hold_taut(0.0)
+    return bench
 
 
 # model, unit of current [A], raw current limit, stall tension [N] on a spool of 10 mm, temperature limit: e-manual
@@ -122,62 +129,58 @@ WHOLE = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("row", WHOLE, ids=lambda row: f"{row['model']} {row.get('mode', CURRENT).name.lower()}")
-def test_moves_and_a_tension_limit_on_every_model(virtual, row):
+@pytest.mark.parametrize(
+    "bench", WHOLE, ids=lambda row: f"{row['model']} {row.get('mode', CURRENT).name.lower()}", indirect=True
+)
+def test_moves_and_a_tension_limit_on_every_model(taut):
     """Also where the servo itself has no limit (extended position): the controller stops at what it measures."""
-    bench = virtual(**row)
-    outcome, reason = bench.run(bench.move([0.007], 0.01))
+    outcome, reason = taut.run(taut.move([0.007], 0.01))
     assert outcome is Outcome.REACHED, reason
-    limit = 20.0 if row.get("limits") is STRONG else 12.0
-    outcome, reason = bench.run(bench.move([0.034], 0.01, limit, ["index"]))
+    limit = 20.0 if taut.controller.drives["index"].limits is STRONG else 12.0
+    outcome, reason = taut.run(taut.move([0.034], 0.01, limit, ["index"]))
     assert outcome is Outcome.TENSION_LIMIT, reason
     # Twice what the gears' friction may hide, and the torque constant's own error.
-    assert bench.plant.bank.tension_n[0] == pytest.approx(limit, abs=0.5 * limit)
+    assert taut.plant.bank.tension_n[0] == pytest.approx(limit, abs=0.5 * limit)
 
 
-def test_homing_finds_the_truth(virtual):
+def test_homing_finds_the_truth(bench):
     """The zero is where the emulated finger's slack is taken up, as far as a motor's current can tell."""
-    bench = virtual()
-    outcome, reason = bench.run(bench.controller.home(bench.now), 25.0)
+    bench.loop.power(on=True)
+    outcome, reason = bench.run(bench.loop.call(lambda controller, now: controller.home(now)), 25.0)
     assert outcome is Outcome.REACHED, reason
     slack = bench.plant.bank.slack_m - bench.plant.wound_m()
     for index, name in enumerate(TENDONS):
-        assert bench.drive(name).zero == pytest.approx(bench.drive(name).position + slack[index], abs=1e-3)
+        drive = bench.controller.drives[name]
+        assert drive.zero == pytest.approx(drive.position + slack[index], abs=1e-3)
 
 
-def test_two_grippers_on_one_bus(virtual):
+@pytest.mark.parametrize("bench", [{"grippers": {"index": "left", "middle": "left", "thumb": "right"}}], indirect=True)
+def test_two_grippers_on_one_bus(taut):
     """A broken tendon stops and opens its own gripper; the other one goes on as if nothing had been."""
-    bench = virtual(grippers={"index": "left", "middle": "left", "thumb": "right"})
-    outcome, reason = bench.run(bench.move([8.0], mode=MoveMode.TENSION))
+    outcome, reason = taut.run(taut.move([8.0], mode=MoveMode.TENSION))
     assert outcome is Outcome.REACHED, reason
-    bench.pass_time(0.4)
-    other = bench.move([0.012], 0.002, tendons=["thumb"])
-    bench.plant.disturbances.broken_tendons.add("index")
-    bench.pass_time(0.3)
-    assert bench.drive("index").fault == "tendon_broken"
-    assert bench.drive("middle").state is DriveState.RELEASING
-    assert bench.drive("thumb").fault == ""
-    outcome, reason = bench.run(other)
+    taut.pass_time(0.4)
+    other = taut.move([0.012], 0.002, tendons=["thumb"])
+    taut.cause("tendon_break", slot="index")
+    taut.pass_time(0.3)
+    assert taut.drive("index").fault == "tendon_broken"
+    assert taut.drive("middle").state is DriveState.RELEASING
+    assert taut.drive("thumb").fault == ""
+    outcome, reason = taut.run(other)
     assert outcome is not Outcome.FAULT, reason
 
 
-def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(virtual):
+def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(taut):
     """Points sent ahead of time again and again, as a planner does, over the emulated bus."""
-    bench = virtual()
-    bench.run(bench.move([0.004]))
-    lengths, speeds = [], []
-
-    def watch():
-        lengths.append(float(bench.plant.wound_m()[0] - bench.plant.bank.slack_m[0]))
-        speeds.append(abs(bench.drive("index").snapshot().speed))
-
+    taut.run(taut.move([0.004]))
+    lengths, seen = [], []
+    taut.world.live(lambda _: lengths.append(float(taut.plant.wound_m()[0] - taut.plant.bank.slack_m[0])))
     for step in range(1, 9):
-        goal = 0.004 + 0.001 * step
-        trajectory = Trajectory.checked([0.1], [goal], [], 0.035)
-        ticket = bench.controller.follow({"index": trajectory}, bench.now)
+        trajectory = Trajectory.checked([0.1], [0.004 + 0.001 * step], [], 0.035)
+        ticket = taut.loop.call(lambda controller, now, one=trajectory: controller.follow({"index": one}, now))
         assert not ticket.refusal
-        bench.pass_time(0.1, watch)
-    bench.run(ticket, watch=watch)
+        seen += taut.pass_time(0.1)
+    seen += taut.watched(ticket)
     assert lengths[-1] == pytest.approx(0.012, abs=1.0e-3)
     assert np.diff(lengths).min() > -3e-4, "it never steps back"
-    assert max(speeds) < EXACT.speed
+    assert max(abs(one.drives[0].speed) for one in seen) < TendonLimits().speed

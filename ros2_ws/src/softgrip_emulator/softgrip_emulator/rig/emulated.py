@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from softgrip_emulator.wire.device import Port, WireDevice
+
 #: [N] of the emulated gauge (Mark-10 M5-10).
 GAUGE_CAPACITY = 50.0
 
@@ -64,16 +66,22 @@ class EmulatedRig:
         self.gauge: Mark10Gauge | StreamAmplifier = (
             Mark10Gauge(self.cell) if gauge == "gcl2" else StreamAmplifier(self.cell, gauge)
         )
-        self._ports: dict[str, PtyPort] = {}
+        self._ports: dict[str, Port] = {}
         self._misplaced: dict[str, float] = {}
         self._active: dict[str, Callable[[], None]] = {}
 
     # -- ports -----------------------------------------------------------------------------------------------------
 
-    def open_ports(self, directory: Path) -> Self:
-        """Make the ports appear in a folder and serve them."""
+    def open_ports(self, directory: Path, make: Callable[[Path, WireDevice], Port] | None = None) -> Self:
+        """Make the ports appear in a folder and serve them.
+
+        Args:
+            directory: the folder.
+            make: a started port of another kind than pseudo-terminals, from its path and its device.
+        """
         for name, device in (("stand", self.stand), ("gauge", self.gauge)):
-            self._ports[name] = PtyPort(directory / name, device, clock=self.clock).start()
+            path = directory / name
+            self._ports[name] = make(path, device) if make else PtyPort(path, device, clock=self.clock).start()
         return self
 
     def close(self) -> None:

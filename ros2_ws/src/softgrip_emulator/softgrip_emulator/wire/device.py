@@ -46,3 +46,16 @@ class WireDevice(Protocol):
     def due_s(self) -> float | None:
         """When the device next has something to say unasked [s]; None when only spoken to."""
         ...
+
+
+class Port(Protocol):
+    """What a hand can do to a port that serves a device."""
+
+    def plug(self) -> None:
+        """Make the port appear (again)."""
+
+    def unplug(self) -> None:
+        """Make the port vanish; a host that has it open loses it."""
+
+    def close(self) -> None:
+        """Stop serving."""

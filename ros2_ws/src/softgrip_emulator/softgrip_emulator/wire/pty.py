@@ -149,7 +149,7 @@ class PtyPort:
             os.write(self._wake_write, b"\0")
 
     def _run(self) -> None:
-        line = _Line(self._paced)
+        line = Line(self._paced)
         while not self._stop.is_set():
             try:
                 self._serve_once(line)
@@ -157,7 +157,7 @@ class PtyPort:
                 _log.exception("%s: the emulated device failed on this exchange", self.link.name)
                 line.reset()
 
-    def _serve_once(self, line: _Line) -> None:
+    def _serve_once(self, line: Line) -> None:
         if self._wanted != self.plugged:
             if self._wanted:
                 self._appear()
@@ -187,7 +187,7 @@ class PtyPort:
         if piece := line.take(self.clock.now_s()):
             self._write(master, piece)
 
-    def _pause_s(self, line: _Line) -> float:
+    def _pause_s(self, line: Line) -> float:
         due = [t for t in (line.next_s(), self._device.due_s()) if t is not None]
         if not due:
             # Closing by the host makes the master readable; that a device has something to say again, nothing tells.
@@ -223,7 +223,7 @@ class PtyPort:
             os.write(master, data)
 
 
-class _Line:
+class Line:
     """Both directions of the cable: when bytes arrive, and which may be handed to the host by when."""
 
     def __init__(self, paced: bool) -> None:
@@ -234,6 +234,7 @@ class _Line:
         self._pending: deque[Chunk] = deque()
 
     def reset(self) -> None:
+        """Forget what is on its way: the cable was pulled, or nobody listens."""
         self._pending.clear()
         self._rx_busy_until_s = 0.0
         self._tx_busy_until_s = 0.0
@@ -257,12 +258,14 @@ class _Line:
                 self._pending.append(Chunk(piece, self._tx_busy_until_s))
 
     def take(self, now_s: float) -> bytes:
+        """What has reached the host by now."""
         due = b""
         while self._pending and self._pending[0].start_s <= now_s:
             due += self._pending.popleft().data
         return due
 
     def next_s(self) -> float | None:
+        """When the next bytes reach the host [s]; None when none are on their way."""
         return self._pending[0].start_s if self._pending else None
 
 
