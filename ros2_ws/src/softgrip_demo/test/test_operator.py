@@ -19,7 +19,7 @@ class Cell:
         self.reasons = list(reasons)
         self.shown: list[str] = []
 
-    def swap(self, finger_set, confirm, serials):
+    def swap(self, _finger_set, confirm, _serials):
         confirm("remove", "")
         self.shown.append(confirm("insert", "")[0])
         reason = self.reasons.pop(0) if self.reasons else ""

@@ -257,7 +257,9 @@ class ReplayedGoal:
         self._doors.say(f"canceled {self._name}", b"")
 
 
-class _ReplayedCaller:
+class _Replayed:
+    """What a node may ask of a service or an action that the trace speaks for."""
+
     def __init__(self, doors: ReplayedDoors, kind: Any, name: str) -> None:
         self._doors = doors
         self._kind = kind
@@ -266,6 +268,8 @@ class _ReplayedCaller:
     def ready(self) -> bool:
         return self._doors.value(f"ready {self._name}") == b"\1"
 
+
+class _ReplayedCaller(_Replayed):
     def call(self, request: Any, answered: Callable[[Any], None]) -> None:
         number = self._doors.number()
         self._doors.say(f"called {self._name}", request)
@@ -276,15 +280,7 @@ class _ReplayedCaller:
         self._doors.when(f"response {self._name}", number, responded)
 
 
-class _ReplayedCommander:
-    def __init__(self, doors: ReplayedDoors, kind: Any, name: str) -> None:
-        self._doors = doors
-        self._kind = kind
-        self._name = name
-
-    def ready(self) -> bool:
-        return self._doors.value(f"ready {self._name}") == b"\1"
-
+class _ReplayedCommander(_Replayed):
     def send(self, goal: Any, answered: Callable[[SentGoal], None]) -> None:
         number = self._doors.number()
         self._doors.say(f"sent {self._name}", goal)

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feed a bag through a node's own code, without middleware, and compare what it publishes with what it published then.
 
-The node is constructed as it is; only its publishers are replaced by lists and its timers by nothing, so that its
-outputs depend on the messages fed in and on nothing else.
-
 Two things of the recorded run a bag does not show directly: which messages of a best-effort stream the node really got,
 and whether a latched message reached the node before or after a neighbour on another topic. Both are read off the
 recorded results: each carries the stamp of the message it was computed from and the ids of the configuration it was
@@ -13,7 +10,6 @@ followed to the letter.
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import tempfile
 from collections import Counter, defaultdict
@@ -29,6 +25,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from softgrip_bag.comparison import NOT_COMPARED, Divergence, Result, first_difference
 from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.captured import INFRASTRUCTURE, ReplayedNode
 from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
 from softgrip_bag.nodes.steps import Messages, MissingMessageError, Step, runs, stamp_of
 from softgrip_bag.nodes.trees import tree
@@ -74,84 +71,12 @@ NODES = {
         parameters={"database_url": "sqlite:///{folder}/cell.db", "catalogue": "''", "passports": "''"},
     ),
 }
-#: Topics that rclpy itself publishes for a node.
-INFRASTRUCTURE = {"/rosout", "/parameter_events"}
 #: Topics of every node that are no results of it.
 NOT_RESULTS = {*INFRASTRUCTURE, "/diagnostics"}
 #: Fields that name the configuration a result was computed with.
 CONFIGURATION_FIELDS = ("friction_model", "configuration", "mesh")
 #: [ns] a latched message may have reached the node this much earlier than the recorder.
 EARLIER = 2_000_000_000
-
-
-class _CapturingPublisher:
-    def __init__(self, topic: str, sink: dict[str, list[Any]]) -> None:
-        self.topic_name = topic
-        self._sink = sink
-
-    def publish(self, message: Any) -> None:
-        # through the wire's form and back: float32 fields are only there what they were recorded as
-        self._sink[self.topic_name].append(deserialize_message(serialize_message(message), type(message)))
-
-    def get_subscription_count(self) -> int:
-        return 1
-
-
-class _StoppedTimer:
-    def cancel(self) -> None:
-        """Nothing runs."""
-
-    def reset(self) -> None:
-        """Nothing runs."""
-
-
-class ReplayedNode:
-    """A node whose subscriptions are called by hand; rclpy has to be initialised.
-
-    Args:
-        class_path: module:class.
-        options: of its constructor.
-    """
-
-    def __init__(self, class_path: str, **options: Any) -> None:
-        module, _, class_name = class_path.partition(":")
-        base = getattr(importlib.import_module(module), class_name)
-        sink: dict[str, list[Any]] = defaultdict(list)
-
-        class Captured(base):  # type: ignore[misc, valid-type]  # the class is chosen at run time
-            def create_publisher(self, msg_type: Any, topic: str, qos: Any, **options: Any) -> Any:
-                name = topic if topic.startswith("/") else self.resolve_topic_name(topic)
-                if name in INFRASTRUCTURE:
-                    return super().create_publisher(msg_type, topic, qos, **options)
-                return _CapturingPublisher(name, sink)
-
-            def create_timer(self, *_: Any, **__: Any) -> Any:
-                return _StoppedTimer()
-
-        self.node = Captured(**options)
-        self._sink = sink
-        self._callbacks = {s.topic_name: (s.callback, s.msg_type) for s in self.node.subscriptions}
-
-    @property
-    def inputs(self) -> set[str]:
-        """Topics that the node subscribes to."""
-        return set(self._callbacks)
-
-    def feed(self, message: RawMessage) -> list[tuple[str, Any]]:
-        """Call the node's callback with one recorded message; returns what it published (topic, message)."""
-        callback, message_type = self._callbacks[message.topic]
-        callback(deserialize_message(message.data, message_type))
-        return self.published()
-
-    def published(self) -> list[tuple[str, Any]]:
-        """Return what the node published since the last time (topic, message)."""
-        published = [(topic, output) for topic, outputs in self._sink.items() for output in outputs]
-        self._sink.clear()
-        return published
-
-    def close(self) -> None:
-        """Destroy the node."""
-        self.node.destroy_node()
 
 
 def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance: float = 0.0) -> Result:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person does at the cell when it asks: sets the rig, seats fingers, takes the next ones when it refuses some."""
+"""What a person does at the cell when it asks: sets the rig, seats fingers, takes others when some are refused."""
 
 from __future__ import annotations
 
