@@ -23,6 +23,9 @@ LOWEST_RATIO = 0.97
 HIGHEST_RATIO = 20.0
 #: Spread of T2 that one rig covers; more means that one column mixes units (200 g beside 0.6 kg).
 LARGEST_LOAD_SPREAD = 100.0
+#: Half of the loads above it [N] are grams under a header that says newtons: the rig hangs 0.2 to 1 kg, and the tendons
+#: of a finger break at little more than 100 N.
+HIGHEST_LOAD = 150.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +109,11 @@ def measurements(
         raise DataError(
             f"{names[odd]}: T2 = {columns[1][odd]:g} N beside a median of {np.median(columns[1]):g} N: "
             "expected one unit for all loads; correct the row or the column's unit"
+        )
+    if count and np.median(columns[1]) > HIGHEST_LOAD:
+        raise DataError(
+            f"{source}: expected loads T2 below {HIGHEST_LOAD:g} N, found a median of {np.median(columns[1]):g} N; "
+            "grams go into a column 'load [g]', T1 has to be in newtons"
         )
     keep = _without_copies(columns, names, warnings)
     digest = source_sha256 or hashlib.sha256(np.stack(columns).tobytes()).hexdigest()
