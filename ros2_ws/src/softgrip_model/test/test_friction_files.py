@@ -109,7 +109,10 @@ def spoiled(index, row):
         (text("angle,load [g],T1 [N]"), "units deg"),
         (text("angle [deg],angle [rad],load [g],T1 [N]"), "expected one column for angle"),
         (text("angle [deg],load [g],T2 [N],T1 [N]"), "found both"),
-        (text("angle [deg],T2 [N],T1 [N]", [(a, g, h * 1e3 / GRAVITY) for a, g, h in rows()]), "found a median of 600 N"),
+        (
+            text("angle [deg],T2 [N],T1 [N]", [(a, g, h * 1e3 / GRAVITY) for a, g, h in rows()]),
+            "found a median of 600 N",
+        ),
         (spoiled(2, (10, 1000, "abc")), "row 4.*'abc'"),
         (spoiled(2, (10, 1000, "11.2 N")), "row 4.*units stand in the header"),
         (spoiled(2, (10, 1000)), "row 4.*only 2 cells"),
