@@ -48,27 +48,29 @@ class ChainGeometry:
     def markers(self, state: Array) -> Array:
         """Return (n + 2, 2) marker positions [m]."""
         n = self.layout.joints
-        points = np.empty((n + 2, 2))
-        x, y, heading = float(state[0]), float(state[1]), float(state[2])
-        points[0] = x - self.base_marker_m * math.cos(heading), y - self.base_marker_m * math.sin(heading)
-        points[1] = x, y
-        for link, length in enumerate(self.layout.link_lengths_m):
-            heading -= float(state[3 + link])
+        x, y, heading, *angles = state[: 3 + n].tolist()
+        points = [(x - self.base_marker_m * math.cos(heading), y - self.base_marker_m * math.sin(heading)), (x, y)]
+        for length, angle in zip(self.layout.link_lengths_m, angles, strict=True):
+            heading -= angle
             x += length * math.cos(heading)
             y += length * math.sin(heading)
-            points[link + 2] = x, y
-        return points
+            points.append((x, y))
+        return np.array(points)
 
     def jacobian(self, points: Array, marker: int, size: int) -> Array:
         """Return (2, size) derivative of one marker's position by the state, at the (n + 2, 2) positions."""
-        jacobian = np.zeros((2, size))
-        jacobian[0, 0] = jacobian[1, 1] = 1.0
-        arm = points[marker] - points[1]
-        jacobian[0, 2], jacobian[1, 2] = -arm[1], arm[0]
-        for joint in range(marker - 1):
-            arm = points[marker] - points[1 + joint]
-            jacobian[0, 3 + joint], jacobian[1, 3 + joint] = arm[1], -arm[0]
-        return jacobian
+        places = points.tolist()
+        x, y = places[marker]
+        # A turn of the mount swings the marker around the first joint, counter-clockwise; a joint's the other way.
+        arms = [(x - joint_x, y - joint_y) for joint_x, joint_y in places[1 : max(2, marker)]]
+        joints = arms[: max(0, marker - 1)]
+        rest = [0.0] * (size - 3 - len(joints))
+        return np.array(
+            [
+                [1.0, 0.0, -arms[0][1], *(arm_y for _, arm_y in joints), *rest],
+                [0.0, 1.0, arms[0][0], *(-arm_x for arm_x, _ in joints), *rest],
+            ]
+        )
 
     def angles(self, points: Array) -> Array:
         """Return (n,) joint angles [rad] of (n + 2, 2) marker positions (the closed form of the inverse)."""
@@ -206,3 +208,16 @@ def inverse2(matrix: Array) -> Array:
     (a, b), (c, d) = matrix.tolist()
     scale = 1.0 / (a * d - b * c)
     return np.array([[d * scale, -b * scale], [-c * scale, a * scale]])
+
+
+def mahalanobis2(miss: Array, covariance: Array) -> float:
+    """Return the squared Mahalanobis distance of a (2,) deviation under a (2, 2) covariance."""
+    (a, b), (c, d) = covariance.tolist()
+    x, y = miss.tolist()
+    return float((d * x * x - (b + c) * x * y + a * y * y) / (a * d - b * c))
+
+
+def largest_eigenvalue(matrix: Array) -> float:
+    """Return the larger eigenvalue of a symmetric (2, 2) matrix."""
+    (a, b), (_, d) = matrix.tolist()
+    return float((a + d) / 2 + math.hypot((a - d) / 2, b))

@@ -1,41 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
 """From frames to joint angles: one finger's markers, followed from frame to frame.
 
-Per frame: predict the chain; look for each marker, base to tip, in a small window where the chain says it is, refined
-by every marker already found; accept the spot that fits place, size and colour, or none; angles and tip are the state
-of the filter. A marker that was out of sight has to prove itself (:meth:`FingerTracker._returns`). When too little is
-seen, or something is missing for too long, search the whole image for the whole chain (search.py).
+Per frame: predict the chain; look at once in small windows around every marker's predicted place, where nearly all are.
+Then, base to tip, the chain says where a marker has to be, refined by every marker already found; accept the spot that
+fits place, size and colour; if none does, look wherever the marker can be. Angles and tip are the state of the filter.
+A marker that was out of sight has to prove itself (:meth:`FingerTracker._returns`). When too little is seen, or
+something is missing for too long, search the whole image for the whole chain (search.py).
 """
 
 from __future__ import annotations
 
 import math
+import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_vision.calibration import Calibration, PlaneMap
-from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2
+from softgrip_vision.chain import ChainFilter, ChainGeometry, largest_eigenvalue
 from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
-from softgrip_vision.looks import MOST_AREA, BodySide, Looks, alike, colour_at, sharp_area, surround_of
+from softgrip_vision.looks import MOST_AREA, BodySide, Looks, alike, colours_at, sharp_area, surrounds_of
 from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
 from softgrip_vision.search import FoundChain, find_chain, search_spots
+from softgrip_vision.sightings import Candidate, Seen, Sighting, candidates_of, locate, threshold_quality
 from softgrip_vision.spots import Spot, Window, find_spots, window_around
 
 Array = NDArray[np.float64]
-IDENTITY = np.eye(2)
 
 #: Squared Mahalanobis distance within which a spot may be the marker (chi-square, 2 degrees of freedom: 99.97 %).
 GATE = 16.0
-#: Squared Mahalanobis distance up to which a spot need not have the marker's surroundings as well.
+#: Squared Mahalanobis distance up to which a spot need not have the marker's surroundings as well, and one near the
+#: predicted place is not compared with what lies farther away.
 UNSURPRISING = 4.0
 #: Windows reach this many deviations of the expected place, and are at most this large [px].
 WINDOW_SIGMAS = 4.0
 LARGEST_WINDOW_HALF_PX = 160.0
+#: [marker diameters] The windows looked at first reach this far around the predicted places.
+NEAR_REACH = 0.5
 #: Hues this far from the finger's own, once known, give no signal [deg].
 KNOWN_HUE_HALF_ANGLE = 40.0
 #: [s] A gap between frames after which nothing is predicted any more.
@@ -70,30 +75,6 @@ class TrackerOptions:
     patience: float = 0.7
 
 
-class Sighting(NamedTuple):
-    """A spot that may be a marker.
-
-    Attributes:
-        spot: in the image.
-        point: (2,) [m] in the finger's plane.
-        noise: (2, 2) [m^2] covariance of the point.
-        distance: squared Mahalanobis distance from where the marker is expected.
-    """
-
-    spot: Spot
-    point: Array
-    noise: Array
-    distance: float
-
-
-class Seen(NamedTuple):
-    """A marker that was seen in this frame."""
-
-    spot: Spot
-    point: Array
-    confidence: float
-
-
 @dataclass
 class FingerTracker:
     """Follows one finger.
@@ -117,8 +98,8 @@ class FingerTracker:
         lens = self.calibration.lens
         self._map = PlaneMap(lens, plane)
         self._geometry = ChainGeometry(self.layout, plane.base_marker_m)
-        self._diameter_px = plane.marker_diameter_m * self._map.pixels_per_metre(np.zeros(2))
-        self._marker_diameter_m = plane.marker_diameter_m
+        self._pixels_per_metre = self._map.pixels_per_metre(np.zeros(2))
+        self._diameter_px = plane.marker_diameter_m * self._pixels_per_metre
         left, top, width, height = self.setup.region or (0, 0, lens.width, lens.height)
         self._region = Window(left, top, min(width, lens.width - left), min(height, lens.height - top))
         if self._region.width < 8 or self._region.height < 8:
@@ -131,6 +112,7 @@ class FingerTracker:
     def reset(self) -> None:
         """Forget everything seen; the next frame is searched."""
         self._filter: ChainFilter | None = None
+        self._predicted = np.empty((0, 2))
         self._looks: list[Looks] = []
         self._side = BodySide.BRIGHTER
         self._colour = ColourModel(self.setup.hue_deg)
@@ -148,9 +130,10 @@ class FingerTracker:
         if self._filter is not None and not 0 < stamp - self._stamp <= LONGEST_GAP:
             self.reset()
         if self._filter is None:
-            return np.empty((0, 2))
+            return self._predicted
         self._filter.predict(stamp - self._stamp)
-        return self._map.to_pixels(self._geometry.markers(self._filter.state))
+        self._predicted = self._map.to_pixels(self._geometry.markers(self._filter.state))
+        return self._predicted
 
     def measure(self, image: Image, stamp: float, rivals: Array) -> FingerReading:
         """Measure the finger in one frame.
@@ -185,8 +168,10 @@ class FingerTracker:
 
     def _follow_all(self, image: Image, chain: ChainFilter, rivals: Array) -> list[Seen | None]:
         seen: list[Seen | None] = []
-        for marker in range(self.layout.joints + 2):
-            seen.append(self._follow(image, chain, marker, seen, rivals))
+        markers = range(self.layout.joints + 2)
+        near = self._look(image, markers, self._predicted, NEAR_REACH * self._diameter_px)
+        for marker in markers:
+            seen.append(self._follow(image, chain, marker, near[marker], seen, rivals))
         self._in_sight = [found is not None for found in seen]
         area = sharp_area(self._looks[0].area_px, [found.spot for found in seen if found is not None])
         self._looks = [replace(looks, area_px=area) for looks in self._looks]
@@ -210,70 +195,114 @@ class FingerTracker:
 
     def _start(self, image: Image, found: FoundChain, side: BodySide) -> None:
         self._side = side
-        colours = [colour_at(image, spot) for spot in found.spots]
-        self._colour = ColourModel(hue_of(np.median(colours, axis=0)), KNOWN_HUE_HALF_ANGLE)
+        colour = np.median(colours_at(image, found.spots), axis=0)
+        self._colour = ColourModel(hue_of(colour), KNOWN_HUE_HALF_ANGLE)
         # All markers of a finger have one size; the middle one of five is better known than each.
-        area = float(np.median([spot.area_px for spot in found.spots]))
-        self._looks = [Looks(area, spot.height, surround_of(image, spot, side)) for spot in found.spots]
+        area = statistics.median(spot.area_px for spot in found.spots)
+        surrounds = surrounds_of(image, found.spots, side)
+        self._looks = [Looks(area, spot.height, around) for spot, around in zip(found.spots, surrounds, strict=True)]
         self._in_sight = [True] * len(found.spots)
         self._returning.clear()
         self._filter = ChainFilter(self._geometry)
         self._filter.place(found.points)
+        self._predicted = np.array([(spot.u, spot.v) for spot in found.spots])
+
+    def _look(self, image: Image, markers: Sequence[int], places: Array, clear: float) -> list[list[Candidate]]:
+        """Return, for each of some markers, what looks like it around its place.
+
+        Args:
+            image: (h, w, 3) BGR.
+            markers: (k,) their numbers.
+            places: (k, 2) [px].
+            clear: [px] spots whose centre is within this of the place are seen whole.
+        """
+        half = min(LARGEST_WINDOW_HALF_PX, clear + 0.9 * self._diameter_px + 3.0)
+        size = image.shape[1], image.shape[0]
+        windows = {
+            marker: window
+            for marker, place in zip(markers, places, strict=True)
+            if (window := window_around(place, half, size)) is not None
+        }
+        if not windows:
+            return [[] for _ in markers]
+        thresholds = [self.options.threshold_share * self._looks[marker].height for marker in windows]
+        area = self._looks[0].area_px
+        spots = find_spots(image, list(windows.values()), self._colour, thresholds, (0.5 * area, MOST_AREA * area))
+        admitted = {
+            marker: [spot for spot in found if self._looks[marker].admits(spot)]
+            for marker, found in zip(windows, spots, strict=True)
+        }
+        all_spots = [spot for found in admitted.values() for spot in found]
+        candidates = iter(candidates_of(image, all_spots, self._map, self._side))
+        return [[next(candidates) for _ in admitted.get(marker, ())] for marker in markers]
 
     def _follow(
-        self, image: Image, chain: ChainFilter, marker: int, seen: list[Seen | None], rivals: Array
+        self,
+        image: Image,
+        chain: ChainFilter,
+        marker: int,
+        near: Sequence[Candidate],
+        seen: list[Seen | None],
+        rivals: Array,
     ) -> Seen | None:
-        """Look for one marker where the chain expects it and take it in."""
+        """Find one marker where the chain expects it and take it in.
+
+        Args:
+            image: (h, w, 3) BGR.
+            chain: with all markers before this one taken in.
+            marker: its number.
+            near: what looks like it around its predicted place.
+            seen: the markers before it, None for each that is hidden.
+            rivals: (k, 2) [px] where the markers of other fingers are expected.
+        """
         expected, spread = chain.expect(marker)
-        pixel = self._map.to_pixels(expected[None, :])
-        reach = math.sqrt(_largest_eigenvalue(spread)) * self._diameter_px / self._marker_diameter_m
-        half = min(LARGEST_WINDOW_HALF_PX, WINDOW_SIGMAS * reach + 0.9 * self._diameter_px + 3.0)
-        window = window_around(pixel[0], half, (image.shape[1], image.shape[0]))
-        if window is None:
-            return None
-        looks = self._looks[marker]
-        area_range = (0.5 * looks.area_px, MOST_AREA * looks.area_px)
-        spots = find_spots(image, window, self._colour, self.options.threshold_share * looks.height, area_range)
-        parent = seen[-1] if seen else None
-        sightings = [
-            sighting
-            for spot in spots
-            if looks.admits(spot) and not self._belongs_elsewhere(spot, pixel[0], seen, rivals)
-            for sighting in [self._locate(spot, looks, expected, spread)]
-            if sighting.distance <= GATE and self._fits_link(chain, marker, parent, sighting)
-        ]
-        best = min(sightings, key=lambda sighting: sighting.distance, default=None)
+        reach = math.sqrt(largest_eigenvalue(spread)) * self._pixels_per_metre
+        best = self._best(chain, marker, near, (expected, spread), seen, rivals)
+        if best is None or best.distance > UNSURPRISING:
+            (anywhere,) = self._look(image, [marker], self._map.to_pixels(expected[None, :]), WINDOW_SIGMAS * reach)
+            best = self._best(chain, marker, anywhere, (expected, spread), seen, rivals)
         if best is None:
             self._returning.pop(marker, None)
             return None
-        surround = surround_of(image, best.spot, self._side)
-        if best.distance > UNSURPRISING and not looks.resembles(best.spot, surround):
+        looks, parent = self._looks[marker], seen[-1] if seen else None
+        if best.distance > UNSURPRISING and not looks.resembles(best.spot, best.surround):
             return None
         if parent is None and marker > 0:
             # Nothing near holds it: only a place that is well known will do.
             trusted = STAYING_REACH if self._in_sight[marker] else RETURNING_REACH
-            if reach > trusted * self._diameter_px or not looks.resembles(best.spot, surround):
+            if reach > trusted * self._diameter_px or not looks.resembles(best.spot, best.surround):
                 return None
-        if not self._in_sight[marker] and not self._returns(marker, best, surround, reach):
+        if not self._in_sight[marker] and not self._returns(marker, best, reach):
             return None
         chain.update(marker, best.point, best.noise)
-        self._looks[marker] = looks.updated(best.spot, surround)
+        self._looks[marker] = looks.updated(best.spot, best.surround)
         return Seen(best.spot, best.point, looks.confidence(best.spot, best.distance, GATE))
 
-    def _locate(self, spot: Spot, looks: Looks, expected: Array, spread: Array) -> Sighting:
-        (point,), (jacobian,) = self._map.to_plane_with_jacobian(np.array([[spot.u, spot.v]]))
-        # What a covered edge can move the centre by is added to what noise can (see Looks.hidden_share).
-        lopsided = looks.hidden_share(spot) * self._diameter_px / 2
-        variance = spot.stddev_px**2 + lopsided**2
-        noise = jacobian @ jacobian.T * variance + IDENTITY * self.options.placement_stddev_m**2
-        miss = point - expected
-        return Sighting(spot, point, noise, float(miss @ inverse2(spread + noise) @ miss))
+    def _best(
+        self,
+        chain: ChainFilter,
+        marker: int,
+        candidates: Sequence[Candidate],
+        expected: tuple[Array, Array],
+        seen: list[Seen | None],
+        rivals: Array,
+    ) -> Sighting | None:
+        """Return the candidate that fits a marker's expected place and covariance best; None when none does."""
+        parent, placement = seen[-1] if seen else None, self.options.placement_stddev_m
+        sightings = [
+            sighting
+            for candidate in candidates
+            if not self._belongs_elsewhere(candidate.spot, self._predicted[marker], seen, rivals)
+            for sighting in [locate(candidate, self._looks[marker], self._diameter_px, placement, expected)]
+            if sighting.distance <= GATE and self._fits_link(chain, marker, parent, sighting)
+        ]
+        return min(sightings, key=lambda sighting: sighting.distance, default=None)
 
     def _belongs_elsewhere(self, spot: Spot, expected: Array, seen: list[Seen | None], rivals: Array) -> bool:
         """Whether another marker of this finger has the spot, or another finger has as good a claim to it."""
-        place = np.array([spot.u, spot.v])
+        place = spot.u, spot.v
         near = 0.5 * self._diameter_px
-        if any(other is not None and math.dist((other.spot.u, other.spot.v), place) < near for other in seen):
+        if any(other is not None and math.dist(other.spot[:2], place) < near for other in seen):
             return True
         if not len(rivals):
             return False
@@ -284,9 +313,9 @@ class FingerTracker:
         """Whether distance and turn from the marker before are possible; true when that one is not in sight."""
         if parent is None:
             return True
-        step = sighting.point - parent.point
+        step = (sighting.point - parent.point).tolist()
         length = self._geometry.base_marker_m if marker == 1 else self.layout.link_lengths_m[marker - 2]
-        blur = 3.0 * math.sqrt(float(np.trace(sighting.noise)))
+        blur = 3.0 * math.sqrt(sighting.noise[0, 0] + sighting.noise[1, 1])
         if abs(math.hypot(*step) - length) > LINK_TOLERANCE[0] + LINK_TOLERANCE[1] * length + blur:
             return False
         if marker == 1:
@@ -295,14 +324,14 @@ class FingerTracker:
         turn = (heading - math.atan2(step[1], step[0]) + math.pi) % (2 * math.pi) - math.pi
         return JOINT_RANGE[0] <= turn <= JOINT_RANGE[1]
 
-    def _returns(self, marker: int, sighting: Sighting, surround: float, reach: float) -> bool:
+    def _returns(self, marker: int, sighting: Sighting, reach: float) -> bool:
         """Whether a spot is a marker that was out of sight.
 
         It has to look the same, surroundings included; and unless its place was sure, it has to be seen a second
         time, no further away than a joint can have moved.
         """
         before = self._returning.pop(marker, None)
-        if not self._looks[marker].resembles(sighting.spot, surround):
+        if not self._looks[marker].resembles(sighting.spot, sighting.surround):
             return False
         if reach <= SURE_REACH * self._diameter_px:
             return True
@@ -345,7 +374,7 @@ class FingerTracker:
             return MarkerReading(name, pixel, found.point, found.spot.stddev_px, found.confidence, occluded=False)
         point, spread = chain.expect(marker)
         pixel = self._map.to_pixels(point[None, :])[0]
-        deviation = math.sqrt(float(np.trace(spread)) / 2) * self._diameter_px / self._marker_diameter_m
+        deviation = math.sqrt(float(np.trace(spread)) / 2) * self._pixels_per_metre
         return MarkerReading(name, pixel, point, deviation, 0.0, occluded=True)
 
     def silent(self, problem: str) -> FingerReading:
@@ -355,22 +384,3 @@ class FingerTracker:
             MarkerReading(name, unknown, unknown, math.nan, 0.0, occluded=True) for name in self.layout.marker_names
         )
         return FingerReading(self.setup.name, self.profile, markers, 0.0, None, f"{self.setup.name}: {problem}")
-
-
-def threshold_quality(spots: list[Spot]) -> float:
-    """Return 0..1 how well markers stand out: the between-class share of the signal's variance, h^2 / (h^2 + (2 s)^2).
-
-    h is the markers' median height over their surroundings and s the surroundings' noise; 0.5 means that markers are
-    two deviations high, and 0 that none was seen.
-    """
-    if not spots:
-        return 0.0
-    height = float(np.median([spot.height for spot in spots]))
-    noise = float(np.median([spot.noise for spot in spots]))
-    return height**2 / (height**2 + (2.0 * noise) ** 2)
-
-
-def _largest_eigenvalue(matrix: Array) -> float:
-    """Return the larger eigenvalue of a symmetric 2x2 matrix (closed form)."""
-    mean, half = (matrix[0, 0] + matrix[1, 1]) / 2, (matrix[0, 0] - matrix[1, 1]) / 2
-    return float(mean + math.hypot(half, matrix[0, 1]))

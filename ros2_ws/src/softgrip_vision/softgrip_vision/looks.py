@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -38,6 +39,8 @@ RING_RADIUS = 1.4
 RING_SAMPLES = 16
 #: As many of them at least show the finger's body.
 BODY_SAMPLES = 3
+#: The 3x3 pixels at a spot's centre show its colour.
+_CENTRE = np.array([(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)])
 _RING = RING_RADIUS * np.array(
     [(math.cos(turn), math.sin(turn)) for turn in np.arange(RING_SAMPLES) * 2 * math.pi / RING_SAMPLES]
 )
@@ -95,7 +98,7 @@ def sharp_area(remembered_px: float, spots: Sequence[Spot]) -> float:
     """Return the area [px^2] of a finger's markers when sharp and uncovered, with one more frame's spots."""
     if len(spots) < FEWEST_FOR_AREA:
         return remembered_px
-    change = float(np.median([spot.area_px for spot in spots])) - remembered_px
+    change = statistics.median(spot.area_px for spot in spots) - remembered_px
     return remembered_px + (MEMORY_OF_LARGER if change > 0 else MEMORY_OF_SMALLER) * change
 
 
@@ -118,24 +121,33 @@ def alike(image: Image, spots: Sequence[Spot]) -> BodySide | None:
         return None
     spreads = {}
     for side in BodySide:
-        around = [surround_of(image, spot, side) for spot in spots[1:]]
+        around = surrounds_of(image, spots[1:], side)
         spreads[side] = max(around) / min(around)
     best = min(spreads, key=lambda side: spreads[side])
     return best if spreads[best] <= ALIKE_SURROUND else None
 
 
-def surround_of(image: Image, spot: Spot, side: BodySide) -> float:
-    """Return the brightness of the body's part of the ring around a spot over the spot's own (> 0)."""
-    radius = math.sqrt(spot.area_px / math.pi)
-    ring = (_RING * radius + (spot.u + 0.5, spot.v + 0.5)).astype(np.intp)
-    ring = np.minimum(np.maximum(ring, 0), (image.shape[1] - 1, image.shape[0] - 1))
-    brightness = sorted(image[ring[:, 1], ring[:, 0]].sum(axis=1).tolist())
-    around = brightness[-BODY_SAMPLES] if side is BodySide.BRIGHTER else brightness[BODY_SAMPLES - 1]
-    return (float(around) + 1.0) / (3.0 * float(colour_at(image, spot).mean()) + 1.0)
+def surrounds_of(image: Image, spots: Sequence[Spot], side: BodySide) -> list[float]:
+    """Return the brightness of the body's part of the ring around each spot over the spot's own (> 0)."""
+    centres = np.array([(spot.u, spot.v) for spot in spots])
+    radii = np.sqrt(np.array([spot.area_px for spot in spots]) / math.pi)
+    rings = np.floor(_RING * radii[:, None, None] + (centres + 0.5)[:, None, :])
+    samples = np.concatenate([rings, _CENTRE + np.rint(centres)[:, None, :]], axis=1)
+    brightness = _pixels(image, samples).sum(axis=2)
+    ring = np.sort(brightness[:, :RING_SAMPLES], axis=1)
+    around = ring[:, -BODY_SAMPLES if side is BodySide.BRIGHTER else BODY_SAMPLES - 1]
+    own = brightness[:, RING_SAMPLES:].sum(axis=1) / len(_CENTRE)
+    return [float(ratio) for ratio in (around + 1.0) / (own + 1.0)]
 
 
-def colour_at(image: Image, spot: Spot) -> NDArray[np.float64]:
-    """Return the (3,) mean BGR colour of the 3x3 pixels at a spot's centre."""
-    row, column = round(spot.v), round(spot.u)
-    patch = image[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-    return np.asarray(patch.reshape(-1, 3).mean(axis=0), dtype=np.float64)
+def colours_at(image: Image, spots: Sequence[Spot]) -> NDArray[np.float64]:
+    """Return the (k, 3) mean BGR colours of the 3x3 pixels at the spots' centres."""
+    centres = np.rint([(spot.u, spot.v) for spot in spots])
+    return np.asarray(_pixels(image, _CENTRE + centres[:, None, :]).mean(axis=1), dtype=np.float64)
+
+
+def _pixels(image: Image, samples: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the (k, m, 3) colours at (k, m, 2) places [px]; outside of the image those of its border."""
+    columns = np.minimum(np.maximum(samples[:, :, 0], 0), image.shape[1] - 1).astype(np.intp)
+    rows = np.minimum(np.maximum(samples[:, :, 1], 0), image.shape[0] - 1).astype(np.intp)
+    return np.asarray(image[rows, columns], dtype=np.int64)

@@ -54,7 +54,7 @@ class FingerReading:
     Attributes:
         finger, profile: names.
         markers: base to tip.
-        threshold_quality: 0..1 how well the markers' colour stands out (see tracker.threshold_quality).
+        threshold_quality: 0..1 how well the markers' colour stands out (see sightings.threshold_quality).
         pose: None when the frame does not show enough to know it.
         problem: why there is no pose, in words; empty when there is one.
     """

@@ -82,7 +82,8 @@ def search_spots(image: Image, region: Window, colour: ColourModel, diameter_px:
             margin = math.ceil(diameter_px)
             corner = (region.left + left * factor - margin, region.top + top * factor - margin)
             window = _clip(*corner, width * factor, height * factor, margin, image.shape)
-            spots += find_spots(image, window, colour, level, (AREA_RATIO[0] * area, AREA_RATIO[1] * area))
+            (found,) = find_spots(image, [window], colour, [level], (AREA_RATIO[0] * area, AREA_RATIO[1] * area))
+            spots += found
     return _distinct([spot for spot in spots if spot.roundness >= LEAST_ROUNDNESS], diameter_px)
 
 

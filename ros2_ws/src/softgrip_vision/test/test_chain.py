@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2
+from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2, largest_eigenvalue, mahalanobis2
 from softgrip_vision.layout import ChainLayout
 
 GEOMETRY = ChainGeometry(ChainLayout((0.045, 0.027, 0.023)), 0.020)
@@ -143,3 +143,12 @@ def test_what_hidden_joints_leave_unknown() -> None:
 def test_inverse2() -> None:
     matrix = np.array([[3.0, 1.0], [-2.0, 5.0]])
     assert inverse2(matrix) @ matrix == pytest.approx(np.eye(2))
+
+
+def test_closed_forms_of_two_by_two_matrices() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        root = random.normal(size=(2, 2))
+        covariance, miss = root @ root.T + 0.01 * np.eye(2), random.normal(size=2)
+        assert largest_eigenvalue(covariance) == pytest.approx(np.linalg.eigvalsh(covariance)[-1], rel=1e-10)
+        assert mahalanobis2(miss, covariance) == pytest.approx(miss @ np.linalg.solve(covariance, miss), rel=1e-8)

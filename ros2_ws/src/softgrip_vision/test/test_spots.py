@@ -53,7 +53,7 @@ def test_hue_agrees_with_hsv(hue: float) -> None:
 @settings(max_examples=40, deadline=None)
 @given(u=st.floats(20.0, 27.0), v=st.floats(20.0, 27.0))
 def test_centre_of_a_disc(u: float, v: float) -> None:
-    (spot,) = find_spots(disc(u, v), Window(0, 0, 48, 48), GREEN, 40.0, (50.0, 1000.0))
+    ((spot,),) = find_spots(disc(u, v), [Window(0, 0, 48, 48)], GREEN, [40.0], (50.0, 1000.0))
     assert (spot.u, spot.v) == pytest.approx((u, v), abs=0.1)
     assert spot.area_px == pytest.approx(np.pi * 81, rel=0.06)
     assert spot.roundness > 0.97
@@ -67,7 +67,8 @@ def test_stated_deviation_is_what_noise_does() -> None:
     spots = []
     for _ in range(300):
         noisy = np.clip(np.rint(clean + random.normal(0, 8.0, clean.shape)), 0, 255).astype(np.uint8)
-        spots += find_spots(noisy, Window(0, 0, 48, 48), GREEN, 40.0, (50.0, 1000.0))
+        (found,) = find_spots(noisy, [Window(0, 0, 48, 48)], GREEN, [40.0], (50.0, 1000.0))
+        spots += found
     assert len(spots) == 300
     observed = np.std([(spot.u, spot.v) for spot in spots], axis=0).mean()
     stated = np.mean([spot.stddev_px for spot in spots])
@@ -76,21 +77,51 @@ def test_stated_deviation_is_what_noise_does() -> None:
 
 def test_a_spot_cut_by_the_window_is_none() -> None:
     image = disc(23.0, 24.0)
-    assert find_spots(image, Window(0, 0, 26, 48), GREEN, 40.0, (50.0, 1000.0)) == []
+    assert find_spots(image, [Window(0, 0, 26, 48)], GREEN, [40.0], (50.0, 1000.0)) == [[]]
 
 
 def test_shade_across_a_marker_does_not_pull_its_centre() -> None:
     image = disc(23.0, 24.0).astype(float)
     image *= np.linspace(1.0, 0.75, 48)[None, :, None]
-    (spot,) = find_spots(np.rint(image).astype(np.uint8), whole(image), GREEN, 40.0, (50.0, 1000.0))
+    ((spot,),) = find_spots(np.rint(image).astype(np.uint8), [whole(image)], GREEN, [40.0], (50.0, 1000.0))
     assert (spot.u, spot.v) == pytest.approx((23.0, 24.0), abs=0.1)
+
+
+def test_windows_looked_at_together_show_what_each_shows_alone() -> None:
+    """Overlapping ones, cut ones, ones of other sizes and thresholds, at the image's border too."""
+    random = np.random.default_rng(7)
+    image = np.full((200, 300, 3), 120.0)
+    for _ in range(60):
+        u, v = random.uniform(0, 300), random.uniform(0, 200)
+        corner = max(0, int(v) - 24), max(0, int(u) - 24)
+        patch = disc(u - corner[1], v - corner[0], random.uniform(5.0, 10.0))
+        part = image[corner[0] : corner[0] + 48, corner[1] : corner[1] + 48]
+        green = (patch[:, :, 1] != 150)[: part.shape[0], : part.shape[1]]
+        part[green] = patch[: part.shape[0], : part.shape[1]][green]
+    image = np.clip(np.rint(image + random.normal(0, 3.0, image.shape)), 0, 255).astype(np.uint8)
+    places = random.uniform((0, 0), (300, 200), (40, 2))
+    windows = [w for place in places if (w := window_around(place, random.uniform(15.0, 60.0), (300, 200)))]
+    thresholds = random.uniform(20.0, 80.0, len(windows)).tolist()
+    together = find_spots(image, windows, GREEN, thresholds, (50.0, 500.0))
+    alone = [find_spots(image, [w], GREEN, [t], (50.0, 500.0))[0] for w, t in zip(windows, thresholds, strict=True)]
+    assert together == alone
+    assert sum(len(spots) for spots in alone) > len(windows) / 2
+
+
+def test_a_crowd_of_specks_does_not_exhaust_the_labels() -> None:
+    """More components than 16 bits can number, and one spot after them all."""
+    image = np.full((560, 560, 3), 120, np.uint8)
+    image[1:500:2, 1::2] = (60, 190, 50)
+    image[510:558, 500:548] = disc(23.0, 24.0)
+    ((spot,),) = find_spots(image, [whole(image)], GREEN, [40.0], (50.0, 1000.0))
+    assert (spot.u, spot.v) == pytest.approx((523.0, 534.0), abs=0.1)
 
 
 def test_other_colours_are_not_seen() -> None:
     for colour in ((60, 60, 200), (200, 60, 60), (60, 200, 200)):  # red, blue, yellow
         image = np.full((48, 48, 3), 120, np.uint8)
         image[16:32, 16:32] = colour
-        assert find_spots(image, whole(image), GREEN, 15.0, (50.0, 1000.0)) == []
+        assert find_spots(image, [whole(image)], GREEN, [15.0], (50.0, 1000.0)) == [[]]
 
 
 def test_windows_stay_in_the_image() -> None:
