@@ -111,27 +111,24 @@ class ChainFilter:
         n = self.joints
         decay = math.exp(-seconds / SPEED_TIME)
         reach = SPEED_TIME * (1.0 - decay)
-        transition = np.eye(3 + 2 * n)
-        angle, speed = slice(3, 3 + n), slice(3 + n, 3 + 2 * n)
-        transition[angle, speed] = np.eye(n) * reach
-        transition[speed, speed] = np.eye(n) * decay
-        self.state = transition @ self.state
-        self.covariance = transition @ self.covariance @ transition.T + self._process_noise(seconds, decay)
+        self.state = _advanced(self.state, n, reach, decay)
+        half_advanced = _advanced(self.covariance, n, reach, decay)
+        self.covariance = _advanced(half_advanced.T, n, reach, decay)
+        self._add_process_noise(seconds, decay)
 
-    def _process_noise(self, seconds: float, decay: float) -> Array:
-        """Return the exact discrete noise of an Ornstein-Uhlenbeck speed and its integral."""
+    def _add_process_noise(self, seconds: float, decay: float) -> None:
+        """Add the exact discrete noise of an Ornstein-Uhlenbeck speed and its integral, and the mount's drift."""
         n, tau = self.joints, SPEED_TIME
         spectral = 2.0 * SPEED_STDDEV**2 / tau
-        noise = np.zeros_like(self.covariance)
-        noise[:3, :3] = np.diag(np.square(MOUNT_DRIFT)) * seconds
         angle = spectral * tau**2 * (seconds - 2 * tau * (1 - decay) + tau / 2 * (1 - decay**2))
         cross = spectral * tau**2 / 2 * (1 - decay) ** 2
         speed = spectral * tau / 2 * (1 - decay**2)
-        for joint in range(n):
-            i, j = 3 + joint, 3 + n + joint
-            noise[i, i], noise[j, j] = angle, speed
-            noise[i, j] = noise[j, i] = cross
-        return noise
+        every = np.arange(3 + 2 * n)
+        joints, speeds = every[3 : 3 + n], every[3 + n :]
+        drift = [stddev**2 * seconds for stddev in MOUNT_DRIFT]
+        self.covariance[every, every] += [*drift, *[angle] * n, *[speed] * n]
+        self.covariance[joints, speeds] += cross
+        self.covariance[speeds, joints] += cross
 
     def expect(self, marker: int) -> tuple[Array, Array]:
         """Return (2,) the position [m] of a marker as expected and (2, 2) its covariance [m^2]."""
@@ -201,6 +198,14 @@ class ChainFilter:
         jacobian = self.geometry.jacobian(points, len(points) - 1, len(state))
         jacobian[:, :3] = 0.0
         return points[-1], np.sqrt(np.diag(jacobian @ self.covariance @ jacobian.T))
+
+
+def _advanced(rows: Array, joints: int, reach: float, decay: float) -> Array:
+    """Return the rows of a state or covariance after a time: angles moved on by their speeds, speeds decayed."""
+    later = rows.copy()
+    later[3 : 3 + joints] += reach * rows[3 + joints :]
+    later[3 + joints :] *= decay
+    return later
 
 
 def inverse2(matrix: Array) -> Array:

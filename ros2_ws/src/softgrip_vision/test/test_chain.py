@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
-from softgrip_vision.chain import ChainFilter, ChainGeometry, inverse2, largest_eigenvalue, mahalanobis2
+from softgrip_vision.chain import (
+    MOUNT_DRIFT,
+    SPEED_STDDEV,
+    SPEED_TIME,
+    ChainFilter,
+    ChainGeometry,
+    inverse2,
+    largest_eigenvalue,
+    mahalanobis2,
+)
 from softgrip_vision.layout import ChainLayout
 
 GEOMETRY = ChainGeometry(ChainLayout((0.045, 0.027, 0.023)), 0.020)
@@ -152,3 +162,23 @@ def test_closed_forms_of_two_by_two_matrices() -> None:
         covariance, miss = root @ root.T + 0.01 * np.eye(2), random.normal(size=2)
         assert largest_eigenvalue(covariance) == pytest.approx(np.linalg.eigvalsh(covariance)[-1], rel=1e-10)
         assert mahalanobis2(miss, covariance) == pytest.approx(miss @ np.linalg.solve(covariance, miss), rel=1e-8)
+
+
+def test_prediction_is_the_exact_solution_of_the_motion_model() -> None:
+    """Van Loan's matrix exponential of dx = A x dt + noise, for a joint's speed that forgets within SPEED_TIME."""
+    random = np.random.default_rng(5)
+    chain = ChainFilter(GEOMETRY)
+    root = random.normal(size=(9, 9))
+    state, covariance, seconds = random.normal(size=9), root @ root.T, 0.04
+    chain.state, chain.covariance = state.copy(), covariance.copy()
+    drift, density = np.zeros((9, 9)), np.zeros((9, 9))
+    drift[3:6, 6:], drift[6:, 6:] = np.eye(3), -np.eye(3) / SPEED_TIME
+    density[:3, :3] = np.diag(np.square(MOUNT_DRIFT))
+    density[6:, 6:] = np.eye(3) * 2.0 * SPEED_STDDEV**2 / SPEED_TIME
+    block = expm(np.block([[-drift, density], [np.zeros((9, 9)), drift.T]]) * seconds)
+    transition = block[9:, 9:].T
+    chain.predict(seconds)
+    assert chain.state == pytest.approx(transition @ state, rel=1e-9)
+    assert chain.covariance == pytest.approx(
+        transition @ covariance @ transition.T + transition @ block[:9, 9:], rel=1e-9, abs=1e-12
+    )

@@ -109,9 +109,6 @@ class MarkerTrackerNode(Node):
         else:
             self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_compressed, SENSOR)
         self._frames = 0
-        # Held until the next one is decoded: glibc would hand the memory back to the system after every frame, and
-        # fetching it again page by page takes as long as decoding.
-        self._image: colour.Image | None = None
         self._diagnostics.set("frames", Health.WARN, "no frame yet; is the camera running?")
 
     def _make_tracker(self) -> Tracker:
@@ -171,7 +168,7 @@ class MarkerTrackerNode(Node):
     def _on_frame(self, header: Header, pixels: Any) -> None:
         start = time.perf_counter()
         try:
-            self._image = image = pixels()
+            image = pixels()
             readings = self._tracker.measure(image, seconds(header.stamp))
         except VisionError as error:
             self._diagnostics.set("frames", Health.ERROR, str(error))
