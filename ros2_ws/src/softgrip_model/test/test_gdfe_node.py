@@ -120,7 +120,7 @@ def test_an_active_friction_model_is_used_instead_of_the_profiles_own(bench):
     bench.spin(lambda: bench.node._session.friction_id == "capstan-0.4")
     rubbed = bench.pull(9_000_000_000, 0.004)
     assert len({own.mesh, without.mesh, rubbed.mesh}) == 3  # each names what it was computed with
-    tensions = bench.node._session._closings["index"].shape(0.004).tension
+    tensions = bench.node._session._fingers["index"].fine.shape(0.004).tension
     assert tensions[0] > 1.1 * tensions[-1]  # friction took its share
     # the same length with friction bends the joints near the actuator more, so the tip is elsewhere
     assert np.abs(np.array(rubbed.vertices) - np.array(without.vertices)).max() > 1e-4

@@ -251,6 +251,7 @@ def _finger(case: FingerCase, options: argparse.Namespace) -> Result:
     resolution = RESOLUTIONS[case.resolution].refined(options.refine)
     started = time.perf_counter()
     closing = Closing(chosen, case.finger, ClosingSettings(resolution=resolution, travel_mm=1e3 * case.pull_m))
+    closing.keyframes.cover(1e3 * case.pull_m)
     prepare_s = time.perf_counter() - started
     pulls = case.pull_m * np.arange(1, case.steps + 1) / case.steps
     shapes = [closing.shape(float(pull)) for pull in pulls]

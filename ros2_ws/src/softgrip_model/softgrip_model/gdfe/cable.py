@@ -49,11 +49,13 @@ class Cable:
         return _core.Cable(
             points,
             np.zeros(3) if self.entry is None else np.array(self.entry),
-            law_index(self.friction.law),
-            k_index(self.friction.k_reading),
-            list(self.friction.coefficients),
-            self.friction.radius_mm,
+            *friction_numbers(self.friction),
         )
+
+
+def friction_numbers(friction: FrictionLaw) -> tuple[int, int, list[float], float]:
+    """Return a friction law as the core takes it: law, reading of K, coefficients, radius [mm]."""
+    return law_index(friction.law), k_index(friction.k_reading), list(friction.coefficients), friction.radius_mm
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 """The shape of a finger at any pulled length, solved in the mesh: cable, friction and material together.
 
 The cable runs through the mesh's routing points with the calibrated friction law, or that of the profile as long as
-there is none; its pulled length is prescribed, the tension follows. A closing is computed once from rest in equal
-steps (its keyframes); every later shape starts from the keyframes next to its own length. So a shape depends on its
-pulled length alone, not on what was before.
+there is none; its pulled length is prescribed, the tension follows. Every shape starts from the keyframes next to its
+own length, which are computed when a shape first needs them. So a shape depends on its pulled length alone, not on what
+was before. Mesh and factored matrix know nothing of friction: closings of one finger share them (`Body`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import time
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
 from softgrip_model.gdfe.cable import Cable, Drive
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
+from softgrip_model.gdfe.keyframes import Keyframes
 from softgrip_model.gdfe.materials import Material, StressPolynomial
 from softgrip_model.gdfe.solver import Equilibrium, Law, Settings, Solver, State, Supports
 from softgrip_model.gdfe.validity import warnings_of
@@ -34,7 +36,7 @@ POISSON = 0.3
 #: [mm] of cable length, everywhere in this module.
 LENGTH_TOLERANCE_MM = 1e-3
 #: Of the acceleration: slender hinges pulled by a force are badly conditioned, and a long memory pays.
-WINDOW = 30
+WINDOW = 60
 #: Share of a material's strain range that the equivalent strain (above half of any principal one) must reach before
 #: principal stretches are worked out.
 NEAR_RANGE = 0.5
@@ -49,9 +51,9 @@ class ClosingSettings:
     Attributes:
         resolution: elements along the finger's parts.
         travel_mm: longest pulled length.
-        keyframe_mm: distance of the keyframes.
+        keyframe_mm: distance of the keyframes that shapes are started from.
         tolerance: out-of-balance force relative to reactions.
-        max_iterations: of one shape.
+        max_iterations: of one shape; a keyframe may take half of them.
     """
 
     resolution: Resolution = RESOLUTIONS["fine"]
@@ -99,8 +101,49 @@ def profile_material(material: ProfileMaterial, poisson: float = POISSON) -> Str
     return StressPolynomial(material.name, (c, b / 2.0, a / 3.0), poisson, (-limit, limit))
 
 
+class Body:
+    """What a finger's closings have in common, whatever the cable's friction: mesh, material, factored matrix."""
+
+    def __init__(
+        self,
+        profile: Profile,
+        slot: str,
+        resolution: Resolution,
+        *,
+        material: Material | None = None,
+        law: Law = Law.CALIBRATED,
+    ) -> None:
+        """Mesh the finger and factor its matrix.
+
+        Args:
+            profile: of the finger.
+            slot: it sits in.
+            resolution: elements along the finger's parts.
+            material: instead of the profile's.
+            law: of the elements.
+
+        Raises:
+            ProfileError: no such finger.
+            GdfeError: a finger that cannot be meshed.
+            FingerError: impossible design, or unknown friction.
+        """
+        self.profile, self.slot, self.resolution = profile, slot, resolution
+        finger = Finger.from_profile(profile, slot)
+        self.finger_mesh: FingerMesh = mesh_finger(finger, resolution, 1e3 * profile.finger(slot).body_height_m)
+        mesh = self.finger_mesh.mesh
+        self.material = material or profile_material(profile.material)
+        supports = Supports.none(len(mesh.nodes)).with_prescribed(self.finger_mesh.clamped)
+        cable = Cable(self.finger_mesh.routing, assumed_friction(profile).law)
+        # a node that jumps further than half the thinnest strip in one iteration turns elements over
+        limit = 0.5 * min(finger.thickness_mm)
+        method = Settings(law=law, step_limit=limit, window=WINDOW)
+        self.solver = Solver(mesh, [self.material], supports, [cable], method)
+        self.faces: Index = mesh.surface().astype(np.uint32)
+        self.changes = "" if material is None and law is Law.CALIBRATED else f":{material}:{law}"
+
+
 class Closing:
-    """One finger of one profile, ready to be shown at any pulled length."""
+    """One finger of one profile with one friction law, at any pulled length."""
 
     def __init__(
         self,
@@ -111,8 +154,9 @@ class Closing:
         friction: ActiveFriction | None = None,
         material: Material | None = None,
         law: Law = Law.CALIBRATED,
+        body: Body | None = None,
     ) -> None:
-        """Mesh the finger and compute its keyframes.
+        """Mesh the finger, unless its body is there already; nothing is solved yet.
 
         Args:
             profile: of the finger.
@@ -121,6 +165,7 @@ class Closing:
             friction: calibrated model; None = the one that the profile names.
             material: instead of the profile's.
             law: of the elements.
+            body: of this finger at this resolution, shared with other closings; the four above it then say nothing new.
 
         Raises:
             ProfileError: no such finger.
@@ -128,30 +173,25 @@ class Closing:
             FingerError: impossible design, or unknown friction.
         """
         self.settings = settings or ClosingSettings()
-        finger = Finger.from_profile(profile, slot)
-        self.finger_mesh: FingerMesh = mesh_finger(
-            finger, self.settings.resolution, 1e3 * profile.finger(slot).body_height_m
-        )
-        mesh = self.finger_mesh.mesh
-        self.material = material or profile_material(profile.material)
+        self.body = body or Body(profile, slot, self.settings.resolution, material=material, law=law)
+        self.finger_mesh, self.material = self.body.finger_mesh, self.body.material
         self.friction = friction or assumed_friction(profile)
-        supports = Supports.none(len(mesh.nodes)).with_prescribed(self.finger_mesh.clamped)
-        cable = Cable(self.finger_mesh.routing, self.friction.law)
-        # a node that jumps further than half the thinnest strip in one iteration turns elements over
-        limit = 0.5 * min(finger.thickness_mm)
-        method = Settings(law=law, step_limit=limit, window=WINDOW)
-        self._solver = Solver(mesh, [self.material], supports, [cable], method)
-        self.faces: Index = mesh.surface().astype(np.uint32)
-        self.hexahedra = len(mesh.hexes)
+        self._solver = self.body.solver
+        self.faces = self.body.faces
+        self.hexahedra = len(self.finger_mesh.mesh.hexes)
         text = f"{digest(profile)}:{slot}:{self.settings}:{POISSON}"
         if friction is not None:
             text += f":{friction.id}:{friction.law}"
-        if material is not None or law is not Law.CALIBRATED:
-            text += f":{material}:{law}"
-        self.digest = hashlib.sha256((mesh.digest + text).encode()).hexdigest()[:16]
-        self._keyframes: list[Equilibrium] = []
-        self.reach_mm = 0.0
-        self._compute_keyframes()
+        text += self.body.changes
+        self.digest = hashlib.sha256((self.finger_mesh.mesh.digest + text).encode()).hexdigest()[:16]
+        self.keyframes = Keyframes(
+            self.settings.keyframe_mm,
+            self.settings.travel_mm,
+            LENGTH_TOLERANCE_MM,
+            partial(self._solve, max_iterations=self.settings.max_iterations // 2),
+            self._solver.rest(),
+        )
+        self._last: tuple[float, Equilibrium] | None = None
 
     def shape(self, pulled_length: float) -> Shape:
         """Return the shape at a pulled length [m]."""
@@ -160,51 +200,40 @@ class Closing:
         reason = ""
         if not pulled_mm > 0.0:
             pulled_mm, reason = 0.0, "cable slack: shown at rest"
-        if pulled_mm > self.reach_mm + LENGTH_TOLERANCE_MM:
-            last = self._keyframes[-1]
-            reason = f"pulled {pulled_mm:.2f} mm; the last shape that converged is at {self.reach_mm:.2f} mm"
-            return self._shape(pulled_length, last, started, reason, converged=False)
-        found = self._solve(pulled_mm, self._start(pulled_mm))
+        known = self.keyframes
+        known.cover(pulled_mm)
+        if not known.within_reach(pulled_mm):
+            reason = f"pulled {pulled_mm:.2f} mm; the last shape that converged is at {known.reach_mm:.2f} mm"
+            return self._shape(pulled_length, known.last, started, reason, converged=False)
+        found = self._found(pulled_mm)
         if not found.converged:
-            nearest = self._keyframes[round(pulled_mm / self.settings.keyframe_mm)]
+            nearest = known.nearest(pulled_mm)
             reason = f"residual {found.residual:.1e} after {found.iterations} iterations; shown: nearest keyframe"
             return self._shape(pulled_length, nearest, started, reason, converged=False)
         return self._shape(pulled_length, found, started, reason, converged=True)
 
     def state(self, pulled_mm: float) -> State:
         """Return a state near the shape at a pulled length [mm], to start another solve of the same mesh from."""
-        return State(self._start(pulled_mm).displacement)
+        self.keyframes.cover(pulled_mm)
+        return State(self.keyframes.start(pulled_mm).displacement)
 
-    def _compute_keyframes(self) -> None:
-        step, count = self.settings.keyframe_mm, round(self.settings.travel_mm / self.settings.keyframe_mm)
-        self._keyframes.append(self._solve(0.0, self._solver.rest()))
-        for k in range(1, count + 1):
-            found = self._solve(k * step, self._start(k * step))
-            if not found.converged:
-                break
-            self._keyframes.append(found)
-            self.reach_mm = k * step
+    def _found(self, pulled_mm: float) -> Equilibrium:
+        """Return the equilibrium at a length that is covered; at once where the tendon stands still."""
+        if self._last is None or self._last[0] != pulled_mm:
+            start = self.keyframes.start(pulled_mm)
+            self._last = pulled_mm, self._solve(pulled_mm, start, self.settings.max_iterations)
+        return self._last[1]
 
-    def _solve(self, pulled_mm: float, start: State) -> Equilibrium:
+    def _solve(self, pulled_mm: float, start: State, max_iterations: int) -> Equilibrium:
+        self._solver.set_friction(0, self.friction.law)  # another closing may have used it in between
         return self._solver.solve(
             start=start,
             drives=[Drive(pulled_mm)],
             tolerance=self.settings.tolerance,
             force_floor=FORCE_FLOOR_N,
             length_tolerance=LENGTH_TOLERANCE_MM,
-            max_iterations=self.settings.max_iterations,
+            max_iterations=max_iterations,
         )
-
-    def _start(self, pulled_mm: float) -> State:
-        """Lagrange's parabola through the three keyframes nearest to a length; fewer where there are fewer."""
-        at = pulled_mm / self.settings.keyframe_mm
-        count = min(3, len(self._keyframes))
-        first = min(max(round(at) - 1, 0), len(self._keyframes) - count)
-        chosen = range(first, first + count)
-        weights = [np.prod([(at - other) / (own - other) for other in chosen if other != own]) for own in chosen]
-        displacement = sum(w * self._keyframes[k].displacement for w, k in zip(weights, chosen, strict=True))
-        tension = sum(w * self._keyframes[k].anchor_tension[0] for w, k in zip(weights, chosen, strict=True))
-        return State(np.asarray(displacement), (max(0.0, float(tension)),))
 
     def _shape(
         self, pulled_length: float, found: Equilibrium, started: float, reason: str, *, converged: bool

@@ -1,27 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which fingers are shown, when, and at what rate: decided from the stamps of the tendon states alone."""
+"""Which fingers are shown, when, at what rate and on which mesh: decided from the stamps of the tendon states alone.
+
+Only the newest state waits while one is solved, so the distance of the stamps that come through says how long solving
+took, on any machine and in a replay alike. Where it took too long, the coarser mesh serves for a while, and says so;
+meanwhile the fine one gets its keyframes one by one.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.finger.matching import TendonSample
 from softgrip_model.finger.predictor import ActiveFriction
-from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
+from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings, Shape
 from softgrip_model.gdfe.errors import GdfeError
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.profile import Profile, digest
 
 #: Share of the last interval in the stated rate.
 _RATE_SMOOTHING = 0.2
 #: Below this share of the rate asked for, the shapes are said to be coarser in time.
 _COARSER = 0.8
-#: [s] A longer gap between states that solving does not account for is a pause: the rate is counted anew.
-_PAUSE = 1.0
+#: [s] Shapes that come further apart than this are too slow to look at.
+_TOO_SLOW = 0.4
+#: The coarser mesh serves so many times as long as a shape was late, [s] at most so long.
+_RELIEF, _LONGEST_RELIEF = 2.0, 5.0
+#: Mesh that serves where the one asked for is too slow.
+_COARSE = RESOLUTIONS["coarse"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +48,7 @@ class Shown:
     """At which this finger's shapes are being computed; NaN until there are two."""
     marker_due: bool
     reason: str
-    """Why not converged, what to know of the material, or that shapes come at less than the rate asked for."""
+    """Why not converged, what to know of the material, or that shapes come coarser in time or space than asked for."""
 
 
 class _Slots:
@@ -55,6 +66,46 @@ class _Slots:
             return False
         self._slot = slot
         return True
+
+
+class _Relief:
+    """Says from when to when shapes are too slow."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._until = 0
+        self.gap = 0.0
+        """[s] between the two shapes that were last too far apart."""
+
+    def note(self, stamp_ns: int) -> None:
+        gap = 0.0 if self._last is None else 1e-9 * (stamp_ns - self._last)
+        self._last = stamp_ns
+        if gap > _TOO_SLOW:
+            self.gap = gap
+            self._until = stamp_ns + round(1e9 * min(_RELIEF * gap, _LONGEST_RELIEF))
+
+    def due(self, stamp_ns: int) -> bool:
+        return stamp_ns < self._until
+
+
+@dataclass
+class _Slot:
+    """One shown finger: as asked for, and, once it is needed, on the coarser mesh."""
+
+    fine: Closing
+    make_coarse: Callable[[], Closing]
+    relieved: bool = False
+    coarse: Closing | None = None
+
+    def closing(self, pulled_mm: float, *, relief: bool) -> Closing:
+        """Return the one that serves at a length; the fine one comes back only when it has nothing to catch up on."""
+        self.relieved = relief or (self.relieved and not self.fine.keyframes.covers(pulled_mm))
+        if not self.relieved:
+            return self.fine
+        if not self.fine.keyframes.covers(pulled_mm):
+            self.fine.keyframes.advance()
+        self.coarse = self.coarse or self.make_coarse()
+        return self.coarse
 
 
 class ShapeSession:
@@ -85,18 +136,19 @@ class ShapeSession:
         self._slots, self._marker_slots = _Slots(rate_hz), _Slots(marker_rate_hz)
         self._shown = tuple(mounted)
         self._friction: ActiveFriction | None = None
-        self._made: dict[tuple[str, str, str], Closing] = {}
-        self._closings: dict[str, Closing] = {}
+        self._bodies: dict[tuple[str, str, Resolution], Body] = {}
+        self._made: dict[tuple[str, str, str], _Slot] = {}
+        self._fingers: dict[str, _Slot] = {}
+        self._relief = _Relief()
         self._last_stamp: int | None = None
         self._rate = math.nan
-        self._busy = 0.0
         self.mounted: dict[str, str] = {}
         self.set_mounted(mounted)
 
     @property
     def description(self) -> str:
         """Meshes in words."""
-        return ", ".join(f"{slot} {closing.hexahedra} hexahedra" for slot, closing in self._closings.items())
+        return ", ".join(f"{slot} {finger.fine.hexahedra} hexahedra" for slot, finger in self._fingers.items())
 
     def set_mounted(self, mounted: Mapping[str, str]) -> None:
         """Say which profile sits in which slot; slots that are not shown are left out.
@@ -107,7 +159,7 @@ class ShapeSession:
         wanted = {slot: mounted[slot] for slot in self._shown if slot in mounted}
         if wanted == self.mounted:
             return
-        self._closings = {slot: self._closing(profile_id, slot) for slot, profile_id in wanted.items()}
+        self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in wanted.items()}
         self.mounted = wanted
 
     @property
@@ -125,7 +177,7 @@ class ShapeSession:
             return
         before, self._friction = self._friction, friction
         try:
-            self._closings = {slot: self._closing(profile_id, slot) for slot, profile_id in self.mounted.items()}
+            self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in self.mounted.items()}
         except GdfeError:
             self._friction = before
             raise
@@ -136,35 +188,44 @@ class ShapeSession:
             return []
         stamp = samples[0].stamp
         self._note_rate(stamp)
+        self._relief.note(stamp)
+        relief = self._relief.due(stamp) and self._settings.resolution != _COARSE
         marker_due = self._marker_slots.takes(stamp)
         shown = []
         for name, sample in zip(names, samples, strict=True):
-            closing = self._closings.get(name)
-            if closing is None:
+            finger = self._fingers.get(name)
+            if finger is None:
                 continue
+            closing = finger.closing(1e3 * sample.pulled_length, relief=relief)
             shape = closing.shape(sample.pulled_length)
-            reason = "; ".join(filter(None, (shape.reason, self._coarser())))
+            reason = "; ".join(filter(None, (shape.reason, self._fewer(), self._coarser(finger))))
             shown.append(
                 Shown(name, closing.digest, closing.faces, closing.hexahedra, shape, self._rate, marker_due, reason)
             )
-        self._busy = sum(one.shape.solve_time for one in shown)
         return shown
 
-    def _coarser(self) -> str:
+    def _fewer(self) -> str:
         if not self._rate < _COARSER * self._wanted_rate:
             return ""
         return f"{self._rate:.1f} Hz instead of {self._wanted_rate:g} Hz: states come, or are solved, more slowly"
 
+    def _coarser(self, finger: _Slot) -> str:
+        if not finger.relieved or finger.coarse is None:
+            return ""
+        return (
+            f"coarser mesh ({finger.coarse.hexahedra} instead of {finger.fine.hexahedra} hexahedra): shapes came "
+            f"{self._relief.gap:.1f} s apart"
+        )
+
     def _note_rate(self, stamp: int) -> None:
         gap = 0.0 if self._last_stamp is None else 1e-9 * (stamp - self._last_stamp)
-        if gap > max(_PAUSE, 2.0 * self._busy):
-            self._rate = math.nan
-        elif gap > 0.0:
+        if gap > 0.0:
             now = 1.0 / gap
-            self._rate = now if math.isnan(self._rate) else self._rate + _RATE_SMOOTHING * (now - self._rate)
+            anew = math.isnan(self._rate) or gap > _TOO_SLOW
+            self._rate = now if anew else self._rate + _RATE_SMOOTHING * (now - self._rate)
         self._last_stamp = stamp
 
-    def _closing(self, profile_id: str, slot: str) -> Closing:
+    def _finger(self, profile_id: str, slot: str) -> _Slot:
         profile = self._profiles.get(profile_id)
         if profile is None:
             raise GdfeError(
@@ -172,5 +233,14 @@ class ShapeSession:
             )
         key = (digest(profile), slot, repr(self._friction and (self._friction.id, self._friction.law)))
         if key not in self._made:
-            self._made[key] = Closing(profile, slot, self._settings, friction=self._friction)
+            make = partial(self._closing, profile, slot, self._friction)
+            self._made[key] = _Slot(make(self._settings), partial(make, replace(self._settings, resolution=_COARSE)))
         return self._made[key]
+
+    def _closing(
+        self, profile: Profile, slot: str, friction: ActiveFriction | None, settings: ClosingSettings
+    ) -> Closing:
+        key = (digest(profile), slot, settings.resolution)
+        if key not in self._bodies:
+            self._bodies[key] = Body(profile, slot, settings.resolution)
+        return Closing(profile, slot, settings, friction=friction, body=self._bodies[key])

@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.gdfe import _core
-from softgrip_model.gdfe.cable import Cable, Drive
+from softgrip_model.gdfe.cable import Cable, Drive, friction_numbers
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, Ogden, secant_table, shear_secant
 from softgrip_model.gdfe.mesh import Mesh
@@ -264,6 +265,12 @@ class Solver:
     def set_thesis_state(self, omega: Array, last_strain: Array) -> None:
         """Set the thesis law's shape factor and last converged strain of every element, both (m,)."""
         self._core.set_thesis_state(omega.tolist(), last_strain.tolist())
+
+    def set_friction(self, cable: int, friction: FrictionLaw) -> None:
+        """Have a cable rub by another law from now on; matrix and factor stay, as friction acts on forces only."""
+        changed = replace(self.cables[cable], friction=friction)
+        self.cables = (*self.cables[:cable], changed, *self.cables[cable + 1 :])
+        self._core.set_friction(cable, *friction_numbers(friction))
 
     def internal_force(self, displacement: Array) -> Array:
         """Return the elements' forces on the nodes, (n, 3), at displacements (n, 3)."""

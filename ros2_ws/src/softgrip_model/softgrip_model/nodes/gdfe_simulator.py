@@ -6,7 +6,9 @@ subscription callback of tendon/state only. Each shape is a function of its own 
 the active friction model (the profile's own until there is one) alone, and states are taken by their stamps (the first
 in every period of the rate), so that a bag replays to the same bits on the same machine. A state that comes while
 another is being solved waits alone: older ones are dropped, never shown late. The rate in the message is that of the
-stamps solved; when it is below the rate asked for, the reason says so.
+stamps solved; when it is below the rate asked for, the reason says so. Where shapes come too slowly to look at, the
+coarse mesh serves for a while: the message then has its hexahedra, its digest and the reason. Nothing is computed ahead
+of the state that needs it, and a new friction model or a swap back to a finger keeps meshes and factored matrices.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ PARAMETERS = ParameterTable(
     Parameter("fingers", ["index"], "slots whose finger is shown"),
     Parameter("profiles", ["power"], "profile in each of these slots, or one for all, until cell/state says otherwise"),
     Parameter("rate_hz", 30.0, "shapes at most, by the stamps of tendon/state", "Hz", 0.5, 200.0),
-    Parameter("marker_rate_hz", 2.0, "of shape/marker at most; 0 = none", "Hz", 0.0, 60.0),
+    Parameter("marker_rate_hz", 1.0, "of shape/marker at most; 0 = none", "Hz", 0.0, 60.0),
     Parameter(
         "resolution", "fine", "mesh: coarse is about 430 hexahedra, fine about 2,100", "", choices=tuple(RESOLUTIONS)
     ),
@@ -116,7 +118,9 @@ class GdfeSimulator(Node):
                 self._markers.publish(convert.marker_message(message.header.stamp, shown))
             health = Health.WARN if shown.reason else Health.OK
             text = shown.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
-            self._report(f"finger {shown.finger}", health, text, {"solve_time_s": f"{shown.shape.solve_time:.4f}"})
+            behind = 1e-9 * (self.get_clock().now().nanoseconds - convert.nanoseconds(message.header.stamp))
+            values = {"solve_time_s": f"{shown.shape.solve_time:.4f}", "behind_state_s": f"{behind:.3f}"}
+            self._report(f"finger {shown.finger}", health, text, values)
 
     def _on_friction(self, message: FrictionModel) -> None:
         try:

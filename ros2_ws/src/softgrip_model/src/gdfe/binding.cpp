@@ -25,6 +25,15 @@ gdfe::SecantTables make_tables(const Eigen::Ref<const Eigen::MatrixXd>& coeffici
   return tables;
 }
 
+softgrip::friction::Model make_friction(int law, int k_reading, const std::vector<double>& coefficients, double radius_mm) {
+  softgrip::friction::Model friction;
+  friction.law = static_cast<softgrip::friction::Law>(law);
+  friction.k_reading = static_cast<softgrip::friction::KReading>(k_reading);
+  std::copy(coefficients.begin(), coefficients.end(), friction.coefficients.begin());
+  friction.radius_mm = radius_mm;
+  return friction;
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
@@ -73,10 +82,7 @@ PYBIND11_MODULE(_core, module) {
              gdfe::Cable cable;
              cable.points = std::move(points);
              cable.entry = entry;
-             cable.friction.law = static_cast<softgrip::friction::Law>(law);
-             cable.friction.k_reading = static_cast<softgrip::friction::KReading>(k_reading);
-             std::copy(coefficients.begin(), coefficients.end(), cable.friction.coefficients.begin());
-             cable.friction.radius_mm = radius_mm;
+             cable.friction = make_friction(law, k_reading, coefficients, radius_mm);
              return cable;
            }),
            py::arg("points"), py::arg("entry"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
@@ -169,6 +175,11 @@ PYBIND11_MODULE(_core, module) {
           py::arg("prescribed"), py::arg("load"), py::arg("drives"), py::arg("tolerance"), py::arg("force_floor"),
           py::arg("length_tolerance"), py::arg("max_iterations"), py::arg("start"), py::arg("start_tension"),
           py::arg("pressures"), py::arg("follower_forces"), py::arg("motions"), py::arg("motions_before"), py::arg("before"))
+      .def(
+          "set_friction",
+          [](gdfe::Solver& solver, std::size_t cable, int law, int k_reading, const std::vector<double>& coefficients,
+             double radius_mm) { solver.set_friction(cable, make_friction(law, k_reading, coefficients, radius_mm)); },
+          py::arg("cable"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"), py::arg("radius_mm"))
       .def("energy", &gdfe::Solver::energy, py::arg("displacement"))
       .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
       .def("strain",

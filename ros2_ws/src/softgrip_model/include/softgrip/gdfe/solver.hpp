@@ -93,6 +93,9 @@ class Solver {
   // From a start state (displacements and anchor tensions).
   Outcome solve(const Task& task, const Nodes& start, const std::vector<double>& start_tension);
 
+  // Friction acts on forces only: neither the matrix nor the points' compliance knows it.
+  void set_friction(std::size_t cable, const friction::Model& friction) { cables_.at(cable).friction = friction; }
+
   // Strain energy at a state, of the rigorous law.
   double energy(const Nodes& displacement);
 

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes on demand: nothing computed ahead, nothing depends on what was asked before, and what a slow solver does."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.predictor import ActiveFriction
+from softgrip_model.friction.laws import FrictionLaw, Law
+from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
+from softgrip_model.gdfe.session import ShapeSession, Shown
+from softgrip_model.profile import load_directory, shipped_directory
+
+COARSE = ClosingSettings(RESOLUTIONS["coarse"])
+#: Finer than coarse, and quick enough for a test.
+MEDIUM = ClosingSettings(Resolution(8, 2, 5, 5, 4))
+STATE_HZ = 200.0
+
+
+@pytest.fixture(scope="module")
+def profiles():
+    return load_directory(shipped_directory())
+
+
+def rubbing(coefficient):
+    law = FrictionLaw(Law.CAPSTAN, (coefficient,), 1.125)
+    return ActiveFriction(id=f"capstan-{coefficient}", law=law, covariance=None)
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Return the list of (closing, pulled length, equilibrium) of all that is solved from here on."""
+    found = []
+    solve = Closing._solve
+
+    def noted(self, pulled_mm, start, max_iterations):
+        found.append((self, pulled_mm, solve(self, pulled_mm, start, max_iterations)))
+        return found[-1][2]
+
+    monkeypatch.setattr(Closing, "_solve", noted)
+    return found
+
+
+def test_a_shape_does_not_depend_on_what_was_asked_for_before(profiles):
+    asked, fresh = (Closing(profiles["hook"], "index", COARSE) for _ in range(2))
+    for pulled in (0.0093, 0.0021, 0.0058, 0.0002):
+        asked.shape(pulled)
+    for pulled in (0.0047, 0.0003):
+        np.testing.assert_array_equal(asked.shape(pulled).vertices, fresh.shape(pulled).vertices)
+
+
+@pytest.mark.parametrize("pulled", [0.0003, 0.0034, 0.0081])
+def test_a_shape_is_that_of_a_solve_from_rest_alone(profiles, pulled):
+    """Keyframes, extrapolation and interpolation choose where to start, not where to end."""
+    settings = ClosingSettings(RESOLUTIONS["coarse"], tolerance=1e-6, max_iterations=6000)
+    closing = Closing(profiles["power"], "index", settings)
+    direct = closing._solve(1e3 * pulled, closing._solver.rest(), 6000)
+    assert direct.converged
+    shape = closing.shape(pulled)
+    moved = 1e3 * shape.vertices - closing.finger_mesh.mesh.nodes
+    np.testing.assert_allclose(moved, direct.displacement, atol=2e-4 * np.abs(direct.displacement).max())
+
+
+def test_only_what_the_length_needs_is_solved(profiles, solved):
+    closing = Closing(profiles["pinch"], "index", COARSE)
+    assert not solved
+    closing.shape(0.0021)
+    assert max(length for _, length, _ in solved) == pytest.approx(3.0)
+    count = len(solved)
+    closing.shape(0.0021)  # the tendon stands still
+    assert len(solved) == count
+    closing.shape(0.0022)
+    assert len(solved) == count + 1
+
+
+def test_a_body_shared_by_two_frictions_gives_the_bits_of_two_bodies(profiles):
+    body = Body(profiles["hook"], "index", COARSE.resolution)
+    for coefficient in (0.0, 0.4, 0.0):
+        friction = rubbing(coefficient)
+        shared = Closing(profiles["hook"], "index", COARSE, friction=friction, body=body)
+        alone = Closing(profiles["hook"], "index", COARSE, friction=friction)
+        one, other = shared.shape(0.003), alone.shape(0.003)
+        np.testing.assert_array_equal(one.vertices, other.vertices)
+        assert one.tension == other.tension
+        assert shared.digest == alone.digest
+
+
+def session_of(profiles, settings):
+    return ShapeSession(profiles, {"index": "power"}, settings, rate_hz=30.0, marker_rate_hz=0.0)
+
+
+def test_swaps_and_friction_models_mesh_a_finger_once_and_solve_nothing(profiles, solved, monkeypatch):
+    meshed = []
+    start = Body.__init__
+    monkeypatch.setattr(Body, "__init__", lambda self, *a, **k: (meshed.append(a[0].id), start(self, *a, **k))[1])
+    session = session_of(profiles, COARSE)
+    for profile in ("hook", "power", "pinch", "hook", "power"):
+        session.set_mounted({"index": profile})
+        session.set_friction(rubbing(0.1))
+        session.set_friction(rubbing(0.2))
+    assert sorted(meshed) == ["hook", "pinch", "power"]
+    assert not solved
+
+
+@dataclass
+class SlowMachine:
+    """A session whose solver takes a time of its own for every iteration, fed by tendon states at 200 Hz.
+
+    The newest state waits while one is solved, as in the node.
+    """
+
+    session: ShapeSession
+    solved: list
+    seconds_an_iteration: float
+    now: float = 0.0
+    shown: list[tuple[float, Shown]] = field(default_factory=list)
+
+    def run(self, until, pulled_m):
+        """Let time pass; `pulled_m` is the pulled length at a time."""
+        while self.now < until:
+            number = int(self.now * STATE_HZ + 1e-6)
+            stamp = number / STATE_HZ
+            before = len(self.solved)
+            sample = TendonSample(round(1e9 * stamp), pulled_m(stamp), 0.0, 1.0)
+            shown = self.session.on_tendons(["index"], [sample])
+            iterations = sum(found.iterations for _, _, found in self.solved[before:])
+            self.shown += [(stamp, one) for one in shown]
+            self.now = max(self.now + self.seconds_an_iteration * iterations, (number + 1) / STATE_HZ)
+
+
+def closing_motion(stamp):
+    return float(np.clip(0.010 * (stamp - 1.0), -0.001, 0.012))
+
+
+def test_a_slow_solver_gives_fewer_and_coarser_shapes_that_say_so_and_recovers(profiles, solved):
+    machine = SlowMachine(session_of(profiles, MEDIUM), solved, 0.01)
+    machine.run(40.0, closing_motion)
+    fine = Closing(profiles["power"], "index", MEDIUM).hexahedra
+    assert {shown.hexahedra for _, shown in machine.shown} == {432, fine}
+    for stamp, shown in machine.shown:
+        # never an old shape: each is that of its own state, which was the newest when its turn came
+        assert shown.shape.pulled_length == closing_motion(stamp)
+        assert ("coarser mesh (432 instead of" in shown.reason) == (shown.hexahedra == 432)
+    for (before, _), (after, shown) in zip(machine.shown, machine.shown[1:], strict=False):
+        if after - before > 0.4:  # too slow to look at
+            assert shown.hexahedra == 432
+            assert "Hz instead of 30 Hz" in shown.reason
+    # closed and at rest, the shape asked for is there in the end, on the mesh asked for
+    assert machine.shown[-1][1].hexahedra == fine
+    assert machine.shown[-1][1].reason == ""
+
+
+def test_a_quick_solver_never_leaves_its_mesh(profiles, solved):
+    machine = SlowMachine(session_of(profiles, MEDIUM), solved, 1e-5)
+    machine.run(4.0, closing_motion)
+    assert len({shown.mesh for _, shown in machine.shown}) == 1
+    assert len(machine.shown) == pytest.approx(120, abs=2)
+    assert not any(shown.reason for stamp, shown in machine.shown if stamp > 1.2)
