@@ -186,6 +186,7 @@ def _property(field: Field) -> property:
     """Return the property of a field that needs conversion or a check on assignment."""
     slot, kind = "_" + field.name, field.type
     code = ARRAY_CODES.get(kind.base, "") if kind.array else ""
+    checked = checks_fields()
 
     def get(self: Message) -> object:
         value = getattr(self, slot)
@@ -195,7 +196,7 @@ def _property(field: Field) -> property:
         return value
 
     def put(self: Message, value: Any) -> None:
-        if checks_fields():
+        if checked:
             field_check.check_assignment(self, field, value)
         if code and kind.array == "fixed":
             value = arrays.make_array(value, code)
