@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import pytest
 
 from softgrip_vision import calibration as files
 from softgrip_vision.calibration import Calibration
-from softgrip_vision.commands import track
+from softgrip_vision.commands import calibrate_camera, track
 from softgrip_vision.overlay import HIDDEN, draw
 from softgrip_vision.synthetic import Conditions, Occluder, Scene
 from softgrip_vision.tracker import Tracker
@@ -70,6 +71,92 @@ def test_a_video_of_another_size_than_calibrated_is_refused(
     assert "expected images of 1280x720, found 640x480" in " ".join(capsys.readouterr().out.split())
 
 
+def said(capsys: pytest.CaptureFixture[str]) -> str:
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_a_film_that_breaks_off_leaves_what_was_measured(
+    tmp_path: Path, film: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files.save(calibration, tmp_path / "c.yaml")
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    for path in sorted(film.iterdir())[:4]:
+        (cut / path.name).write_bytes(path.read_bytes())
+    (cut / "004.png").write_bytes(b"no picture")
+    with pytest.raises(SystemExit) as ended:
+        track.main(
+            [str(cut), "--calibration", str(tmp_path / "c.yaml"), "--out", str(tmp_path / "out"), "--no-overlay"]
+        )
+    assert ended.value.code == 1
+    assert "expected an image, found a file that is none; remove it from the folder; the results" in said(capsys)
+    assert len(list(csv.DictReader((tmp_path / "out" / "track.csv").open()))) == 4
+
+
+def test_a_video_that_is_cut_off_is_named(
+    tmp_path: Path, film: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files.save(calibration, tmp_path / "c.yaml")
+    whole = tmp_path / "whole.avi"
+    writer = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (1280, 720))
+    for path in sorted(film.iterdir()):
+        writer.write(cv2.imread(str(path)))
+    writer.release()
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with pytest.raises(SystemExit) as ended:
+        track.main(
+            [str(cut), "--calibration", str(tmp_path / "c.yaml"), "--out", str(tmp_path / "out"), "--no-overlay"]
+        )
+    assert ended.value.code == 1
+    assert f"expected {FRAMES} frames, found" in said(capsys)
+    assert 0 < len(list(csv.DictReader((tmp_path / "out" / "track.csv").open()))) < FRAMES
+
+
+def test_folders_and_planes_that_are_none(
+    tmp_path: Path, film: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files.save(calibration, tmp_path / "c.yaml")
+    files.save(replace(calibration, planes=()), tmp_path / "lens.yaml")
+    for known, out, words in (
+        ("lens.yaml", "out", "expected a finger's plane, found none"),
+        ("c.yaml", "c.yaml", "expected a folder for the results, found a file"),
+    ):
+        with pytest.raises(SystemExit):
+            track.main([str(film), "--calibration", str(tmp_path / known), "--out", str(tmp_path / out)])
+        assert words in said(capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["plane", "0", "--calibration", "c", "--finger", "index", "--marker-diameter-mm", "0"], "less than 100 mm"),
+        (["plane", "0", "--calibration", "c", "--finger", "index", "--base-marker-mm", "nan"], "less than 1000 mm"),
+        (["plane", "0", "--calibration", "c", "--finger", " "], "expected the name of a finger"),
+        (["target", "--plane", "--base-marker-mm", "-20", "--out", "b.pdf"], "less than 1000 mm"),
+        (["lens", "0", "--out", "c.yaml", "--frames", "-3"], "expected a whole number of 1 or more"),
+    ],
+)
+def test_what_a_calibration_cannot_hold_is_refused_at_once(
+    words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        calibrate_camera.main(words)
+    assert ended.value.code == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_where_a_calibration_goes_is_made_sure_of_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SystemExit):
+        calibrate_camera.main(["lens", "none.mp4", "--out", str(tmp_path / "file" / "c.yaml")])
+    assert "file is a file" in said(capsys)
+    calibrate_camera.main(["target", "--out", str(tmp_path / "new" / "board.pdf")])
+    assert (tmp_path / "new" / "board.pdf").read_bytes().startswith(b"%PDF")
+
+
 def test_a_real_hand_without_markers(
     tmp_path: Path, hand_video: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -86,9 +173,9 @@ def test_a_real_hand_without_markers(
     with pytest.raises(SystemExit) as ended:
         track.main([str(film), "--calibration", str(tmp_path / "c.yaml"), "--out", str(tmp_path / "out")])
     assert ended.value.code == 1
-    said = " ".join(capsys.readouterr().out.split())
-    assert "index: pose in 0 of" in said
-    assert "found none in any of its frames" in said
+    words = said(capsys)
+    assert "index: pose in 0 of" in words
+    assert "found none in any of its frames" in words
     rows = list(csv.DictReader((tmp_path / "out" / "track.csv").open()))
     assert len(rows) >= 40
     assert all(row["joint_0_rad"] in {"", "nan"} for row in rows)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import datetime as dt
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -58,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     target.add_argument("--out", type=Path, required=True, help="PDF to write")
     target.add_argument("--page", choices=sorted(PAGES), default="A4", help="paper, landscape (default A4)")
     target.add_argument("--plane", action="store_true", help="with the cross that goes on a finger's first joint")
-    target.add_argument("--base-marker-mm", type=float, default=20.0, help="base marker behind the first joint [mm]")
+    target.add_argument("--base-marker-mm", type=_length_mm, default=20.0, help="base marker behind first joint [mm]")
     target.set_defaults(run=_target)
 
     lens = steps.add_parser("lens", help="find the lens from views of the board")
@@ -73,9 +74,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_source(plane, 30)
     _add_board(plane)
     plane.add_argument("--calibration", type=Path, required=True, help="with the lens; the plane is added to it")
-    plane.add_argument("--finger", required=True, help="finger that moves in this plane, e.g. index")
-    plane.add_argument("--base-marker-mm", type=float, default=20.0, help="base marker behind the first joint [mm]")
-    plane.add_argument("--marker-diameter-mm", type=float, default=5.0, help="diameter of the markers [mm]")
+    plane.add_argument("--finger", required=True, type=_name, help="finger that moves in this plane, e.g. index")
+    plane.add_argument("--base-marker-mm", type=_length_mm, default=20.0, help="base marker behind first joint [mm]")
+    plane.add_argument("--marker-diameter-mm", type=_diameter_mm, default=5.0, help="diameter of the markers [mm]")
     plane.add_argument(
         "--origin-mm",
         type=float,
@@ -87,10 +88,41 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _length_mm(text: str) -> float:
+    return _between(text, 1000.0, "mm")
+
+
+def _diameter_mm(text: str) -> float:
+    return _between(text, 100.0, "mm")
+
+
+def _between(text: str, largest: float, unit: str) -> float:
+    """Return a number that a calibration may hold (calibration.load refuses others)."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < largest:
+        raise argparse.ArgumentTypeError(f"expected more than 0 and less than {largest:g} {unit}, found '{text}'")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of 1 or more, found '{text}'")
+    return int(text)
+
+
+def _name(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("expected the name of a finger, found ''")
+    return text
+
+
 def _add_source(parser: argparse.ArgumentParser, frames: int) -> None:
     parser.add_argument("source", metavar="SOURCE", help="device, video, folder or URL")
     parser.add_argument(
-        "--frames", type=int, default=frames, help=f"look at no more frames than this (default {frames})"
+        "--frames", type=_count, default=frames, help=f"look at no more frames than this (default {frames})"
     )
     parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), default=(0, 0), help="asked of a device [px]")
 
@@ -123,7 +155,18 @@ def _views(arguments: argparse.Namespace, board: Board, what: str) -> list[Board
         source.close()
 
 
+def _make_room(path: Path) -> None:
+    """Make the folder of a file before the work begins whose result goes there."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise VisionError(f"{path}: expected a file in a folder, found that {path.parent} is a file") from error
+    if path.is_dir():
+        raise VisionError(f"{path}: expected the name of a file to write, found a folder")
+
+
 def _target(arguments: argparse.Namespace) -> None:
+    _make_room(arguments.out)
     board = _board(arguments)
     figure = draw_target(
         board, arguments.page, base_marker_m=arguments.base_marker_mm * 1e-3 if arguments.plane else None
@@ -133,6 +176,7 @@ def _target(arguments: argparse.Namespace) -> None:
 
 
 def _lens(arguments: argparse.Namespace) -> None:
+    _make_room(arguments.out)
     views = _views(arguments, _board(arguments), "looking for the board")
     fit = calibrate_lens(views, arguments.name)
     result = Calibration(fit.lens, (), _now(), arguments.serial, fit.rms_px, len(views))

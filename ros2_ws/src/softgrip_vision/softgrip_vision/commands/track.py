@@ -5,7 +5,8 @@ Writes into the output folder:
   track.csv     one line per frame and finger: time, joint angles and tip with standard deviations, markers
   track.png     joint angles and tip over time, with their uncertainty
   overlay.mp4   the video with what was found drawn in
-Ends with 1 when no frame showed a finger.
+Ends with 1 when no frame showed a finger. A film that breaks off, and Ctrl-C, leave the results
+up to there and end with 1, too.
 
 Example:
   ros2 run softgrip_vision track closing.mp4 --calibration camera.yaml --out out/closing --profile power
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -28,14 +29,17 @@ from softgrip_vision.layout import ChainLayout, Chains, FingerSetup
 from softgrip_vision.overlay import draw
 from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
-from softgrip_vision.report import plot, write_csv
+from softgrip_vision.report import Rows, plot, write_csv
 from softgrip_vision.sources import open_source
+from softgrip_vision.sources.frame import FrameSource
 from softgrip_vision.tracker import Tracker
 
 console = Console()
 #: Files have no other time line than their own.
 START_NS = 0
 SECONDS_PER_NS = 1e-9
+#: Share of the frames that a film announces: some containers give an estimate.
+LEAST_SHARE = 0.95
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -69,32 +73,70 @@ def _parser() -> argparse.ArgumentParser:
 def _track(arguments: argparse.Namespace) -> None:
     known = calibration.load(arguments.calibration)
     names = arguments.fingers or [plane.finger for plane in known.planes]
+    if not names:
+        raise VisionError(f"{arguments.calibration}: expected a finger's plane, found none; run calibrate_camera plane")
     chains, profile = _chains(arguments, names)
     tracker = Tracker(tuple(FingerSetup(name, arguments.hue) for name in names), chains, known, profile)
     source = open_source(arguments.video, start_ns=START_NS)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    overlay: cv2.VideoWriter | None = None
-    rows: list[tuple[float, FingerReading]] = []
     try:
-        with Progress(console=console) as progress:
-            task = progress.add_task("tracking", total=getattr(source, "frame_count", 0) or None)
-            while (frame := source.read()) is not None:
-                image, time = frame.pixels(), frame.stamp_ns * SECONDS_PER_NS
-                readings = tracker.measure(image, time)
-                rows += [(time, reading) for reading in readings]
-                if not arguments.no_overlay:
-                    overlay = overlay or _writer(arguments.out / "overlay.mp4", source, (frame.width, frame.height))
-                    overlay.write(draw(image, readings))
-                progress.advance(task)
+        _make_folder(arguments.out)
+        rows, cut_short = _measure_all(source, tracker, arguments)
     finally:
         source.close()
-        if overlay is not None:
-            overlay.release()
     write_csv(rows, arguments.out / "track.csv")
     plot(rows, arguments.out / "track.png")
     _summary(rows, arguments.out)
+    if cut_short:
+        raise VisionError(f"{cut_short}; the results end there")
     if all(reading.pose is None for _, reading in rows):
         raise VisionError(f"expected markers in {arguments.video}, found none in any of its frames")
+
+
+def _measure_all(source: FrameSource, tracker: Tracker, arguments: argparse.Namespace) -> tuple[Rows, str]:
+    """Return all that was measured, and why that is not all of the film; raise when it is nothing."""
+    rows: list[tuple[float, FingerReading]] = []
+    frames, announced = 0, getattr(source, "frame_count", 0)
+    try:
+        with Progress(console=console) as progress:
+            for time, readings in _readings(source, tracker, arguments, progress):
+                rows += [(time, reading) for reading in readings]
+                frames += 1
+    except KeyboardInterrupt:
+        return rows, "interrupted"
+    except VisionError as error:
+        if not rows:
+            raise
+        return rows, str(error)
+    if frames < LEAST_SHARE * announced:
+        return rows, f"{arguments.video}: expected {announced} frames, found {frames}; is the file cut off?"
+    return rows, ""
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise VisionError(f"{path}: expected a folder for the results, found a file of that name") from error
+
+
+def _readings(
+    source: FrameSource, tracker: Tracker, arguments: argparse.Namespace, progress: Progress
+) -> Iterator[tuple[float, tuple[FingerReading, ...]]]:
+    """Yield (time [s], readings) of every frame, writing the overlay on the way."""
+    overlay: cv2.VideoWriter | None = None
+    task = progress.add_task("tracking", total=getattr(source, "frame_count", 0) or None)
+    try:
+        while (frame := source.read()) is not None:
+            image, time = frame.pixels(), frame.stamp_ns * SECONDS_PER_NS
+            readings = tracker.measure(image, time)
+            yield time, readings
+            if not arguments.no_overlay:
+                overlay = overlay or _writer(arguments.out / "overlay.mp4", source, (frame.width, frame.height))
+                overlay.write(draw(image, readings))
+            progress.advance(task)
+    finally:
+        if overlay is not None:
+            overlay.release()
 
 
 def _chains(arguments: argparse.Namespace, fingers: Sequence[str]) -> tuple[Chains, str]:
