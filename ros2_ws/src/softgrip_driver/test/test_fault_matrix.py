@@ -144,7 +144,8 @@ def bench(row, benches, tmp_path, world):
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_fault(bench, row, matrix):
-    bench.hold_taut(2.0 if row.on == "closing" else 8.0)
+    # Little enough that its loss is no broken tendon (3 N), as the gears' friction reads too much.
+    bench.hold_taut(1.0 if row.on == "closing" else 8.0)
     ticket = None
     if row.on == "closing":
         on_bus = row.device == "bus"

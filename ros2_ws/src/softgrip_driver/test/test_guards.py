@@ -49,8 +49,8 @@ def test_the_fastest_motion_is_no_jump():
 @pytest.mark.parametrize("rest", [0.0, 0.3, 1.9])
 def test_tension_that_vanishes_is_a_broken_tendon_within_the_confirmation(rest):
     guard = BreakGuard(LIMITS)
-    assert not any(guard.step(t, 8.0) for t in steps(0.3))
-    spoke = [t for t in steps(0.2) if guard.step(0.3 + t, rest)]
+    assert not any(guard.step(t, 8.0, 0.01) for t in steps(0.3))
+    spoke = [t for t in steps(0.2) if guard.step(0.3 + t, rest, 0.01)]
     assert spoke[0] == pytest.approx(LIMITS.break_confirm, abs=2 * DT)
 
 
@@ -66,13 +66,41 @@ def test_tension_that_vanishes_is_a_broken_tendon_within_the_confirmation(rest):
 )
 def test_what_is_no_break(tension):
     guard = BreakGuard(LIMITS)
-    assert not any(guard.step(t, tension(t)) for t in steps(1.0))
+    assert not any(guard.step(t, tension(t), 0.01) for t in steps(1.0))
 
 
 def test_a_drop_within_the_uncertainty_is_no_break():
     guard = BreakGuard(LIMITS)
-    assert not any(guard.step(t, 3.8, 1.0) for t in steps(0.3))
-    assert not any(guard.step(0.3 + t, 0.2, 1.0) for t in steps(0.2))
+    assert not any(guard.step(t, 3.8, 0.01, stddev=1.0) for t in steps(0.3))
+    assert not any(guard.step(0.3 + t, 0.2, 0.01, stddev=1.0) for t in steps(0.2))
+
+
+@pytest.mark.parametrize("pause", [0.06, 0.2, 3.0])
+def test_a_break_while_nobody_looked_is_found_afterwards(pause):
+    guard = BreakGuard(LIMITS, DT)
+    assert not any(guard.step(t, 8.0, 0.01) for t in steps(0.3))
+    assert any(guard.step(0.3 + pause + t, 0.0, 0.01) for t in steps(0.1))
+
+
+def test_a_break_is_found_by_a_loop_that_is_always_late():
+    guard = BreakGuard(LIMITS, DT)
+    late = [0.06 * i for i in range(60)]
+    assert not any(guard.step(t, 8.0, 0.01) for t in late[:40])
+    assert any(guard.step(t, 0.0, 0.01) for t in late[40:])
+
+
+@pytest.mark.parametrize(("retreat", "found"), [(0.0, True), (1e-4, True), (3e-4, False), (2e-3, False)])
+def test_tension_that_vanished_because_the_drive_gave_way_is_no_break(retreat, found):
+    """A rigid object on a short tendon, 10 N/mm, needs 0.3 mm to give back the 3 N that a break begins at."""
+    guard = BreakGuard(LIMITS, DT)
+    assert not any(guard.step(t, 8.0, 0.01) for t in steps(0.3))
+    assert any(guard.step(0.3 + t, 0.0, 0.01 - retreat) for t in steps(0.2)) is found
+
+
+def test_no_more_can_vanish_than_the_drive_may_pull():
+    guard = BreakGuard(LIMITS, DT)
+    assert not any(guard.step(t, 30.0, 0.01, allowed=35.0) for t in steps(0.3))
+    assert not any(guard.step(0.3 + t, 5.0, 0.01, allowed=5.0) for t in steps(0.3))
 
 
 def test_slack_needs_travel_pulling_and_time():

@@ -184,3 +184,48 @@ def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(taut):
     assert lengths[-1] == pytest.approx(0.012, abs=1.0e-3)
     assert np.diff(lengths).min() > -3e-4, "it never steps back"
     assert max(abs(one.drives[0].speed) for one in seen) < TendonLimits().speed
+
+
+@pytest.mark.parametrize("bench", [{}, {"mode": EXTENDED}, {"seed": 7}], indirect=True)
+def test_a_move_does_not_overshoot(taut):
+    """20 mm at 20 mm/s: what a servo is behind while it moves goes by itself when it stops."""
+    for start, end in ((0.002, 0.022), (0.022, 0.002)):
+        outcome, reason = taut.run(taut.move([start], tendons=["index", "middle"]))
+        assert outcome is Outcome.REACHED, reason
+        taut.pass_time(0.5)
+        seen = taut.watched(taut.move([end], 0.02, tendons=["index", "middle"])) + taut.pass_time(1.0)
+        direction = 1.0 if end > start else -1.0
+        for index in (0, 1):
+            beyond = max(direction * (one.drives[index].length - end) for one in seen)
+            assert beyond < 1e-4
+            assert seen[-1].drives[index].length == pytest.approx(end, abs=1e-4)
+
+
+@pytest.mark.parametrize("bench", [{}, {"mode": EXTENDED}, {"seed": 7}], indirect=True)
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [
+        ({"targets": [8.0], "mode": MoveMode.TENSION}, {"targets": [12.0], "mode": MoveMode.TENSION}),
+        ({"targets": [0.030], "tension_limit": 8.0}, {"targets": [12.0], "mode": MoveMode.TENSION}),
+        ({"targets": [8.0], "mode": MoveMode.TENSION}, {"targets": [0.030], "tension_limit": 14.0}),
+        ({"targets": [8.0], "mode": MoveMode.TENSION}, {"targets": [8.0], "mode": MoveMode.TENSION}),
+        ({"targets": [10.0], "mode": MoveMode.TENSION}, {"targets": [8.0], "mode": MoveMode.TENSION}),
+        ({"targets": [20.0], "mode": MoveMode.TENSION}, {"targets": [15.0], "mode": MoveMode.TENSION}),
+    ],
+    ids=["tension to tension", "limit to tension", "tension to length", "the same again", "less", "much less"],
+)
+def test_a_taut_finger_stays_taut_when_the_next_move_begins(taut, first, then):
+    """The true tension goes from where it is to what is asked: never below both by more than a sixth."""
+    names = ["index", "thumb"]
+    outcome, reason = taut.run(taut.move(**first, speed=0.03, tendons=names))
+    assert outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}, reason
+    taut.pass_time(0.5)
+    before = taut.plant.bank.tension_n.copy()
+    tensions = []
+    taut.world.live(lambda _: tensions.append(taut.plant.bank.tension_n.copy()))
+    outcome, reason = taut.run(taut.move(**then, speed=0.03, tendons=names))
+    assert outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}, reason
+    taut.pass_time(0.3)
+    wanted = then["targets"][0] if "mode" in then else then["tension_limit"]
+    for index in (0, 2):
+        assert min(tension[index] for tension in tensions) > 5.0 / 6.0 * min(before[index], wanted)

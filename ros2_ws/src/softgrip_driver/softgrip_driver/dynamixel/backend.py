@@ -201,16 +201,15 @@ class DynamixelBackend:
         ):
             for live in self._live.values():
                 live.suspect = live.stalled = True
-        present = [live for live in self._live.values() if not live.absent]
-        replies: dict[int, Reply] = {}
-        if present:
-            ids = [live.servo.servo_id for live in present]
-            if self.fast and now >= self._plain_until:
-                replies = self.bus.fast_sync_read(ids, *_FAST)
-                if not replies:
-                    self._plain_until = now + self.PLAIN_PERIOD
-            else:
-                replies = self.bus.sync_read(ids, *_FAST)
+        # Where nobody is left there is nobody whose rate a question to all could lower.
+        present = [live for live in self._live.values() if not live.absent] or list(self._live.values())
+        ids = [live.servo.servo_id for live in present]
+        if self.fast and now >= self._plain_until:
+            replies = self.bus.fast_sync_read(ids, *_FAST)
+            if not replies:
+                self._plain_until = now + self.PLAIN_PERIOD
+        else:
+            replies = self.bus.sync_read(ids, *_FAST)
         self._last_traffic = time.monotonic()
         readings = {}
         for live in present:
@@ -271,7 +270,7 @@ class DynamixelBackend:
         live.powered = False
 
     def _reading(self, live: _Live, reply: Reply) -> DriveReading:
-        live.misses = 0
+        live.misses, live.absent = 0, False
         if reply.alert != live.alert:
             live.alert = reply.alert
             live.urgent = [_ERRORS, _TORQUE]
@@ -299,7 +298,7 @@ class DynamixelBackend:
 
     def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
         due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
-        if not due:
+        if not due or all(live.absent for live in self._live.values()):
             return
         live = min(due, key=lambda one: one.probe_at)
         live.probe_wait = min(2.0 * live.probe_wait, self.PROBE_PERIOD)

@@ -15,7 +15,7 @@ from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.memory import DriveMemory
-from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
+from softgrip_driver.tendon.motions import NATURAL_LAG, DriveState, Follow, Hold, Motion, Outcome, Step, View
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 from softgrip_driver.tendon.watch import Watch
 
@@ -35,6 +35,8 @@ class Drive:
     #: [1/s] and [m] of the integral correction of the position
     TRIM_RATE = 6.0
     MAX_TRIM = 3e-3
+    #: natural lags that an error may be worth without being the load's
+    MOST_LAGS = 2.0
     #: [s] one unanswered question counts for at most, or a period
     LONGEST_QUESTION = 0.025
 
@@ -131,7 +133,8 @@ class Drive:
 
     def set_zero(self, position: float, mark: int) -> None:
         """Take a zero [m, device frame] that belongs to a session mark of the device."""
-        self._m.zero, self._m.mark = position, mark
+        self._m.zero, self._m.mark, self._m.setpoint = position, mark, None
+        self._watch.forget_break()
 
     @property
     def zero(self) -> float | None:
@@ -165,7 +168,6 @@ class Drive:
         self._m.motion = motion
         self._m.outcome, self._m.reason = None, ""
         self._m.job += 1
-        self._watch.forget_break()
         return motion
 
     def switch_on(self) -> DriveActions:
@@ -200,6 +202,7 @@ class Drive:
         self._m.restored_once = False
         if self._m.fault and FAULTS[self._m.fault].recovery in (Recovery.RESET, Recovery.HOME, Recovery.COMMAND):
             self._clear_fault()
+            self._watch.forget_break()
 
     def set_fault(self, name: str, reason: str) -> None:
         """Enter a fault: the motion ends, the drive does what the fault table says."""
@@ -239,12 +242,12 @@ class Drive:
     def _clear_fault(self) -> None:
         self._m.fault, self._m.fault_reason = "", ""
         self._watch.forget_jump()
-        self._watch.forget_break()
 
     def _hold_here(self) -> None:
         assert self._m.reading is not None
         here = self._m.reading.position - self._frame
         self._m.trim = 0.0
+        self._m.setpoint = None
         self._m.motion = Hold(here, self.limits.tension_hold)
 
     # --- a step ----------------------------------------------------------------------------------------------------
@@ -271,13 +274,14 @@ class Drive:
             return DriveActions()
         # After a late step the motion goes on from where it is: slower, never with a jerk to make up for it.
         view = self._view(reading, now, min(dt, self.MOST_PERIODS * self._period), cap)
-        found = self._watch.finds(view, m.motion, homed=self.homed)
+        found = self._watch.finds(view, m.motion, m.allowed, homed=self.homed)
         if found is not None:
             self.set_fault(*found)
         if m.fault and FAULTS[m.fault].reaction is Reaction.LET_GO:
             return self.switch_off()
         step = m.motion.step(view)
         setpoint = Setpoint(step.length + self._frame + self._trim(step, view), step.tension_limit)
+        m.setpoint, m.allowed = step.length, step.tension_limit
         if step.outcome is not None:
             self._finish(step)
         return DriveActions(setpoint=setpoint)
@@ -343,11 +347,18 @@ class Drive:
         return allowed.tension
 
     def _trim(self, step: Step, view: View) -> float:
-        """Correct what the servo's proportional control leaves over under load; frozen at the tension limit."""
+        """Correct what the servo's proportional control leaves over under load; frozen at the tension limit.
+
+        What the drive is behind by its motion goes by itself and must not be corrected: it would overshoot.
+        """
         m = self._m
         error = step.length - view.length
+        lag = self.MOST_LAGS * NATURAL_LAG * view.speed
+        error -= max(min(0.0, lag), min(max(0.0, lag), error))
         if m.motion is not None and m.motion.state is DriveState.HOMING:
             m.trim = 0.0
+        elif self._watch.suspects_break:
+            pass  # giving way now would look as if the tension had been let out
         elif view.tension < 0.9 * step.tension_limit and abs(error) < self.limits.lead:
             m.trim = max(-self.MAX_TRIM, min(self.MAX_TRIM, m.trim + self.TRIM_RATE * error * view.dt))
         return m.trim
@@ -362,7 +373,9 @@ class Drive:
         if isinstance(m.motion, Homing):
             assert m.motion.zero is not None
             m.zero = self._frame + m.motion.zero
-            m.mark = None
+            m.mark = m.setpoint = None
+            # Lengths count from another zero now.
+            self._watch.forget_break()
             m.motion = Hold(0.0, self.limits.tension_soft)
             return
         m.motion = Hold(step.length, step.tension_limit)
@@ -378,4 +391,5 @@ class Drive:
             cap,
             reading.tension_stddev,
             self._m.acceleration,
+            0.0 if self._m.setpoint is None else self._m.setpoint - (reading.position - self._frame),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from statistics import median
 
 from softgrip_driver.tendon.limits import TendonLimits
@@ -65,10 +66,21 @@ class JumpGuard:
         return self._outliers > self.TOLERATED
 
 
+@dataclass(frozen=True)
+class _Pull:
+    """A sample of a steady pull: time [s] of the guard's own count, tension [N], pulled length [m]."""
+
+    time: float
+    tension: float
+    length: float
+
+
 class BreakGuard:
     """Tells a broken tendon: tension that was there for a while and vanished without being let out.
 
-    The tension before is a median over steady motion, because accelerating the motor passes for tension.
+    The tension before is a median over steady motion, because accelerating the motor passes for tension. It stays known
+    while nobody looks (a late computer, a silent drive): a drive that stands as far in as before and feels nothing has
+    lost its tendon, whenever that happened. One that has given way has not.
     """
 
     #: [s] how far back the tension before is looked for
@@ -81,19 +93,23 @@ class BreakGuard:
     SCATTERS = 2.0
     #: samples that the tension before must rest on
     FEWEST = 8
-    #: [s] without samples after which nothing is known of the tension before, and the same in periods
-    GAP, GAP_PERIODS = 0.05, 3.0
+    #: periods that a step counts for at most, however late it comes: what was not seen confirms nothing
+    MOST_PERIODS = 2.0
     #: the rest of the tension that still counts as vanished
     REST = 0.25
+    #: [m] a drive that has given way by more has let the tension out: 10 N/mm, the stiffest that fingers get, would
+    #: lose 2 N over it
+    RETREAT = 2e-4
 
     def __init__(self, limits: TendonLimits, period: float = 0.01) -> None:
         self._limits = limits
+        self._most = self.MOST_PERIODS * period
         # A slow loop needs longer to see as many samples.
         self._window = max(self.WINDOW, 1.5 * self.FEWEST * period)
-        self._gap = max(self.GAP, self.GAP_PERIODS * period)
-        self._recent: deque[tuple[float, float]] = deque()
+        self._recent: deque[_Pull] = deque()
         self._vanished_at: float | None = None
         self._last: float | None = None
+        self._clock = 0.0
         self._before = 0.0
         self._certain_drop = 0.0
 
@@ -102,38 +118,66 @@ class BreakGuard:
         self._recent.clear()
         self._vanished_at = None
 
-    def step(self, now: float, tension: float, stddev: float = 0.0, acceleration: float = 0.0) -> bool:
+    def step(
+        self,
+        now: float,
+        tension: float,
+        length: float,
+        *,
+        stddev: float = 0.0,
+        acceleration: float = 0.0,
+        allowed: float = math.inf,
+    ) -> bool:
         """Return whether the tendon is broken.
 
         Args:
             now: [s]
             tension: [N]
+            length: [m] pulled.
             stddev: [N] uncertainty of the tension.
             acceleration: [m/s^2] of the tendon.
+            allowed: [N] the most that the device may pull; no more can be missed.
         """
-        self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
-        if self._last is not None and now - self._last > self._gap:
-            self.reset()
+        elapsed = 0.0 if self._last is None else min(now - self._last, self._most)
         self._last = now
+        self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
+        self._forget_what_was_further_in(length)
         if acceleration < -STEADY_ACCELERATION:
-            # A motor that slows down needs less current, which passes for less tension.
+            # A motor that slows down needs less current, which passes for less tension: such a step does not count.
             return False
+        self._clock += elapsed
         if self._vanished_at is not None:
             if not self._gone(tension):
                 self._vanished_at = None
-            return self._vanished_at is not None and now - self._vanished_at >= self._limits.break_confirm
-        while self._recent and now - self._recent[0][0] > self._window:
+            return self._vanished_at is not None and self._clock - self._vanished_at >= self._limits.break_confirm
+        while self._recent and self._clock - self._recent[0].time > self._window:
             self._recent.popleft()
-        if len(self._recent) >= self.FEWEST and now - self._recent[0][0] >= self.LEAST:
-            self._before = median(t for _, t in self._recent)
-            if self._before >= self._limits.break_drop_from and self._gone(tension):
-                scatter = NORMAL_MAD * median(abs(t - self._before) for _, t in self._recent)
-                if self._before - tension >= self.SCATTERS * scatter:
-                    self._vanished_at = now
-                    return False
-        if abs(acceleration) < STEADY_ACCELERATION:
-            self._recent.append((now, tension))
+        if self._vanishes(tension, allowed):
+            self._vanished_at = self._clock
+        elif abs(acceleration) < STEADY_ACCELERATION:
+            self._recent.append(_Pull(self._clock, tension, length))
         return False
+
+    def _forget_what_was_further_in(self, length: float) -> None:
+        if any(pull.length > length + self.RETREAT for pull in self._recent):
+            self._recent = deque(pull for pull in self._recent if pull.length <= length + self.RETREAT)
+            if not self._recent:
+                self._vanished_at = None
+
+    @property
+    def suspects(self) -> bool:
+        """Whether a tension has vanished, which is not confirmed yet."""
+        return self._vanished_at is not None
+
+    def _vanishes(self, tension: float, allowed: float) -> bool:
+        if len(self._recent) < self.FEWEST or self._clock - self._recent[0].time < self.LEAST:
+            return False
+        tensions = [pull.tension for pull in self._recent]
+        usual = median(tensions)
+        self._before = min(usual, allowed)
+        scatter = NORMAL_MAD * median(abs(one - usual) for one in tensions)
+        certain = self._before - tension >= self.SCATTERS * scatter
+        return certain and self._before >= self._limits.break_drop_from and self._gone(tension)
 
     def _gone(self, tension: float) -> bool:
         rest = max(self._limits.tension_slack, self.REST * self._before)

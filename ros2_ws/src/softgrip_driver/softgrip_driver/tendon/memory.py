@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.tendon.backend import DriveReading
@@ -32,4 +33,6 @@ class DriveMemory:
     restoring: bool = False
     restored_once: bool = False
     trim: float = 0.0
+    setpoint: float | None = None
+    allowed: float = math.inf
     warnings: dict[str, str] = field(default_factory=dict)

@@ -16,6 +16,10 @@ from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.profile import SpeedProfile
 from softgrip_driver.tendon.trajectory import Trajectory
 
+#: [s] of its own motion that a servo is behind its setpoint: at full speed the whole voltage, which its proportional
+#: gain needs an error for. 0.04 .. 0.06 s by the data sheets' no-load speeds and default gains
+NATURAL_LAG = 0.06
+
 
 class DriveState(IntEnum):
     """State of a drive (TendonStatus.state)."""
@@ -52,6 +56,7 @@ class View:
         tension_cap: [N] the most that the guards allow now.
         stddev: [N] uncertainty of the tension.
         acceleration: [m/s^2] of the tendon.
+        ahead: [m] the setpoint's length beyond the drive's: what makes the drive pull.
     """
 
     now: float
@@ -63,6 +68,12 @@ class View:
     tension_cap: float
     stddev: float = 0.0
     acceleration: float = 0.0
+    ahead: float = 0.0
+
+    @property
+    def standing_ahead(self) -> float:
+        """The part of `ahead` that is there without motion: the load's."""
+        return self.ahead - NATURAL_LAG * self.speed
 
     @property
     def steady(self) -> bool:
@@ -125,6 +136,16 @@ class Hold:
         return Step(self.length, min(self.tension_limit, view.tension_cap))
 
 
+def _setpoint_now(view: View, limits: TendonLimits) -> float:
+    """Length [m] from which a motion goes on: where the setpoint stands, so that the pull goes on too."""
+    return view.length + max(-limits.lead, min(limits.lead, view.ahead))
+
+
+def _held(view: View, limits: TendonLimits) -> float:
+    """Length [m] of a setpoint that holds what is pulled now, once the drive stands."""
+    return view.length + max(0.0, min(limits.lead, view.standing_ahead))
+
+
 class _TensionMet:
     """Tells a tension that is there and stays, once the motor had time to get up to speed."""
 
@@ -167,7 +188,7 @@ class MoveToLength:
         self._speed = speed
         self._limit = tension_limit
         self._limits = limits
-        self._profile = SpeedProfile(view.length if start is None else start)
+        self._profile = SpeedProfile(_setpoint_now(view, limits) if start is None else start)
         self._stall = StallGuard(limits.stall_time)
         self._met = _TensionMet(view, speed, limits)
         self.winding_in = target > self._profile.position
@@ -189,8 +210,9 @@ class MoveToLength:
         at_target = self._profile.position == self._target
         setpoint = self._profile.position
         if self._met.step(view, self.MET * cap if self.winding_in else math.inf):
+            held = _held(view, self._limits)
             return Step(
-                view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
+                held, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
                 f"{self._target * 1e3:.2f} mm, at {view.length * 1e3:.2f} mm",
             )  # fmt: skip
         close = abs(view.length - self._target) <= self._limits.position_tolerance
@@ -225,7 +247,7 @@ class MoveToTension:
         self._target = target
         self._speed = speed
         self._limits = limits
-        self._profile = SpeedProfile(view.length)
+        self._profile = SpeedProfile(_setpoint_now(view, limits))
         self._stall = StallGuard(limits.stall_time)
         self._since: float | None = None
         self.winding_in = view.tension < target
@@ -265,12 +287,15 @@ class MoveToTension:
 class Follow:
     """Follow a trajectory within the drive's speed and acceleration; a streamed successor takes over at any time."""
 
+    #: [s] after the trajectory's end that the drive may take to arrive
+    SETTLE = 0.5
+
     state = DriveState.MOVING
 
     def __init__(self, trajectory: Trajectory, tension_limit: float, view: View, limits: TendonLimits) -> None:
         self._limits = limits
         self._limit = tension_limit
-        self._profile = SpeedProfile(view.length)
+        self._profile = SpeedProfile(_setpoint_now(view, limits))
         self._started = view.now
         self._met = _TensionMet(view, limits.speed, limits)
         self._trajectory = trajectory.starting_from(view.length, view.speed)
@@ -298,7 +323,10 @@ class Follow:
             self._profile.stop_at(before)
         self.winding_in = self._profile.velocity > 0.0
         if self._met.step(view, MoveToLength.MET * cap if self.winding_in else math.inf):
-            return Step(view.length, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N")
-        if elapsed >= self._trajectory.duration and self._profile.position == target:
-            return Step(target, cap, Outcome.REACHED, "trajectory done")
+            held = _held(view, self._limits)
+            return Step(held, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N")
+        overdue = elapsed - self._trajectory.duration
+        close = abs(view.length - target) <= self._limits.position_tolerance
+        if self._profile.position == target and (overdue >= self.SETTLE or (overdue >= 0.0 and close)):
+            return Step(target, cap, Outcome.REACHED, f"trajectory done, at {view.length * 1e3:.2f} mm")
         return Step(self._profile.position, cap)

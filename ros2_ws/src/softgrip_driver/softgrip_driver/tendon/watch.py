@@ -59,8 +59,13 @@ class Watch:
         self._jump.reset()
 
     def forget_break(self) -> None:
-        """Forget the tension before: another motion begins."""
+        """Forget the tension before: a person has dealt with it."""
         self._break.reset()
+
+    @property
+    def suspects_break(self) -> bool:
+        """Whether the tendon may just have broken."""
+        return self._break.suspects
 
     def believes(self, reading: DriveReading) -> bool:
         """Return whether the drive can have got to where a reading says it is."""
@@ -89,14 +94,23 @@ class Watch:
         too_hot = f"{temperature:.0f} degC, limit {self._limits.stop_at:.0f} degC" if self._thermal.tripped else ""
         return Allowance(min(share * self._limits.tension_soft, most), too_hot, warnings)
 
-    def finds(self, view: View, motion: Motion, *, homed: bool) -> tuple[str, str] | None:
-        """Return the fault that a motion shows (name, reason), None when all is well."""
+    def finds(self, view: View, motion: Motion, allowed: float, *, homed: bool) -> tuple[str, str] | None:
+        """Return the fault that a motion shows (name, reason), None when all is well.
+
+        Args:
+            view: what is measured.
+            motion: what is going on.
+            allowed: [N] the most that the device may pull.
+            homed: the pulled length is known.
+        """
         limits = self._limits
         if self._too_much.step(view.now, view.tension, view.acceleration):
             return "tension_exceeded", f"{view.tension:.1f} N, hard limit {limits.tension_hard:.1f} N"
         if motion.paying_out:
             self._break.reset()
-        elif self._break.step(view.now, view.tension, view.stddev, view.acceleration):
+        elif self._break.step(
+            view.now, view.tension, view.length, stddev=view.stddev, acceleration=view.acceleration, allowed=allowed
+        ):
             return "tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm"
         if homed and self._slack.step(
             view.now, view.length, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
