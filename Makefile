@@ -12,7 +12,7 @@ STAMP := $(VENV)/.setup
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup model demo cell test lint faults soak fuzz crash bench docs lock test-ros2 clean
+.PHONY: help setup cores model plant demo cell test lint faults soak fuzz crash bench docs lock test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -23,8 +23,13 @@ $(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(
 	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
 	@touch $@
 
-model:  ## rebuild the C++ cores
-	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/softgrip_model
+cores: model plant  ## rebuild the C++ cores
+
+# softgrip_model's, and the emulator's plant
+model: core-of-softgrip_model
+plant: core-of-softgrip_emulator
+core-of-%:
+	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
 
 demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED)
@@ -46,7 +51,7 @@ lint: setup  ## ruff and mypy, strict
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
 clean:  ## remove what was built
-	rm -rf out build $(SRC)/softgrip_model/build .mypy_cache .ruff_cache
+	rm -rf out build $(SRC)/*/build .mypy_cache .ruff_cache
 
 faults: setup  ## every fault of the drives with its time to safe, every process killed and frozen; on an otherwise idle machine
 	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py \
@@ -59,8 +64,8 @@ soak: setup  ## ten minutes of random faults
 FUZZ_SECONDS ?= 60
 
 fuzz: setup  ## random and mutated bytes into every parser: atheris on both ends of the wires, then 100,000 of hypothesis on each
-	$(BIN)/python -m softgrip_emulator.commands.fuzz_bus --seconds $(FUZZ_SECONDS)
-	$(BIN)/python -m softgrip_driver.commands.fuzz_replies --seconds $(FUZZ_SECONDS)
+	$(BIN)/python tools/fuzz.py emulator --seconds $(FUZZ_SECONDS)
+	$(BIN)/python tools/fuzz.py driver --seconds $(FUZZ_SECONDS)
 	SOFTGRIP_FUZZ_EXAMPLES=100000 $(BIN)/python -m pytest -q -n 2 --timeout 1800 $(SRC)/softgrip_driver/test/test_protocol.py \
 	  $(SRC)/softgrip_emulator/test/test_fuzz.py -k "no_stream_breaks or any_bytes_in_any_pieces"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Throw noise at everything that reads a device's bytes, for a bounded time; coverage-guided when atheris is installed.
+"""Everything that reads a device's bytes, to be fed noise (`make fuzz`, tools/fuzz.py).
 
 A finding is an exception that is none of the driver's own, a value of a servo that stands in no whole packet of the
 stream, or a number that is none. The stream is printed as hex.
@@ -7,21 +7,11 @@ stream, or a number that is none. The stream is printed as hex.
 
 from __future__ import annotations
 
-import argparse
-import gc
-import importlib
-import importlib.util
 import math
 import os
 import random
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from types import FunctionType
 
-from softgrip_driver.commands.common import DONE, FAILED
 from softgrip_driver.dynamixel.bus import BROADCAST, Bus
 from softgrip_driver.dynamixel.stuffing import unstuff
 from softgrip_driver.errors import DriverError, NoReplyError, RefusedError
@@ -32,7 +22,7 @@ from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
 
 #: whose branches atheris watches
-_READERS = ("softgrip_driver.dynamixel", "softgrip_driver.rig", "dynamixel_sdk")
+READERS = ("softgrip_driver.dynamixel", "softgrip_driver.rig", "dynamixel_sdk")
 HEADER = bytes.fromhex("ff ff fd 00")
 _STATUS = 0x55
 _ADDRESS, _SIZE = 132, 4
@@ -216,53 +206,3 @@ def mutate(data: bytes, rng: random.Random) -> bytes:
         case _:
             out = bytearray(rng.randbytes(rng.randrange(40)))
     return bytes(out)
-
-
-def fuzz_at_random(seconds: float, seed: int) -> int:
-    """Mutate known replies for a while; returns the number of streams."""
-    rng, target, count = random.Random(seed), Target(), 0
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        for _ in range(100):
-            stream = b"".join(mutate(rng.choice(SEEDS), rng) for _ in range(rng.randrange(1, 4)))
-            target.feed(stream + (rng.choice(SEEDS) if rng.random() < 0.1 else b""))
-            count += 1
-    return count
-
-
-def fuzz_with_atheris(seconds: float, seed: int) -> None:
-    """Let atheris look for inputs that reach new code; it ends the process itself."""
-    atheris = importlib.import_module("atheris")
-    for function in gc.get_objects():
-        if isinstance(function, FunctionType) and str(function.__module__).startswith(_READERS):
-            atheris.instrument_func(function)
-    target = Target()
-    with tempfile.TemporaryDirectory() as corpus:
-        for number, reply in enumerate(SEEDS):
-            Path(corpus, str(number)).write_bytes(reply)
-        limits = [f"-max_total_time={int(seconds)}", f"-seed={seed}", "-max_len=200"]
-        atheris.Setup([sys.argv[0], *limits, corpus], target.feed)
-        atheris.Fuzz()
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=30.0, help="how long")
-    parser.add_argument("--seed", type=int, default=1, help="of the noise")
-    parser.add_argument("--engine", choices=("auto", "random", "atheris"), default="auto")
-    options = parser.parse_args(args)
-    has_atheris = importlib.util.find_spec("atheris") is not None
-    if options.engine == "atheris" and not has_atheris:
-        print("fuzz: expected the package 'atheris', found none: pip install atheris", file=sys.stderr)
-        return FAILED
-    if options.engine != "random" and has_atheris:
-        fuzz_with_atheris(options.seconds, options.seed)
-        return DONE
-    count = fuzz_at_random(options.seconds, options.seed)
-    print(f"{count} streams in {options.seconds:g} s: no foreign exception, no value that was not in the stream")
-    return DONE
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Throw noise at the devices' side of the wires for a bounded time; coverage-guided when atheris is installed.
+"""The devices' side of the wires, to be fed noise (`make fuzz`, tools/fuzz.py).
 
 A finding is an exception, or a change of a register by a stream that holds no whole packet. The stream is printed as
 hex.
@@ -7,16 +7,7 @@ hex.
 
 from __future__ import annotations
 
-import argparse
-import gc
-import importlib
-import importlib.util
 import random
-import sys
-import tempfile
-import time
-from pathlib import Path
-from types import FunctionType
 from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.chain import DynamixelChain
@@ -31,16 +22,14 @@ from softgrip_emulator.rig.sensor import LoadCell
 from softgrip_emulator.rig.truth import RigTruth
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from softgrip_emulator.wire.device import WireDevice
 
 _BAUD, _TEXT_BAUD = 57_600, 115_200
-_READERS: Final = ("softgrip_emulator.dynamixel", "softgrip_emulator.rig")
+READERS: Final = ("softgrip_emulator.dynamixel", "softgrip_emulator.rig")
 """Whose branches atheris watches."""
 _PAUSE_S: Final = 1.0
 """Between two streams: ends a packet that one of them has begun."""
-_SEEDS: Final = (
+SEEDS: Final = (
     encode(1, Instruction.PING),
     encode(1, Instruction.READ, bytes([132, 0, 4, 0])),
     encode(1, Instruction.WRITE, bytes([116, 0, 0, 2, 0, 0])),
@@ -123,57 +112,3 @@ def mutate(packet: bytes, rng: random.Random) -> bytes:
             case _:
                 data.insert(place, rng.randrange(256))
     return bytes(data)
-
-
-def fuzz_at_random(seconds: float, seed: int) -> int:
-    """Mutate known packets for a while; returns the number of streams."""
-    rng, target, count = random.Random(seed), Target(), 0
-    end_s = time.monotonic() + seconds
-    while time.monotonic() < end_s:
-        for _ in range(500):
-            stream = b"".join(mutate(rng.choice(_SEEDS), rng) for _ in range(rng.randrange(1, 4)))
-            if rng.random() < 0.1:
-                stream += rng.choice(_SEEDS)
-            target.feed(stream)
-            count += 1
-    return count
-
-
-def fuzz_with_atheris(seconds: float, seed: int) -> None:
-    """Let atheris look for inputs that reach new code; it ends the process itself."""
-    # optional: not everybody has a wheel for it
-    atheris = importlib.import_module("atheris")
-    for function in gc.get_objects():
-        if isinstance(function, FunctionType) and str(function.__module__).startswith(_READERS):
-            atheris.instrument_func(function)
-    target = Target()
-    with tempfile.TemporaryDirectory() as corpus:
-        for number, packet in enumerate(_SEEDS):
-            Path(corpus, str(number)).write_bytes(packet)
-        limits = [f"-max_total_time={int(seconds)}", f"-seed={seed}", "-max_len=200"]
-        atheris.Setup([sys.argv[0], *limits, corpus], target.feed)
-        atheris.Fuzz()
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=30.0, help="how long")
-    parser.add_argument("--seed", type=int, default=1, help="of the noise")
-    engines = ("auto", "random", "atheris")
-    parser.add_argument("--engine", choices=engines, default="auto", help="auto: atheris when it is there")
-    options = parser.parse_args(args)
-    has_atheris = importlib.util.find_spec("atheris") is not None
-    if options.engine == "atheris" and not has_atheris:
-        print("fuzz: expected the package 'atheris', found none: pip install atheris", file=sys.stderr)
-        return 2
-    if options.engine != "random" and has_atheris:
-        fuzz_with_atheris(options.seconds, options.seed)
-        return 0
-    count = fuzz_at_random(options.seconds, options.seed)
-    print(f"{count} streams in {options.seconds:g} s: no exception, no register changed by a broken packet")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
