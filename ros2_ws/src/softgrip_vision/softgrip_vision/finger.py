@@ -306,7 +306,7 @@ class FingerTracker:
             return True
         if not len(rivals):
             return False
-        claim = float(np.hypot(*(rivals - place).T).min())
+        claim = min(math.dist(rival, place) for rival in rivals.tolist())
         return claim < near and claim < math.dist(place, expected) + 0.5 * near
 
     def _fits_link(self, chain: ChainFilter, marker: int, parent: Seen | None, sighting: Sighting) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -58,8 +57,7 @@ class Spot(NamedTuple):
     noise: float
 
 
-@dataclass(frozen=True)
-class Window:
+class Window(NamedTuple):
     """A part of an image: left, top, width, height [px], inside the image."""
 
     left: int
