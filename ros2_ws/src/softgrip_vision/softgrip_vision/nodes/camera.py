@@ -14,6 +14,7 @@ from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 
 from softgrip_nodekit import SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, to_time_message
 from softgrip_vision import calibration
@@ -62,6 +63,7 @@ class CameraNode(Node):
         self._pixels = self.create_publisher(Image, "camera/image_raw", SENSOR) if self._values["publish_raw"] else None
         self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
         self._frames_ready = self.create_guard_condition(self._publish_ready)
+        self._info = CameraInfo()
         self._published = 0
         self._last_stamp_ns = 0
         self._size_problem = ""
@@ -108,13 +110,20 @@ class CameraNode(Node):
         except FrameError as error:
             self._diagnostics.set("frames", Health.ERROR, str(error))
             return
-        self._camera_info.publish(convert.to_camera_info(self._calibration, frame.width, frame.height, header))
+        self._camera_info.publish(self._info_of(frame, header))
         self._compressed.publish(compressed)
         if self._pixels is not None and raw is not None:
             self._pixels.publish(raw)
         self._watch.see(frame)
         self._published += 1
         self._last_stamp_ns = frame.stamp_ns
+
+    def _info_of(self, frame: Frame, header: Header) -> CameraInfo:
+        """Return the camera info of a frame: all but its header stays the same while frames keep their size."""
+        if (self._info.width, self._info.height) != (frame.width, frame.height):
+            self._info = convert.to_camera_info(self._calibration, frame.width, frame.height, header)
+        self._info.header = header
+        return self._info
 
     def _check_size(self, frame: Frame) -> str:
         if self._calibration is None:
