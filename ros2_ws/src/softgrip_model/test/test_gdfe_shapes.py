@@ -153,6 +153,16 @@ def test_a_slow_solver_gives_fewer_and_coarser_shapes_that_say_so_and_recovers(p
     assert machine.shown[-1][1].reason == ""
 
 
+def test_what_a_slow_machine_showed_a_quick_one_replays_to_the_same_bits(profiles, solved):
+    machine = SlowMachine(session_of(profiles, MEDIUM), solved, 0.01)
+    machine.run(12.0, closing_motion)
+    replayed = session_of(profiles, MEDIUM)
+    for stamp, then in machine.shown:
+        (now,) = replayed.on_tendons(["index"], [TendonSample(round(1e9 * stamp), closing_motion(stamp), 0.0, 1.0)])
+        assert (now.mesh, now.reason, now.shape.iterations) == (then.mesh, then.reason, then.shape.iterations)
+        np.testing.assert_array_equal(now.shape.vertices, then.shape.vertices)
+
+
 def test_a_quick_solver_never_leaves_its_mesh(profiles, solved):
     machine = SlowMachine(session_of(profiles, MEDIUM), solved, 1e-5)
     machine.run(4.0, closing_motion)
