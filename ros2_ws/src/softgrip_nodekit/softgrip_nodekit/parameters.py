@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 
 from softgrip_nodekit.errors import StartupError
@@ -80,6 +81,14 @@ class Parameter:
             ]
         return descriptor
 
+    def refusal(self, error: Exception) -> str:
+        """Return why a value given at start was refused, from what rclpy says."""
+        reason = str(error.args[0] if error.args else error)
+        if isinstance(error, InvalidParameterTypeException) and isinstance(self.default, str):
+            # YAML takes 0 for a number and yes for a truth
+            return f"{reason}; text that looks like something else wants quotes: -p {self.name}:=\"'...'\""
+        return reason
+
     def _within(self, number: float) -> bool:
         above = self.minimum is None or number >= self.minimum
         below = self.maximum is None or number <= self.maximum
@@ -118,7 +127,7 @@ class ParameterTable:
             try:
                 node.declare_parameter(row.name, row.default, row.descriptor())
             except Exception as error:
-                raise StartupError(f"parameter '{row.name}': {error}") from error
+                raise StartupError(f"parameter '{row.name}': {row.refusal(error)}") from error
         values = {row.name: self._plain(node.get_parameter(row.name).value) for row in self.rows}
         problems = [text for row in self.rows if (text := row.problem(values[row.name]))]
         if problems:

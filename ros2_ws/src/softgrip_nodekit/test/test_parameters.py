@@ -50,6 +50,7 @@ def test_defaults_have_unit_and_bounds_in_their_descriptor(context: Any) -> None
         ("rate:=fast", "rate"),
         ("kind:=c", "expected one of"),
         ("angles:=[0.1, 9.0]", "found 9"),
+        ("port:=0", "'port' to '0' of type 'INTEGER', expecting type 'STRING'; text .* wants quotes: -p port:="),
     ],
 )
 def test_a_wrong_value_at_start_is_named(context: Any, given: str, said: str) -> None:
@@ -84,3 +85,9 @@ def test_a_change_is_validated_then_applied(context: Any) -> None:
 def test_two_rows_of_one_name_are_a_mistake() -> None:
     with pytest.raises(ValueError, match="differ"):
         ParameterTable(Parameter("a", 1, "x"), Parameter("a", 2, "y"))
+
+
+def test_text_that_looks_like_a_number_is_taken_in_quotes(context: Any) -> None:
+    node = make_node(context, "-p", "port:='0'")
+    assert TABLE.declare(node)["port"] == "0"
+    node.destroy_node()

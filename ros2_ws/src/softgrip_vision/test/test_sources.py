@@ -316,6 +316,26 @@ def test_capture_waits_for_the_file_that_names_it_and_reconnects(
     assert frames[0].stamp_ns == 5_000_000_000
 
 
+def test_what_is_broken_stays_named_while_it_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log that tells each change of health would otherwise fill with one line a try."""
+    during: list[CaptureState] = []
+
+    def fail(*_: object) -> None:
+        during.append(capture.status.state)
+        raise SourceError("nothing there")
+
+    monkeypatch.setattr("softgrip_vision.sources.capture.open_source", fail)
+    pointer = tmp_path / "camera.url"
+    pointer.write_text("/dev/video97")
+    capture = Capture(f"@{pointer}", SourceOptions(), lambda: None, reconnect_delay=0.01)
+    capture.start()
+    assert until(lambda: len(during) > 4)
+    capture.stop()
+    assert during[0] is CaptureState.CONNECTING
+    assert set(during[1:]) == {CaptureState.BROKEN}
+    assert capture.status.message == "nothing there"
+
+
 def test_capture_drops_the_oldest_rather_than_lag(serve: Serve, part: Part, jpegs: Sequence[bytes]) -> None:
     url = serve([part(jpegs[k % 5], f"{k}.0") for k in range(10)])
     capture = Capture(url, SourceOptions(), lambda: None, depth=2, reconnect_delay=60.0)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
@@ -46,6 +47,8 @@ PARAMETERS = ParameterTable(
     Parameter("stale_after_s", 1.0, "a newest frame older than this is an error on /diagnostics", "s", 0.05, 60.0),
 )
 
+#: OpenCV's log level of errors.
+OPENCV_ERRORS = 2
 #: [s] between looks at the health of the capture.
 HEALTH_PERIOD = 0.5
 
@@ -174,6 +177,8 @@ class CameraNode(Node):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
+    # OpenCV would warn of every attempt to connect; /diagnostics says why, once.
+    cv2.setLogLevel(OPENCV_ERRORS)
     sys.exit(run(CameraNode, args))
 
 

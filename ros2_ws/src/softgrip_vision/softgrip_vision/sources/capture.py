@@ -124,7 +124,9 @@ class Capture:
         target = self._target()
         if target is None:
             return True
-        self._note(CaptureState.CONNECTING, target)
+        # Another try of what is broken leaves the reason standing: it would come and go with every try.
+        if self.status.state is not CaptureState.BROKEN:
+            self._note(CaptureState.CONNECTING, target)
         opened = open_source(target, self._options)
         finite = kind_of(target) in {SourceKind.VIDEO, SourceKind.FOLDER}
         try:
@@ -143,11 +145,11 @@ class Capture:
         """Return the source, once its name is known; None when stopped before."""
         if self._kind is not SourceKind.REFERENCE:
             return self._source
-        self._note(CaptureState.WAITING, self._source.removeprefix("@"))
         while not self._stop.is_set():
             target = dereference(self._source)
             if target is not None:
                 return target
+            self._note(CaptureState.WAITING, self._source.removeprefix("@"))
             self._stop.wait(REFERENCE_PERIOD)
         return None
 
