@@ -50,8 +50,10 @@ echo "== Python packages of requirements.lock"
 pip install -r requirements.lock
 echo "== hand capture (MediaPipe; its own pins are older than they need to be, so without them)"
 pip install --no-deps -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
-echo "== C++ cores of softgrip_model"
-pip install --no-deps --no-build-isolation -e ros2_ws/src/softgrip_model
+for package in softgrip_model softgrip_emulator; do
+  echo "== C++ cores of $package"
+  pip install --no-deps --no-build-isolation -e "ros2_ws/src/$package"
+done
 echo "== the stand-in for ROS 2, and this workspace"
 pip install --no-deps --no-build-isolation -e embedded
 "$VENV/bin/python" -m embedded_ros.workspace ros2_ws/src

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from softgrip_emulator.dynamixel.table import (
     ACCELERATION_UNIT_REV_PER_MIN2,
@@ -41,12 +40,63 @@ class Mode(IntEnum):
 POSITION_MODES: Final = frozenset({Mode.POSITION, Mode.EXTENDED_POSITION, Mode.CURRENT_BASED_POSITION})
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
+class Drive(NamedTuple):
     """What the power stage is told: duty cycle -1..1 and the largest current [A] it may let through."""
 
     duty: float = 0.0
     current_limit_a: float = 0.0
+
+
+class _Settings(NamedTuple):
+    """What the loop is set to, decoded from the registers."""
+
+    mode: int
+    pwm_limit: float
+    duty_limit: float
+    current_limit_a: float
+    goal_position: float
+    goal_velocity: int
+    goal_current: int
+    goal_current_a: float
+    goal_duty: float
+    position_p: float
+    position_i: float
+    position_d: float
+    velocity_p: float
+    velocity_i: float
+    profile_top: int
+    """Profile Velocity: [velocity unit], or a duration [ms] in a time-based profile."""
+    profile_rate: float
+    """[pulse/s^2]"""
+    time_based: bool
+
+    @classmethod
+    def decoded(cls, registers: Registers) -> _Settings:
+        get, unit_a = registers.get, registers.model.motor.current_unit_a
+        pwm_limit = get("pwm_limit") / PWM_FULL_SCALE
+        goal_duty = get("goal_pwm") / PWM_FULL_SCALE
+        time_based = bool(get("drive_mode") & _TIME_BASED)
+        acceleration = get("profile_acceleration")
+        limited = acceleration and not time_based
+        return cls(
+            mode=get("operating_mode"),
+            pwm_limit=pwm_limit,
+            duty_limit=min(pwm_limit, abs(goal_duty)),
+            current_limit_a=get("current_limit") * unit_a,
+            goal_position=float(get("goal_position")),
+            goal_velocity=get("goal_velocity"),
+            goal_current=get("goal_current"),
+            goal_current_a=abs(get("goal_current")) * unit_a,
+            goal_duty=goal_duty,
+            position_p=get("position_p_gain") * _P_SCALE,
+            position_i=get("position_i_gain") * _I_SCALE,
+            position_d=get("position_d_gain") * _D_SCALE,
+            velocity_p=get("velocity_p_gain") * _P_SCALE,
+            velocity_i=get("velocity_i_gain") * _I_SCALE,
+            profile_top=get("profile_velocity"),
+            profile_rate=acceleration * _PULSES_PER_S2_PER_ACCELERATION_UNIT if limited else math.inf,
+            time_based=time_based,
+        )
 
 
 class Motion:
@@ -54,6 +104,8 @@ class Motion:
 
     def __init__(self, registers: Registers) -> None:
         self._registers = registers
+        self._settings = _Settings.decoded(registers)
+        self._decoded_at = registers.changes
         self._goal = 0.0
         self._integral = 0.0
         self.position = 0.0
@@ -81,64 +133,58 @@ class Motion:
             dt_s: step [s].
             follow: take the goal from the registers (False after the bus watchdog has tripped).
         """
-        get = self._registers.get
-        mode = get("operating_mode")
-        pwm_limit = get("pwm_limit") / PWM_FULL_SCALE
-        current_limit_a = get("current_limit") * self._registers.model.motor.current_unit_a
+        if self._decoded_at != self._registers.changes:
+            self._settings = _Settings.decoded(self._registers)
+            self._decoded_at = self._registers.changes
+        settings = self._settings
+        mode, duty_limit, current_limit_a = settings.mode, settings.duty_limit, settings.current_limit_a
         if mode in POSITION_MODES:
             if follow:
-                self._goal = float(get("goal_position"))
-            self._advance_profile(dt_s)
-            duty = self._position_loop(position, velocity, dt_s)
+                self._goal = settings.goal_position
+            self._advance_profile(settings, dt_s)
+            duty = self._position_loop(settings, position, velocity, dt_s)
             if mode == Mode.CURRENT_BASED_POSITION:
-                current_limit_a = abs(get("goal_current")) * self._registers.model.motor.current_unit_a
-            duty_limit = min(pwm_limit, abs(get("goal_pwm")) / PWM_FULL_SCALE)
+                current_limit_a = settings.goal_current_a
         elif mode == Mode.VELOCITY:
-            duty = self._velocity_loop(velocity, get("goal_velocity") if follow else 0, dt_s)
-            duty_limit = min(pwm_limit, abs(get("goal_pwm")) / PWM_FULL_SCALE)
+            duty = self._velocity_loop(settings, velocity, settings.goal_velocity if follow else 0, dt_s)
         elif mode == Mode.CURRENT:
-            goal = get("goal_current") if follow else 0
             # A current source: as much voltage as it takes, in the direction asked for.
-            return Drive(math.copysign(pwm_limit, goal), abs(goal) * self._registers.model.motor.current_unit_a)
+            if not follow:
+                return Drive(settings.pwm_limit, 0.0)
+            return Drive(math.copysign(settings.pwm_limit, settings.goal_current), settings.goal_current_a)
         else:
-            duty = get("goal_pwm") / PWM_FULL_SCALE if follow else 0.0
-            duty_limit = pwm_limit
+            duty = settings.goal_duty if follow else 0.0
+            duty_limit = settings.pwm_limit
         return Drive(max(-duty_limit, min(duty_limit, duty)), current_limit_a)
 
-    def _position_loop(self, position: float, velocity: float, dt_s: float) -> float:
-        get = self._registers.get
+    def _position_loop(self, settings: _Settings, position: float, velocity: float, dt_s: float) -> float:
         error = self.position - position
-        gain_i = get("position_i_gain") * _I_SCALE
-        self._integral = self._integral + error * dt_s / _LOOP_S if gain_i else 0.0
+        self._integral = self._integral + error * dt_s / _LOOP_S if settings.position_i else 0.0
         pwm = (
-            get("position_p_gain") * _P_SCALE * error
-            + gain_i * self._integral
-            + get("position_d_gain") * _D_SCALE * (self.velocity - velocity) * _LOOP_S
+            settings.position_p * error
+            + settings.position_i * self._integral
+            + settings.position_d * (self.velocity - velocity) * _LOOP_S
         )
         return pwm / PWM_FULL_SCALE
 
-    def _velocity_loop(self, velocity: float, goal: int, dt_s: float) -> float:
-        get = self._registers.get
+    def _velocity_loop(self, settings: _Settings, velocity: float, goal: int, dt_s: float) -> float:
         error = goal - velocity / PULSES_PER_S_PER_VELOCITY_UNIT
         self._integral += error * dt_s / _LOOP_S
-        pwm = get("velocity_p_gain") * _P_SCALE * error + get("velocity_i_gain") * _I_SCALE * self._integral
+        pwm = settings.velocity_p * error + settings.velocity_i * self._integral
         return pwm / PWM_FULL_SCALE
 
-    def _advance_profile(self, dt_s: float) -> None:
-        get = self._registers.get
-        top, acceleration = get("profile_velocity"), get("profile_acceleration")
+    def _advance_profile(self, settings: _Settings, dt_s: float) -> None:
         remaining = self._goal - self.position
+        top, rate = settings.profile_top, settings.profile_rate
         if top == 0:
             # Profile Velocity 0: no profile, the goal is a step.
             self.position, self.velocity, self.profile_active = self._goal, 0.0, False
             return
-        if get("drive_mode") & _TIME_BASED:
+        if settings.time_based:
             # Time-based profile: the items are durations [ms]; here the span left shared over the time left.
             speed_limit = abs(remaining) / max(dt_s, top / 1000.0) if not self.profile_active else abs(self.velocity)
-            rate = math.inf
         else:
             speed_limit = top * PULSES_PER_S_PER_VELOCITY_UNIT
-            rate = acceleration * _PULSES_PER_S2_PER_ACCELERATION_UNIT if acceleration else math.inf
         if math.isfinite(rate):
             speed_limit = min(speed_limit, math.sqrt(2.0 * rate * abs(remaining)))
         wanted = math.copysign(speed_limit, remaining) if remaining else 0.0

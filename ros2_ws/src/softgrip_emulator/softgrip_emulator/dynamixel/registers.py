@@ -61,6 +61,8 @@ class Registers:
         for block in model.indirect:
             self._defined[block.data : block.data + block.count] = b"\1" * block.count
         self._values: dict[str, int] = {}
+        self.changes = 0
+        """Counts every `put`: what was decoded from the registers stays good until it moves on."""
         for item in model.items:
             self.put(item.name, item.default)
 
@@ -76,6 +78,7 @@ class Registers:
 
     def put(self, name: str, value: int) -> None:
         """Set an item, wrapped into its size."""
+        self.changes += 1
         item = self._by_name[name]
         bits = 8 * item.size
         value &= (1 << bits) - 1

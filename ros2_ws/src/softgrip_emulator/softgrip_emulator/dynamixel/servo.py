@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final, NamedTuple
 
 from softgrip_emulator.dynamixel.instructions import Instructions, Reply
 from softgrip_emulator.dynamixel.motion import (
@@ -29,14 +29,14 @@ from softgrip_emulator.dynamixel.table import (
     ServoModel,
 )
 
-if TYPE_CHECKING:
-    pass
-
 REBOOT_SILENCE_S: Final = 0.4
 """Measured by a user on an XC330 (emanual#1698); ROBOTIS gives no figure."""
 _RAD_PER_PULSE: Final = 2.0 * math.pi / PULSES_PER_TURN
 _WATCHDOG_UNIT_S: Final = 0.02
 _TICK_MODULO: Final = 32768
+_TRIPPED: Final = -1
+"""Bus Watchdog after it has tripped (e-manual)."""
+_OFF: Final = Drive()
 _REVERSE: Final = 0x01
 _TORQUE_ON_BY_GOAL: Final = 0x08
 _STARTUP_TORQUE_ON: Final = 0x01
@@ -81,6 +81,37 @@ class Shaft:
     temperature_c: float = 25.0
 
 
+class _Settings(NamedTuple):
+    """What the firmware looks at in every step, decoded from the registers."""
+
+    torque_on: bool
+    error_bits: int
+    shutdown: int
+    lowest_v: float
+    highest_v: float
+    temperature_limit_c: int
+    overload_a: float
+    watchdog: int
+    direction: float
+    homing_offset: int
+
+    @classmethod
+    def decoded(cls, registers: Registers) -> _Settings:
+        get = registers.get
+        return cls(
+            torque_on=bool(get("torque_enable")),
+            error_bits=get("hardware_error_status"),
+            shutdown=get("shutdown"),
+            lowest_v=(get("min_voltage_limit") - 0.5) / 10.0,
+            highest_v=(get("max_voltage_limit") + 0.5) / 10.0,
+            temperature_limit_c=get("temperature_limit"),
+            overload_a=_OVERLOAD_SHARE * registers.model.motor.stall_current_a,
+            watchdog=get("bus_watchdog"),
+            direction=-1.0 if get("drive_mode") & _REVERSE else 1.0,
+            homing_offset=get("homing_offset"),
+        )
+
+
 class Servo:
     """Registers, firmware and encoder of one servo.
 
@@ -95,6 +126,8 @@ class Servo:
         self.registers.put("baud_rate", _baud_register(baud))
         self.registers.put("return_delay_time", return_delay_us // 2)
         self._motion = Motion(self.registers)
+        self._decoded = _Settings.decoded(self.registers)
+        self._decoded_at = self.registers.changes
         self._fold_pulses = 0
         self._silent_until_s = 0.0
         self._powered_since_s = 0.0
@@ -235,43 +268,48 @@ class Servo:
     def step(self, now_s: float, dt_s: float) -> Drive:
         """One step of the firmware: watchdogs and shutdown, then the loop. Returns what the power stage is told."""
         self._watch_health(dt_s)
-        if not self.registers.get("torque_enable") or now_s < self._silent_until_s or not self.powered:
-            return Drive()
-        self._watch_bus(now_s)
-        sign = self._direction
-        velocity = sign * self.shaft.velocity_rad_s / _RAD_PER_PULSE
-        follow = self.registers.get("bus_watchdog") != -1
-        drive = self._motion.drive(self._present_pulses(), velocity, dt_s, follow=follow)
-        return Drive(sign * drive.duty, drive.current_limit_a)
+        settings = self._settings
+        if not settings.torque_on or now_s < self._silent_until_s or not self.powered:
+            return _OFF
+        self._watch_bus(settings.watchdog, now_s)
+        settings = self._settings
+        velocity = settings.direction * self.shaft.velocity_rad_s / _RAD_PER_PULSE
+        duty, current_limit_a = self._motion.drive(
+            self._present_pulses(), velocity, dt_s, follow=settings.watchdog != _TRIPPED
+        )
+        return Drive(settings.direction * duty, current_limit_a)
 
-    def _watch_bus(self, now_s: float) -> None:
-        timeout = self.registers.get("bus_watchdog")
+    def _watch_bus(self, timeout: int, now_s: float) -> None:
         if timeout > 0 and now_s - self._last_packet_s > timeout * _WATCHDOG_UNIT_S:
-            self.registers.put("bus_watchdog", -1)
+            self.registers.put("bus_watchdog", _TRIPPED)
             self._motion.stop_at(self._present_pulses())
 
     def _watch_health(self, dt_s: float) -> None:
-        registers, shaft = self.registers, self.shaft
-        bits = registers.get("hardware_error_status") | self.forced_error_bits
-        tenths = shaft.supply_v * 10.0
-        if not registers.get("min_voltage_limit") - 0.5 <= tenths <= registers.get("max_voltage_limit") + 0.5:
+        settings, shaft = self._settings, self.shaft
+        bits = settings.error_bits | self.forced_error_bits
+        if not settings.lowest_v <= shaft.supply_v <= settings.highest_v:
             bits |= HardwareError.INPUT_VOLTAGE
-        if shaft.temperature_c > registers.get("temperature_limit"):
+        if shaft.temperature_c > settings.temperature_limit_c:
             bits |= HardwareError.OVERHEATING
-        heavy = abs(shaft.current_a) > _OVERLOAD_SHARE * self.model.motor.stall_current_a
-        self._overload_s = self._overload_s + dt_s if heavy else max(0.0, self._overload_s - dt_s)
+        if abs(shaft.current_a) > settings.overload_a:
+            self._overload_s += dt_s
+        elif self._overload_s:
+            self._overload_s = max(0.0, self._overload_s - dt_s)
         if self._overload_s > _OVERLOAD_TIME_S:
             bits |= HardwareError.OVERLOAD
-        if bits:
-            registers.put("hardware_error_status", bits)
-            if bits & registers.get("shutdown"):
-                registers.put("torque_enable", 0)
-
-    # -- encoder ---------------------------------------------------------------------------------------------------
+        if bits != settings.error_bits:
+            self.registers.put("hardware_error_status", bits)
+        if settings.torque_on and bits & settings.shutdown:
+            self.registers.put("torque_enable", 0)
 
     @property
-    def _direction(self) -> float:
-        return -1.0 if self.registers.get("drive_mode") & _REVERSE else 1.0
+    def _settings(self) -> _Settings:
+        if self._decoded_at != self.registers.changes:
+            self._decoded = _Settings.decoded(self.registers)
+            self._decoded_at = self.registers.changes
+        return self._decoded
+
+    # -- encoder ---------------------------------------------------------------------------------------------------
 
     def _raw_pulses(self) -> float:
         return self.shaft.angle_rad / _RAD_PER_PULSE
@@ -281,7 +319,8 @@ class Servo:
         self._fold_pulses = math.floor(self._raw_pulses() / PULSES_PER_TURN) * PULSES_PER_TURN
 
     def _present_pulses(self) -> float:
-        return self._direction * (self._raw_pulses() - self._fold_pulses) + self.registers.get("homing_offset")
+        settings = self._settings
+        return settings.direction * (self._raw_pulses() - self._fold_pulses) + settings.homing_offset
 
     def moving(self) -> bool:
         """Whether it turns faster than its moving threshold."""
@@ -290,7 +329,7 @@ class Servo:
 
     def _refresh(self, now_s: float) -> None:
         """Bring the read-only items up to date."""
-        registers, shaft, sign = self.registers, self.shaft, self._direction
+        registers, shaft, sign = self.registers, self.shaft, self._settings.direction
         position = math.floor(self._present_pulses() + 0.5) + self.position_glitch_pulses
         in_position = registers.get("operating_mode") in POSITION_MODES and (
             abs(registers.get("goal_position") - position) <= registers.get("moving_threshold")

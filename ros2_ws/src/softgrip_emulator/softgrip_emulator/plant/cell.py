@@ -38,6 +38,7 @@ REST_STEP_S: Final = 0.004
 _REST_AFTER_S: Final = 0.3
 _REST_SPEED_RAD_S: Final = 1e-3
 _MAX_OFFSET_M: Final = 0.1
+_STEPS_AT_A_TIME: Final = 4
 _READING_CATCH_UP_S: Final = 0.006
 _MAX_LAG_S: Final = 0.04
 """Further behind the clock than this, the plant skips time instead of taking the processor from the others."""
@@ -78,6 +79,11 @@ class Disturbances:
     extra_heat_w: dict[str, float] = field(default_factory=dict)
     jammed: set[str] = field(default_factory=set)
 
+    @property
+    def of_tendons(self) -> bool:
+        """Whether any motor or tendon is disturbed."""
+        return bool(self.broken_tendons or self.extra_slack_m or self.extra_heat_w or self.jammed)
+
 
 class CellPlant:
     """Everything that moves. `lock` guards all state; hold it to read several values that belong together."""
@@ -117,6 +123,8 @@ class CellPlant:
         self.now_s = 0.0
         self.lost_time_s = 0.0
         self._powered = [True] * len(self.servos)
+        self._spool_radii_m = np.array([motor.spool_radius_m for motor in self.motors])
+        self._disturbed = False
         self._calm_s = 0.0
         self._rebuild(keep=())
 
@@ -177,8 +185,8 @@ class CellPlant:
     def _rebuild(self, keep: Sequence[int]) -> None:
         """New bank for the mounted fingers; those in `keep` stay as they are, the others start straight and loose."""
         before = getattr(self, "bank", None)
-        wound = [motor.spool_radius_m * motor.shaft.angle_rad for motor in self.motors]
-        zero = getattr(self, "_wound_zero", np.array(wound))
+        wound = self._spool_radii_m * [servo.shaft.angle_rad for servo in self.servos]
+        zero = getattr(self, "_wound_zero", wound)
         self.bank = FingerBank(self.mounted)
         self._wound_zero = np.array([zero[i] if i in keep else wound[i] for i in range(len(wound))])
         if before is not None:
@@ -199,7 +207,7 @@ class CellPlant:
     # -- time ------------------------------------------------------------------------------------------------------
 
     def advance_to(self, now_s: float, *, alone: bool = False) -> None:
-        """Live until `now_s` [s]. Each step takes the lock by itself: the bus is never kept waiting long.
+        """Live until `now_s` [s]. A few steps at a time hold the lock: the bus is never kept waiting long.
 
         Args:
             now_s: of the cell's clock.
@@ -212,10 +220,11 @@ class CellPlant:
                 self.now_s += skipped
         while True:
             with self.lock:
-                dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
-                if self.now_s + dt_s > now_s:
-                    return
-                self.step(dt_s)
+                for _ in range(_STEPS_AT_A_TIME):
+                    dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
+                    if self.now_s + dt_s > now_s:
+                        return
+                    self.step(dt_s)
             # Let go of the interpreter: a thread that waits for the lock would else not get it before the last step.
             if not alone:
                 time.sleep(0)
@@ -231,11 +240,12 @@ class CellPlant:
             self.now_s += dt_s
             supply_v = self._supply_v()
             moving = False
+            tensions_n = self.bank.tension_n.tolist()
             for index, (servo, motor) in enumerate(zip(self.servos, self.motors, strict=True)):
                 self._power(index, servo, supply_v)
                 drive = servo.step(self.now_s, dt_s)
-                motor.step(drive, float(self.bank.tension_n[index]), supply_v, dt_s)
-                moving = moving or abs(motor.shaft.velocity_rad_s) > _REST_SPEED_RAD_S
+                motor.step(drive, tensions_n[index], supply_v, dt_s)
+                moving = moving or abs(servo.shaft.velocity_rad_s) > _REST_SPEED_RAD_S
             self._apply_disturbances()
             wound_m = self.wound_m()
             self.bank.step(wound_m, dt_s, self.grasp.load(self.bank, wound_m, dt_s))
@@ -243,8 +253,8 @@ class CellPlant:
 
     def wound_m(self) -> Array:
         """Cable each spool has wound since its finger was mounted [m]."""
-        turned = np.array([motor.spool_radius_m * motor.shaft.angle_rad for motor in self.motors])
-        return np.asarray(turned - self._wound_zero)
+        angles_rad = np.array([servo.shaft.angle_rad for servo in self.servos])
+        return np.asarray(self._spool_radii_m * angles_rad - self._wound_zero)
 
     def taken_slack_m(self) -> Array:
         """Cable each spool winds before its tendon is taut on the straight finger [m]."""
@@ -266,6 +276,9 @@ class CellPlant:
 
     def _apply_disturbances(self) -> None:
         faults = self.disturbances
+        before, self._disturbed = self._disturbed, faults.of_tendons
+        if not (before or self._disturbed):
+            return
         for index, slot in enumerate(self.slots):
             self.bank.broken[index] = slot in faults.broken_tendons
             self.bank.slack_m[index] = self._base_slack[index] + faults.extra_slack_m.get(slot, 0.0)

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+// Thin private binding of softgrip_emulator.plant._core; the typed faces are plant/fingers.py, plant/grasp.py and
+// plant/motor.py. A step takes microseconds: the interpreter lock is kept.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+#include "bank.hpp"
+#include "grasp.hpp"
+#include "motor.hpp"
+
+namespace py = pybind11;
+using namespace softgrip::plant;
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Shape = std::vector<py::ssize_t>;
+
+namespace {
+
+// A NumPy view onto what `owner` holds; it keeps the owner alive.
+template <class T>
+py::array view(std::vector<T>& values, const Shape& shape, const py::object& owner) {
+  return py::array_t<T>(shape, values.data(), owner);
+}
+
+// How to view an array of the bank: (F) for `per_joint` 0, else (F, per_joint J).
+template <class T>
+auto view_of(std::vector<T> FingerBank::* values, std::size_t per_joint) {
+  return [values, per_joint](const py::object& self) {
+    auto& bank = self.cast<FingerBank&>();
+    Shape shape{static_cast<py::ssize_t>(bank.slots())};
+    if (per_joint > 0) shape.push_back(static_cast<py::ssize_t>(per_joint * bank.joints()));
+    return view(bank.*values, shape, self);
+  };
+}
+
+FingerMake make_of(const py::object& truth) {
+  const auto values = [&](const char* name) { return truth.attr(name).cast<std::vector<double>>(); };
+  const auto value = [&](const char* name) { return truth.attr(name).cast<double>(); };
+  FingerMake make;
+  make.link_m = values("link_lengths_m");
+  make.opening_rad = values("opening_rad");
+  make.entry_radius_m = values("entry_radius_m");
+  make.exit_radius_m = values("exit_radius_m");
+  const auto moments = truth.attr("moment_coefficients").cast<std::vector<std::vector<double>>>();
+  if (moments.size() != 3) throw std::invalid_argument("moment_coefficients: expected 3 rows");
+  make.moment_linear = moments[0];
+  make.moment_quadratic = moments[1];
+  make.moment_cubic = moments[2];
+  make.friction_coefficient = values("friction_coefficient");
+  make.friction_bite = values("friction_bite");
+  make.body_height_m = value("body_height_m");
+  make.damping_s = value("damping_s");
+  make.creep_share = value("creep_share");
+  make.creep_time_s = value("creep_time_s");
+  make.friction_tension_exponent = value("friction_tension_exponent");
+  make.friction_stribeck_share = value("friction_stribeck_share");
+  make.friction_stribeck_speed_m_s = value("friction_stribeck_speed_m_s");
+  make.presliding_m = value("presliding_m");
+  make.cable_stiffness_n = value("cable_stiffness_n");
+  make.lead_length_m = value("lead_length_m");
+  make.slack_m = value("slack_m");
+  for (const auto* row : {&make.opening_rad, &make.entry_radius_m, &make.exit_radius_m, &make.moment_linear,
+                          &make.moment_quadratic, &make.moment_cubic}) {
+    if (row->size() != make.joints()) throw std::invalid_argument("finger: expected one value for each link");
+  }
+  for (const auto* row : {&make.friction_coefficient, &make.friction_bite}) {
+    if (row->size() != 2 * make.joints()) throw std::invalid_argument("finger: expected two contacts for each link");
+  }
+  return make;
+}
+
+std::unique_ptr<FingerBank> make_bank(const std::vector<std::optional<py::object>>& fingers) {
+  std::vector<std::optional<FingerMake>> makes;
+  for (const auto& finger : fingers) makes.push_back(finger ? std::optional(make_of(*finger)) : std::nullopt);
+  return std::make_unique<FingerBank>(makes);
+}
+
+std::unique_ptr<JointLoad> make_load(const Array& torque_nm, const Array& stiffness) {
+  if (torque_nm.ndim() != 2 || stiffness.size() != torque_nm.size() * torque_nm.shape(1)) {
+    throw std::invalid_argument("load: expected torques (F, J) and their stiffness (F, J, J)");
+  }
+  return std::make_unique<JointLoad>(JointLoad{{torque_nm.data(), torque_nm.data() + torque_nm.size()},
+                                               {stiffness.data(), stiffness.data() + stiffness.size()}});
+}
+
+void step_bank(FingerBank& bank, const Array& wound_m, double dt_s, const JointLoad* load) {
+  if (wound_m.size() != static_cast<py::ssize_t>(bank.slots())) {
+    throw std::invalid_argument("wound_m: expected one value for each slot");
+  }
+  if (load != nullptr && load->torque_nm.size() != bank.q.size()) {
+    throw std::invalid_argument("load: expected torques (F, J) as the bank has slots and joints");
+  }
+  bank.step(wound_m.data(), dt_s, load);
+}
+
+void adopt(FingerBank& bank, const FingerBank& before, const std::vector<std::size_t>& keep) {
+  for (const std::size_t slot : keep) {
+    if (slot >= bank.slots() || slot >= before.slots()) throw std::out_of_range("keep: no such slot");
+    bank.adopt(before, slot);
+  }
+}
+
+py::array_t<double> pulled_length(const FingerBank& bank) {
+  py::array_t<double> pulled(static_cast<py::ssize_t>(bank.slots()));
+  for (std::size_t i = 0; i < bank.slots(); ++i) {
+    pulled.mutable_at(i) = bank.finger(i) == nullptr ? 0.0 : bank.finger(i)->pulled_length_m();
+  }
+  return pulled;
+}
+
+// Joints and tip, (F, J + 1, 2), and headings, (F, J); rows of shorter fingers repeat the tip and the last heading.
+py::tuple chain(const FingerBank& bank, const Array& q) {
+  const std::size_t slots = bank.slots(), joints = bank.joints();
+  if (q.size() != static_cast<py::ssize_t>(slots * joints)) throw std::invalid_argument("q: expected (F, J) angles");
+  py::array_t<double> points(Shape{py::ssize_t(slots), py::ssize_t(joints + 1), 2});
+  py::array_t<double> headings(Shape{py::ssize_t(slots), py::ssize_t(joints)});
+  for (std::size_t i = 0; i < slots; ++i) {
+    double* row = points.mutable_data() + i * 2 * (joints + 1);
+    double* heading = headings.mutable_data() + i * joints;
+    const Finger* finger = bank.finger(i);
+    const std::size_t real = finger == nullptr ? 0 : finger->make().joints();
+    row[0] = row[1] = 0.0;
+    if (finger != nullptr) finger->chain(q.data() + i * joints, row, heading);
+    for (std::size_t j = real; j < joints; ++j) {
+      heading[j] = j == 0 ? 0.0 : heading[j - 1];
+      row[2 * j + 2] = row[2 * j];
+      row[2 * j + 3] = row[2 * j + 1];
+    }
+  }
+  return py::make_tuple(points, headings);
+}
+
+Ratings ratings_of(const py::object& ratings) {
+  const auto value = [&](const char* name) { return ratings.attr(name).cast<double>(); };
+  return {value("resistance_ohm"),   value("back_emf_vs_per_rad"), value("torque_constant_nm_per_a"),
+          value("inertia_kgm2"),     value("gear_viscous_nms"),    value("gear_friction_nm"),
+          value("thermal_resistance_k_per_w"), value("heat_capacity_j_per_k")};
+}
+
+std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m) {
+  std::vector<SlotPlace> slots;
+  for (const auto& place : places) {
+    if (place.size() != 5) throw std::invalid_argument("place: expected along, out, side, rest angle, across");
+    slots.push_back({place[0], place[1], place[2], place[3], place[4]});
+  }
+  return std::make_unique<Grasp>(slots, finger_width_m);
+}
+
+void place_product(Grasp& grasp, const py::object& item, double along_m, double out_m) {
+  const auto value = [&](const char* name) { return item.attr(name).cast<double>(); };
+  const Product product{value("width_m"),  value("height_m"), value("length_m"),
+                        value("corner_m"), item.attr("round_in_length").cast<bool>(),
+                        value("mass_kg"),  value("friction"), value("stiffness_n_per_m"),
+                        value("crush_n")};
+  grasp.place(product, along_m, out_m);
+}
+
+const JointLoad* load_of(Grasp& grasp, const FingerBank& bank, const Array& wound_m, double dt_s) {
+  if (bank.slots() != grasp.forces_n.size()) {
+    throw std::invalid_argument("bank: expected as many slots as the grasp has");
+  }
+  double all_wound_m = 0.0;
+  for (py::ssize_t i = 0; i < wound_m.size(); ++i) all_wound_m += wound_m.data()[i];
+  return grasp.load(bank, all_wound_m, dt_s);
+}
+
+void bind_fingers(py::module_& module) {
+  py::class_<JointLoad>(module, "JointLoad")
+      .def(py::init(&make_load), py::arg("torque_nm"), py::arg("stiffness"))
+      .def_property_readonly("torque_nm", [](const JointLoad& load) { return load.torque_nm; })
+      .def_property_readonly("stiffness", [](const JointLoad& load) { return load.stiffness; });
+  py::class_<FingerBank>(module, "FingerBank")
+      .def(py::init(&make_bank), py::arg("fingers"))
+      .def_property_readonly("joints", &FingerBank::joints)
+      .def_readwrite("friction_scale", &FingerBank::friction_scale)
+      .def("step", &step_bank, py::arg("wound_m"), py::arg("dt_s"), py::arg("load").none(true) = py::none())
+      .def("adopt", &adopt, py::arg("before"), py::arg("keep"))
+      .def("pulled_length_m", &pulled_length)
+      .def("chain", &chain, py::arg("q"))
+      .def("q", view_of(&FingerBank::q, 1))
+      .def("joint_speed", view_of(&FingerBank::joint_speed, 1))
+      .def("span_tension_n", view_of(&FingerBank::span_tension_n, 2))
+      .def("tension_n", view_of(&FingerBank::tension_n, 0))
+      .def("slack_m", view_of(&FingerBank::slack_m, 0))
+      .def("broken", [](const py::object& self) {
+        return view_of(&FingerBank::broken, 0)(self).attr("view")(py::dtype::of<bool>());
+      });
+}
+
+void bind_motor(py::module_& module) {
+  module.attr("AMBIENT_C") = kAmbient_C;
+  py::class_<Motor>(module, "Motor")
+      .def(py::init([](const py::object& ratings, double spool_radius_m, double friction_factor) {
+             return Motor{ratings_of(ratings), spool_radius_m, friction_factor};
+           }),
+           py::arg("ratings"), py::arg("spool_radius_m"), py::arg("friction_factor"))
+      .def_readonly("spool_radius_m", &Motor::spool_radius_m)
+      .def_readonly("friction_factor", &Motor::friction_factor)
+      .def_readwrite("extra_heat_w", &Motor::extra_heat_w)
+      .def_readwrite("jammed", &Motor::jammed)
+      // Values in, values out: the shaft's attributes are read more often than it turns.
+      .def("turned", [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c, double duty,
+                        double current_limit_a, double tension_n, double supply_v, double dt_s) {
+        const Shaft before{angle_rad, velocity_rad_s, 0.0, temperature_c};
+        const Shaft shaft = motor.turned(before, duty, current_limit_a, tension_n, supply_v, dt_s);
+        return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.current_a, shaft.temperature_c);
+      });
+}
+
+void bind_grasp(py::module_& module) {
+  py::class_<Grasp>(module, "Grasp")
+      .def(py::init(&make_grasp), py::arg("places"), py::arg("finger_width_m"))
+      .def("place", &place_product, py::arg("product"), py::arg("along_m"), py::arg("out_m"))
+      .def("take_away", &Grasp::take_away)
+      .def("lift", &Grasp::lift)
+      .def("load", &load_of, py::arg("bank"), py::arg("wound_m"), py::arg("dt_s"),
+           py::return_value_policy::reference_internal)
+      .def_property_readonly("present", &Grasp::present)
+      .def_property_readonly("held", &Grasp::held)
+      .def_property_readonly("lifted", &Grasp::lifted)
+      .def_property_readonly("slipped", &Grasp::slipped)
+      .def_property_readonly("crushed", &Grasp::crushed)
+      .def_property_readonly("centre_m", [](const Grasp& grasp) {
+        return py::make_tuple(grasp.centre_m().x(), grasp.centre_m().y());
+      })
+      .def_readwrite("lifts_itself", &Grasp::lifts_itself)
+      .def("on_fingers_n", [](const py::object& self) {
+        auto& grasp = self.cast<Grasp&>();
+        return view(grasp.on_fingers_n, {py::ssize_t(grasp.forces_n.size()), 2}, self);
+      })
+      .def("forces_n", [](const py::object& self) {
+        auto& forces_n = self.cast<Grasp&>().forces_n;
+        return view(forces_n, {py::ssize_t(forces_n.size())}, self);
+      });
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+  module.doc() = "Private core of softgrip_emulator.plant.";
+  bind_fingers(module);
+  bind_motor(module);
+  bind_grasp(module);
+}
