@@ -31,8 +31,9 @@ _COARSER = 0.8
 _TOO_SLOW = 0.4
 #: The coarser mesh serves so many times as long as a shape was late, [s] at most so long.
 _RELIEF, _LONGEST_RELIEF = 2.0, 5.0
-#: Mesh that serves where the one asked for is too slow.
-_COARSE = RESOLUTIONS["coarse"]
+#: Mesh that serves where the one asked for is too slow, and the tolerance that goes with it at least: it halves the
+#: iterations and moves the tip by 0.2 mm at most, the mesh by more.
+_COARSE, _COARSE_TOLERANCE = RESOLUTIONS["coarse"], 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +103,10 @@ class _Slot:
         self.relieved = relief or (self.relieved and not self.fine.keyframes.covers(pulled_mm))
         if not self.relieved:
             return self.fine
-        if not self.fine.keyframes.covers(pulled_mm):
-            self.fine.keyframes.advance()
         self.coarse = self.coarse or self.make_coarse()
+        # the fine one catches up when the coarse one has nothing to do
+        if self.coarse.keyframes.covers(pulled_mm) and not self.fine.keyframes.covers(pulled_mm):
+            self.fine.keyframes.advance()
         return self.coarse
 
 
@@ -234,7 +236,9 @@ class ShapeSession:
         key = (digest(profile), slot, repr(self._friction and (self._friction.id, self._friction.law)))
         if key not in self._made:
             make = partial(self._closing, profile, slot, self._friction)
-            self._made[key] = _Slot(make(self._settings), partial(make, replace(self._settings, resolution=_COARSE)))
+            tolerance = max(self._settings.tolerance, _COARSE_TOLERANCE)
+            coarse = replace(self._settings, resolution=_COARSE, tolerance=tolerance)
+            self._made[key] = _Slot(make(self._settings), partial(make, coarse))
         return self._made[key]
 
     def _closing(
