@@ -66,6 +66,17 @@ def test_too_little_tension_lets_a_heavy_product_slip(cell):
     assert state.product == ""
 
 
+def test_a_product_lies_where_it_was_put_and_stays_behind_when_it_slips(cell):
+    plant = cell("pinch")
+    plant.place("orange", 0.004)
+    along_m, out_m = plant.grasp.centre_m
+    # The pinch set cannot go down to its taught depth: this orange stands on the table.
+    height_m = products()["orange"].copy_of(np.random.default_rng([1, 0x5052])).height_m
+    assert (along_m, out_m) == pytest.approx((0.004, hand().table_m - height_m / 2))
+    assert plant.close(4.0).slipped
+    assert plant.grasp.centre_m[1] - out_m > 0.03
+
+
 def test_too_much_tension_crushes_a_soft_one(cell):
     plant = cell("pinch")
     plant.place("cheese_slice")

@@ -222,7 +222,6 @@ void bind_grasp(py::module_& module) {
            py::return_value_policy::reference_internal)
       .def_property_readonly("present", &Grasp::present)
       .def_property_readonly("held", &Grasp::held)
-      .def_property_readonly("lifted", &Grasp::lifted)
       .def_property_readonly("slipped", &Grasp::slipped)
       .def_property_readonly("crushed", &Grasp::crushed)
       .def_property_readonly("centre_m", [](const Grasp& grasp) {

@@ -37,7 +37,6 @@ class Grasp {
 
   bool present() const { return product_.has_value(); }
   bool held() const;
-  bool lifted() const { return lifted_; }
   bool slipped() const { return slipped_; }
   bool crushed() const { return crushed_; }
   const Eigen::Vector2d& centre_m() const { return centre_m_; }
