@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller stepped by hand over a finger in closed form: no bus, no clock, no thread."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -74,6 +75,24 @@ def test_a_move_ends_at_its_target(rig):
     for name, finger in rig.fingers.items():
         assert finger.position - finger.taut == pytest.approx(0.010, abs=LIMITS.position_tolerance)
         assert rig.drive(name).state is DriveState.HOLDING
+
+
+def test_a_move_that_needs_nearly_all_it_may_pull_does_not_stand_short_of_target_and_limit(spring_finger, reading):
+    """A servo under proportional control gives way to its load; between the two it would be taken for jammed."""
+
+    class Yielding(spring_finger):
+        def __init__(self):
+            super().__init__(stiffness=500.0)
+
+        def advance(self, dt, setpoint):
+            goal = (setpoint.position + 0.06 * self.taut) / 1.06  # gives way by 0.12 mm a newton
+            super().advance(dt, dataclasses.replace(setpoint, position=goal))
+
+    rig = Rig(Yielding, reading, ("a",)).on()
+    outcome, reason = rig.run(rig.move(0.0186, tension_limit=10.0))
+    assert outcome is Outcome.REACHED, reason
+    outcome, reason = rig.run(rig.move(0.0200, tension_limit=10.0))
+    assert outcome is Outcome.TENSION_LIMIT, reason
 
 
 def test_a_move_stops_at_its_tension_limit(rig):

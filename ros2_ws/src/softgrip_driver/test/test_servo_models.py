@@ -201,18 +201,6 @@ def test_a_move_does_not_overshoot(taut):
             assert seen[-1].drives[index].length == pytest.approx(end, abs=1e-4)
 
 
-@pytest.mark.parametrize("share", [0.89, 0.91, 0.93, 0.94])
-def test_a_move_that_needs_nearly_all_it_may_pull_does_not_stand_short_of_both(taut, share):
-    """Target or limit: a drive that a load holds back between the two would be taken for jammed."""
-    names, target = ["index", "thumb"], 0.018
-    outcome, reason = taut.run(taut.move([target], 0.016, tendons=names))
-    assert outcome is Outcome.REACHED, reason
-    needed = max(taut.drive(name).tension for name in names)
-    taut.run(taut.move([0.0], 0.05, tendons=names))
-    outcome, reason = taut.run(taut.move([target], 0.016, needed / share, names))
-    assert outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}, reason
-
-
 @pytest.mark.parametrize("bench", [{}, {"mode": EXTENDED}], indirect=True)
 @pytest.mark.parametrize(
     ("first", "then"),

@@ -15,7 +15,17 @@ from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.memory import DriveMemory
-from softgrip_driver.tendon.motions import NATURAL_LAG, DriveState, Follow, Hold, Motion, Outcome, Step, View
+from softgrip_driver.tendon.motions import (
+    NATURAL_LAG,
+    DriveState,
+    Follow,
+    Hold,
+    Motion,
+    MoveToLength,
+    Outcome,
+    Step,
+    View,
+)
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 from softgrip_driver.tendon.watch import Watch
 
@@ -359,7 +369,7 @@ class Drive:
             m.trim = 0.0
         elif self._watch.suspects_break:
             pass  # giving way now would look as if the tension had been let out
-        elif view.tension < 0.9 * step.tension_limit and abs(error) < self.limits.lead:
+        elif view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self.limits.lead:
             m.trim = max(-self.MAX_TRIM, min(self.MAX_TRIM, m.trim + self.TRIM_RATE * error * view.dt))
         return m.trim
 
