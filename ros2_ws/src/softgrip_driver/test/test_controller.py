@@ -89,9 +89,9 @@ def test_a_move_that_needs_nearly_all_it_may_pull_does_not_stand_short_of_target
             super().advance(dt, dataclasses.replace(setpoint, position=goal))
 
     rig = Rig(Yielding, reading, ("a",)).on()
-    outcome, reason = rig.run(rig.move(0.0186, tension_limit=10.0))
+    outcome, reason = rig.run(rig.move(0.0302, tension_limit=16.0))
     assert outcome is Outcome.REACHED, reason
-    outcome, reason = rig.run(rig.move(0.0200, tension_limit=10.0))
+    outcome, reason = rig.run(rig.move(0.0320, tension_limit=16.0))
     assert outcome is Outcome.TENSION_LIMIT, reason
 
 
