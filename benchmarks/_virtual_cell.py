@@ -102,7 +102,7 @@ class VirtualCell:
         self.plant = CellPlant(self.profiles, seed=seed)
         self._friction = calibrated(seed)
         self.period_s = 1.0 / rate
-        limits = TendonLimits(break_confirm=0.15)
+        limits = TendonLimits(break_confirm=0.25)
         model = MODELS["XL330-M288"]
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
         servos = [Servo(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]

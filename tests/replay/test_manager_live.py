@@ -24,6 +24,8 @@ from softgrip_bag.excerpt import excerpt
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.through import check
 from softgrip_bag.reader import read, topic_summaries
+from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
+from softgrip_interfaces.action import SwapFingers
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 TESTS = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_cell/test"
@@ -35,7 +37,7 @@ LONGEST = 60.0  # [s] for anything that is waited for
 
 def load(name: str) -> ModuleType:
     """Return a module of softgrip_cell's tests."""
-    spec = importlib.util.spec_from_file_location(f"softgrip_cell_{name}", TESTS / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(f"softgrip_cell_{name.replace('/', '_')}", TESTS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -55,7 +57,7 @@ def until(condition: Callable[[], object], expected: str) -> None:
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the bag of a manager that was asked everything."""
     folder = tmp_path_factory.mktemp("live")
-    manager = load("test_manager_node")
+    manager = load("manager/conftest")
     patch = pytest.MonkeyPatch()
     patch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))
     patch.setenv("ROS_LOCALHOST_ONLY", "1")
@@ -65,7 +67,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recorder = subprocess.Popen([*command, "-p", f"root:={folder}", "-p", f"path:={folder / 'bag'}"])
     try:
         until(lambda: (folder / "bag").is_dir() and "/tendon/state" in topics(folder / "bag"), "a recorder")
-        work(cell, manager, folder / "bag")
+        work(cell, folder / "bag")
         recorder.send_signal(signal.SIGINT)
         assert recorder.wait(LONGEST) == 0
     finally:
@@ -80,7 +82,7 @@ def topics(bag: Path) -> set[str]:
     return {topic.name for topic in topic_summaries(bag) if topic.messages} if list(bag.glob("*.mcap")) else set()
 
 
-def work(cell: Any, manager: ModuleType, bag: Path) -> None:
+def work(cell: Any, bag: Path) -> None:
     """A grasp with every outcome, a plan, a refused and a good swap, and a manager that is killed and comes back."""
 
     def grasp(outcome: str, during: Callable[[], None] | None = None) -> None:
@@ -89,7 +91,7 @@ def work(cell: Any, manager: ModuleType, bag: Path) -> None:
                 during()
 
         result = cell.controller.grasp("orange", on_phase=on_phase)
-        assert manager.GRASP_OUTCOMES[result.outcome] == outcome, result.reason
+        assert GRASP_OUTCOMES[result.outcome] == outcome, result.reason
         cell.controller.release()
 
     def slip() -> None:
@@ -102,9 +104,9 @@ def work(cell: Any, manager: ModuleType, bag: Path) -> None:
     grasp("ABORTED")
     cell.controller.plan(["egg", "grape"], [2, 1])
     cell.controller.select("orange")
-    assert cell.swap("claw").outcome == manager.SwapFingers.Result.REFUSED
+    assert cell.swap("claw").outcome == SwapFingers.Result.REFUSED
     swapped = cell.swap()
-    assert swapped.outcome == manager.SwapFingers.Result.SUCCEEDED, swapped.reason
+    assert swapped.outcome == SwapFingers.Result.SUCCEEDED, swapped.reason
     grasp("EMPTY")
     cell.driver.bench.contact_m = (0.008, 0.009, 0.0085)
     grasp("GRIPPED")
@@ -117,7 +119,7 @@ def work(cell: Any, manager: ModuleType, bag: Path) -> None:
     cell.start("lift_window_s:=0.5", "stale_s:=3.0")
     cell.driver.bench.contact_m = NOTHING
     cell.driver.publish_friction()
-    assert cell.swap().outcome == manager.SwapFingers.Result.SUCCEEDED
+    assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
     cell.stop()
 
 

@@ -102,6 +102,24 @@ def test_a_held_product_is_carried_by_its_contacts(profiles, finger_set, name, t
     assert plant.grasp.forces_n == pytest.approx(np.linalg.norm(plant.grasp.on_fingers_n, axis=1))
 
 
+def test_fingers_that_draw_a_product_in_press_it_against_the_palm(profiles):
+    plant = HandPulledCell(profiles, "power", seed=1)
+    plant.place("cracker_sheet")
+    assert plant.close(14.0).held
+    for _ in range(750):
+        plant.pulled_m = plant.pulled_m + 8e-6
+        plant.step()
+    for _ in range(500):
+        plant.step()
+    sheet = product("cracker_sheet").copy_of(np.random.default_rng([1, 0x5052]))
+    depth_m = 0.5 * sheet.height_m - plant.grasp.centre_m[1]
+    assert plant.grasp.palm_push_n > 0.5
+    assert plant.grasp.palm_push_n == pytest.approx(depth_m / (1.0 / 6000.0 + 1.0 / sheet.stiffness_n_per_m), rel=1e-3)
+    _, out_n = plant.grasp.on_fingers_n.sum(axis=0)
+    # the fingers carry the weight and what the palm pushes
+    assert out_n == pytest.approx(1.15 * 9.81 * sheet.mass_kg + plant.grasp.palm_push_n, rel=0.02)
+
+
 def test_a_contact_resists_every_motion(profiles):
     plant = HandPulledCell(profiles, "power", seed=1)
     plant.place("apple")

@@ -45,7 +45,7 @@ class GraspSettings:
     contact_from_m: float = 0.003
     run: int = 3
     slip_share: float = 0.7
-    slip_s: float = 0.03
+    slip_s: float = 0.08
     lost_fraction: float = 0.35
     lost_floor_n: float = 4.0
     lost_s: float = 0.2

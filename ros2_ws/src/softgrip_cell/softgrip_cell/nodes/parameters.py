@@ -39,6 +39,7 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("contact_from_m", _GRASP.contact_from_m, "contact is looked for from this pulled length", "m", 0.0, 0.02),
     Parameter("decision_run", _GRASP.run, "samples in a row that have to agree", "", 1, 50),
+    Parameter("slip_s", _GRASP.slip_s, "how long a hold has to be lost before it counts", "s", 0.01, 1.0),
     Parameter(
         "slip_share", _GRASP.slip_share, "share of the contact threshold below which a hold is lost", "", 0.1, 1.0
     ),
@@ -68,6 +69,7 @@ def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
         contact_free_fraction=values["contact_free_fraction"],
         contact_from_m=values["contact_from_m"],
         run=values["decision_run"],
+        slip_s=values["slip_s"],
         slip_share=values["slip_share"],
         lift_window_s=values["lift_window_s"],
         stale_s=values["stale_s"],

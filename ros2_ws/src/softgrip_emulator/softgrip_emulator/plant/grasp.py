@@ -46,7 +46,9 @@ class Grasp:
         self._hand: Hand = hand()
         places = [self._hand.slots.get(slot, _SOMEWHERE) for slot in slots]
         self._core = _core.Grasp(
-            [(p.along_m, p.out_m, p.side, p.rest_angle_rad, p.across_m) for p in places], self._hand.finger_width_m
+            [(p.along_m, p.out_m, p.side, p.rest_angle_rad, p.across_m) for p in places],
+            self._hand.finger_width_m,
+            self._hand.palm_m,
         )
         self._name = ""
         self.on_fingers_n: Array = self._core.on_fingers_n()
@@ -95,6 +97,11 @@ class Grasp:
     def centre_m(self) -> tuple[float, float]:
         """Where the product's centre is, along and out of the palm [m]."""
         return self._core.centre_m
+
+    @property
+    def palm_push_n(self) -> float:
+        """Force of the palm on the product, out of the palm [N]."""
+        return self._core.palm_push_n
 
     # -- mechanics -------------------------------------------------------------------------------------------------
 

@@ -142,13 +142,13 @@ Ratings ratings_of(const py::object& ratings) {
           value("thermal_resistance_k_per_w"), value("heat_capacity_j_per_k")};
 }
 
-std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m) {
+std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m, double palm_m) {
   std::vector<SlotPlace> slots;
   for (const auto& place : places) {
     if (place.size() != 5) throw std::invalid_argument("place: expected along, out, side, rest angle, across");
     slots.push_back({place[0], place[1], place[2], place[3], place[4]});
   }
-  return std::make_unique<Grasp>(slots, finger_width_m);
+  return std::make_unique<Grasp>(slots, finger_width_m, palm_m);
 }
 
 void place_product(Grasp& grasp, const py::object& item, double along_m, double out_m) {
@@ -214,7 +214,7 @@ void bind_motor(py::module_& module) {
 
 void bind_grasp(py::module_& module) {
   py::class_<Grasp>(module, "Grasp")
-      .def(py::init(&make_grasp), py::arg("places"), py::arg("finger_width_m"))
+      .def(py::init(&make_grasp), py::arg("places"), py::arg("finger_width_m"), py::arg("palm_m"))
       .def("place", &place_product, py::arg("product"), py::arg("along_m"), py::arg("out_m"))
       .def("take_away", &Grasp::take_away)
       .def("lift", &Grasp::lift)
@@ -224,6 +224,7 @@ void bind_grasp(py::module_& module) {
       .def_property_readonly("held", &Grasp::held)
       .def_property_readonly("slipped", &Grasp::slipped)
       .def_property_readonly("crushed", &Grasp::crushed)
+      .def_property_readonly("palm_push_n", &Grasp::palm_push_n)
       .def_property_readonly("centre_m", [](const Grasp& grasp) {
         return py::make_tuple(grasp.centre_m().x(), grasp.centre_m().y());
       })

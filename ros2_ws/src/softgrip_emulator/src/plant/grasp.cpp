@@ -35,11 +35,12 @@ double sum(const std::vector<double>& values) { return std::accumulate(values.be
 
 }  // namespace
 
-Grasp::Grasp(std::vector<SlotPlace> places, double finger_width_m)
+Grasp::Grasp(std::vector<SlotPlace> places, double finger_width_m, double palm_m)
     : on_fingers_n(2 * places.size(), 0.0),
       forces_n(places.size(), 0.0),
       places_(std::move(places)),
-      finger_width_m_(finger_width_m) {
+      finger_width_m_(finger_width_m),
+      palm_m_(palm_m) {
   for (const SlotPlace& place : places_) pads_.emplace_back(place);
   traces_.resize(places_.size());
   traces_before_.resize(places_.size());
@@ -60,6 +61,7 @@ void Grasp::clear() {
 void Grasp::press_nothing() {
   std::fill(on_fingers_n.begin(), on_fingers_n.end(), 0.0);
   std::fill(forces_n.begin(), forces_n.end(), 0.0);
+  palm_push_n_ = palm_stick_m_ = 0.0;
 }
 
 void Grasp::place(const Product& product, double along_m, double out_m) {
@@ -95,6 +97,7 @@ const JointLoad* Grasp::load(const FingerBank& bank, double wound_m, double dt_s
   }
   drag(stiffness, dt_s);
   press(bank, stiffness);
+  lean_on_palm(stiffness, dt_s);
   watch(wound_m, dt_s);
   move_product(stiffness, dt_s);
   return &load_;
@@ -192,7 +195,8 @@ void Grasp::watch(double wound_m, double dt_s) {
   std::vector<double> push_n(places_.size(), 0.0);
   for (const Contact& contact : contacts_) push_n[contact.slot] += contact.push_n;
   const double total_n = sum(push_n);
-  if (*std::max_element(push_n.begin(), push_n.end()) > product_->crush_n) crushed_ = true;
+  const double hardest_n = std::max(palm_push_n_, *std::max_element(push_n.begin(), push_n.end()));
+  if (hardest_n > product_->crush_n) crushed_ = true;
   most_wound_m_ = std::max(most_wound_m_, wound_m);
   if (most_wound_m_ - wound_m > kSetDownPayout_m) {
     // The fingers open: the arm has set the product down before.
@@ -205,6 +209,14 @@ void Grasp::watch(double wound_m, double dt_s) {
   if (lifts_itself && settled_s_ > kSettled_s) lifted_ = true;
 }
 
+// The palm is a plane with the pads' stiffness; along it the product sticks until Coulomb's limit.
+void Grasp::lean_on_palm(double stiffness, double dt_s) {
+  const double depth_m = palm_m_ + 0.5 * product_->height_m - centre_m_.y();
+  palm_push_n_ = stiffness * std::max(0.0, depth_m);
+  const double most_m = product_->friction * palm_push_n_ / stiffness;
+  palm_stick_m_ = std::clamp(palm_stick_m_ + velocity_m_s_.x() * dt_s, -most_m, most_m);
+}
+
 void Grasp::move_product(double stiffness, double dt_s) {
   Eigen::Vector2d force_n = Eigen::Vector2d::Zero();
   Eigen::Matrix2d matrix = Eigen::Matrix2d::Identity() * (kDamping_ns_per_m / dt_s);
@@ -212,6 +224,10 @@ void Grasp::move_product(double stiffness, double dt_s) {
     force_n -= contact.on_finger_n();
     if (contact.push_n > 0.0) matrix += stiffness * contact.normal * contact.normal.transpose();
     if (contact.sticks) matrix += stiffness * contact.tangent * contact.tangent.transpose();
+  }
+  if (palm_push_n_ > 0.0) {
+    force_n += Eigen::Vector2d(-stiffness * palm_stick_m_, palm_push_n_);
+    matrix += stiffness * Eigen::Matrix2d::Identity();
   }
   Eigen::Vector2d change_m(force_n.x() / matrix(0, 0), 0.0);  // the table carries it; it slides along
   if (lifted_) {

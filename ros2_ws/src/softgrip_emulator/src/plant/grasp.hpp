@@ -4,7 +4,8 @@
 // World coordinates are (along the palm, out of the palm). Pads are rows of points that press on the product's outline
 // (a rounded rectangle) with a stiffness in series of pad and product; tangentially they stick until Coulomb's limit.
 // The product moves in the plane, overdamped; it does not turn. While it stands on the table it moves along only. When
-// the arm lifts (told to, or by itself when the grip has settled) its weight pulls.
+// the arm lifts (told to, or by itself when the grip has settled) its weight pulls; fingers that draw it in press it
+// against the palm, which is what carries a power grasp.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,7 +21,7 @@ namespace softgrip::plant {
 
 class Grasp {
  public:
-  Grasp(std::vector<SlotPlace> places, double finger_width_m);
+  Grasp(std::vector<SlotPlace> places, double finger_width_m, double palm_m);
   Grasp(const Grasp&) = delete;
   Grasp& operator=(const Grasp&) = delete;
 
@@ -40,6 +41,7 @@ class Grasp {
   bool slipped() const { return slipped_; }
   bool crushed() const { return crushed_; }
   const Eigen::Vector2d& centre_m() const { return centre_m_; }
+  double palm_push_n() const { return palm_push_n_; }
 
   std::vector<double> on_fingers_n;  // (F, 2) force of the product on each finger, in the world
   std::vector<double> forces_n;      // (F) its size
@@ -69,11 +71,12 @@ class Grasp {
   void drag(double stiffness, double dt_s);
   void press(const FingerBank& bank, double stiffness);
   void watch(double wound_m, double dt_s);
+  void lean_on_palm(double stiffness, double dt_s);
   void move_product(double stiffness, double dt_s);
   void notice_loss();
 
   std::vector<SlotPlace> places_;
-  double finger_width_m_;
+  double finger_width_m_, palm_m_;
   std::vector<Pads> pads_;         // one for each slot
   std::vector<Outline> outlines_;  // one for each slot
   std::optional<Product> product_;
@@ -81,6 +84,7 @@ class Grasp {
   double start_out_m_ = 0.0;
   std::vector<Contact> contacts_;
   std::vector<std::vector<Trace>> traces_, traces_before_;  // (F, P) of this step and the one before; empty: no touch
+  double palm_push_n_ = 0.0, palm_stick_m_ = 0.0;  // force of the palm out of it; drag of the product along it
   JointLoad load_;
   bool lifted_ = false, slipped_ = false, crushed_ = false;
   double settled_s_ = 0.0, push_before_n_ = 0.0, most_wound_m_ = 0.0;
