@@ -339,6 +339,8 @@ def _compare(
         if output is None:
             difference = Divergence(raw.topic, key[0], "(message)", "published", "not published")
             return Result(compared, difference, without_input)
+        if serialize_message(output) == raw.data:
+            continue  # the same bytes say the same
         skip = NOT_COMPARED.get(types[raw.topic], frozenset())
         found = first_difference(tree(recorded), tree(output), skip, tolerance=tolerance)
         if found:
