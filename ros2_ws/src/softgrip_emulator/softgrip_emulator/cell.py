@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 SEEN_SLOT: Final = "index"
-"""The camera looks at this finger from the side."""
+"""The camera looks at this finger from the side, and at what is behind it."""
 _PLANT_PERIOD_S: Final = 0.004
 _EXPOSURE_S: Final = 0.008
 
@@ -211,9 +211,10 @@ class EmulatedCell:
                 return Look(empty, empty, stamp_s, faults)
             chain, heading = plant.bank.chain()
             joints = finger.joints
-            now = Pose(chain[index, : joints + 1], heading[index, :joints], finger.body_height_m)
+            product = plant.grasp.outline_m(index)
+            now = Pose(chain[index, : joints + 1], heading[index, :joints], finger.body_height_m, product)
             earlier, earlier_heading = plant.bank.chain(plant.bank.q - _EXPOSURE_S * plant.bank.joint_speed)
-            before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m)
+            before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m, product)
             return Look(now, before, stamp_s, faults)
 
     def _live(self) -> None:

@@ -182,6 +182,19 @@ def test_a_scene_that_has_shown_much_shows_a_pose_as_a_fresh_one_does():
         assert np.array_equal(used.render(pose_of(now), pose_of(before), dark), fresh)
 
 
+def test_a_product_is_seen_behind_the_finger_and_hides_no_marker():
+    scene = Scene(draw_optics(640, 480, seed=1), seed=1)
+    pose, dark = pose_of((50, 30, 20)), Light(noise=0.0)
+    turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    ball = np.array([0.015, -0.05]) + 0.02 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    with_ball = Pose(pose.joints_m, pose.headings_rad, pose.body_height_m, ball)
+    without, seen = scene.render(pose, light=dark), scene.render(with_ball, light=dark)
+    u, v = scene.optics.to_pixels(np.array([[0.012, -0.052]]))[0].astype(int)
+    assert np.abs(seen[v, u].astype(int) - without[v, u]).max() > 40
+    assert green_centres(seen) == pytest.approx(green_centres(without), abs=0.1)
+    assert np.array_equal(scene.render(pose, light=dark), without)
+
+
 def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_path):
     stamps = iter(range(1, 1000))
     apart = CameraApart(

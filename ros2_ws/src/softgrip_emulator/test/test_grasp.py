@@ -130,6 +130,25 @@ def test_all_fifteen_products_fit_the_open_hand(cell):
             assert depth - product.height_m / 2 >= hand().palm_m
 
 
+def test_the_outline_touches_the_pads_that_press(cell):
+    """In the finger's own frame, as the camera sees it: the inner side of the pressing links lies on the outline."""
+    plant = cell("power")
+    assert plant.grasp.outline_m(0).shape == (0, 2)
+    plant.place("orange")
+    assert plant.close(20.0).held
+    outline = plant.grasp.outline_m(0)
+    chain, heading = plant.bank.chain()
+    depth = plant.mounted[0].body_height_m
+    shares = np.linspace(0.05, 1.0, 40)
+    inner = [
+        chain[0, link] + share * (chain[0, link + 1] - chain[0, link]) - depth * np.array([np.sin(h), np.cos(h)])
+        for link, h in enumerate(heading[0])
+        for share in shares
+    ]
+    nearest = np.linalg.norm(np.array(inner)[:, None] - outline, axis=2).min()
+    assert nearest < 4e-3
+
+
 def test_the_same_seed_gives_the_same_grasp(cell):
     states = []
     for _ in range(2):

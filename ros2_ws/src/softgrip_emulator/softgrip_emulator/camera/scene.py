@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
@@ -13,6 +13,8 @@ import numpy as np
 from softgrip_emulator.camera.optics import BASE_MARKER_M, MARKER_DIAMETER_M, Optics
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -22,6 +24,8 @@ _BENCH_BGR: Final = (74.0, 70.0, 66.0)
 _BODY_BGR: Final = (206, 202, 198)
 _BODY_EDGE_BGR: Final = (150, 146, 142)
 _PALM_BGR: Final = (112, 108, 106)
+_PRODUCT_BGR: Final = (128, 168, 200)
+_PRODUCT_EDGE_BGR: Final = (84, 112, 136)
 _MARKER_BGR: Final = np.array([62.0, 186.0, 54.0])
 _BODY_ABOVE_M: Final = 0.0035
 """The body reaches this far to the other side of the joint line; markers are glued on its flank."""
@@ -53,11 +57,13 @@ class Pose:
         joints_m: (n + 1, 2) joints and tip in the finger's base frame [m].
         headings_rad: (n,) direction of each link [rad], 0 = straight, growing as it closes.
         body_height_m: depth of the body on the closing side.
+        product_m: (m, 2) outline of what is behind the finger; m = 0 for nothing.
     """
 
     joints_m: Array
     headings_rad: Array
     body_height_m: float = 0.012
+    product_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 class Scene:
@@ -112,7 +118,9 @@ class Scene:
 
     def _expose(self, pose: Pose, before: Pose) -> None:
         """Bring `_soft` up to date: what the lens throws on the sensor in the time from `before` to `pose`."""
-        ends_px = np.stack([self.optics.to_pixels(p.joints_m) for p in (before, pose)])
+        product_px = self.optics.to_pixels(pose.product_m)
+        joints_px = [self.optics.to_pixels(p.joints_m) for p in (before, pose)]
+        ends_px = np.concatenate([*joints_px, product_px])
         drawn = self._drawn
         if drawn is not None and drawn.shape == ends_px.shape and np.allclose(ends_px, drawn, rtol=0.0, atol=_STILL_PX):
             return
@@ -120,8 +128,8 @@ class Scene:
         self._soft[self._window] = self._soft_bench[self._window]
         self._canvas[self._window] = self._bench[self._window]
         outlines = [self._outline(p) for p in (before, pose)]
-        self._window = self._window_round(np.concatenate(outlines))
-        if np.abs(ends_px[1] - ends_px[0]).max(initial=0.0) < _MOTION_WORTH_PX:
+        self._window = self._window_round(np.concatenate([*outlines, product_px]))
+        if np.abs(joints_px[1] - joints_px[0]).max(initial=0.0) < _MOTION_WORTH_PX:
             self._draw(pose)
         else:
             total = np.zeros(self._canvas[self._window].shape, np.uint16)
@@ -130,6 +138,7 @@ class Scene:
                     before.joints_m + share * (pose.joints_m - before.joints_m),
                     before.headings_rad + share * (pose.headings_rad - before.headings_rad),
                     pose.body_height_m,
+                    pose.product_m,
                 )
                 total += self._draw(between)
             self._canvas[self._window] = cv2.convertScaleAbs(total, alpha=1.0 / _MOTION_STEPS)
@@ -153,6 +162,8 @@ class Scene:
     def _draw(self, pose: Pose) -> Image:
         """The window with the sharp finger."""
         self._canvas[self._window] = self._bench[self._window]
+        if len(pose.product_m):
+            self._fill(self.optics.to_pixels(pose.product_m), _PRODUCT_BGR, _PRODUCT_EDGE_BGR)
         links = zip(pairwise(pose.joints_m), pose.headings_rad, strict=True)
         outlines = [_link_outline(start, end, heading, pose.body_height_m) for (start, end), heading in links]
         markers = self.markers_m(pose)
@@ -165,13 +176,14 @@ class Scene:
         return self._canvas[self._window]
 
     def _polygon(self, outline_px: Array, heading: float) -> None:
-        corners = np.rint(outline_px * (1 << _SUBPIXEL_BITS)).astype(np.int32)
         # Light from above: a link that turns down gets darker.
         shade = 0.82 + 0.18 * float(np.cos(heading))
-        colour = tuple(shade * c for c in _BODY_BGR)
-        cv2.fillPoly(self._canvas, [corners], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
-        edge = tuple(shade * c for c in _BODY_EDGE_BGR)
-        cv2.polylines(self._canvas, [corners], True, edge, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
+        self._fill(outline_px, [shade * c for c in _BODY_BGR], [shade * c for c in _BODY_EDGE_BGR])
+
+    def _fill(self, outline_px: Array, colour: Sequence[float], edge: Sequence[float]) -> None:
+        corners = np.rint(outline_px * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+        cv2.fillPoly(self._canvas, [corners], tuple(colour), cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.polylines(self._canvas, [corners], True, tuple(edge), 1, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def _discs(self, crosses_px: Array) -> None:
         """Discs by their coverage of each pixel: distance to the rim, one pixel wide, in the discs' own plane.

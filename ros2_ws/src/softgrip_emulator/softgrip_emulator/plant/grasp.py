@@ -6,8 +6,11 @@ World coordinates are (along the palm, out of the palm). The mechanics are in sr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from softgrip_emulator.plant import _core
 from softgrip_emulator.plant.products import Hand, Product, SlotPlace, hand
@@ -15,7 +18,6 @@ from softgrip_emulator.plant.products import Hand, Product, SlotPlace, hand
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from softgrip_emulator.plant.fingers import FingerBank
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _TOUCH_N = 0.05
+_OUTLINE_POINTS = 32
 _SOMEWHERE = SlotPlace(side=1, along_m=0.0, out_m=0.0, rest_angle_rad=0.7, across_m=0.0)
 """A finger in a slot that the hand does not describe."""
 
@@ -44,7 +47,8 @@ class Grasp:
 
     def __init__(self, slots: Sequence[str]) -> None:
         self._hand: Hand = hand()
-        places = [self._hand.slots.get(slot, _SOMEWHERE) for slot in slots]
+        self._places = places = [self._hand.slots.get(slot, _SOMEWHERE) for slot in slots]
+        self._product: Product | None = None
         self._core = _core.Grasp(
             [(p.along_m, p.out_m, p.side, p.rest_angle_rad, p.across_m) for p in places],
             self._hand.finger_width_m,
@@ -69,6 +73,7 @@ class Grasp:
 
     def place(self, product: Product | None, profile: str, offset_m: float = 0.0) -> None:
         """Present a product to the open fingers, or take it away (None)."""
+        self._product = product
         if product is None:
             self._core.take_away()
             self._name = ""
@@ -102,6 +107,21 @@ class Grasp:
     def palm_push_n(self) -> float:
         """Force of the palm on the product, out of the palm [N]."""
         return self._core.palm_push_n
+
+    def outline_m(self, slot: int) -> Array:
+        """The product's outline in the base frame of a slot's finger [m], (n, 2); n = 0 without a product."""
+        if self._product is None or not self._core.present:
+            return np.zeros((0, 2))
+        # A rounded rectangle: a quarter of a circle about each corner of its core.
+        radius = min(self._product.corner_m, 0.5 * self._product.width_m, 0.5 * self._product.height_m)
+        core = 0.5 * np.array([self._product.width_m, self._product.height_m]) - radius
+        turns = np.linspace(0.0, 2.0 * np.pi, _OUTLINE_POINTS, endpoint=False) + np.pi / _OUTLINE_POINTS
+        round_m = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        place = self._places[slot]
+        away = np.array(self.centre_m) + np.sign(round_m) * core + radius * round_m - (place.along_m, place.out_m)
+        cos, sin = math.cos(place.rest_angle_rad), math.sin(place.rest_angle_rad)
+        to_finger = np.array([[place.side * cos, sin], [place.side * sin, -cos]])
+        return np.asarray(away @ to_finger.T)
 
     # -- mechanics -------------------------------------------------------------------------------------------------
 
