@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,7 @@ class Publisher(Endpoint):
         super().__init__(node, EntityKind.PUBLISHER, topic, msg_type, qos_profile)
         self.topic = topic
         self.msg_type = msg_type
-        self._sequence = 0
+        self._numbers = itertools.count(1)
         self._publisher = self._link.publisher(self._key, self._wire_qos)
         self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(callback_group, self, topic)
         self._announce()
@@ -56,8 +57,8 @@ class Publisher(Endpoint):
         self._alive()
         if not self._node.context._ok:
             raise RCLError("Failed to publish: publisher's context is invalid")
-        self._sequence += 1
-        attachment = wire.encode_attachment(self._sequence, time.time_ns(), self._gid)
+        # next() is one step: two threads never publish under one number, nor leave one out
+        attachment = wire.encode_attachment(next(self._numbers), time.time_ns(), self._gid)
         self._publisher.put(payload, attachment=attachment)
 
     def get_subscription_count(self) -> int:

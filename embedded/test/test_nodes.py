@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -51,6 +52,33 @@ def test_topic_with_message_info_and_raw(make_node: Make, spin_until: Spin) -> N
     assert raw[0] == bytes.fromhex("00010000" + "02000000" + "6100")
     assert before <= infos[0]["source_timestamp"] <= infos[0]["received_timestamp"] <= time.time_ns()
     assert [info["publication_sequence_number"] for info in infos] == [1, 2]
+
+
+def test_threads_that_publish_at_once_number_every_message_once(make_node: Make, spin_until: Spin) -> None:
+    node = make_node("n")
+    count, threads = 300, 4
+    numbers: list[int] = []
+    node.create_subscription(
+        String, "t", lambda _, info: numbers.append(info["publication_sequence_number"]), count * threads
+    )
+    publisher = node.create_publisher(String, "t", count * threads)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        workers = [threading.Thread(target=_publish, args=(publisher, count)) for _ in range(threads)]
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert spin_until(lambda: len(numbers) == count * threads, node)
+    assert sorted(numbers) == list(range(1, count * threads + 1))
+
+
+def _publish(publisher: Any, count: int) -> None:
+    for _ in range(count):
+        publisher.publish(String())
 
 
 def test_a_second_argument_with_a_default_is_no_message_info(make_node: Make, spin_until: Spin) -> None:
