@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -147,8 +147,12 @@ def _feed(
     rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
     nodes: list[ReplayedNode] = []
     try:
-        nodes += [ReplayedNode(replayable.class_path), ReplayedNode(replayable.class_path)]
-        replay = _Replay(bag, nodes[0], nodes[1], driver, _results(bag, replayable.result, types))
+
+        def make() -> ReplayedNode:
+            nodes.append(ReplayedNode(replayable.class_path))
+            return nodes[-1]
+
+        replay = _Replay(bag, make, driver, _results(bag, replayable.result, types))
         replayed = replay.run(types)
         results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
         return results, replay.start, replay.stamps
@@ -220,14 +224,23 @@ def _check_run(
 
 
 class _Replay:
-    """Feeds ``node``; ``probe`` is a second instance on which the order of latched messages is tried out."""
+    """Feeds a node; on a second instance, the probe, the order of latched messages is tried out.
+
+    Args:
+        bag: to read.
+        make: a node as it is before it has heard anything.
+        driver: topic of the driving stream.
+        results: stamp of each recorded result [ns] -> configuration it was computed with.
+    """
 
     def __init__(
-        self, bag: Path, node: ReplayedNode, probe: ReplayedNode, driver: str, results: Mapping[int, tuple[str, ...]]
+        self, bag: Path, make: Callable[[], ReplayedNode], driver: str, results: Mapping[int, tuple[str, ...]]
     ) -> None:
         self._bag = bag
-        self._node = node
-        self._probe = probe
+        self._make = make
+        self._node = make()
+        self._probe = make()
+        self._probe_heard: set[str] = set()
         self._driver = driver
         self._results = results
         self._fed: dict[str, RawMessage] = {}
@@ -284,8 +297,13 @@ class _Replay:
     ) -> bool:
         if configuration is None:
             return True
+        heard = {**self._fed, **{latched.topic: latched for latched in candidates}}
+        if not self._probe_heard <= set(heard):
+            # Nobody can be made to forget a topic.
+            self._probe, self._probe_heard = self._make(), set()
         for latched in (*self._fed.values(), *candidates):
             self._probe.feed(latched)
+        self._probe_heard = set(heard)
         return any(_configuration(output) == configuration for _, output in self._probe.feed(message))
 
     def _take(self, message: RawMessage) -> None:
