@@ -40,6 +40,14 @@ PARAMETERS = ParameterTable(
     Parameter("width", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("height", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("fps", 0.0, "asked of a device, or of an image folder; 0: their choice", "Hz", 0.0, 1000.0),
+    Parameter(
+        "settle_s",
+        0.5,
+        "between announcing the topics and the first frame: a recorder finds them first, and what it records is whole",
+        "s",
+        0.0,
+        10.0,
+    ),
     Parameter("timeout_s", 2.0, "a stream without data for so long is reconnected", "s", 0.1, 60.0),
     Parameter("reconnect_delay_s", 0.5, "between attempts to connect", "s", 0.05, 60.0),
     Parameter("repeat", False, "start a file or folder again at its end"),
@@ -71,7 +79,8 @@ class CameraNode(Node):
         self._last_stamp_ns = 0
         self._size_problem = ""
         self._watch = FrameWatch()
-        self._capture = self._start_capture()
+        self._capture = self._make_capture()
+        self._settling = self.create_timer(max(self._values["settle_s"], 1e-3), self._begin)
         self.create_timer(HEALTH_PERIOD, self._report)
 
     def _load_calibration(self) -> calibration.Calibration | None:
@@ -83,11 +92,11 @@ class CameraNode(Node):
         except VisionError as error:
             raise StartupError(str(error)) from error
 
-    def _start_capture(self) -> Capture:
+    def _make_capture(self) -> Capture:
         value = self._values
         options = SourceOptions(value["width"], value["height"], value["fps"], value["timeout_s"])
         try:
-            capture = Capture(
+            return Capture(
                 value["source"],
                 options,
                 self._frames_ready.trigger,
@@ -97,8 +106,10 @@ class CameraNode(Node):
             )
         except VisionError as error:
             raise StartupError(f"parameter 'source': {error}") from error
-        capture.start()
-        return capture
+
+    def _begin(self) -> None:
+        self._settling.cancel()
+        self._capture.start()
 
     def _publish_ready(self) -> None:
         while (frame := self._capture.take()) is not None:
