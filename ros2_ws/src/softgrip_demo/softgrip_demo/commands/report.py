@@ -53,7 +53,8 @@ def replay_check(bag: Path, node: str) -> ReplayCheck:
     process = subprocess.run(command, capture_output=True, text=True, check=False)
     wall = time.monotonic() - start
     try:
-        found = json.loads(process.stdout)
+        # `ros2 run` of Jazzy adds a line when a program ends with another code than 0
+        found = json.loads(process.stdout[: process.stdout.rfind("}") + 1])
     except json.JSONDecodeError:
         return ReplayCheck(node, 0, identical=False, detail=process.stderr.strip() or process.stdout.strip(), wall=wall)
     return ReplayCheck(node, int(found["compared"]), bool(found["identical"]), str(found.get("detail", "")), wall)
