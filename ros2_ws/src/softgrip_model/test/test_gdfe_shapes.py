@@ -169,3 +169,20 @@ def test_a_quick_solver_never_leaves_its_mesh(profiles, solved):
     assert len({shown.mesh for _, shown in machine.shown}) == 1
     assert len(machine.shown) == pytest.approx(120, abs=2)
     assert not any(shown.reason for stamp, shown in machine.shown if stamp > 1.2)
+
+
+def test_states_that_show_nothing_leave_no_trace(profiles):
+    """While a hand is empty: with and without them, the shapes that follow say the same."""
+
+    def shown(empty_too):
+        session = ShapeSession(profiles, {"index": "hook"}, COARSE, rate_hz=30.0, marker_rate_hz=1.0)
+        told = []
+        for k in range(120):
+            stamp = round(k * 1e9 / STATE_HZ)
+            if k in (40, 80):
+                session.set_mounted({"index": "hook"} if k == 80 else {})
+            if empty_too or not 40 <= k < 80:
+                told += session.on_tendons(["index"], [TendonSample(stamp, 0.00002 * k, 0.0, 1.0)])
+        return [(one.rate_hz, one.reason, one.hexahedra) for one in told]
+
+    assert shown(empty_too=True) == shown(empty_too=False)

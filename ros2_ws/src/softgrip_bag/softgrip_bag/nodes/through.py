@@ -224,7 +224,7 @@ def _check_run(
 
 
 class _Replay:
-    """Feeds a node; on a second instance, the probe, the order of latched messages is tried out.
+    """Feeds a node; the order of latched messages is tried out on others of its kind.
 
     Args:
         bag: to read.
@@ -239,8 +239,6 @@ class _Replay:
         self._bag = bag
         self._make = make
         self._node = make()
-        self._probe = make()
-        self._probe_heard: set[str] = set()
         self._driver = driver
         self._results = results
         self._fed: dict[str, RawMessage] = {}
@@ -259,15 +257,14 @@ class _Replay:
             if message.topic == self._driver:
                 stamp = stamp_of(deserialize_message(message.data, message_class(message.type_name)))
                 configuration = self._results.get(stamp)
-                if configuration is not None:
-                    self.start = self.start or stamp
-                elif self.start:
+                if configuration is None:
                     continue  # this one never reached the node, or the node had nothing to say about it
+                self.start = self.start or stamp
                 self._configure(message, configuration)
             self._take(message)
         return self._outputs
 
-    def _configure(self, message: RawMessage, configuration: tuple[str, ...] | None) -> None:
+    def _configure(self, message: RawMessage, configuration: tuple[str, ...]) -> None:
         """Feed the latched messages that had reached the node before it worked on ``message``."""
         arrived = self._waiting(message.received)
         if configuration == self._last and not any(arrived.values()):
@@ -292,19 +289,12 @@ class _Replay:
         first = [message for topic, count in counts.items() for message in self._pending[topic][:count]]
         return sorted(first, key=lambda message: message.received)
 
-    def _explains(
-        self, candidates: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...] | None
-    ) -> bool:
-        if configuration is None:
-            return True
-        heard = {**self._fed, **{latched.topic: latched for latched in candidates}}
-        if not self._probe_heard <= set(heard):
-            # Nobody can be made to forget a topic.
-            self._probe, self._probe_heard = self._make(), set()
+    def _explains(self, candidates: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...]) -> bool:
+        # Neither a topic nor a message that was answered can be forgotten: each order is tried on a node of its own.
+        probe = self._make()
         for latched in (*self._fed.values(), *candidates):
-            self._probe.feed(latched)
-        self._probe_heard = set(heard)
-        return any(_configuration(output) == configuration for _, output in self._probe.feed(message))
+            probe.feed(latched)
+        return any(_configuration(output) == configuration for _, output in probe.feed(message))
 
     def _take(self, message: RawMessage) -> None:
         self.stamps.add(stamp_of(deserialize_message(message.data, message_class(message.type_name))))

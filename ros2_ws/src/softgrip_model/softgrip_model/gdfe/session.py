@@ -186,7 +186,10 @@ class ShapeSession:
 
     def on_tendons(self, names: Sequence[str], samples: Sequence[TendonSample]) -> list[Shown]:
         """Return the shapes of a tendon state; none when its stamp falls into a period that has been served."""
-        if not samples or not self._slots.takes(samples[0].stamp):
+        if not samples or self._fingers.keys().isdisjoint(names):
+            # What shows nothing leaves no trace: a replay knows only of the states that were shown.
+            return []
+        if not self._slots.takes(samples[0].stamp):
             return []
         stamp = samples[0].stamp
         self._note_rate(stamp)
