@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,21 +15,28 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.types import message_class
+from softgrip_bag.pace import Pace
 from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import RawMessage, TopicSummary, read, topic_summaries
 
 #: Topics that every node publishes by itself.
 _NOT_PLAYED = {"/rosout", "/parameter_events"}
+_CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: [Hz] looks at the time when nobody asked for /clock.
+_LOOKS = 50.0
 
 
 class Player(Node):
-    """Publishes recorded bytes, unchanged."""
+    """Publishes recorded bytes, unchanged, and the bag's time where that is asked for."""
 
-    def __init__(self, topics: Sequence[TopicSummary]) -> None:
+    def __init__(self, topics: Sequence[TopicSummary], *, clock: bool = False) -> None:
         super().__init__("player")
+        self._time_publisher = self.create_publisher(Clock, "/clock", _CLOCK_QOS) if clock else None
         self.not_played: dict[str, str] = {}
         self._outputs: dict[str, Any] = {}
         for topic in topics:
@@ -49,6 +57,11 @@ class Player(Node):
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline and not any(p.get_subscription_count() for p in self._outputs.values()):
             rclpy.spin_once(self, timeout_sec=0.02)
+
+    def tell_time(self, nanoseconds: int) -> None:
+        """Publish the bag's time, for nodes with use_sim_time."""
+        if self._time_publisher is not None:
+            self._time_publisher.publish(Clock(clock=Time(nanoseconds=nanoseconds).to_msg()))
 
     def play(self, message: RawMessage) -> None:
         """Publish one message."""
@@ -80,12 +93,18 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("--topics", nargs="+", help="only these")
     parser.add_argument("--start-offset", type=float, default=0.0, metavar="S", help="leave out the first seconds")
     parser.add_argument("--wait", type=float, default=2.0, metavar="S", help="longest wait for a first listener")
+    parser.add_argument("-p", "--start-paused", action="store_true", help="wait for Enter, which pauses and goes on")
+    parser.add_argument(
+        "--clock", type=float, nargs="?", const=40.0, default=0.0, metavar="HZ", help="publish the bag's time on /clock"
+    )
     parser.add_argument("--step", action="store_true", help="one message per press of Enter")
     given = list(sys.argv[1:] if args is None else args)
     at = given.index("--ros-args") if "--ros-args" in given else len(given)
     options = parser.parse_args(given[:at])
     if options.rate < 0:
         parser.error(f"--rate: expected 0 or more, found {options.rate}")
+    if not 0 <= options.clock <= 1000:
+        parser.error(f"--clock: expected 0 to 1000 Hz, found {options.clock}")
     try:
         topics = [t for t in topic_summaries(options.bag) if options.topics is None or t.name in options.topics]
         if not topics:
@@ -101,23 +120,25 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
-    player = Player(topics)
+    player = Player(topics, clock=options.clock > 0)
     for name, why in player.not_played.items():
         print(f"{name} is not played: {why}", file=sys.stderr)
     player.wait_for_subscribers(options.wait)
-    clock_start = first = None
+    pace: Pace | None = None
     count = 0
     try:
-        for message in read(options.bag, player.topics):
-            first = message.received if first is None else first
-            position = (message.received - first) * 1e-9 - options.start_offset
+        for message in read(options.bag, player.topics - {"/clock"} if options.clock else player.topics):
+            if pace is None:
+                start = message.received + round(options.start_offset * 1e9)
+                pace = _pace(options, player, start)
+            position = (message.received - start) * 1e-9
             if position < 0:
                 continue
             if options.step:
                 input(f"{position:10.3f} s  {message.topic}  [Enter] ")
-            elif options.rate > 0:
-                clock_start = time.monotonic() if clock_start is None else clock_start
-                _wait_until(clock_start + position / options.rate)
+                player.tell_time(message.received)
+            else:
+                pace.wait_for(position)
             player.play(message)
             count += 1
     except (KeyboardInterrupt, EOFError, ExternalShutdownException):
@@ -127,11 +148,20 @@ def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
     return 0
 
 
-def _wait_until(moment: float) -> None:
-    """Keep the bag's pace; the time is the thing waited for."""
-    rest = moment - time.monotonic()
-    if rest > 0:
-        time.sleep(rest)
+def _pace(options: argparse.Namespace, player: Player, start: int) -> Pace:
+    """Return the bag's time from ``start`` [ns] on; at a terminal, Enter pauses it and lets it go on."""
+    period = 1.0 / (options.clock or _LOOKS)
+    pace = Pace(options.rate, lambda s: player.tell_time(start + round(s * 1e9)), period, paused=options.start_paused)
+    if options.start_paused or (sys.stdin.isatty() and not options.step):
+        print("Enter pauses and goes on", file=sys.stderr)
+        threading.Thread(target=_listen, args=(pace,), name="keys", daemon=True).start()
+    return pace
+
+
+def _listen(pace: Pace) -> None:
+    for _ in sys.stdin:
+        pace.toggle()
+        print("paused" if pace.paused else "playing", file=sys.stderr)
 
 
 if __name__ == "__main__":
