@@ -275,7 +275,10 @@ class _Replay:
             for counts in itertools.product(*(range(most + 1) for most in possible.values()))
         ]
         choices.sort(key=lambda counts: sum(abs(counts[topic] - arrived[topic]) for topic in counts))
-        chosen = next((c for c in choices if self._explains(self._first(c), message, configuration)), arrived)
+        if len(choices) == 1:  # nothing new is near
+            chosen = arrived
+        else:
+            chosen = next((c for c in choices if self._explains(self._first(c), message, configuration)), arrived)
         for latched in self._first(chosen):
             self._fed[latched.topic] = latched
             self._take(latched)
