@@ -7,6 +7,7 @@ import collections
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rclpy.logging import get_logger
 from rclpy.qos import QoSPolicyKind
 from rclpy.waitable import Waitable
 
@@ -203,7 +204,7 @@ class SubscriptionEventCallbacks:
                 raise _unsupported(name)
 
         def warn(event: QoSIncompatibleInfo) -> None:
-            subscription._node.get_logger().warning(
+            get_logger(subscription.logger_name).warn(
                 f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
                 f"received from it. Last incompatible policy: {event.last_policy_kind.name}"
             )
@@ -246,7 +247,7 @@ class PublisherEventCallbacks:
                 raise _unsupported(name)
 
         def warn(event: QoSIncompatibleInfo) -> None:
-            publisher._node.get_logger().warning(
+            get_logger(publisher.logger_name).warn(
                 f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages "
                 f"will be sent to it. Last incompatible policy: {event.last_policy_kind.name}"
             )

@@ -116,7 +116,8 @@ class Waiting:
     def _next_ready(self, nodes: list[Node] | None) -> Task | Work | None:
         """Return work, going round: all that was ready at one look comes before a second look.
 
-        What has just become ready goes first, but looks never wait longer than a millisecond for that.
+        What has just become ready goes first, but looks never wait longer than a millisecond for that, and tasks come
+        before it, as in rclpy: an action that was just accepted runs before its client hears of that.
         """
         if self._callbacks is not None:
             found = next(self._callbacks, None)
@@ -124,7 +125,7 @@ class Waiting:
                 return found
             self._callbacks = None
         now = time.monotonic()
-        if nodes is None and now < self._look_due_s and (found := self._hinted()) is not None:
+        if nodes is None and not self._ready_tasks and now < self._look_due_s and (found := self._hinted()) is not None:
             return found
         self._look_due_s = now + _LOOK_PERIOD_S
         self._callbacks = self._look(nodes)

@@ -155,7 +155,7 @@ class NodeEntities:
             _declare_qos_parameters(Publisher, self._rcl_node(), full, profile, qos_overriding_options)
         group = self._rcl_group(callback_group)
         made = publisher_class(
-            self._rcl_node(), msg_type, full, profile, event_callbacks or PublisherEventCallbacks(), group
+            self._rcl_node(), msg_type, topic, profile, event_callbacks or PublisherEventCallbacks(), group, name=full
         )
         self._publishers.append(made)
         self._rcl_adopt(made.event_handlers, group)
@@ -182,8 +182,8 @@ class NodeEntities:
             _declare_qos_parameters(Subscription, self._rcl_node(), full, profile, qos_overriding_options)
         group = self._rcl_group(callback_group)
         made = Subscription(
-            self._rcl_node(), msg_type, full, callback, group, profile, raw=raw,
-            event_callbacks=event_callbacks or SubscriptionEventCallbacks(),
+            self._rcl_node(), msg_type, topic, callback, group, profile, raw=raw,
+            event_callbacks=event_callbacks or SubscriptionEventCallbacks(), name=full,
         )  # fmt: skip
         group.add_entity(made)
         made._is_entity = True

@@ -33,8 +33,11 @@ class Publisher(Endpoint):
         qos_profile: QoSProfile,
         event_callbacks: PublisherEventCallbacks,
         callback_group: CallbackGroup,
+        *,
+        name: str | None = None,
     ) -> None:
-        super().__init__(node, EntityKind.PUBLISHER, topic, msg_type, qos_profile)
+        """Make it on a topic as its user calls it; ``name`` is the fully qualified name when that is another."""
+        super().__init__(node, EntityKind.PUBLISHER, name or topic, msg_type, qos_profile)
         self.topic = topic
         self.msg_type = msg_type
         self._numbers = itertools.count(1)

@@ -48,8 +48,10 @@ class Subscription(Endpoint):
         *,
         raw: bool,
         event_callbacks: SubscriptionEventCallbacks,
+        name: str | None = None,
     ) -> None:
-        super().__init__(node, EntityKind.SUBSCRIPTION, topic, msg_type, qos_profile)
+        """Make it on a topic as its user calls it; ``name`` is the fully qualified name when that is another."""
+        super().__init__(node, EntityKind.SUBSCRIPTION, name or topic, msg_type, qos_profile)
         self.topic = topic
         self.msg_type = msg_type
         self.raw = raw
