@@ -3,6 +3,7 @@
 
 Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
 the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
+Only the winding in is slow: it is what is measured; letting out goes at the speed of a release.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class Homing:
 
     def _let_out(self, view: View) -> Step:
         end = self._start - self._limits.slack_travel
-        self._profile.step(end, self._limits.homing_speed, self._limits.acceleration, view.dt)
+        self._profile.step(end, self._limits.release_speed, self._limits.acceleration, view.dt)
         if self._profile.position == end:
             self._phase = _Phase.TAKE_UP
         return Step(self._profile.position, self._limits.tension_hold)
@@ -114,7 +115,7 @@ class Homing:
     def _go_to_zero(self, view: View) -> Step:
         assert self.zero is not None
         limits = self._limits
-        self._profile.step(self.zero, limits.homing_speed, limits.acceleration, view.dt)
+        self._profile.step(self.zero, limits.release_speed, limits.acceleration, view.dt)
         if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
             return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
         return Step(self._profile.position, limits.tension_hold)
