@@ -75,40 +75,39 @@ class InvalidHandle(Exception):  # noqa: N818
 class ParameterException(Exception):  # noqa: N818
     """Base of exceptions about parameters."""
 
-    def __init__(self, error_msg: str, parameters: Any, *args: object) -> None:
-        super().__init__(error_msg, parameters, *args)
+    def __init__(self, error_msg: str, parameters: Any) -> None:
+        super().__init__(f"{error_msg}: {parameters}")
 
 
 class ParameterNotDeclaredException(ParameterException):
     """The parameter was not declared."""
 
-    def __init__(self, parameters: Any, *args: object) -> None:
-        super().__init__("Invalid access to undeclared parameter(s)", parameters, *args)
+    def __init__(self, parameters: Any) -> None:
+        super().__init__("Invalid access to undeclared parameter(s)", parameters)
 
 
 class ParameterAlreadyDeclaredException(ParameterException):
     """The parameter is declared already."""
 
-    def __init__(self, parameters: Any, *args: object) -> None:
-        super().__init__("Parameter(s) already declared", parameters, *args)
+    def __init__(self, parameters: Any) -> None:
+        super().__init__("Parameter(s) already declared", parameters)
 
 
 class InvalidParameterException(ParameterException):
     """A parameter name breaks a rule."""
 
-    def __init__(self, parameter: Any, *args: object) -> None:
-        super().__init__("Invalid parameter name", parameter, *args)
+    def __init__(self, parameter: Any) -> None:
+        super().__init__("Invalid parameter name", parameter)
 
 
 class InvalidParameterTypeException(ParameterException):
     """The value has a type that the parameter may not take."""
 
-    def __init__(self, desired_parameter: Parameter, expected_type: str, *args: object) -> None:
+    def __init__(self, desired_parameter: Parameter, expected_type: str) -> None:
         super().__init__(
             f"Trying to set parameter '{desired_parameter._name}' to '{desired_parameter._value}' of type "
             f"'{desired_parameter._type_.name}', expecting type '{expected_type}'",
-            desired_parameter,
-            *args,
+            desired_parameter.name,
         )
         self.param_name = desired_parameter.name
 
@@ -116,22 +115,22 @@ class InvalidParameterTypeException(ParameterException):
 class InvalidParameterValueException(ParameterException):
     """A value was refused by its descriptor or by a callback."""
 
-    def __init__(self, parameter: Any, value: object, reason: str | None = None, *args: object) -> None:
-        super().__init__(f"Invalid parameter value ({value}) for parameter. Reason: {reason}", parameter, *args)
+    def __init__(self, parameter: Any, value: object, reason: str | None = None) -> None:
+        super().__init__(f"Invalid parameter value ({value}) for parameter. Reason: {reason}", parameter)
 
 
 class ParameterUninitializedException(ParameterException):
     """The parameter is declared with a type but has no value yet."""
 
-    def __init__(self, parameter_name: str, *args: object) -> None:
-        super().__init__(f"The parameter '{parameter_name}' is not initialized", parameter_name, *args)
+    def __init__(self, parameter_name: str) -> None:
+        super().__init__(f"The parameter '{parameter_name}' is not initialized", parameter_name)
 
 
 class ParameterImmutableException(ParameterException):
     """The parameter is read-only."""
 
-    def __init__(self, parameter: Any, *args: object) -> None:
-        super().__init__("Attempted to modify read-only parameter", parameter, *args)
+    def __init__(self, parameter: Any) -> None:
+        super().__init__("Attempted to modify read-only parameter", parameter)
 
 
 class ROSInterruptException(Exception):  # noqa: N818

@@ -50,7 +50,7 @@ def test_defaults_have_unit_and_bounds_in_their_descriptor(context: Any) -> None
         ("rate:=fast", "rate"),
         ("kind:=c", "expected one of"),
         ("angles:=[0.1, 9.0]", "found 9"),
-        ("port:=0", "'port' to '0' of type 'INTEGER', expecting type 'STRING'; text .* wants quotes: -p port:="),
+        ("port:=0", "'port' to '0' of type 'INTEGER', expecting type 'STRING'.*; text .* wants quotes: -p port:="),
     ],
 )
 def test_a_wrong_value_at_start_is_named(context: Any, given: str, said: str) -> None:
