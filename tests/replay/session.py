@@ -57,6 +57,7 @@ class Session:
         self._grasp("SLIPPED", product=PRODUCT, during=("lift", lambda: self._hands.place("")))
         self._expect("ABORTED", self._cell.grasp("nothing that the cell knows"))
         self._grasp("TENDON_FAULT", product=PRODUCT, during=("hold", self._break_a_tendon), release=False)
+        self._cell.select(PRODUCT)  # answered after the last grasp's step was written into the manager's trace
         self._link.call(StopRecording, "recorder/stop", StopRecording.Request(), timeout=30.0)
 
     def _grasp(
