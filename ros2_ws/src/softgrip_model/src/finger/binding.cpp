@@ -134,17 +134,24 @@ py::tuple replicate(const sf::Design& design, const fr::Model& friction, int ste
   const int n = design.joints;
   py::array_t<double> angle({steps, n}), tension({steps, 2 * n + 1});
   py::array_t<std::uint32_t> status(steps);
-  const sf::Finger finger(design, friction);
-  sf::ReplicationRun run(finger, recipe);
-  std::uint32_t broken = sf::sound(design) ? sf::kOk : sf::kBadDesign;
+  std::vector<sf::ReplicationStep> taken(steps);
+  {
+    py::gil_scoped_release release;
+    const sf::Finger finger(design, friction);
+    sf::ReplicationRun run(finger, recipe);
+    std::uint32_t broken = sf::sound(design) ? sf::kOk : sf::kBadDesign;
+    for (sf::ReplicationStep& step : taken) {
+      if (broken == sf::kOk) broken = (step = run.advance(pull_mm)).status;
+      step.status = broken;
+    }
+  }
+  const double missing = std::numeric_limits<double>::quiet_NaN();
   for (int k = 0; k < steps; ++k) {
-    sf::ReplicationStep step;
-    if (broken == sf::kOk) step = run.advance(pull_mm);
-    if (broken == sf::kOk) broken = step.status;
-    const double missing = std::numeric_limits<double>::quiet_NaN();
+    const sf::ReplicationStep& step = taken[k];
+    const bool broken = step.status != sf::kOk;
     for (int j = 0; j < n; ++j) angle.mutable_at(k, j) = broken ? missing : step.angle_rad[j];
     for (int i = 0; i <= 2 * n; ++i) tension.mutable_at(k, i) = broken ? missing : step.tension_N[i];
-    status.mutable_at(k) = broken;
+    status.mutable_at(k) = step.status;
   }
   return py::make_tuple(angle, tension, status);
 }

@@ -205,11 +205,16 @@ class Assembly {
 
 Path::Path(const Finger& finger, const std::vector<Contact>& contacts, const PathSettings& settings)
     : finger_(finger), contacts_(contacts), settings_(settings),
-      compliance_(std::max(finger.design.cable.compliance_per_N, settings.least_compliance_per_N)) {
+      compliance_(std::max(finger.design.cable.compliance_per_N, settings.least_compliance_per_N)),
+      now_(slack_step()) {}
+
+PathStep Path::slack_step() const {
+  PathStep step;
   for (std::size_t c = 0; c < contacts_.size(); ++c) {
-    now_.gap_mm[c] = gap_of(contacts_[c], finger_.design, now_.angle_rad).value_mm;
+    step.gap_mm[c] = gap_of(contacts_[c], finger_.design, step.angle_rad).value_mm;
   }
-  now_.log_tension.fill(-HUGE_VAL);
+  step.log_tension.fill(-HUGE_VAL);
+  return step;
 }
 
 PathStep Path::to(Control control, double target) {
@@ -217,10 +222,7 @@ PathStep Path::to(Control control, double target) {
   PathStep failed = now_;
   failed.status = refusal;
   if (refusal != kOk) return failed;
-  if (target <= 0.0) {
-    now_ = Path(finger_, contacts_, settings_).now_;
-    return now_;
-  }
+  if (target <= 0.0) return now_ = slack_step();
   PathStep step = now_;
   int iterations = 0;
   if ((now_.status & kSlack) != 0) {

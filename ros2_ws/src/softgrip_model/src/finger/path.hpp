@@ -43,6 +43,7 @@ class Path {
   PathStep to(Control control, double target);
 
  private:
+  PathStep slack_step() const;
   bool begin(Control control, double target, PathStep& out);
   bool increment(Control control, double target, PathStep& step) const;
   bool settle(Control control, double target, const PathStep& before, PathStep& step) const;
