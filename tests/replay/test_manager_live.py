@@ -26,6 +26,7 @@ from softgrip_bag.nodes.through import check
 from softgrip_bag.reader import read, topic_summaries
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import SwapFingers
+from softgrip_interfaces.msg import CellState
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 TESTS = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_cell/test"
@@ -93,6 +94,8 @@ def work(cell: Any, bag: Path) -> None:
         result = cell.controller.grasp("orange", on_phase=on_phase)
         assert GRASP_OUTCOMES[result.outcome] == outcome, result.reason
         cell.controller.release()
+        # the manager sees by the tendons that nothing is held any more, after the driver's answer
+        cell.state(lambda state: state.mode not in {CellState.GRASPING, CellState.HOLDING}, "nothing held")
 
     def slip() -> None:
         cell.driver.bench.grip = lambda _: 0.0

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import resource
 import signal
@@ -30,6 +31,7 @@ from softgrip_model.friction.published import published_ids
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
 
 pytestmark = pytest.mark.ros
+DOMAINS = itertools.count()
 #: Rig seconds a second: quick, and 3 mm of sliding still last long enough to be sampled by a busy machine.
 SCALE = 20.0
 GOAL: dict[str, Any] = {
@@ -137,7 +139,8 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 1))
+    # Each test its own: DDS keeps a killed node of the test before in its graph for ten seconds.
+    monkeypatch.setenv("ROS_DOMAIN_ID", str((os.getpid() + next(DOMAINS)) % 100 + 1))
     monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(port))
     rclpy.init()
     with EmulatedRig(seed=4, time_scale=SCALE).open_ports(tmp_path) as rig:
