@@ -115,7 +115,7 @@ def attachments(bag: Path) -> list[mcap_file.Attachment]:
     """Return the files that a bag carries; of the same name, the last one."""
     found: dict[str, mcap_file.Attachment] = {}
     for path in bag_files(bag):
-        for record in salvage.records(path):
+        for record in salvage.records(path, opcodes=salvage.BESIDE_CHUNKS):
             if isinstance(record, Attachment):
                 found[record.name] = mcap_file.Attachment(record.name, record.media_type, record.data)
     return list(found.values())
@@ -125,7 +125,8 @@ def facts(bag: Path) -> dict[str, dict[str, str]]:
     """Return the metadata records of a bag; of the same name, the last one."""
     found: dict[str, dict[str, str]] = {}
     for path in bag_files(bag):
-        found |= {r.name: r.metadata for r in salvage.records(path) if isinstance(r, Metadata)}
+        beside = salvage.records(path, opcodes=salvage.BESIDE_CHUNKS)
+        found |= {r.name: r.metadata for r in beside if isinstance(r, Metadata)}
     return found
 
 

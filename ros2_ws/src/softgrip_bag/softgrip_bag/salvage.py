@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -32,6 +32,8 @@ _KINDS: dict[int, Any] = {
     Opcode.ATTACHMENT: Attachment,
     Opcode.METADATA: Metadata,
 }
+#: Stand beside the chunks, and are found without opening these.
+BESIDE_CHUNKS = frozenset({Opcode.ATTACHMENT, Opcode.METADATA})
 #: What damaged bytes make the library's parsers raise: they trust lengths and texts. zstandard and lz4 have errors of
 #: their own, RuntimeError is the latter's.
 _DAMAGE = (McapError, CRCValidationError, struct.error, ValueError, EOFError, OverflowError, MemoryError, RuntimeError)
@@ -58,12 +60,15 @@ def is_finished(path: Path) -> bool:
         return stream.read(len(MAGIC)) == MAGIC and tail == MAGIC
 
 
-def records(path: Path, damage: Damage | None = None) -> Iterator[McapRecord]:
+def records(
+    path: Path, damage: Damage | None = None, opcodes: Collection[int] = frozenset({Opcode.MESSAGE, *_KINDS})
+) -> Iterator[McapRecord]:
     """Yield header, schemas, channels, messages, attachments and metadata records in the order of the file.
 
     Args:
         path: of the file.
         damage: filled in on the way.
+        opcodes: the kinds of record to read; others are passed over.
 
     Raises:
         BagError: when the file does not begin as MCAP, not even the part that is there.
@@ -75,10 +80,10 @@ def records(path: Path, damage: Damage | None = None) -> Iterator[McapRecord]:
         start = stream.read(len(MAGIC))
         if not MAGIC.startswith(start):
             raise BagError(f"{path}: expected MCAP, found a file that begins with {start!r}")
-        yield from _body(stream, size, damage)
+        yield from _body(stream, size, damage, opcodes)
 
 
-def _body(stream: IO[bytes], size: int, damage: Damage) -> Iterator[McapRecord]:
+def _body(stream: IO[bytes], size: int, damage: Damage, opcodes: Collection[int]) -> Iterator[McapRecord]:
     while True:
         at = stream.tell()
         head = stream.read(_HEAD.size)
@@ -90,7 +95,7 @@ def _body(stream: IO[bytes], size: int, damage: Damage) -> Iterator[McapRecord]:
             return
         if opcode == 0 or at + _HEAD.size + length > size:
             break
-        if opcode == Opcode.MESSAGE or opcode in _KINDS:
+        if opcode in opcodes:
             yield from _parsed(opcode, stream.read(length), damage)
         else:
             stream.seek(length, io.SEEK_CUR)
