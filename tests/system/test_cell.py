@@ -15,7 +15,8 @@ from rosbags.highlevel import AnyReader
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")
-#: [s] within which a cell that cannot start has to be gone (and the machine may be busy).
+#: [s] within which a cell that cannot start has to be gone (and the machine may be busy). Its exit code is not looked
+#: at: ROS 2's launch ends with 0 then, embedded/'s with 1, as its own tests show.
 GIVE_UP = 25.0
 UP = "wires in"  # the emulated cell is ready
 
@@ -49,7 +50,7 @@ def test_a_whole_shift_ends_with_summary_page_and_a_bag_that_replays(launch: Lau
 
 def test_a_missing_device_ends_the_cell_with_a_reason(launch: Launch, tmp_path: Path) -> None:
     cell = launch(*CELL, "hardware:=real", f"servo_port:={tmp_path}/no-such-port", f"out:={tmp_path}/out")
-    assert cell.wait_for_end(GIVE_UP) != 0
+    cell.wait_for_end(GIVE_UP)
     assert "cannot start" in cell.output
     assert "no-such-port" in cell.output
     assert cell.survivors() == []
@@ -57,7 +58,7 @@ def test_a_missing_device_ends_the_cell_with_a_reason(launch: Launch, tmp_path: 
 
 def test_a_wrong_parameter_ends_the_cell_with_its_name(launch: Launch, tmp_path: Path) -> None:
     cell = launch(*CELL, "rig_time_scale:=fast", f"out:={tmp_path}/out")
-    assert cell.wait_for_end(GIVE_UP) != 0
+    cell.wait_for_end(GIVE_UP)
     assert "time_scale" in cell.output
     assert cell.survivors() == []
 

@@ -41,6 +41,8 @@ NODES = (*ALSO_SAID, "recorder", "gdfe_simulator")
 DRIVES = ("emulated_cell", "tendon_driver")
 QUICK = {("camera", "frozen"), ("kinematics_predictor", "killed"), ("tendon_driver", "killed")}
 EVERY = [(node, how) for node in NODES for how in ("killed", "frozen")]
+#: On DDS a killed node is back before its absence is noticed, which takes the ten seconds of a participant's lease.
+NOTICED_AT_ONCE = rclpy.get_rmw_implementation_identifier() == "rmw_zenoh_cpp"
 CASES = EVERY if os.environ.get("SOFTGRIP_EVERY_PROCESS") else [case for case in EVERY if case in QUICK]
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -151,6 +153,8 @@ def beat(observer: Observer, nodes: set[str], timeout: float = 15.0) -> None:
 def test_one_process_goes_and_the_cell_goes_on(
     cell: tuple[Any, Observer], node: str, how: str, record_property: Callable[[str, object], None]
 ) -> None:
+    if how == "killed" and not NOTICED_AT_ONCE:
+        pytest.skip("needs Zenoh: DDS notices a killed process later than it is started again")
     launched, observer = cell
     others = {name: launched.node_process(name) for name in NODES if name != node}
     victim = launched.node_process(node)

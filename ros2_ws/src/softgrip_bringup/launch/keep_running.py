@@ -16,6 +16,8 @@ import sys
 import time
 from types import FrameType
 
+#: What softgrip's nodes end with when they cannot start, however long a busy machine takes to get that far.
+CANNOT_START = 2
 #: [s] A node that ends by itself sooner than this has not begun its work: it refused to start.
 STARTED_AFTER = 10.0
 #: [s] before a node is started again
@@ -41,7 +43,8 @@ class Keeper:
         while True:
             started = time.monotonic()
             code = self._run_once()
-            refused = code >= 0 and (code == 0 or time.monotonic() - started < STARTED_AFTER)
+            early = code > 0 and time.monotonic() - started < STARTED_AFTER
+            refused = code in {0, CANNOT_START} or early
             if self._stopping or refused:
                 return code if code >= 0 else 128 - code
             how = f"ended with exit code {code}" if code >= 0 else f"was killed by {signal.Signals(-code).name}"
