@@ -87,7 +87,6 @@ def test_frictionless_uniform_finger_has_a_closed_form() -> None:
 
 def point_bends(finger: Finger, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Bends at the points, arms and pulled length, by placing every point in the plane."""
-    s = math.sqrt(0.5)
     r, heading, joint = finger.routing_mm, 0.0, np.zeros(2)
     points, arms, pulled = [], [], 0.0
 
@@ -95,13 +94,16 @@ def point_bends(finger: Finger, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
 
     for j in range(finger.joints):
-        before = joint + frame(heading) @ (r[2 * j] * np.array([-s, -s]))
+        opening = finger.opening_rad[j]
+        ahead, aside = math.sin(opening / 2), math.cos(opening / 2)
+        before = joint + frame(heading) @ (r[2 * j] * np.array([-ahead, -aside]))
         heading += q[j]
-        after = joint + frame(heading) @ (r[2 * j + 1] * np.array([s, -s]))
+        after = joint + frame(heading) @ (r[2 * j + 1] * np.array([ahead, -aside]))
         gap = float(np.linalg.norm(after - before))
         (ux, uy), (vx, vy) = after - before, before - joint
         arms.append(abs(ux * vy - uy * vx) / gap)
-        pulled += math.hypot(r[2 * j], r[2 * j + 1]) - gap
+        straight = r[2 * j] ** 2 + r[2 * j + 1] ** 2 - 2 * r[2 * j] * r[2 * j + 1] * math.cos(opening)
+        pulled += math.sqrt(straight) - gap
         points += [before, after]
         joint = joint + frame(heading) @ np.array([finger.link_mm[j], 0.0])
     ends = frame(heading) @ np.array([10.0, 0.0])
@@ -141,6 +143,7 @@ def test_against_an_independent_solver(joints: int) -> None:
             routing_mm=tuple(rng.uniform(5, 12, 2 * joints)),
             width_mm=15.0,
             strip_width_mm=tuple(rng.uniform(10, 16, joints)),
+            opening_rad=tuple(rng.uniform(1.2, 2.0, joints)),
             strip=Strip(TANGENT_MODULUS_MPA),
             stop_moment_nmm=0.0,
         )

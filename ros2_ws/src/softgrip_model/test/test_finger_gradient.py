@@ -31,6 +31,7 @@ def finger(*, joints: int = 3, elastic: bool = False, moment_law: MomentLaw = Mo
         routing_mm=(6.1, 7.3, 8.2, 9.4, 10.5, 11.6, 8.0, 9.0)[: 2 * joints],
         width_mm=15.0,
         strip=Strip(TANGENT_MODULUS_MPA, moment_law),
+        opening_rad=(1.7, 1.4, 1.6, 1.5)[:joints],
         compliance_per_n=5e-4 if elastic else 0.0,
         lead_mm=120.0,
         base_mm=20.0,

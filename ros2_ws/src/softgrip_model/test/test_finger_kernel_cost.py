@@ -32,7 +32,7 @@ def no_forced_switches() -> Iterator[None]:
 
 
 def _works() -> dict[str, Callable[[], object]]:
-    """Calls of the kernel with all that numpy has to prepare at hand: it lets go of the lock, too, where it has much."""
+    """Calls of the kernel alone: numpy, too, lets go of the lock where it has much to do, so it prepares before."""
     rng = np.random.default_rng(1)
     finger, pulls = chapter_4_finger("power"), np.linspace(0.1, 12.0, 40)
     kernel = Kernel([finger], LAW).varied(rng.uniform(2.5, 5.0, (40, 3)), rng.uniform(5.0, 13.0, (40, 6)))
