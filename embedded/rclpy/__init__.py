@@ -7,6 +7,7 @@ import contextlib
 from typing import TYPE_CHECKING, Any, Self
 
 from rclpy.context import Context
+from rclpy.parameter import Parameter
 from rclpy.signals import (
     SignalHandlerOptions,
     install_signal_handlers,
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 __all__ = [
-    "Future", "SignalHandlerOptions", "create_node", "get_default_context", "get_global_executor",
+    "Future", "Parameter", "SignalHandlerOptions", "create_node", "get_default_context", "get_global_executor",
     "get_rmw_implementation_identifier", "init", "ok", "shutdown", "spin", "spin_once", "spin_until_future_complete",
     "try_shutdown",
 ]  # fmt: skip

@@ -23,6 +23,8 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer
 from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
 
+from embedded_ros.errors import needs_ros2
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
@@ -172,8 +174,15 @@ class NodeEntities:
         event_callbacks: SubscriptionEventCallbacks | None = None,
         qos_overriding_options: QoSOverridingOptions | None = None,
         raw: bool = False,
+        content_filter_options: object = None,
     ) -> Subscription:
-        """Make a subscription; ``raw`` gives the callback the CDR bytes."""
+        """Make a subscription; ``raw`` gives the callback the CDR bytes.
+
+        Raises:
+            NotImplementedError: content filters need ROS 2.
+        """
+        if content_filter_options is not None:
+            raise needs_ros2("a content filter")
         profile = self._rcl_profile(qos_profile)
         check_is_valid_msg_type(msg_type)
         full = self._rcl_remapped(topic, "topic")

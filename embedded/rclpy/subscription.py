@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.endpoint import Endpoint
 
 from embedded_ros import wire
-from embedded_ros.errors import CdrError
+from embedded_ros.errors import CdrError, needs_ros2
 from embedded_ros.graph import incompatible_policy
 from embedded_ros.messages import deserialize
 from embedded_ros.wire import EntityKind
@@ -156,6 +156,17 @@ class Subscription(Endpoint):
             "publisher_gid": gid,
         }
         return message, info
+
+    @property
+    def is_cft_enabled(self) -> bool:
+        """Whether a content filter is at work: none is here."""
+        return False
+
+    def set_content_filter(self, *_: object, **__: object) -> None:
+        """Refused."""
+        raise needs_ros2("a content filter")
+
+    get_content_filter = set_content_filter
 
     def get_publisher_count(self) -> int:
         """Return how many publishers reach this subscription."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 from typing import TYPE_CHECKING, Any
 
 from embedded_ros import network
@@ -14,6 +15,7 @@ from embedded_ros.graph import Graph
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
+    from types import FrameType
 
     from rclpy.node import Node
 
@@ -41,15 +43,22 @@ def graph() -> Iterator[Graph]:
         session.close()  # type: ignore[no-untyped-call]  # zenoh's stub
 
 
+def _terminate(number: int, _: FrameType | None) -> None:
+    raise SystemExit(number)
+
+
 @contextlib.contextmanager
 def node(name: str, *, host: bool = False) -> Iterator[Node]:
     """Make a node without parameter services and log topic; shut down at the end."""
     import rclpy  # noqa: PLC0415  commands that only look at the graph start without it
     from rclpy.node import Node  # noqa: PLC0415  as above
+    from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415  as above
     from rclpy.utilities import get_default_context  # noqa: PLC0415  as above
 
     get_default_context()._hosts_router = host
-    rclpy.init(args=[])
+    # Whatever a command waits for, a signal ends it there and then.
+    signal.signal(signal.SIGTERM, _terminate)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     made = Node(f"_ros2cli_{os.getpid()}_{name}", start_parameter_services=False, enable_rosout=False)
     made.context._graph.settle(SETTLE_S)
     try:

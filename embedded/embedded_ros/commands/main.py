@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 
 COMMANDS = {
@@ -44,7 +45,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         outcome = module.run(argv[1:])
     except KeyboardInterrupt:
-        return 130
+        return signal.SIGINT
     except BrokenPipeError:
         return 0
     except EmbeddedError as error:
