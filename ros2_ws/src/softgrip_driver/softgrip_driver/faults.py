@@ -53,7 +53,7 @@ _ROWS = (
     Fault("rebooted", Reaction.LET_GO, Recovery.HOME, "the drive restarted and lost its turn count",
           "check the supply, then home"),
     Fault("input_voltage", Reaction.HOLD, Recovery.SELF, "supply voltage out of range",
-          "check the supply and its cable length"),
+          "check the supply and its cable length; where it stays, estop_reset (the servo restarts), then home"),
     Fault("overload", Reaction.HOLD, Recovery.HOME, "the servo cut its torque after an overload",
           "lower the tension limit, look for a jam; then home"),
     Fault("overheated", Reaction.HOLD, Recovery.HOME, "the servo cut its torque because of heat",
@@ -85,7 +85,8 @@ _ROWS = (
           "check the tendon and the homing parameters"),
     Fault("command_timeout", Reaction.REPORT, Recovery.COMMAND, "no command for too long",
           "the drive holds with reduced tension and then releases slowly; send a new command"),
-    Fault("estop", Reaction.LET_GO, Recovery.RESET, "emergency stop", "make the cell safe, then estop_reset"),
+    # Whether it holds or lets go is the gripper's policy.
+    Fault("estop", Reaction.HOLD, Recovery.RESET, "emergency stop", "make the cell safe, then estop_reset"),
 )  # fmt: skip
 
 #: the fault table

@@ -285,7 +285,7 @@ def spring_finger():
     class SpringFinger:
         def __init__(self, taut=0.003, stiffness=1000.0, position=0.0):
             self.taut, self.stiffness, self.position, self.velocity, self.time = taut, stiffness, position, 0.0, 0.0
-            self.broken = False
+            self.broken, self.goal = False, position
 
         @property
         def tension(self):
@@ -293,7 +293,9 @@ def spring_finger():
 
         def advance(self, dt, setpoint):
             """Follow a setpoint with a lag of 20 ms, never beyond its tension limit."""
-            goal = setpoint.position
+            if setpoint.position is not None:
+                self.goal = setpoint.position
+            goal = self.goal
             if not self.broken:
                 goal = min(goal, self.taut + setpoint.tension_limit / self.stiffness)
             moved = (goal - self.position) * (1.0 - math.exp(-dt / 0.02))

@@ -215,6 +215,7 @@ def test_estop_lets_go_or_holds_as_the_policy_says_and_stays_until_reset(spring_
         before = rig.fingers["a"].position
         rig.pass_time(0.3)
         assert abs(rig.fingers["a"].position - before) < 1e-3
+        assert rig.drive("a").powered is (policy is StopPolicy.HOLD)
         assert "estop_reset" in rig.move(0.01).refusal
         rig.controller.reset()
         assert rig.drive().fault == ""
@@ -338,3 +339,26 @@ def test_a_jam_is_a_stall_with_its_place(rig):
     assert outcome is Outcome.FAULT
     assert "from the target" in reason
     assert rig.drive("a").fault == "stalled"
+
+
+def test_a_ramp_in_pieces_is_followed_as_one(spring_finger, reading):
+    """A planner sends the rest of its way again and again: each successor goes on from the setpoint, not the drive."""
+
+    def setpoints(period):
+        rig, goals = Rig(spring_finger, reading, names=("a",)).on(), []
+        for step in range(200):
+            if step == 0 or (period and step % period == 0):
+                left = 1.0 - step * DT
+                path = Trajectory.checked([left], [0.020], [], LIMITS.travel)
+                rig.controller.follow({"a": path}, rig.now)
+            rig.cycle()
+            goals.append(rig.drive()._m.setpoint)
+        return np.array(goals)
+
+    # From the slack finger's -3 mm to 20 mm in a second; the ends of a ramp are rounded.
+    line = -0.003 + 0.023 * DT * np.arange(1, 201)
+    for period in (0, 10, 20):
+        goals = setpoints(period)
+        assert np.diff(goals).min() > -1e-9
+        assert goals[20:180] == pytest.approx(line[20:180], abs=1e-3)
+        assert np.diff(goals).max() < 1.5 * 0.023 * DT

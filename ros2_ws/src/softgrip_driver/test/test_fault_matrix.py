@@ -71,11 +71,16 @@ ROWS = [
     Row("servo_silent", "no_reply", arguments=(INDEX,), reason="nothing heard for"),
     Row("wrong_baud", "no_reply", arguments=(INDEX,), reason="nothing heard for"),
     Row("alert", "electrical_shock", on="holding", arguments=(INDEX,), reason="0x10", recovery="home"),
+    Row("alert", "input_voltage", on="holding", arguments=(INDEX, ("bits", 1)), reason="supply", recovery="home"),
     Row("overload", "overload", on="holding", arguments=(INDEX,), reason="lower the tension limit", recovery="home"),
     Row("overheating", "overheated", on="holding", arguments=(INDEX,), reason="cool down", recovery="home"),
     Row(
         "overheating", "over_temperature", on="holding", arguments=(INDEX, ("temperature_c", 66.0)), reason="66 degC",
         safe_within=1.0,
+    ),
+    Row(
+        "heating", "over_temperature", on="holding", arguments=(INDEX, ("power_w", 300.0)), reason="degC",
+        safe_within=None,
     ),
     Row("brown_out", "no_reply", on="holding", reason="check its cable and power", recovery="home"),
     Row("silent_reboot", "rebooted", arguments=(INDEX,), reason="check the supply", recovery="home"),
@@ -161,7 +166,7 @@ def test_fault(bench, row, matrix):
         ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.0], 0.02), now))
     seen = named(bench, row, before, began, ticket) if row.fault else rode_through(bench, row, began)
     bench.clear()
-    if row.cause == "overheating":
+    if row.cause in {"heating", "overheating"}:
         cool(bench)
     recovered = recover(bench, row)
     aim = "-" if row.safe_within is None else f"{row.safe_within * 1e3:.0f} ms"

@@ -104,6 +104,25 @@ def test_bring_up_of_a_servo_that_holds_lets_go_first(wired):
     assert bus.read(1, reg.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.parametrize("level", [0, 1])
+def test_bring_up_of_a_servo_that_was_told_not_to_answer(wired, level):
+    model, _, bus = wired
+    bus.sync_write(reg.STATUS_RETURN_LEVEL, {1: level})
+    list(set_up(bus, servo_of(model), write_eeprom=True))
+    assert bus.read(1, reg.STATUS_RETURN_LEVEL) == 2
+
+
+def test_a_supply_that_sags_does_not_open_a_hand(wired):
+    """The XL330 cuts its torque then by factory setting; a servo that was brought up only tells."""
+    model, device, bus = wired
+    list(set_up(bus, servo_of(model), write_eeprom=True))
+    bus.write(1, reg.TORQUE_ENABLE, 1)
+    device.forced_error_bits = 0x01
+    device.step(0.0, 0.001)
+    assert bus.read(1, reg.HARDWARE_ERROR) == 0x01
+    assert bus.read(1, reg.TORQUE_ENABLE) == 1
+
+
 def test_settings_are_reported_and_left_alone_where_writing_is_not_allowed(wired):
     model, device, bus = wired
     with pytest.raises(ConfigurationError, match=r"return delay time was 250, needs 0; set write_eeprom"):

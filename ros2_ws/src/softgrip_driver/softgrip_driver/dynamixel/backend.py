@@ -163,10 +163,23 @@ class DynamixelBackend:
         yield from self._until_it_answers(servo_id)
         self.bus.reboot(servo_id)
         yield from self._until_it_answers(servo_id)
-        for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
-            yield
-        self._after_set_up(live)
+        yield from self._set_up_again(live)
         live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
+
+    def _set_up_again(self, live: _Live) -> Iterator[None]:
+        """Set up from the beginning until every transaction was answered; patience is for the steps, not for one."""
+        deadline = time.monotonic() + self.REBOOT_TIMEOUT
+        while True:
+            try:
+                for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom, attempts=1):
+                    yield
+                self._after_set_up(live, attempts=1)
+            except (NoReplyError, CorruptReplyError):
+                if time.monotonic() > deadline:
+                    raise
+                yield
+            else:
+                return
 
     def _until_it_answers(self, servo_id: int) -> Iterator[None]:
         deadline = time.monotonic() + self.REBOOT_TIMEOUT
@@ -183,10 +196,10 @@ class DynamixelBackend:
             else:
                 return
 
-    def _after_set_up(self, live: _Live) -> None:
+    def _after_set_up(self, live: _Live, attempts: int = 3) -> None:
         servo_id = live.servo.servo_id
-        live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts=3)
-        live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts=3)
+        live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts)
+        live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts)
         live.powered = False
         live.current_units = None
 

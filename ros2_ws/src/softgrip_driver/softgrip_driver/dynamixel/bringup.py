@@ -143,13 +143,15 @@ def wanted_eeprom(servo: Servo) -> dict[Item, int]:
         reg.SECONDARY_ID: 255,
         reg.STARTUP_CONFIGURATION: 0,
         reg.CURRENT_LIMIT: servo.current_limit_units,
+        reg.SHUTDOWN: int(reg.SHUTDOWN_ERRORS),
     }
 
 
-def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool) -> Iterator[str]:
-    """Bring a servo to a known state with its torque off, one short transaction a step.
+def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEMPTS) -> Iterator[str]:
+    """Bring a servo to a known state with its torque off, some short transactions a step.
 
-    Yields each persistent setting that was corrected, in words, and "" after every other transaction.
+    Yields each persistent setting that was corrected, in words, and "" after every other transaction. With one attempt
+    no step waits for longer than a reply takes.
 
     A driver that starts again finds its own settings and changes nothing, so the servo's turn count and session mark
     survive.
@@ -159,16 +161,18 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool) -> Iterator[str]:
         DriverError: the servo does not answer or refuses.
     """
     servo_id = servo.servo_id
-    error = HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, _ATTEMPTS))
+    # Not answered by anybody: a servo told to keep silent would not tell that it did.
+    bus.sync_write(reg.STATUS_RETURN_LEVEL, {servo_id: reg.ANSWER_ALL})
+    error = HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, attempts))
     if error & ~HardwareError.INPUT_VOLTAGE:
         raise WrongDeviceError(
             f"tendon '{servo.tendon}', ID {servo_id}: expected a servo without hardware errors, found {error!r}; "
             "remove the cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
         )
-    bus.write(servo_id, reg.TORQUE_ENABLE, 0, _ATTEMPTS)
-    bus.write(servo_id, reg.BUS_WATCHDOG, 0, _ATTEMPTS)
+    bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts)
+    bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts)
     for item, wanted in wanted_eeprom(servo).items():
-        found = bus.read(servo_id, item, _ATTEMPTS)
+        found = bus.read(servo_id, item, attempts)
         if found == wanted:
             yield ""
             continue
@@ -177,8 +181,8 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool) -> Iterator[str]:
             raise ConfigurationError(
                 f"tendon '{servo.tendon}', {text}; set write_eeprom, or run `ros2 run softgrip_driver setup`"
             )
-        bus.write(servo_id, item, wanted, _ATTEMPTS)
-        if bus.read(servo_id, item, _ATTEMPTS) != wanted:
+        bus.write(servo_id, item, wanted, attempts)
+        if bus.read(servo_id, item, attempts) != wanted:
             raise WrongDeviceError(f"tendon '{servo.tendon}', {text}; it was written, but not kept")
         yield text
     # After the mode: a change of mode resets these.
@@ -189,5 +193,5 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool) -> Iterator[str]:
         reg.GOAL_CURRENT: servo.current_units(0.0),
     }
     for item, value in volatile.items():
-        bus.write(servo_id, item, value, _ATTEMPTS)
+        bus.write(servo_id, item, value, attempts)
         yield ""

@@ -104,6 +104,12 @@ class HardwareError(IntFlag):
     OVERLOAD = 0x20
 
 
+#: errors that a servo answers with torque off. A supply that sags is none: it would open a hand that holds something
+#: (the XL330 comes with that, the others do not)
+SHUTDOWN_ERRORS = HardwareError.OVERHEATING | HardwareError.ELECTRICAL_SHOCK | HardwareError.OVERLOAD
+#: status return level: every instruction is answered
+ANSWER_ALL = 2
+
 #: what the low seven bits of a status packet's error byte say
 STATUS_ERRORS: dict[int, str] = {
     1: "result fail",

@@ -266,8 +266,9 @@ class TendonDriver(LifecycleNode):
         del request
 
         def stop(loop: BusLoop) -> tuple[bool, str]:
-            loop.stop_emergency()
-            return True, f"stopped ({self._configuration.policies.estop.name.lower()}); estop_reset returns"
+            missed = loop.stop_emergency()
+            policy = self._configuration.policies.estop.name.lower()
+            return not missed, f"stopped ({policy}); {missed or 'estop_reset returns'}"
 
         response.success, response.message = self._with_loop(stop)
         return response

@@ -137,7 +137,11 @@ class StageBackend:
     def write(self, setpoints: Mapping[str, Setpoint]) -> None:
         """Send the stage to where the setpoint is, or stop it at the tension limit."""
         setpoint = setpoints.get(self._tendon)
-        if setpoint is None or setpoint.position is None or not self._powered or self._before is None:
+        if setpoint is None or not self._powered or self._before is None:
+            return
+        if setpoint.position is None:
+            if self._target is not None:
+                self._halt()
             return
         here, goal = self._before[1], setpoint.position
         if self._gauge_misses or (self._pull >= setpoint.tension_limit and goal > here):

@@ -12,22 +12,17 @@ from dataclasses import replace
 
 from softgrip_driver.faults import FAULTS, Reaction, Recovery
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
+from softgrip_driver.tendon.guards import Silence
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.memory import DriveMemory
-from softgrip_driver.tendon.motions import (
-    NATURAL_LAG,
-    DriveState,
-    Follow,
-    Hold,
-    Motion,
-    MoveToLength,
-    Outcome,
-    Step,
-    View,
-)
+from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
+from softgrip_driver.tendon.trim import Trim
 from softgrip_driver.tendon.watch import Watch
+
+#: faults after which a position says nothing until the tendon was homed
+LOST_POSITION = frozenset({"position_jump"})
 
 
 class Drive:
@@ -42,24 +37,18 @@ class Drive:
 
     #: a motion advances by at most as many periods in one step
     MOST_PERIODS = 2.0
-    #: [1/s] and [m] of the integral correction of the position
-    TRIM_RATE = 6.0
-    MAX_TRIM = 3e-3
-    #: natural lags that an error may be worth without being the load's
-    MOST_LAGS = 2.0
-    #: [s] one unanswered question counts for at most, or a period
-    LONGEST_QUESTION = 0.025
 
     def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float, period: float = 0.01) -> None:
         self.tendon = tendon
         self.limits = limits
         self._continuous = continuous_tension
         self._period = period
-        self._longest_question = max(self.LONGEST_QUESTION, period)
         self.powered = False
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
         self._m = DriveMemory()
+        self._trim = Trim(limits.lead)
+        self._silence = Silence(period)
         self._watch = self._new_watch()
 
     def _new_watch(self) -> Watch:
@@ -110,14 +99,10 @@ class Drive:
         if r is None:
             return base
         return replace(
-            base, length=r.position - self._frame, speed=r.velocity, tension=m.tension, tension_stddev=r.tension_stddev,
+            base, length=r.position - m.frame, speed=r.velocity, tension=m.tension, tension_stddev=r.tension_stddev,
             current=r.current, temperature=r.temperature, voltage=r.voltage, hardware_error=r.hardware_error,
             time=r.time,
         )  # fmt: skip
-
-    @property
-    def _frame(self) -> float:
-        return self._m.zero if self._m.zero is not None else self._m.origin
 
     @property
     def position(self) -> float:
@@ -172,7 +157,7 @@ class Drive:
         assert self._m.reading is not None
         if self._m.fault and FAULTS[self._m.fault].recovery is Recovery.COMMAND:
             self._clear_fault()
-        motion = make(self._view(self._m.reading, now, 0.0, math.inf))
+        motion = make(self._m.view(self._m.reading, now, 0.0, math.inf))
         if isinstance(motion, Follow) and isinstance(self._m.motion, Follow):
             motion.take_over(self._m.motion)
         self._m.motion = motion
@@ -186,7 +171,7 @@ class Drive:
         self.powered = True
         self._m.origin = self._m.reading.position
         self._watch = self._new_watch()
-        self._hold_here()
+        self._hold_here(pulling=False)
         return DriveActions(power=True)
 
     def switch_off(self) -> DriveActions:
@@ -196,8 +181,9 @@ class Drive:
         return DriveActions(power=False)
 
     def restore_begun(self) -> None:
-        """Take note that the device is set up again; it holds afterwards."""
+        """Take note that the device is set up again, which costs its turn count; it holds afterwards."""
         self._m.restoring = True
+        self._m.zero = self._m.mark = None
         self.powered = True
 
     def restored(self, *, success: bool) -> DriveActions:
@@ -211,6 +197,8 @@ class Drive:
         """Take note that a person has dealt with the fault."""
         self._m.restored_once = False
         if self._m.fault and FAULTS[self._m.fault].recovery in (Recovery.RESET, Recovery.HOME, Recovery.COMMAND):
+            if self._m.fault in LOST_POSITION and self.powered:
+                self._hold_here(pulling=False)
             self._clear_fault()
             self._watch.forget_break()
 
@@ -221,22 +209,23 @@ class Drive:
         latched = m.fault != "" and FAULTS[m.fault].recovery in {Recovery.HOME, Recovery.RESET}
         if latched and (row.recovery is not Recovery.HOME or FAULTS[m.fault].recovery is Recovery.HOME):
             return  # the first latched fault is the cause; what follows is its consequence
-        if m.fault != name:
-            m.fault, m.fault_reason = name, f"{row.meaning}: {reason}; {row.remedy}"
+        if m.fault == name:
+            return
+        m.fault, m.fault_reason = name, f"{row.meaning}: {reason}; {row.remedy}"
         if row.reaction is Reaction.REPORT:
             return
         if self.busy:
             m.outcome, m.reason = Outcome.FAULT, m.fault_reason
         if row.recovery is Recovery.HOME and m.zero is not None:
-            m.zero = m.mark = None
+            m.zero = m.mark = m.setpoint = None
             self.zero_lost = True
         if m.reading is not None and self.powered:
-            self._hold_here()
+            self._hold_here(pulling=row.recovery is not Recovery.HOME)
 
     def hold_now(self) -> None:
-        """Stop and hold here with the holding tension."""
+        """Stop and go on holding, with the holding tension at most."""
         if self._m.reading is not None and self.powered:
-            self._hold_here()
+            self._hold_here(pulling=True)
 
     def abort(self, reason: str) -> None:
         """End the motion as a fault of its own and hold."""
@@ -253,12 +242,20 @@ class Drive:
         self._m.fault, self._m.fault_reason = "", ""
         self._watch.forget_jump()
 
-    def _hold_here(self) -> None:
-        assert self._m.reading is not None
-        here = self._m.reading.position - self._frame
-        self._m.trim = 0.0
-        self._m.setpoint = None
-        self._m.motion = Hold(here, self.limits.tension_hold)
+    def _hold_here(self, *, pulling: bool) -> None:
+        """Stand here, and go on with the pull (at most the holding tension) or without one."""
+        m, limit = self._m, self.limits.tension_hold
+        assert m.reading is not None
+        if pulling and isinstance(m.motion, Hold) and m.motion.tension_limit <= limit:
+            return
+        here = m.reading.position - self._m.frame
+        if pulling and self.holds_tension:
+            ahead = 0.0 if m.setpoint is None else m.setpoint - here
+            self._trim.keep_pulling(ahead, m.reading.velocity, m.tension, limit)
+        else:
+            self._trim.clear()
+        m.setpoint = None
+        m.motion = Hold(here, limit)
 
     # --- a step ----------------------------------------------------------------------------------------------------
 
@@ -272,8 +269,9 @@ class Drive:
         dt = 0.0 if m.last_step is None else max(0.0, min(0.1, now - m.last_step))
         if m.reading is not None and reading.time > m.reading.time:
             m.acceleration = (reading.velocity - m.reading.velocity) / (reading.time - m.reading.time)
-        m.last_step, m.reading, m.asked, m.silence = now, reading, now, 0.0
+        m.last_step, m.reading = now, reading
         m.tension = self._watch.tension(reading)
+        self._silence.heard(now)
         if m.fault in ("no_reply", "port_lost", "bus_watchdog") and not m.restoring:
             self._clear_fault()
         actions = self._check_device(reading)
@@ -281,16 +279,30 @@ class Drive:
             return actions
         cap = self._tension_cap(reading, dt)
         if not self.powered or m.motion is None:
-            return DriveActions()
+            # What was switched off while nobody could tell the device is switched off now.
+            return DriveActions(power=False if reading.powered and not m.restoring else None)
+        if m.fault in LOST_POSITION:
+            # A goal in a frame that is wrong by turns would move it by turns: it keeps the last one it was sent.
+            return DriveActions(setpoint=Setpoint(None, min(self.limits.tension_hold, cap)))
         # After a late step the motion goes on from where it is: slower, never with a jerk to make up for it.
-        view = self._view(reading, now, min(dt, self.MOST_PERIODS * self._period), cap)
-        found = self._watch.finds(view, m.motion, m.allowed, homed=self.homed)
+        return self._move_on(m.view(reading, now, min(dt, self.MOST_PERIODS * self._period), cap), m.motion)
+
+    def _move_on(self, view: View, motion: Motion) -> DriveActions:
+        """Advance the motion, unless a guard ends it."""
+        m = self._m
+        found = self._watch.finds(view, motion, m.allowed, homed=self.homed)
         if found is not None:
             self.set_fault(*found)
+            motion = m.motion or motion
         if m.fault and FAULTS[m.fault].reaction is Reaction.LET_GO:
             return self.switch_off()
-        step = m.motion.step(view)
-        setpoint = Setpoint(step.length + self._frame + self._trim(step, view), step.tension_limit)
+        step = motion.step(view)
+        if motion.state is DriveState.HOMING:
+            self._trim.clear()
+        elif not self._watch.suspects_break:
+            # Giving way while a break is suspected would look as if the tension had been let out.
+            self._trim.step(step, view)
+        setpoint = Setpoint(step.length + self._m.frame + self._trim.value, step.tension_limit)
         m.setpoint, m.allowed = step.length, step.tension_limit
         if step.outcome is not None:
             self._finish(step)
@@ -299,11 +311,9 @@ class Drive:
     def _unanswered(self, now: float) -> DriveActions:
         m = self._m
         m.lost += 1
-        # Time in which this computer did not even ask is no silence of the drive.
-        m.silence += min(self._longest_question, now - m.asked) if m.asked is not None else 0.0
-        m.asked = now
-        if m.silence >= self.limits.no_reply and not m.restoring and m.fault != "port_lost":
-            self.set_fault("no_reply", f"nothing heard for {m.silence * 1e3:.0f} ms")
+        lasted = self._silence.unanswered(now)
+        if lasted >= self.limits.no_reply and not m.restoring and m.fault != "port_lost":
+            self.set_fault("no_reply", f"nothing heard for {lasted * 1e3:.0f} ms")
         return DriveActions()
 
     def _believe(self, reading: DriveReading) -> bool:
@@ -356,23 +366,6 @@ class Drive:
             self._clear_fault()
         return allowed.tension
 
-    def _trim(self, step: Step, view: View) -> float:
-        """Correct what the servo's proportional control leaves over under load; frozen at the tension limit.
-
-        What the drive is behind by its motion goes by itself and must not be corrected: it would overshoot.
-        """
-        m = self._m
-        error = step.length - view.length
-        lag = self.MOST_LAGS * NATURAL_LAG * view.speed
-        error -= max(min(0.0, lag), min(max(0.0, lag), error))
-        if m.motion is not None and m.motion.state is DriveState.HOMING:
-            m.trim = 0.0
-        elif self._watch.suspects_break:
-            pass  # giving way now would look as if the tension had been let out
-        elif view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self.limits.lead:
-            m.trim = max(-self.MAX_TRIM, min(self.MAX_TRIM, m.trim + self.TRIM_RATE * error * view.dt))
-        return m.trim
-
     def _finish(self, step: Step) -> None:
         m = self._m
         m.outcome, m.reason = step.outcome, step.reason
@@ -382,24 +375,10 @@ class Drive:
             return
         if isinstance(m.motion, Homing):
             assert m.motion.zero is not None
-            m.zero = self._frame + m.motion.zero
+            m.zero = self._m.frame + m.motion.zero
             m.mark = m.setpoint = None
             # Lengths count from another zero now.
             self._watch.forget_break()
             m.motion = Hold(0.0, self.limits.tension_soft)
             return
         m.motion = Hold(step.length, step.tension_limit)
-
-    def _view(self, reading: DriveReading, now: float, dt: float, cap: float) -> View:
-        return View(
-            now,
-            dt,
-            reading.position - self._frame,
-            reading.velocity,
-            self._m.tension,
-            reading.pull,
-            cap,
-            reading.tension_stddev,
-            self._m.acceleration,
-            0.0 if self._m.setpoint is None else self._m.setpoint - (reading.position - self._frame),
-        )

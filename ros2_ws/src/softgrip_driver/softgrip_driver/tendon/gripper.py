@@ -32,6 +32,8 @@ from softgrip_driver.tendon.trajectory import Trajectory
 
 MotionFactory = Callable[[View], Motion]
 
+ESTOP_IS_ON = "emergency stop is on; call estop_reset"
+
 
 class MoveMode(IntEnum):
     """What a move's targets are (MoveTendon.Goal.mode)."""
@@ -149,6 +151,8 @@ class GripperController:
 
     def release(self, now: float, tendons: Sequence[str] = ()) -> Ticket:
         """Open slowly to the zero, all tendons when none is named; also with a latched fault, as far as power is on."""
+        if self.estop:
+            return Ticket({}, ESTOP_IS_ON)
         names = [name for name in (tendons or self.drives) if self.drives[name].powered and self.drives[name].homed]
         if not names:
             return Ticket({}, "no tendon is powered and homed; there is nothing to release")
@@ -262,7 +266,7 @@ class GripperController:
         if unknown:
             return f"expected tendons out of {list(self.drives)}, found {unknown}"
         if self.estop:
-            return "emergency stop is on; call estop_reset"
+            return ESTOP_IS_ON
         return "; ".join(text for name in names if (text := self.drives[name].refusal(homed=homed)))
 
     def _wrong(self, request: MoveRequest, names: Sequence[str], targets: Sequence[float]) -> str:

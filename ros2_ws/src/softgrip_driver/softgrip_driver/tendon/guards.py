@@ -29,6 +29,33 @@ class MedianFilter:
         return median(self._window)
 
 
+class Silence:
+    """Counts how long a drive has not answered. Time in which this computer did not even ask is no silence of it.
+
+    Args:
+        period: [s] between questions.
+    """
+
+    #: [s] one unanswered question counts for at most, or a period
+    LONGEST_QUESTION = 0.025
+
+    def __init__(self, period: float) -> None:
+        self._longest = max(self.LONGEST_QUESTION, period)
+        self._asked: float | None = None
+        self._lasted = 0.0
+
+    def heard(self, now: float) -> None:
+        """Take note of an answer at a time [s]."""
+        self._asked, self._lasted = now, 0.0
+
+    def unanswered(self, now: float) -> float:
+        """Take note that a question was not answered; return how long it lasts [s]."""
+        if self._asked is not None:
+            self._lasted += min(self._longest, now - self._asked)
+        self._asked = now
+        return self._lasted
+
+
 class JumpGuard:
     """Keeps positions that a drive cannot have reached away from the controller.
 

@@ -21,7 +21,7 @@ Result = TypeVar("Result")
 
 #: after these the device may have lost its volatile settings, or holds an error until it restarts
 FAULTS_OF_THE_DEVICE = frozenset(
-    {"rebooted", "overload", "overheated", "electrical_shock", "encoder_fault", "stage_alarm"}
+    {"rebooted", "overload", "overheated", "electrical_shock", "encoder_fault", "input_voltage", "stage_alarm"}
 )
 
 
@@ -161,9 +161,9 @@ class BusLoop:
         """Leave a mark in a device; see TendonBackend.mark_session."""
         self.call(lambda _controller, _now: self._backend.mark_session(tendon, mark), timeout)
 
-    def stop_emergency(self) -> None:
-        """Stop everything now; returns when it is done."""
-        self.call(lambda controller, _: self._act(controller.stop_emergency()))
+    def stop_emergency(self) -> str:
+        """Stop everything now; returns when it is done: what could not be told, and is told as soon as it can be."""
+        return self.call(lambda controller, _: self._stop_emergency(controller))
 
     def reset(self, *, power: bool) -> str:
         """Leave the emergency stop and latched faults; say what happens now.
@@ -281,26 +281,40 @@ class BusLoop:
             self._port_lost = ""
         return not self._port_lost
 
-    def _act(self, actions: Mapping[str, DriveActions]) -> None:
+    def _stop_emergency(self, controller: GripperController) -> str:
+        actions = controller.stop_emergency()
+        try:
+            deaf = self._act(actions)
+        except PortLostError as error:
+            return f"nothing could be switched off: {error}; it is as soon as the port is back"
+        return f"no answer from {', '.join(deaf)}: switched off as soon as they answer" if deaf else ""
+
+    def _act(self, actions: Mapping[str, DriveActions]) -> list[str]:
+        """Do what the drives ask for; return those that could not be switched."""
         setpoints: dict[str, Setpoint] = {}
+        deaf: list[str] = []
         for tendon, action in actions.items():
-            if action.power is not None:
-                self._switch(tendon, on=action.power)
+            if action.power is not None and not self._switched(tendon, on=action.power):
+                deaf.append(tendon)
             if action.restore:
                 self._restores.setdefault(tendon, self._backend.restore(tendon))
             if action.setpoint is not None:
                 setpoints[tendon] = action.setpoint
         if setpoints:
             self._backend.write(setpoints)
+        return deaf
 
-    def _switch(self, tendon: str, *, on: bool) -> None:
+    def _switched(self, tendon: str, *, on: bool) -> bool:
         try:
             self._backend.power(tendon, on)
         except PortLostError:
             raise
         except DriverError as error:
-            # It does not answer: the loop notices that by itself and names it; power is tried again on request.
+            # It does not answer: the loop notices that by itself and names it. Off is said again when it answers, on
+            # only on request.
             self._controller.drives[tendon].set_fault("no_reply", str(error))
+            return False
+        return True
 
     def _power_all(self, controller: GripperController, *, on: bool) -> None:
         for drive in controller.drives.values():

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.tendon.backend import DriveReading
-from softgrip_driver.tendon.motions import Motion, Outcome
+from softgrip_driver.tendon.motions import Motion, Outcome, View
 
 
 @dataclass
@@ -18,8 +18,6 @@ class DriveMemory:
     zero: float | None = None
     origin: float = 0.0
     reading: DriveReading | None = None
-    asked: float | None = None
-    silence: float = 0.0
     tension: float = 0.0
     acceleration: float = 0.0
     last_step: float | None = None
@@ -32,7 +30,20 @@ class DriveMemory:
     fault_reason: str = ""
     restoring: bool = False
     restored_once: bool = False
-    trim: float = 0.0
     setpoint: float | None = None
     allowed: float = math.inf
     warnings: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def frame(self) -> float:
+        """[m] in the device's frame from which lengths count: the zero, or where it was switched on."""
+        return self.origin if self.zero is None else self.zero
+
+    def view(self, reading: DriveReading, now: float, dt: float, cap: float) -> View:
+        """Return what a motion sees at a time [s], ``dt`` [s] after the step before, with ``cap`` [N] allowed."""
+        length = reading.position - self.frame
+        ahead = 0.0 if self.setpoint is None else self.setpoint - length
+        return View(
+            now, dt, length, reading.velocity, self.tension, reading.pull, cap, reading.tension_stddev,
+            self.acceleration, ahead,
+        )  # fmt: skip

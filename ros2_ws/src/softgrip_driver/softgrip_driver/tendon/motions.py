@@ -20,6 +20,9 @@ from softgrip_driver.tendon.trajectory import Trajectory
 #: gain needs an error for. 0.04 .. 0.06 s by the data sheets' no-load speeds and default gains
 NATURAL_LAG = 0.06
 
+#: position tolerances within which standing still is the error of the servo's own control; else something is in the way
+NEARLY = 4.0
+
 
 class DriveState(IntEnum):
     """State of a drive (TendonStatus.state)."""
@@ -146,6 +149,15 @@ def _held(view: View, limits: TendonLimits) -> float:
     return view.length + max(0.0, min(limits.lead, view.standing_ahead))
 
 
+def _stalled(view: View, cap: float, target: float) -> Step:
+    """Step of a motion that something is in the way of."""
+    off = abs(view.length - target)
+    return Step(
+        view.length, cap, Outcome.FAULT, f"stands at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm from the "
+        f"target, with {view.tension:.1f} N of {cap:.1f} N allowed", "stalled",
+    )  # fmt: skip
+
+
 class _TensionMet:
     """Tells a tension that is there and stays, once the motor had time to get up to speed."""
 
@@ -223,16 +235,13 @@ class MoveToLength:
         return Step(setpoint, cap)
 
     def _stalled(self, view: View, cap: float) -> Step:
-        """Near the target the rest is the error of the servo's own control; elsewhere something is in the way."""
+        """Done where it is nearly there, else a fault."""
         off = abs(view.length - self._target)
-        if off <= 4.0 * self._limits.position_tolerance:
+        if off <= NEARLY * self._limits.position_tolerance:
             return Step(
                 self._target, cap, Outcome.REACHED, f"at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm off the target"
             )
-        return Step(
-            view.length, cap, Outcome.FAULT, f"stands at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm from the "
-            f"target, with {view.tension:.1f} N of {cap:.1f} N allowed", "stalled",
-        )  # fmt: skip
+        return _stalled(view, cap, self._target)
 
 
 class MoveToTension:
@@ -287,9 +296,6 @@ class MoveToTension:
 class Follow:
     """Follow a trajectory within the drive's speed and acceleration; a streamed successor takes over at any time."""
 
-    #: [s] after the trajectory's end that the drive may take to arrive
-    SETTLE = 0.5
-
     state = DriveState.MOVING
 
     def __init__(self, trajectory: Trajectory, tension_limit: float, view: View, limits: TendonLimits) -> None:
@@ -298,18 +304,15 @@ class Follow:
         self._profile = SpeedProfile(_setpoint_now(view, limits))
         self._started = view.now
         self._met = _TensionMet(view, limits.speed, limits)
-        self._trajectory = trajectory.starting_from(view.length, view.speed)
-        self.winding_in = False
+        self._stall = StallGuard(limits.stall_time)
+        self._given = trajectory
+        self._trajectory = trajectory.starting_from(self._profile.position, view.speed)
+        self.winding_in = self.paying_out = False
 
     def take_over(self, predecessor: Follow) -> None:
         """Go on from another trajectory's setpoint, without a step."""
-        self._profile = predecessor._profile
-        self._trajectory = self._trajectory.starting_from(self._profile.position, self._profile.velocity)
-
-    @property
-    def paying_out(self) -> bool:
-        """Whether the setpoint retreats."""
-        return self._profile.velocity < 0.0
+        self._profile, self._met, self._stall = predecessor._profile, predecessor._met, predecessor._stall
+        self._trajectory = self._given.starting_from(self._profile.position, self._profile.velocity)
 
     def step(self, view: View) -> Step:
         """Track the interpolated length."""
@@ -319,14 +322,22 @@ class Follow:
         before = self._profile.position
         # Tracking must not lag behind a ramp: aim as far beyond the target as the profile needs to brake.
         self._profile.step(target, self._limits.speed, 4.0 * self._limits.acceleration, view.dt)
-        if self._profile.position - view.length > self._limits.lead:
+        ahead = self._profile.position - view.length
+        blocked = abs(ahead) > self._limits.lead and ahead * (self._profile.position - before) > 0.0
+        if blocked:
             self._profile.stop_at(before)
-        self.winding_in = self._profile.velocity > 0.0
-        if self._met.step(view, MoveToLength.MET * cap if self.winding_in else math.inf):
+        self.winding_in, self.paying_out = self._profile.position > before, self._profile.position < before
+        off = abs(view.length - target)
+        inwards = self.winding_in or view.length < target - self._limits.position_tolerance
+        if self._met.step(view, MoveToLength.MET * cap if inwards else math.inf):
             held = _held(view, self._limits)
             return Step(held, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N")
-        overdue = elapsed - self._trajectory.duration
-        close = abs(view.length - target) <= self._limits.position_tolerance
-        if self._profile.position == target and (overdue >= self.SETTLE or (overdue >= 0.0 and close)):
+        over = elapsed >= self._trajectory.duration and self._profile.position == target
+        done = over and off <= self._limits.position_tolerance
+        if not done and self._stall.step(view.now, view.length, moving=blocked or over):
+            if off > NEARLY * self._limits.position_tolerance:
+                return _stalled(view, cap, target)
+            done = True
+        if done:
             return Step(target, cap, Outcome.REACHED, f"trajectory done, at {view.length * 1e3:.2f} mm")
         return Step(self._profile.position, cap)

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a setpoint needs beyond the length it stands for, so that a servo under proportional control gets there."""
+
+from __future__ import annotations
+
+from softgrip_driver.tendon.motions import NATURAL_LAG, MoveToLength, Step, View
+
+
+class Trim:
+    """Slow integral of the position error; a drive that holds gets along without an error.
+
+    What the drive is behind by its motion goes by itself and must not be corrected: it would overshoot.
+
+    Args:
+        lead: [m] beyond which an error is no load's.
+    """
+
+    #: [1/s] and [m] of the integral
+    RATE = 6.0
+    MOST = 3e-3
+    #: natural lags that an error may be worth without being the load's
+    MOST_LAGS = 2.0
+
+    def __init__(self, lead: float) -> None:
+        self._lead = lead
+        #: [m] to add to the setpoint
+        self.value = 0.0
+
+    def clear(self) -> None:
+        """Begin anew: nothing is pulled, or from somewhere else."""
+        self.value = 0.0
+
+    def step(self, step: Step, view: View) -> None:
+        """Correct a motion's error; frozen at the tension limit."""
+        error = step.length - view.length
+        lag = self.MOST_LAGS * NATURAL_LAG * view.speed
+        error -= max(min(0.0, lag), min(max(0.0, lag), error))
+        if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._lead:
+            self.value = max(-self.MOST, min(self.MOST, self.value + self.RATE * error * view.dt))
+
+    def keep_pulling(self, ahead: float, speed: float, tension: float, most: float) -> None:
+        """Become what goes on pulling a drive that shall stand where it is from now on.
+
+        Proportional control pulls by how far the goal is ahead of the drive, so that share of it gives the tension.
+
+        Args:
+            ahead: [m] the setpoint beyond the drive.
+            speed: [m/s] of the drive, whose part of ``ahead`` goes with the motion.
+            tension: [N] now.
+            most: [N] to go on with.
+        """
+        pulling = max(0.0, min(self.MOST, ahead + self.value - NATURAL_LAG * speed))
+        self.value = pulling * min(1.0, most / max(tension, 1e-9))

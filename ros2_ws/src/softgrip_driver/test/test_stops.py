@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a stop must reach and what it must not let go of, by the truth of the emulated fingers."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from softgrip_driver.tendon.gripper import Policies, StopPolicy
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.trajectory import Trajectory
+
+HELD = 8.0
+CAUSES = {
+    "servo_silent": ({"slot": "index"}, "no answer from index"),
+    "bus_unplugged": ({}, "nothing could be switched off"),
+}
+HOLD = Policies(estop=StopPolicy.HOLD)
+
+
+@pytest.fixture
+def holding(bench):
+    bench.hold_taut(HELD)
+    bench.pass_time(0.5)
+    return bench
+
+
+def torque(bench):
+    return [bool(servo.registers.get("torque_enable")) for servo in bench.plant.servos]
+
+
+@pytest.mark.parametrize("bench", [{"policies": HOLD}], indirect=True)
+def test_an_emergency_stop_that_holds_goes_on_holding_and_nothing_moves_until_the_reset(holding):
+    before = holding.plant.bank.tension_n.copy()
+    assert holding.loop.stop_emergency() == ""
+    seen = holding.pass_time(0.5)
+    assert torque(holding) == [True] * 3
+    assert holding.plant.bank.tension_n == pytest.approx(before, rel=0.1)
+    assert {(d.state, d.fault) for d in seen[-1].drives} == {(DriveState.STOPPED, "estop")}
+    ticket = holding.loop.call(lambda controller, now: controller.release(now))
+    assert "estop_reset" in ticket.refusal
+    holding.loop.reset(power=True)
+    outcome, reason = holding.run(holding.loop.call(lambda controller, now: controller.release(now)))
+    assert outcome is Outcome.REACHED, reason
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_an_emergency_stop_reaches_a_drive_as_soon_as_it_can_be_told(holding, cause):
+    arguments, word = CAUSES[cause]
+    holding.cause(cause, **arguments)
+    holding.pass_time(0.02)
+    assert word in holding.loop.stop_emergency()
+    holding.pass_time(0.5)
+    assert torque(holding)[0], "the test needs a servo that could not be told"
+    holding.clear()
+    back = holding.now()
+    assert holding.until(lambda _: not any(torque(holding)), 1.0)
+    assert holding.now() - back < 0.5
+    assert {d.fault for d in holding.pass_time(0.2)[-1].drives} == {"estop"}
+
+
+def test_letting_go_reaches_a_drive_as_soon_as_it_can_be_told(holding):
+    """The driver is deactivated while a servo is silent."""
+    holding.cause("servo_silent", slot="index")
+    holding.pass_time(0.02)
+    holding.loop.power(on=False)
+    assert torque(holding) == [True, False, False]
+    holding.clear()
+    assert holding.until(lambda _: not any(torque(holding)), 1.0)
+
+
+# A servo that is not talked to for 80 ms stops by itself and gives back what its control needs an error for.
+@pytest.mark.parametrize(
+    ("cause", "arguments", "fault", "least"),
+    [
+        ("overheating", {"slot": "index", "temperature_c": 66.0}, "over_temperature", 0.95),
+        ("alert", {"slot": "index", "bits": 1}, "input_voltage", 0.95),
+        ("position_glitch", {"slot": "index"}, "position_jump", 0.95),
+        ("servo_silent", {"slot": "index"}, "no_reply", 0.6),
+        ("bus_unplugged", {}, "port_lost", 0.6),
+    ],
+)
+def test_a_fault_that_lasts_does_not_let_go_of_what_is_held(holding, cause, arguments, fault, least):
+    before = holding.plant.bank.tension_n.copy()
+    holding.cause(cause, **arguments)
+    for _ in range(8):
+        # Kept hot: the motor's heat flows off faster than a person waits.
+        if cause == "overheating":
+            holding.cause(cause, **arguments)
+        seen = holding.pass_time(0.25)
+        assert seen[-1].drives[0].fault == fault
+        assert (holding.plant.bank.tension_n >= least * before).all()
+    holding.clear()
+    holding.pass_time(0.6)
+    assert (holding.plant.bank.tension_n >= 0.9 * before).all()
+
+
+def test_reset_after_a_lost_position_moves_nothing(holding):
+    """Whatever frame the position is told in now, the servo is not sent a turn away."""
+    holding.cause("position_glitch", slot="index")
+    assert holding.until(lambda _: holding.drive("index").fault == "position_jump")
+    wound = holding.plant.wound_m()[0]
+    holding.clear()
+    holding.pass_time(0.1)
+    holding.loop.reset(power=True)
+    holding.pass_time(0.5)
+    assert holding.plant.wound_m()[0] == pytest.approx(wound, abs=2e-3)
+
+
+def test_a_servo_that_is_set_up_again_does_not_keep_the_others_waiting(holding):
+    """After its reboot it falls silent again: nobody else is left without orders until its watchdog stops it."""
+    holding.cause("overload", slot="index")
+    assert holding.until(lambda _: holding.drive("index").fault == "overload")
+    servo = holding.plant.servos[0]
+    # Writing its volatile settings has begun.
+    assert holding.until(lambda _: servo.powered and servo.registers.get("goal_current") != 1750, 2.0)
+    assert holding.until(lambda _: servo.registers.get("torque_enable") == 0, 2.0)
+    holding.cause("servo_silent", slot="index")
+    seen = holding.pass_time(3.0)
+    assert max(b.time - a.time for a, b in pairwise(seen)) < 0.04
+    assert not {d.fault for one in seen for d in one.drives[1:]} - {""}
+
+
+@pytest.mark.parametrize(("end", "streamed"), [(0.001, False), (0.010, False), (0.001, True)])
+def test_a_jam_under_a_trajectory_is_a_stall(bench, end, streamed):
+    """While it opens: while it closes a jam pulls as a taut tendon does, and ends at the tension limit."""
+    bench.hold_taut(0.0)
+    bench.run(bench.move([0.014]))
+
+    def follow():
+        path = Trajectory.checked([1.0], [end], [], TendonLimits().travel)
+        return bench.loop.call(lambda controller, now: controller.follow({"index": path}, now))
+
+    ticket = follow()
+    bench.pass_time(0.1)
+    bench.cause("spool_jammed", slot="index")
+    goals = []
+    for _ in range(20):
+        bench.pass_time(0.1)
+        goals.append(bench.backend._live["index"].servo.length(bench.plant.servos[0].registers.get("goal_position")))
+        if bench.drive("index").fault:
+            break
+        ticket = follow() if streamed else ticket
+    assert bench.drive("index").fault == "stalled"
+    assert bench.result(ticket)[0] is Outcome.FAULT
+    # The setpoint waits for the drive, so that nothing jerks when it comes free.
+    stands = bench.controller.drives["index"].position
+    assert np.abs(np.array(goals) - stands).max() < TendonLimits().lead + 3.1e-3
