@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,7 +49,7 @@ class _Active:
 def read_plan(text: str) -> list[ScheduledFault]:
     """A fault plan from YAML: a list of mappings `{fault, at_s, target, duration_s, arguments}`, or `random: {...}`.
 
-    `random: {seed: 1, count: 10, within_s: 60, longest_s: 2, faults: [names]}` draws a plan.
+    `random: {seed: 1, count: 10, within_s: 60, longest_s: 2, faults: [names], targets: [tendons]}` draws a plan.
 
     Raises:
         EmulatorError: not such a list.
@@ -62,24 +62,37 @@ def read_plan(text: str) -> list[ScheduledFault]:
     except (yaml.YAMLError, TypeError, ValueError) as error:
         raise EmulatorError(
             "fault plan: expected a YAML list of {fault, at_s, target, duration_s, arguments} or a mapping 'random' of "
-            f"{{seed, count, within_s, longest_s, faults}}, found: {error}"
+            f"{{seed, count, within_s, longest_s, faults, targets}}, found: {error}"
         ) from error
 
 
 def random_plan(
-    seed: int, count: int = 10, within_s: float = 60.0, longest_s: float = 2.0, faults: Sequence[str] = ()
+    seed: int,
+    count: int = 10,
+    within_s: float = 60.0,
+    longest_s: float = 2.0,
+    faults: Sequence[str] = (),
+    targets: Sequence[str] = (),
 ) -> list[ScheduledFault]:
-    """Faults at random times from a seed; the same seed gives the same plan."""
+    """Faults at random times from a seed; the same seed gives the same plan.
+
+    Args:
+        seed: of everything drawn.
+        count: of the faults.
+        within_s: they begin within this time.
+        longest_s: none lasts for longer.
+        faults: names to draw from; those of servos, bus and tendons when none is given.
+        targets: tendons or servo IDs that faults of one drive draw from; the first tendon when none is given.
+    """
     rng = np.random.default_rng([seed, 0x464C])
     names = list(faults) or sorted(BUS_FAULTS)
-    rows = [
-        ScheduledFault(
-            fault=names[int(rng.integers(len(names)))],
-            at_s=float(rng.uniform(0.0, within_s)),
-            duration_s=float(rng.uniform(0.05, longest_s)),
-        )
-        for _ in range(count)
-    ]
+    rows = []
+    for _ in range(count):
+        name = names[int(rng.integers(len(names)))]
+        at_s, duration_s = float(rng.uniform(0.0, within_s)), float(rng.uniform(0.05, longest_s))
+        drawn = targets and name in BUS_FAULTS and _concerns_a_drive(BUS_FAULTS[name])
+        target = str(targets[int(rng.integers(len(targets)))]) if drawn else ""
+        rows.append(ScheduledFault(name, at_s, target, duration_s))
     return sorted(rows, key=lambda row: row.at_s)
 
 
@@ -122,17 +135,22 @@ class FaultBoard:
         if not duration_s >= 0.0:
             raise EmulatorError(f"fault '{fault}': expected a duration of 0 or more seconds, found {duration_s}")
         with self._lock:
-            undo, label = self._cause(fault, target, dict(arguments or {}))
+            # One that is on already begins anew, perhaps with other arguments.
+            label, cause = self._prepared(fault, target, dict(arguments or {}))
+            self._end([one for one in self._active if one.label == label])
+            undo = cause()
             until_s = self._cell.clock.now_s() + duration_s if duration_s > 0.0 else None
             self._active.append(_Active(label, undo, until_s))
 
     def clear(self, which: str = "") -> None:
         """End all faults, or those of one name, target or label."""
         with self._lock:
-            ending = [f for f in self._active if not which or which in {f.label, *f.label.split("@")}]
-            self._active = [f for f in self._active if f not in ending]
-            for fault in reversed(ending):
-                fault.undo()
+            self._end([f for f in self._active if not which or which in {f.label, *f.label.split("@")}])
+
+    def _end(self, ending: Sequence[_Active]) -> None:
+        self._active = [one for one in self._active if one not in ending]
+        for fault in reversed(ending):
+            fault.undo()
 
     def follow(self, plan: Sequence[ScheduledFault]) -> None:
         """Inject these at their times (cell time [s]).
@@ -154,27 +172,32 @@ class FaultBoard:
             while self._plan and self._plan[0].at_s <= now_s:
                 row = self._plan.pop(0)
                 self.inject(row.fault, row.target, row.duration_s, row.arguments)
-            over = [f for f in self._active if f.until_s is not None and f.until_s <= now_s]
-            self._active = [f for f in self._active if f not in over]
-            for fault in reversed(over):
-                fault.undo()
+            self._end([f for f in self._active if f.until_s is not None and f.until_s <= now_s])
 
-    def _cause(self, fault: str, target: str, arguments: dict[str, Any]) -> tuple[Undo, str]:
+    def _prepared(self, fault: str, target: str, arguments: dict[str, Any]) -> tuple[str, Callable[[], Undo]]:
+        """Return the label of a fault and what starts it."""
         cell = self._cell
         label = f"{fault}@{target}" if target else fault
         if fault in cell.rig.faults:
-            cell.rig.inject(fault, **arguments)
-            return lambda: cell.rig.clear(fault), label
+            return label, lambda: self._on_the_rig(fault, arguments)
         cause = BUS_FAULTS.get(fault) or CAMERA_FAULTS.get(fault)
         if cause is None:
             raise EmulatorError(f"fault: expected one of {list(self.known)} or 'clear', found '{fault}'")
-        if "slot" in inspect.signature(cause).parameters:
+        if _concerns_a_drive(cause):
             arguments["slot"] = self._slot(target)
             label = f"{fault}@{arguments['slot']}"
         elif target:
             raise EmulatorError(f"fault '{fault}': expected no target, it concerns the whole bus or camera")
+        return label, lambda: self._started(fault, cause, arguments)
+
+    def _on_the_rig(self, fault: str, arguments: dict[str, Any]) -> Undo:
+        rig = self._cell.rig
+        rig.inject(fault, **arguments)
+        return lambda: rig.clear(fault)
+
+    def _started(self, fault: str, cause: Cause, arguments: dict[str, Any]) -> Undo:
         try:
-            return cause(cell, **arguments), label
+            return cause(self._cell, **arguments)
         except (TypeError, ValueError) as error:
             known = [name for name in inspect.signature(cause).parameters if name not in {"cell", "slot"}]
             raise EmulatorError(f"fault '{fault}': expected arguments of {known}, found: {error}") from error
@@ -194,16 +217,41 @@ class FaultBoard:
 # -- the causes: each starts a fault and returns what ends it ---------------------------------------------------------
 
 
+@dataclass
+class _Held:
+    """An attribute that faults hold: what it is without them, and what each of them wants, the latest last."""
+
+    thing: object
+    without: Any
+    wanted: dict[object, Any] = field(default_factory=dict)
+
+
+_HELD: dict[tuple[int, str], _Held] = {}
+
+
 def _set(thing: object, **values: Any) -> Undo:
-    before = {name: getattr(thing, name) for name in values}
+    """Give attributes other values. Of several faults on one the latest counts; the last to end leaves it as it was."""
+    fault = object()
     for name, value in values.items():
+        held = _HELD.setdefault((id(thing), name), _Held(thing, getattr(thing, name)))
+        held.wanted[fault] = value
         setattr(thing, name, value)
 
     def undo() -> None:
-        for name, value in before.items():
-            setattr(thing, name, value)
+        for name in values:
+            held = _HELD.get((id(thing), name))
+            if held is None or fault not in held.wanted:
+                continue
+            del held.wanted[fault]
+            setattr(thing, name, [held.without, *held.wanted.values()][-1])
+            if not held.wanted:
+                del _HELD[(id(thing), name)]
 
     return undo
+
+
+def _concerns_a_drive(cause: Cause) -> bool:
+    return "slot" in inspect.signature(cause).parameters
 
 
 def _forget(values: dict[str, float], slot: str) -> None:

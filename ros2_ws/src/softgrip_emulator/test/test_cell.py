@@ -248,6 +248,45 @@ def test_a_fault_ends_by_itself(cell, until):
     assert cell.camera.faults.gain == 1.0
 
 
+def held(cell):
+    """Everything that faults of the pairs below change."""
+    servo, shaft = cell.plant.servos[0], cell.plant.disturbances
+    return (
+        vars(cell.bus_wire.faults).copy(), vars(cell.camera.faults).copy(), servo.forced_error_bits, servo.silenced,
+        servo.registers.get("baud_rate"), set(shaft.broken_tendons), dict(shaft.extra_slack_m), cell.rig.cell.capacity,
+        cell.rig.active_faults, cell.bus_port.link.exists(),
+    )  # fmt: skip
+
+
+def test_faults_that_overlap_leave_nothing_behind(cell):
+    """A random plan draws the same fault twice now and then."""
+    twice = ("bus_dead", "bytes_lost", "bus_unplugged", "saturated", "camera_dark", "servo_silent@index",
+             "wrong_baud@index", "tendon_break@index", "slack@index")  # fmt: skip
+    others = (("alert@index", "overload@index"), ("camera_dark", "camera_overexposed"), ("bus_dead", "bytes_lost"))
+    before = held(cell)
+    for pair in (*((name, name) for name in twice), *others):
+        for order in ((0, 1), (1, 0)):
+            for label in pair:
+                cell.faults.inject(*label.split("@"))
+            assert held(cell) != before, pair
+            for index in order:
+                cell.faults.clear(pair[index])
+            assert held(cell) == before, (pair, order)
+            assert cell.faults.active == ()
+
+
+def test_of_two_faults_on_one_thing_the_one_that_is_left_still_counts(cell):
+    cell.faults.inject("camera_dark")
+    cell.faults.inject("camera_overexposed")
+    cell.faults.clear("camera_dark")
+    assert cell.camera.faults.gain == 3.0
+    cell.faults.inject("bytes_lost", arguments={"share": 0.5})
+    cell.faults.inject("bytes_lost", arguments={"share": 0.1})
+    assert cell.faults.active == ("camera_overexposed", "bytes_lost")
+    assert cell.bus_wire.faults.lost == 0.1
+    cell.faults.clear()
+
+
 def test_a_plan_is_followed(cell, until):
     now_s = cell.clock.now_s()
     cell.faults.follow(
@@ -283,6 +322,12 @@ def test_random_plans_are_reproducible_and_bounded():
     assert plan != random_plan(seed=4, count=50, within_s=20.0, longest_s=1.0)
     assert all(0 <= row.at_s <= 20 and 0 < row.duration_s <= 1 and row.fault in BUS_FAULTS for row in plan)
     assert read_plan("random: {seed: 3, count: 50, within_s: 20.0, longest_s: 1.0}") == plan
+    assert {row.target for row in plan} == {""}
+    aimed = random_plan(seed=3, count=200, targets=["index", "2"])
+    drives = {row.fault for row in aimed if row.target}
+    assert {row.target for row in aimed} == {"", "index", "2"}
+    assert {"servo_silent", "tendon_break"} <= drives
+    assert not drives & {"bus_dead", "bytes_lost"}
 
 
 @pytest.mark.parametrize("text", ["- 1", "{a: 1}", "- {fault: alert}", "random: {sheed: 1}", "- [", "3"])
