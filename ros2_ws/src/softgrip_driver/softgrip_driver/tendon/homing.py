@@ -52,6 +52,8 @@ class Homing:
     SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
     RUN_UP = 2e-3
+    #: times the speed of homing: a drive that turned round faster is being slowed down, which looks like a force
+    TOO_FAST = 1.15
 
     state = DriveState.HOMING
     winding_in = False
@@ -64,6 +66,7 @@ class Homing:
         self._phase = _Phase.LET_OUT
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
+        self._steady = False
         self._samples: list[tuple[float, float]] = []
         self.zero: float | None = None
 
@@ -91,9 +94,10 @@ class Homing:
         end = self._start - limits.slack_travel + limits.homing_travel
         if self._profile.position - view.length < limits.lead:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
-        running = view.speed > self.STANDING and view.length > self._start - limits.slack_travel + self.RUN_UP
+        run_up = view.length <= self._start - limits.slack_travel + self.RUN_UP
+        self._steady = not run_up and (self._steady or view.speed <= self.TOO_FAST * limits.homing_speed)
         # At the limit the device holds the current constant: such samples say nothing about the rise.
-        if running and view.pull < self.SATURATED * tension:
+        if self._steady and view.speed > self.STANDING and view.pull < self.SATURATED * tension:
             self._samples.append((view.length, view.pull))
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
         if not taut:
