@@ -17,7 +17,7 @@ import timeit
 from pathlib import Path
 
 #: `capacity` that a shift at full pace needs.
-FULL_PACE = 3.5
+FULL_PACE = 2.0
 
 #: The log of all processes; a folder that holds one is an earlier shift's and may be emptied.
 LOG = "log.txt"
