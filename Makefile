@@ -9,6 +9,7 @@ TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup sof
 SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
+CORES := softgrip_model softgrip_emulator
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
@@ -17,7 +18,7 @@ WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
-setup: $(STAMP)  ## everything the suite needs, into .venv (system packages through apt when allowed)
+setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
 $(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
 	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
@@ -30,6 +31,12 @@ model: core-of-softgrip_model
 plant: core-of-softgrip_emulator
 core-of-%:
 	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
+
+# set-up has built the cores as they were then
+.SECONDEXPANSION:
+$(VENV)/.core-of-%: $$(shell find $(SRC)/$$*/src $(SRC)/$$*/CMakeLists.txt -type f) | $(STAMP)
+	@if [ -e $@ ]; then echo "== the C++ of $* has changed"; $(MAKE) core-of-$*; fi
+	@touch $@
 
 demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED)
