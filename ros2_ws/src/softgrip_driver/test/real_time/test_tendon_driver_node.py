@@ -1,86 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
 """tendon_driver as a process on emulated servos: its topics, services, action, and every way out."""
 
-import os
 import signal
-import subprocess
-import sys
-import time
 
 import pytest
-import rclpy
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
 from softgrip_nodekit import RELIABLE, SENSOR
+from softgrip_nodekit.testing import PATIENCE, node_processes, own_domain, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
-
-RUN = [
-    sys.executable, "-c", "import sys; from softgrip_driver.nodes.tendon_driver import main; sys.exit(main())",
-    "--ros-args", "-p", "no_reply_s:=0.5", "-p", "bus_watchdog_s:=1.0", "-p", "reply_margin_s:=0.02",
-]  # fmt: skip
 
 
 @pytest.fixture
 def domain(monkeypatch):
-    # unlikely to be used by anybody else on this machine
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(20 + os.getpid() % 40))
+    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
 
 
 @pytest.fixture
 def start(domain):
-    processes = []
-
-    def run(*parameters):
-        words = [word for parameter in parameters for word in ("-p", parameter)]
-        processes.append(subprocess.Popen(RUN + words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
-        return processes[-1]
-
-    yield run
-    for process in processes:
-        process.kill()
-        process.communicate()
+    patient = ("no_reply_s:=0.5", "bus_watchdog_s:=1.0", "reply_margin_s:=0.02")
+    with node_processes("softgrip_driver.nodes.tendon_driver", patient) as started:
+        yield started
 
 
 @pytest.fixture
 def peer(domain):
-    rclpy.init()
-    node = rclpy.create_node("driver_test")
-    yield node
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with peer_node("driver_test") as one:
+        yield one
 
 
-def wait(node, future, deadline=60.0):
-    rclpy.spin_until_future_complete(node, future, timeout_sec=deadline)
-    assert future.done(), "no answer in time"
-    return future.result()
-
-
-def trigger(node, name):
-    client = node.create_client(Trigger, name)
-    assert client.wait_for_service(timeout_sec=60.0), name
-    return wait(node, client.call_async(Trigger.Request()))
-
-
-def spin_until(node, condition, deadline=60.0):
-    end = time.monotonic() + deadline
-    while not condition():
-        assert time.monotonic() < end, "not in time"
-        rclpy.spin_once(node, timeout_sec=0.05)
-
-
-def move(node, client, **goal):
-    handle = wait(node, client.send_goal_async(MoveTendon.Goal(**goal)))
-    return wait(node, handle.get_result_async())
+def move(peer, client, **goal):
+    handle = peer.wait(client.send_goal_async(MoveTendon.Goal(**goal)))
+    return peer.wait(handle.get_result_async())
 
 
 @pytest.fixture
@@ -93,19 +52,18 @@ def wire(bench):
 
 def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):
     process = start(f"port:={wire.bus.port.port_name}", f"zero_file:={tmp_path / 'zeros.yaml'}")
-    states, statuses, health = [], [], []
-    peer.create_subscription(JointState, "tendon/state", states.append, SENSOR)
-    peer.create_subscription(TendonStatusArray, "tendon/status", statuses.append, SENSOR)
-    peer.create_subscription(DiagnosticArray, "/diagnostics", health.append, RELIABLE)
-    client = ActionClient(peer, MoveTendon, "tendon/move")
-    assert client.wait_for_server(timeout_sec=60.0)
+    states = peer.hear(JointState, "tendon/state", SENSOR)
+    statuses = peer.hear(TendonStatusArray, "tendon/status", SENSOR)
+    health = peer.hear(DiagnosticArray, "/diagnostics", RELIABLE)
+    client = ActionClient(peer.node, MoveTendon, "tendon/move")
+    assert client.wait_for_server(timeout_sec=PATIENCE)
 
     refused = move(peer, client, mode=MoveTendon.Goal.LENGTH, targets=[0.01])
     assert refused.status == GoalStatus.STATUS_ABORTED
     assert refused.result.outcome == MoveTendon.Result.REFUSED
     assert "call tendon/home" in refused.result.reason
 
-    homed = trigger(peer, "tendon/home")
+    homed = peer.trigger("tendon/home")
     assert homed.success, homed.message
     assert (tmp_path / "zeros.yaml").exists()
 
@@ -115,41 +73,40 @@ def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):
     assert reached.result.pulled_lengths[0] == pytest.approx(0.008, abs=1.5e-3)
 
     point = JointTrajectoryPoint(positions=[0.004], time_from_start=Duration(sec=0, nanosec=500_000_000))
-    streamed = peer.create_publisher(JointTrajectory, "tendon/trajectory", RELIABLE)
-    spin_until(peer, lambda: streamed.get_subscription_count() > 0)
+    streamed = peer.node.create_publisher(JointTrajectory, "tendon/trajectory", RELIABLE)
+    peer.spin_until(lambda: streamed.get_subscription_count() > 0)
     streamed.publish(JointTrajectory(joint_names=["index"], points=[point]))
-    spin_until(peer, lambda: states and abs(states[-1].position[0] - 0.004) < 1.5e-3)
+    peer.spin_until(lambda: states and abs(states[-1].position[0] - 0.004) < 1.5e-3)
 
-    stopped = trigger(peer, "estop")
+    stopped = peer.trigger("estop")
     assert stopped.success
-    spin_until(peer, lambda: statuses and statuses[-1].estop)
+    peer.spin_until(lambda: statuses and statuses[-1].estop)
     assert all(servo.registers.get("torque_enable") == 0 for servo in wire.plant.servos)
     assert {status.fault for status in statuses[-1].tendons} == {"estop"}
-    assert trigger(peer, "estop_reset").success
-    spin_until(peer, lambda: all(status.state == TendonStatus.HOLDING for status in statuses[-1].tendons))
-    assert trigger(peer, "tendon/release").success
+    assert peer.trigger("estop_reset").success
+    peer.spin_until(lambda: all(status.state == TendonStatus.HOLDING for status in statuses[-1].tendons))
+    assert peer.trigger("tendon/release").success
 
-    spin_until(peer, lambda: bool(health))
+    peer.spin_until(lambda: bool(health))
     names = {status.name for array in health for status in array.status}
     assert {f"tendon_driver: {part}" for part in ("bus", "index", "middle", "thumb")} <= names
     assert list(states[-1].name) == ["index", "middle", "thumb"]
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=PATIENCE) == 0
     assert all(servo.registers.get("torque_enable") == 0 for servo in wire.plant.servos)
 
 
 def test_a_move_can_be_cancelled_and_holds(wire, start, peer):
     start(f"port:={wire.bus.port.port_name}", "home_on_activate:=true")
-    client = ActionClient(peer, MoveTendon, "tendon/move")
-    assert client.wait_for_server(timeout_sec=60.0)
-    statuses, feedback = [], []
-    peer.create_subscription(TendonStatusArray, "tendon/status", statuses.append, SENSOR)
-    spin_until(peer, lambda: statuses and all(status.homed for status in statuses[-1].tendons))
+    client = ActionClient(peer.node, MoveTendon, "tendon/move")
+    assert client.wait_for_server(timeout_sec=PATIENCE)
+    statuses, feedback = peer.hear(TendonStatusArray, "tendon/status", SENSOR), []
+    peer.spin_until(lambda: statuses and all(status.homed for status in statuses[-1].tendons))
     goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[0.012], speed=0.003)
-    handle = wait(peer, client.send_goal_async(goal, feedback_callback=feedback.append))
-    spin_until(peer, lambda: len(feedback) > 3)
-    wait(peer, handle.cancel_goal_async())
-    result = wait(peer, handle.get_result_async())
+    handle = peer.wait(client.send_goal_async(goal, feedback_callback=feedback.append))
+    peer.spin_until(lambda: len(feedback) > 3)
+    peer.wait(handle.cancel_goal_async())
+    result = peer.wait(handle.get_result_async())
     assert result.status == GoalStatus.STATUS_CANCELED
     assert result.result.outcome == MoveTendon.Result.CANCELLED
     assert max(result.result.pulled_lengths) < 0.011
@@ -171,6 +128,6 @@ def test_what_keeps_it_from_starting_is_said(wire, start, parameter, message):
     wire.plant.servos[0].registers.put("return_delay_time", 250)
     given = [parameter] if parameter.startswith("port") else [f"port:={wire.bus.port.port_name}", parameter]
     process = start(*given)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert message in errors

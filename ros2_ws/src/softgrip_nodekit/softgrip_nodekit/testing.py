@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""For tests of a node as a process: the process itself, and a peer that talks to it, in a domain of their own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+#: [s] for whatever a test waits for; a busy machine takes its time
+PATIENCE = 60.0
+
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+def own_domain() -> str:
+    """Return a ROS_DOMAIN_ID that nobody else on this machine is likely to use."""
+    return str(20 + os.getpid() % 80)
+
+
+@contextmanager
+def node_processes(module: str, parameters: Sequence[str] = ()) -> Iterator[Start]:
+    """Give a function that starts the node of a module with parameters ("name:=value"); at the end all are killed.
+
+    Args:
+        module: its ``main`` is run.
+        parameters: of every process.
+    """
+    running: list[subprocess.Popen[str]] = []
+    command = [sys.executable, "-c", f"import sys; from {module} import main; sys.exit(main())", "--ros-args"]
+
+    def start(*more: str) -> subprocess.Popen[str]:
+        words = [word for parameter in (*parameters, *more) for word in ("-p", parameter)]
+        running.append(subprocess.Popen([*command, *words], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+        return running[-1]
+
+    try:
+        yield start
+    finally:
+        for process in running:
+            process.kill()
+            process.communicate()
+
+
+class Peer:
+    """A node that asks others, and waits with a deadline.
+
+    Args:
+        name: of the node.
+    """
+
+    def __init__(self, name: str) -> None:
+        rclpy.init()
+        self.node: Node = rclpy.create_node(name)
+
+    def close(self) -> None:
+        """Leave."""
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def wait(self, future: Any) -> Any:
+        """Return what a future becomes."""
+        rclpy.spin_until_future_complete(self.node, future, timeout_sec=PATIENCE)
+        assert future.done(), "no answer in time"
+        return future.result()
+
+    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+        """Return a service's answer."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(timeout_sec=PATIENCE), name
+        return self.wait(client.call_async(kind.Request(**fields)))
+
+    def trigger(self, name: str) -> Any:
+        """Return the answer of a std_srvs/Trigger."""
+        return self.call(Trigger, name)
+
+    def hear(self, kind: Any, topic: str, qos: Any) -> list[Any]:
+        """Return a list that grows by every message of a topic."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, qos)
+        return heard
+
+    def spin_until(self, condition: Callable[[], object]) -> None:
+        """Take what comes until a condition holds."""
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, "not in time"
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+
+@contextmanager
+def peer_node(name: str) -> Iterator[Peer]:
+    """Give a peer, and take it away at the end."""
+    peer = Peer(name)
+    try:
+        yield peer
+    finally:
+        peer.close()
