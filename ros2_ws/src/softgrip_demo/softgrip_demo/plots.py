@@ -93,7 +93,7 @@ def tip_figure(closing: Closing) -> str:
         )
         axes.title.set_fontsize(8.5)
         axes.set_aspect("equal")
-        axes.legend(loc="lower left")
+        figure.legend(loc="outside lower center", ncols=2)
         return svg(figure)
 
 
