@@ -72,8 +72,8 @@ def from_image_message(message: Image) -> colour.Image:
     return pixels if order == (0, 1, 2) and channels == 3 else np.ascontiguousarray(pixels[:, :, order])
 
 
-def to_markers_message(reading: FingerReading, header: Header) -> FingerMarkers:
-    """Return one finger's markers."""
+def to_markers_message(reading: FingerReading, configuration: str, header: Header) -> FingerMarkers:
+    """Return one finger's markers, and the digest of what they were found with."""
     markers = reading.markers
     return FingerMarkers(
         header=header,
@@ -87,6 +87,7 @@ def to_markers_message(reading: FingerReading, header: Header) -> FingerMarkers:
         confidence=[float(marker.confidence) for marker in markers],
         occluded=[bool(marker.occluded) for marker in markers],
         threshold_quality=float(reading.threshold_quality),
+        configuration=configuration,
     )
 
 

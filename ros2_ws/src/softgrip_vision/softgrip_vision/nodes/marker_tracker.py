@@ -177,7 +177,7 @@ class MarkerTrackerNode(Node):
         if measured is not None:
             self._measured.publish(measured)
         for reading in readings:
-            self._markers.publish(convert.to_markers_message(reading, header))
+            self._markers.publish(convert.to_markers_message(reading, self._configuration, header))
         self._frames += 1
         if self._values["overlay"]:
             self._publish_overlay(image, readings, header)
