@@ -16,6 +16,7 @@ from softgrip_driver.tendon.guards import (
     ThermalGuard,
 )
 from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.units import TorqueModel
 
 LIMITS = TendonLimits()
 DT = 0.005
@@ -73,6 +74,19 @@ def test_a_drop_within_the_uncertainty_is_no_break():
     guard = BreakGuard(LIMITS)
     assert not any(guard.step(t, 3.8, 0.01, stddev=1.0) for t in steps(0.3))
     assert not any(guard.step(0.3 + t, 0.2, 0.01, stddev=1.0) for t in steps(0.2))
+
+
+@pytest.mark.parametrize(("rest", "found"), [(0.0, True), (0.6, True), (1.5, True), (3.6, False), (5.0, False)])
+def test_a_product_that_slips_out_leaves_the_finger_its_own_tension(rest, found):
+    """22 N on a heavy product; the joints of a closed finger pull with some 4 N, what gears can feign is 1.77 N."""
+    model = TorqueModel(0.52 / 1.47, 0.05)
+
+    def stddev(tension):
+        return model.pull(tension * 0.010 / model.torque_per_ampere, 0.0, 0.010)[1]
+
+    guard = BreakGuard(LIMITS)
+    assert not any(guard.step(t, 22.0, 0.012, stddev=stddev(22.0)) for t in steps(0.3))
+    assert any(guard.step(0.3 + t, rest, 0.012, stddev=stddev(rest)) for t in steps(0.3)) is found
 
 
 @pytest.mark.parametrize("pause", [0.06, 0.2, 3.0])
