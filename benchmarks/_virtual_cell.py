@@ -7,9 +7,11 @@ does on a bus, and what comes out is what tendon/state, tendon/status and finger
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ import numpy as np
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Press, Step
-from softgrip_cell.observation import FreeMotion, Pair, TendonFault, TendonSample
+from softgrip_cell.observation import FreeMotion, Pair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.products import Product
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, FingerCheck
 from softgrip_driver.dynamixel.backend import DynamixelBackend
@@ -44,6 +46,11 @@ PROFILES = Path(__file__).parents[1] / "ros2_ws/src/softgrip_bringup/profiles"
 
 
 CHECK = CheckSettings()
+
+#: What the marker tracker makes of the index finger's tip: noise [m], driver periods per frame, exposure to result [s].
+TIP_NOISE_M = 0.0005
+SEEN_EVERY = 3
+SEEN_AFTER_S = 0.05
 
 
 class _VirtualBus(Bus):
@@ -109,6 +116,9 @@ class VirtualCell:
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
         self._backend = DynamixelBackend(_VirtualBus(self.plant), servos, watchdog=0.0)
         self.controller = GripperController(dict.fromkeys(SLOTS, limits), Policies())
+        self._frames: deque[SeenTip] = deque()
+        self._periods = 0
+        self._camera_noise = Random(seed)
         self._backend.connect()
         self.mount(finger_set, copy)
         self._cycle()
@@ -225,6 +235,8 @@ class VirtualCell:
         yield step, sequence
         while step.verdict is None:
             pair = self.observe()
+            for tip in self._seen():
+                sequence.see(tip)
             fault = self.fault()
             step = sequence.fault(fault, self.now_ns) if fault is not None else sequence.observe(pair)
             self._obey(step.commands)
@@ -234,6 +246,20 @@ class VirtualCell:
             ):
                 sequence.closing_ended()
             yield step, sequence
+
+    def see_tip(self, rng: Random) -> SeenTip:
+        """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
+        x, y = self.plant.bank.chain()[0][0, self.plant.bank.fingers[0].joints]
+        tip_m = (float(x) + rng.gauss(0.0, TIP_NOISE_M), float(y) + rng.gauss(0.0, TIP_NOISE_M))
+        return SeenTip(self.now_ns, SLOTS[0], tip_m, TIP_NOISE_M)
+
+    def _seen(self) -> Iterator[SeenTip]:
+        """Frames that have gone through camera and tracker by now."""
+        self._periods += 1
+        if self._periods % SEEN_EVERY == 0:
+            self._frames.append(self.see_tip(self._camera_noise))
+        while self._frames and self.now_ns - self._frames[0].stamp_ns >= SEEN_AFTER_S * 1e9:
+            yield self._frames.popleft()
 
     def recover(self) -> None:
         """What a person does after a fault: reset, home, open."""

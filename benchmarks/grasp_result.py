@@ -6,18 +6,21 @@ grasp sequence sees what tendon/state and finger/predicted carry at the driver's
 says what is so. Middleware is not in these figures; runtime_latency measures it.
 
 The deciding events, taken from the plant:
-* GRIPPED without a lift: thumb and fingers touch the product, and the fingers have come to rest on it (3 mm/s).
+* GRIPPED without a lift: thumb and fingers touch the product, the fingers have come to rest on it (3 mm/s), and their
+  tendons pull steadily (10 N/s): pressing is over.
 * SLIPPED: the last instant at which both sides touched it.
-* EMPTY: every finger is at the end of its path or stands (1 mm/s).
+* EMPTY: the last finger has come to the end of its path, or stands (1 mm/s) without anything to stop it.
 GRIPPED after a lift is decided by the clock (the lift window) and is not among the latencies. As in the cell, a
-finger set that is not known to hold a product only tries it with a lift. `held` is what the plant shows when the arm
-lifts: the product hangs still between the fingers.
+finger set that is not known to hold a product, or whose friction does not carry it, only tries it with a lift. `held`
+is what the plant shows: the product has hung from the fingers for the thesis' 5 s (4.3.3) since the arm began to lift,
+and then hangs still.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from random import Random
@@ -30,6 +33,7 @@ from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspTask, Outcome
 from softgrip_cell.products import TableMark
+from softgrip_cell.weight import carried_kg
 
 GRASPS_PER_CELL = 34
 CELLS = ((1, "power"), (3, "pinch"), (2, "power"), (4, "pinch"), (6, "hook"), (5, "pinch"))
@@ -41,14 +45,17 @@ STALL_TIME_S = 1.0
 #: Slower than this a finger rests on what it grips [m/s].
 REST_SPEED_M_PER_S = 0.003
 
-#: Nearer than this a finger is at the end of its path [m].
-AT_END_M = 0.0003
+#: A tendon whose pull changes slower than this pulls steadily [N/s].
+STEADY_N_PER_S = 10.0
 
-#: After a verdict the arm lifts, and the plant goes on for so long before it is asked what is so [s].
-AFTERWARDS_S = 1.0
+#: Nearer than this a finger is at the end of its path: here its own grooves close and stop it [m].
+AT_END_M = 0.0008
+
+#: A product that hangs from the fingers for so long is held (thesis 4.3.3) [s]; the last part of it shall be still [s].
+HANGS_S = 5.0
+STILL_S = 0.5
 
 PEER_EVERY = 6
-LIFT_S = 0.8
 TOUCH_N = 0.05
 
 
@@ -74,13 +81,14 @@ class Trial:
 class Watch:
     """The plant's side of a grasp: when did what happen?"""
 
-    def __init__(self, cell: VirtualCell, path_m: float) -> None:
+    def __init__(self, cell: VirtualCell, paths_m: Sequence[float]) -> None:
         self._cell = cell
-        self._path_m = path_m
+        self._paths_m = tuple(paths_m)
         self.touched_s = float("nan")
         self.last_touched_s = float("nan")
-        self.moved_s = self.moved_fast_s = cell.plant.now_s
+        self.moved_s = self.unsteady_s = cell.plant.now_s
         self.ended_s = float("nan")
+        self._pulls_n = cell.plant.bank.tension_n.copy()
         self._opposed = cell.plant.mounted[0] is None or cell.plant.mounted[0].profile != "hook"
 
     @property
@@ -99,21 +107,25 @@ class Watch:
             self.last_touched_s = now_s
         speeds = [abs(motor.shaft.velocity_rad_s) * motor.spool_radius_m for motor in self._cell.plant.motors]
         self.moved_s = now_s if max(speeds) > STALL_SPEED_M_PER_S else self.moved_s
-        self.moved_fast_s = now_s if max(speeds) > REST_SPEED_M_PER_S else self.moved_fast_s
+        pulls_n = self._cell.plant.bank.tension_n.copy()
+        steady = float(np.abs(pulls_n - self._pulls_n).max()) < STEADY_N_PER_S * self._cell.period_s
+        self._pulls_n = pulls_n
+        self.unsteady_s = now_s if max(speeds) > REST_SPEED_M_PER_S or not steady else self.unsteady_s
         pulled = [sample.pulled_length for sample in self._cell.samples()]
         done = all(
-            length_m > self._path_m - AT_END_M or (speed < STALL_SPEED_M_PER_S and length_m > 0.5 * self._path_m)
-            for length_m, speed in zip(pulled, speeds, strict=True)
+            length_m > path_m - AT_END_M or (speed < STALL_SPEED_M_PER_S and length_m > 0.5 * path_m)
+            for length_m, path_m, speed in zip(pulled, self._paths_m, speeds, strict=True)
         )
         self.ended_s = (self.ended_s if np.isfinite(self.ended_s) else now_s) if done else float("nan")
 
     def event_s(self, outcome: Outcome, *, lifted: bool) -> float:
         """When that was so which this outcome says; NaN where the plant shows no such instant."""
         if outcome is Outcome.GRIPPED and not lifted:
-            return float(np.fmax(self.touched_s, self.moved_fast_s))
+            return float(np.fmax(self.touched_s, self.unsteady_s))
         if outcome is Outcome.SLIPPED and not self.touching:
             return self.last_touched_s
-        return self.ended_s if outcome is Outcome.EMPTY else float("nan")
+        # Decided before the plant says so: no latency.
+        return float(np.fmin(self.ended_s, self._cell.plant.now_s)) if outcome is Outcome.EMPTY else float("nan")
 
 
 def trials(cell_seed: int, finger_set: str) -> list[Trial]:
@@ -127,23 +139,28 @@ def trials(cell_seed: int, finger_set: str) -> list[Trial]:
     if any(check.reference is None for check in checks.values()):
         print(f"cell {cell_seed} {finger_set}: check refused, no grasps", file=sys.stderr)
         return []
-    settings = GraspSettings(lift_window_s=LIFT_S)
+    settings = GraspSettings()
     found = []
     for number in range(GRASPS_PER_CELL):
         name = rng.choice(list(products))
         present = rng.random() > 0.25
-        known = products[name].marks.get(finger_set) is TableMark.SUCCESS
+        product = products[name]
+        known = (
+            product.marks.get(finger_set) is TableMark.SUCCESS and carried_kg(product, finger_set) >= product.mass_kg
+        )
         confirm_lift = bool(number % 2) or not known
         offset_m = rng.uniform(-0.004, 0.004)
         _present(cell, name if present else "", offset_m)
-        made = task(products[name], finger_set, checks, confirm_lift=confirm_lift)
-        outcome, latency_s, reason = _ours(cell, made, settings)
+        made = task(product, finger_set, checks, confirm_lift=confirm_lift)
+        outcome, latency_s, hung_s, reason = _ours(cell, made, settings)
         said = f"{finger_set} {name if present else 'nothing'} lift={confirm_lift}: {outcome.value}: {reason}"
-        trial = Trial(said, outcome, latency_s, _held(cell))
+        trial = Trial(said, outcome, latency_s, _held(cell, HANGS_S - hung_s))
         if number % PEER_EVERY == 0:
             _present(cell, name if present else "", offset_m)
             peer_outcome, peer_latency_s = _stall(cell, made.recipe.closing_speed_m_per_s)
-            trial = replace(trial, peer_outcome=peer_outcome, peer_latency_s=peer_latency_s, peer_held=_held(cell))
+            trial = replace(
+                trial, peer_outcome=peer_outcome, peer_latency_s=peer_latency_s, peer_held=_held(cell, HANGS_S)
+            )
         found.append(trial)
     return found
 
@@ -156,33 +173,36 @@ def _present(cell: VirtualCell, name: str, offset_m: float) -> None:
     cell.plant.place(name, offset_m if name else 0.0)
 
 
-def _held(cell: VirtualCell) -> bool:
-    """Lift, let the plant go on, and say whether the product hung still in the second half of that time."""
+def _held(cell: VirtualCell, for_s: float) -> bool:
+    """Lift, let the plant go on, and say whether the product still hangs then and hung still at last."""
     cell.plant.lift()
-    cycles = round(AFTERWARDS_S / cell.period_s)
+    end_s = cell.plant.now_s + max(for_s, STILL_S)
     hung = False
-    for number in range(cycles):
-        cell.observe()
+    for _ in cell.cycles():
         state = cell.plant.grasp.state()
         if state.slipped or not state.product:
             return False
-        hung = hung or (number > cycles // 2 and state.held)
+        hung = hung or (cell.plant.now_s > end_s - STILL_S and state.held)
+        if cell.plant.now_s >= end_s:
+            break
     return hung
 
 
-def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[Outcome, float, str]:
-    watch = Watch(cell, min(made.recipe.pull_limit_m, *(reference.reach_m for reference in made.references)))
+def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[Outcome, float, float, str]:
+    """Grasp; return the outcome, its latency [s], for how long the arm has been up [s], and the reason."""
+    watch = Watch(cell, [min(made.recipe.pull_limit_m, reference.reach_m) for reference in made.references])
     verdict = None
-    lifted = False
+    lifted_s = None
     for step, _ in cell.grasp(made, settings):
         watch.look()
-        if step.phase.value == "lift" and not lifted:
-            lifted = True
+        if step.phase.value == "lift" and lifted_s is None:
+            lifted_s = cell.plant.now_s
             cell.plant.lift()
         verdict = step.verdict
     assert verdict is not None
-    latency_s = cell.plant.now_s - watch.event_s(verdict.outcome, lifted=lifted)
-    return verdict.outcome, latency_s, verdict.reason
+    now_s = cell.plant.now_s
+    latency_s = now_s - watch.event_s(verdict.outcome, lifted=lifted_s is not None)
+    return verdict.outcome, latency_s, 0.0 if lifted_s is None else now_s - lifted_s, verdict.reason
 
 
 def _stall(cell: VirtualCell, speed: float) -> tuple[Outcome, float]:
@@ -190,7 +210,7 @@ def _stall(cell: VirtualCell, speed: float) -> tuple[Outcome, float]:
     target_m = 0.017
     cell.move(target_m, speed, 18.0)
     still_since = None
-    watch = Watch(cell, target_m)
+    watch = Watch(cell, [target_m] * len(SLOTS))
     while True:
         pair = cell.observe()
         watch.look()

@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 from random import Random
 
 from _claim import claim
-from _virtual_cell import CHECK, SLOTS, VirtualCell
+from _virtual_cell import CHECK, SEEN_EVERY, SLOTS, VirtualCell
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.errors import RefusedError
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.observation import SeenTip
 from softgrip_cell.passports import FingerState, read_passports
 from softgrip_cell.storage import Slot
 from softgrip_cell.swap.check import EmptyClosing, Finding
@@ -29,8 +28,6 @@ from softgrip_cell.swap.sequence import SwapSequence, SwapStep
 
 CELLS = range(1, 21)
 SETS = ("power", "pinch", "hook")
-TIP_NOISE_M = 0.0005
-SEEN_EVERY = 3  # driver periods per frame
 
 
 @dataclass(frozen=True)
@@ -86,9 +83,7 @@ def _check(
         closing.observe(cell.observe())
         count += 1
         if count % SEEN_EVERY == 0:
-            x, y = cell.plant.bank.chain()[0][0, cell.plant.bank.fingers[0].joints]
-            tip_m = (float(x) + rng.gauss(0.0, TIP_NOISE_M), float(y) + rng.gauss(0.0, TIP_NOISE_M))
-            closing.see(SeenTip(cell.now_ns, SLOTS[0], tip_m, TIP_NOISE_M))
+            closing.see(cell.see_tip(rng))
     fault = cell.fault()
     if fault is not None:
         return False, f"{fault.tendon}: {fault.name}", {}

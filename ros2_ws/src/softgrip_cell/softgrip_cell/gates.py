@@ -11,6 +11,7 @@ from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.passports import Passport
 from softgrip_cell.products import FingerSet, Product, TableMark
 from softgrip_cell.storage.journal import Slot, SlotState
+from softgrip_cell.weight import carried_kg
 
 
 @dataclass(frozen=True)
@@ -171,5 +172,10 @@ def check_fingers(
         raise RefusedError(
             f"finger set '{mounted.id}' is not known to hold '{product.id}' (table and counted grasps say: "
             f"{mark.value}); only a lift can tell: grasp with confirm_lift"
+        )
+    if not confirm_lift and (carried := carried_kg(product, mounted.id)) < product.mass_kg:
+        raise RefusedError(
+            f"'{product.id}' weighs {product.mass_kg:g} kg; pressed as its recipe asks with finger set '{mounted.id}', "
+            f"friction carries {carried:.2f} kg; only a lift can tell: grasp with confirm_lift"
         )
     return mounted

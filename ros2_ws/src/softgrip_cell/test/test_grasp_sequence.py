@@ -11,7 +11,7 @@ import pytest
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Outcome, Phase, Press
-from softgrip_cell.observation import TendonFault, TendonSample
+from softgrip_cell.observation import SeenTip, TendonFault, TendonSample
 
 SETTINGS = GraspSettings(lift_window_s=1.0)
 EVERYWHERE = (0.008, 0.009, 0.0085)
@@ -45,6 +45,29 @@ def test_touching_from_one_side_only_holds_nothing(run, task, bench, contact_m) 
     verdict = verdict_of(run, GraspSequence(task("orange"), SETTINGS), bench(contact_m=contact_m))
     assert verdict.outcome is Outcome.EMPTY
     assert "only" in verdict.reason
+
+
+@pytest.mark.parametrize("confirm_lift", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+def test_fingers_that_press_on_their_own_stops_hold_nothing(run, task, bench, seed: int, confirm_lift: bool) -> None:
+    """Where the grooves close, a worn-in finger needs newtons more than at its check; it stands there by itself."""
+    made = bench(contact_m=(0.0194, 0.0194, 0.0195), stiffness_n_per_m=8000.0, seed=seed)
+    verdict = verdict_of(run, GraspSequence(task("orange", confirm_lift=confirm_lift), SETTINGS), made)
+    assert verdict.outcome is Outcome.EMPTY
+
+
+def softens(t: float) -> float:
+    """A product of 4 N/mm that a pull of 14 N above the free motion enters by 3 mm, and by 2.9 mm more every second."""
+    x_mm = 3.0 + 2.9 * t
+    free_rise_n = 1.12 * (0.4 * x_mm + 0.02 * ((3.2 + x_mm) ** 2 - 3.2**2))
+    return max(0.0, 14.0 - free_rise_n) / (4.0 * x_mm)
+
+
+def test_what_never_comes_to_rest_is_not_gripped(run, task, bench) -> None:
+    made = bench(contact_m=(0.0032,) * 3, stiffness_n_per_m=4000.0, grip=softens)
+    verdict = verdict_of(run, GraspSequence(task("egg"), SETTINGS), made)
+    assert verdict.outcome is Outcome.SLIPPED
+    assert "keeps giving way" in verdict.reason
 
 
 def test_a_hook_carries_with_the_fingers_alone(run, task, bench) -> None:
@@ -123,6 +146,58 @@ def test_an_object_that_slides_out_while_lifted_is_slipped(run, task, bench, see
     # From 20 N to the end of contact at 0.35 N the slide takes 0.01 ln(57) = 40 ms; the decision has 100 ms more.
     assert 0.5 < (made.now_ns - made._held_ns) * 1e-9 < 0.5 + 0.040 + 0.1
     assert verdict.latency_s < 0.1
+
+
+def test_a_product_that_is_gone_at_once_is_missed_before_its_absence_has_lasted(run, task, bench) -> None:
+    """Tension that falls by more than half of the hold while the fingers leap tells it at once; no need to wait."""
+    settings = replace(SETTINGS, slip_s=0.5)
+    made = bench(contact_m=EVERYWHERE, grip=lambda t: 1.0 if t < 0.5 else 0.0)
+    verdict = verdict_of(run, GraspSequence(task("orange", confirm_lift=True), settings), made)
+    assert verdict.outcome is Outcome.SLIPPED
+    assert 0.5 < (made.now_ns - made._held_ns) * 1e-9 < 0.6
+
+
+def lift_with_a_bent_finger(task, bench, tip):  # type: ignore[no-untyped-def]  # fixtures
+    """Grasp and lift; a bent finger needs ever less tension beside the free motion, though nothing is lost."""
+    made = bench(contact_m=EVERYWHERE)
+    sequence = GraspSequence(task("orange", confirm_lift=True), SETTINGS)
+    step = sequence.start()
+    bias_n = 0.0
+    while step.verdict is None:
+        made.obey(step)
+        pair = made.pair()
+        bias_n += 0.25 if step.phase is Phase.LIFT else 0.0  # 25 N in half a second
+        step = sequence.observe(replace(pair, free=replace(pair.free, tension_n=(bias_n,) * 3)) if bias_n else pair)
+        for seen in tip(pair):
+            sequence.see(seen)
+    return step.verdict
+
+
+def seen(pair, off_m: float, slot: str = "index", age_ns: int = 0) -> SeenTip:  # type: ignore[no-untyped-def]
+    x, y = pair.free.tip_m[0]
+    return SeenTip(pair.sample.stamp_ns - age_ns, slot, (x + off_m, y), 0.0005)
+
+
+def test_a_finger_that_is_seen_bent_holds_whatever_its_tension(task, bench) -> None:
+    """Free motion has its tip on a circle; 20 mm beside it is more than a good finger's 12 mm."""
+    bent = lift_with_a_bent_finger(task, bench, lambda pair: [seen(pair, 0.020)])
+    assert bent.outcome is Outcome.GRIPPED
+    assert bent.evidence["tip_off_m"] == {"index": pytest.approx(0.020, abs=1e-9)}
+
+
+@pytest.mark.parametrize(
+    "tip",
+    [
+        lambda _pair: [],
+        lambda pair: [seen(pair, 0.005)],
+        lambda pair: [seen(pair, 0.1, age_ns=200_000_000)],
+        lambda pair: [seen(pair, 0.1, slot="ring")],
+        lambda pair: [seen(pair, math.nan)],
+    ],
+    ids=["unseen", "where a good finger may be", "long ago", "another finger", "nowhere"],
+)
+def test_what_is_not_seen_bent_now_is_judged_by_its_tension(task, bench, tip) -> None:
+    assert lift_with_a_bent_finger(task, bench, tip).outcome is Outcome.SLIPPED
 
 
 def test_tpu_creep_while_lifted_is_not_a_slip(run, task, bench) -> None:

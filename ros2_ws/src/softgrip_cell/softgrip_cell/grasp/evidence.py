@@ -12,7 +12,7 @@ from softgrip_cell.grasp.values import Phase
 def evidence(
     slots: Sequence[str], readings: Sequence[Reading], peak_n: Sequence[float], phase: Phase, decided_ns: int
 ) -> dict[str, object]:
-    """Return what a result carries as YAML: per slot in N, empty before the first reading."""
+    """Return what a result carries as YAML of the tendons: per slot in N, empty before the first reading."""
     named = list(zip(slots, readings, strict=False))
     return {
         "phase": phase.value,

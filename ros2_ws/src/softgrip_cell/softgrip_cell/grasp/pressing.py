@@ -20,8 +20,13 @@ FULL_SHARE: Final = 0.8
 
 #: A finger that stands is pulled again when it presses with less than this share of it for LOW_S, at most so often [s].
 KEEP_SHARE: Final = 0.9
-LOW_S: Final = 0.08
+LOW_S: Final = 0.04
 KEEP_PERIOD_S: Final = 0.15
+
+#: A finger that was pulled again, went on by more than this [m] and presses no harder for it has found what gives way:
+#: it keeps its tension and is not pulled harder.
+YIELD_M: Final = 0.001
+YIELD_SHARE: Final = 0.1
 
 #: What is fragile is pressed at most so many times faster than it was met: a motor does not stop at once [1].
 FRAGILE_PACE: Final = 1.3
@@ -47,6 +52,8 @@ class Pressing:
         self._kept_n: dict[int, float] = {}
         self._starting_until_ns: dict[int, int] = {}
         self._low_since_ns: dict[int, int] = {}
+        self._told: dict[int, tuple[float, Reading]] = {}
+        self._yielded: set[int] = set()
 
     @property
     def slots(self) -> frozenset[int]:
@@ -69,6 +76,8 @@ class Pressing:
         for slot in slots:
             self._kept_since_ns.pop(slot, None)
             self._kept_n.pop(slot, None)
+            self._told.pop(slot, None)
+            self._yielded.discard(slot)
         return Close(tuple(slots), tuple(map(self.path_m, slots)), self._recipe.closing_speed_m_per_s, limit_n)
 
     def press(self, slots: Sequence[int], readings: Sequence[Reading], now_ns: int) -> Press:
@@ -78,6 +87,7 @@ class Pressing:
             if now_ns >= self._starting_until_ns.get(slot, 0) + (STARTING_ONCE_S - STARTING_S) * 1e9:
                 self._starting_until_ns[slot] = now_ns + round(STARTING_S * 1e9)
         tensions_n = tuple(self._wanted_n(slot, readings[slot]) for slot in slots)
+        self._told.update((slot, (n, readings[slot])) for slot, n in zip(slots, tensions_n, strict=True))
         return Press(tuple(slots), tensions_n, self._speed_m_per_s)
 
     def keep(self, slots: Sequence[int], readings: Sequence[Reading], now_ns: int) -> Press:
@@ -93,6 +103,9 @@ class Pressing:
         A finger that moves is following already; it would only be stopped by a new command.
         """
         for slot, reading in enumerate(readings):
+            if self._yields(slot, reading):
+                self._kept_n[slot] = min(self._told[slot][0], self._kept_n.get(slot, math.inf))
+                self._yielded.add(slot)
             low = slot in self._kept_since_ns and reading.tension_n < self._wanted_n(slot, reading, KEEP_SHARE)
             if low and standing[slot]:
                 self._low_since_ns.setdefault(slot, now_ns)
@@ -107,13 +120,32 @@ class Pressing:
         ]
         return (self.press(slots, readings, now_ns),) if slots else ()
 
+    def hold_still(self) -> None:
+        """From here on no finger is told more than it was told last."""
+        self._kept_n.update((slot, min(n, self._kept_n.get(slot, n))) for slot, (n, _) in self._told.items())
+
+    def _yields(self, slot: int, reading: Reading) -> bool:
+        """What this finger was told last has moved it on, but it presses no harder for it."""
+        told = self._told.get(slot)
+        if told is None:
+            return False
+        gained_n = reading.excess_n - told[1].excess_n
+        return reading.pulled_m - told[1].pulled_m >= YIELD_M and gained_n <= YIELD_SHARE * self._excess_n(slot)
+
+    def was_told_within(self, span_s: float, now_ns: int) -> bool:
+        """A finger was told what to keep so short a time ago that it may not have begun to move."""
+        return any(now_ns - since_ns < span_s * 1e9 for since_ns in self._kept_since_ns.values())
+
     def is_starting(self, slot: int, now_ns: int) -> bool:
         """A drive that was told to pull a moment ago: its current is no measure of the tension while it speeds up."""
         return now_ns < self._starting_until_ns.get(slot, 0)
 
     def is_full(self, slot: int, reading: Reading) -> bool:
-        """A finger presses with what was asked of it."""
-        return slot in self._kept_since_ns and reading.excess_n >= FULL_SHARE * self._excess_n(slot)
+        """A finger presses with what was asked of it, or as hard as what gives way lets it."""
+        if slot not in self._kept_since_ns:
+            return False
+        given_n = KEEP_SHARE * self._kept_n[slot] if slot in self._yielded else math.inf
+        return reading.excess_n >= FULL_SHARE * self._excess_n(slot) or reading.tension_n >= given_n
 
     def _excess_n(self, slot: int) -> float:
         """Excess tension that a finger shall press with [N]: the recipe's, unless the product bears less."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -101,15 +101,20 @@ class Reader:
         self._baselines = [Baseline() for _ in self._references]
         self._anchors: list[tuple[float, tuple[float, float]] | None] = [None] * len(self._references)
 
-    def read(self, pair: Pair) -> tuple[Reading, ...]:
-        """Return the reading of every slot."""
-        return tuple(self._read_slot(slot, pair) for slot in range(len(self._references)))
+    def read(self, pair: Pair, pressing: Collection[int] = ()) -> tuple[Reading, ...]:
+        """Return the reading of every slot.
+
+        Args:
+            pair: sample and prediction.
+            pressing: slots that keep a tension: their motion is no free one, their baseline stays as it is.
+        """
+        return tuple(self._read_slot(slot, pair, slot not in pressing) for slot in range(len(self._references)))
 
     def excess_limit(self, slot: int, force_limit_n: float) -> float:
         """Return the excess tension that may mean a contact force limit [N]."""
         return force_limit_n * self._levers[slot] / self._settings.lever_factor
 
-    def _read_slot(self, slot: int, pair: Pair) -> Reading:
+    def _read_slot(self, slot: int, pair: Pair, closing: bool) -> Reading:
         settings, reference = self._settings, self._references[slot]
         pulled_m, tension_n = pair.sample.pulled_m[slot], pair.sample.tension_n[slot]
         predicted_n = pair.free.tension_n[slot]
@@ -126,7 +131,7 @@ class Reader:
         )
         judged = pulled_m >= settings.contact_from_m
         baseline = self._baselines[slot]
-        if judged and within:
+        if judged and within and closing:
             baseline.follow(tension_n - free_n, pulled_m, threshold_n)
         free_n = max(0.0, free_n + baseline.value_n)
         excess_n = tension_n - free_n

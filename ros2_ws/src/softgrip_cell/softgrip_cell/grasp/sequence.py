@@ -3,34 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 from softgrip_cell.grasp.evidence import evidence, excess_text, pulled_text
+from softgrip_cell.grasp.grip import REST_S, STANDING_M, Grip
+from softgrip_cell.grasp.leaning import Leaning
 from softgrip_cell.grasp.pressing import Pressing
 from softgrip_cell.grasp.reading import Reader, Reading
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.trail import Trail
 from softgrip_cell.grasp.values import Command, GraspTask, Open, Outcome, Phase, Step, Stop, Verdict
-from softgrip_cell.observation import Pair, TendonFault, TendonSample
+from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
 
 NANOSECONDS: Final = 1e9
 
 #: Share of the force limit at which a finger stops closing: the rest is what it still moves until it stands.
 FORCE_MARGIN: Final = 0.85
 
-#: Share of the holding excess that a product has to have taken before losing it is a slip, not a mistaken touch.
-FELT_SHARE: Final = 0.15
-
 #: A hold counts when no finger had to follow by more than FOLLOW_M within REST_S; it has GIVING_WAY_S for that.
-REST_S: Final = 0.3
 FOLLOW_M: Final = 0.001
 GIVING_WAY_S: Final = 3.0
-
-#: Fingers that move less than this within STANDING_S stand [m], [s]: 3 mm/s.
-STANDING_S: Final = 0.06
-STANDING_M: Final = 0.0002
 
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
@@ -49,17 +42,15 @@ class GraspSequence:
         self._recipe = task.recipe
         self._settings = settings
         self._reader = Reader(task.references, settings)
+        self._leaning = Leaning(task.slots, task.references, settings)
         self._phase = Phase.APPROACH
-        self._readings: tuple[Reading, ...] = ()
         self._last_ns: int | None = None
         self._phase_since_ns = 0
         self._closing = list(range(len(task.slots)))
         self._pressing = Pressing(task, settings, self._reader)
-        self._trail = Trail(REST_S)
+        self._grip = Grip(task, settings, self._pressing)
         self._path_ended = False
         self._was_enclosed = False
-        self._peak_n = [0.0] * len(task.slots)
-        self._at_end: set[int] = set()
         self._before = ""
         self._runs: dict[str, list[int]] = {}
 
@@ -83,12 +74,8 @@ class GraspSequence:
         if self._last_ns is None:
             self._phase_since_ns = now_ns
         self._last_ns = now_ns
-        self._readings = self._reader.read(pair)
-        self._trail.add(now_ns, [reading.pulled_m for reading in self._readings])
-        self._peak_n = [
-            peak_n if self._pressing.at_end(slot, reading) else max(peak_n, reading.excess_n)
-            for slot, (peak_n, reading) in enumerate(zip(self._peak_n, self._readings, strict=True))
-        ]
+        self._leaning.predict(pair)
+        self._grip.look(now_ns, self._reader.read(pair, self._pressing.slots), self._leaning.slots(now_ns))
         lost = self._lost_tendon(now_ns)
         if lost is not None:
             return lost
@@ -100,6 +87,10 @@ class GraspSequence:
         }[self._phase]
         step = handler(now_ns)
         return replace(step, contact=any(reading.touching for reading in self._readings))
+
+    def see(self, tip: SeenTip) -> None:
+        """Take a fingertip that the camera has seen; the next sample is judged with it."""
+        self._leaning.see(tip)
 
     def observe_sample(self, sample: TendonSample) -> Step:
         """Take a tendon sample that has no prediction yet; too long without one ends the grasp."""
@@ -134,13 +125,12 @@ class GraspSequence:
         return Step(self._phase)
 
     def _close(self, now_ns: int) -> Step:
-        self._was_enclosed = self._was_enclosed or self._encloses([reading.touching for reading in self._readings])
-        escaped = self._was_enclosed and not any(r.excess_n >= 0.5 * r.threshold_n for r in self._readings)
+        self._was_enclosed = self._was_enclosed or self._grip.touched()
+        escaped = self._was_enclosed and self._grip.escaped()
         began_ns = self._began("escaped", escaped, now_ns, self._settings.slip_s)
         if began_ns is not None:
             return self._end(Outcome.SLIPPED, f"the product got away while closing: {self._excess_text()}", began_ns)
-        enclosed = self._encloses([self._presses(slot) for slot in self._every_slot])
-        if self._began("enclosed", enclosed, now_ns) is not None:
+        if self._began("enclosed", self._grip.enclosed(), now_ns) is not None:
             return self._enclosed(now_ns)
         commands = self._stop_finished_fingers(now_ns)
         if commands:
@@ -153,7 +143,7 @@ class GraspSequence:
 
     def _path_end(self, now_ns: int) -> Step:
         """Every finger is where it can go, without anything between thumb and fingers."""
-        if self._task.confirm_lift and self._hooked():
+        if self._task.confirm_lift and self._grip.hooked():
             return self._enclosed(now_ns)
         began_ns = self._began("empty", True, now_ns)
         if began_ns is None:
@@ -167,35 +157,46 @@ class GraspSequence:
 
     def _enclosed(self, now_ns: int) -> Step:
         """Touched from both sides: what touches presses as the recipe asks, what does not goes on closing."""
-        touching = [slot for slot in self._every_slot if self._presses(slot)]
-        self._at_end = {s for s in self._every_slot if self._pressing.at_end(s, self._readings[s])}
+        touching = [slot for slot in self._every_slot if self._grip.presses(slot)]
+        self._grip.begin()
         # Pulling harder at its end would only press a finger on its own stops.
-        new = [slot for slot in touching if slot not in self._pressing.slots and slot not in self._at_end]
+        new = [s for s in touching if s not in self._pressing.slots and not self._grip.at_end(s)]
         self._closing = [slot for slot in self._closing if slot not in touching]
         self._enter(Phase.HOLD, now_ns)
         return Step(self._phase, (self._pressing.press(new, self._readings, now_ns),) if new else ())
 
     def _hold(self, now_ns: int) -> Step:
         """Wait for the holding force; then it is held, or, where that is asked for, lifted to see."""
-        began_ns = self._began("lost", not self._holding(now_ns), now_ns, self._settings.slip_s)
+        began_ns = self._let_go(now_ns)
         if began_ns is not None:
             return self._lost_in_hold(now_ns, began_ns)
-        full_ns = self._began("full", self._grips(now_ns), now_ns)
-        waited = self._elapsed_s(now_ns) >= self._settings.settle_s and "lost" not in self._runs
-        if full_ns is None and not waited:
+        full_ns = self._began("full", self._grip.grips(), now_ns)
+        if full_ns is None and not self._has_settled(now_ns):
+            if self._elapsed_s(now_ns) >= self._settings.settle_s + GIVING_WAY_S:
+                return self._gives_way(now_ns)
             return Step(self._phase, self._press_what_touches(now_ns))
-        self._at_end |= {s for s in self._closing if self._pressing.at_end(s, self._readings[s])}
+        self._grip.meet(self._closing)
         commands = self._press_the_rest(now_ns)
         if not self._task.confirm_lift:
             event_ns = full_ns if full_ns is not None else now_ns
             return self._end(Outcome.GRIPPED, f"held from both sides: {self._excess_text()}", event_ns, commands)
         self._before = self._excess_text()
+        self._pressing.hold_still()
         self._enter(Phase.LIFT, now_ns)
         return Step(self._phase, commands)
 
+    def _has_settled(self, now_ns: int) -> bool:
+        """Time is up for pressing harder, and nothing gives way: for the lift to show, or for good."""
+        if self._elapsed_s(now_ns) < self._settings.settle_s or "let go" in self._runs:
+            return False
+        return self._grip.rests() or (self._task.confirm_lift and self._grip.advance_m() <= FOLLOW_M)
+
+    def _gives_way(self, now_ns: int) -> Step:
+        before = f"; before: {self._before}" if self._before else ""
+        return self._end(Outcome.SLIPPED, f"keeps giving way: {self._excess_text()}{before}", now_ns)
+
     def _lost_in_hold(self, now_ns: int, began_ns: int) -> Step:
-        felt_n = FELT_SHARE * self._recipe.hold_excess_n
-        if self._encloses([peak_n >= felt_n for peak_n in self._peak_n]):
+        if self._grip.felt():
             return self._end(Outcome.SLIPPED, f"lost while the fingers pressed: {self._excess_text()}", began_ns)
         # A touch that was none, or one that only pushed the product along: go on looking for it.
         self._closing = list(self._every_slot)
@@ -204,20 +205,27 @@ class GraspSequence:
         return Step(self._phase, (self._pressing.close(self._closing),))
 
     def _lift(self, now_ns: int) -> Step:
-        began_ns = self._began("slipped", not self._holding(now_ns), now_ns, self._settings.slip_s)
+        began_ns = self._let_go(now_ns)
         if began_ns is not None:
             lifted_s = self._elapsed_s(began_ns)
             reason = f"lost after {lifted_s:.2f} s of lifting: {self._excess_text()}; before: {self._before}"
             return self._end(Outcome.SLIPPED, reason, began_ns)
         over_s = self._elapsed_s(now_ns) - self._settings.lift_window_s
         if over_s >= GIVING_WAY_S:
-            return self._end(
-                Outcome.SLIPPED, f"keeps giving way: {self._excess_text()}; before: {self._before}", now_ns
-            )
-        if over_s >= 0.0 and "slipped" not in self._runs and self._trail.advance_m(now_ns, REST_S) <= FOLLOW_M:
+            return self._gives_way(now_ns)
+        hangs = "let go" not in self._runs or self._grip.leans()
+        if over_s >= 0.0 and hangs and self._grip.advance_m(REST_S) <= FOLLOW_M:
             reason = f"held for {self._settings.lift_window_s:g} s: {self._excess_text()}"
             return self._end(Outcome.GRIPPED, reason, now_ns)
         return Step(self._phase, self._keep_up(now_ns))
+
+    def _let_go(self, now_ns: int) -> int | None:
+        """Return since when nothing is held any more, once that is sure."""
+        collapsed_ns = self._began("collapsed", self._grip.collapsed(), now_ns)
+        began_ns = self._began("let go", not self._grip.holding(), now_ns, self._settings.slip_s)
+        if collapsed_ns is None and self._phase is Phase.LIFT and self._grip.leans():
+            return None
+        return collapsed_ns if collapsed_ns is not None else began_ns
 
     # --- judgements ------------------------------------------------------------------------------------------------
 
@@ -231,49 +239,9 @@ class GraspSequence:
         ]
         return "; ".join(text for text, needed in zip(pair.free.objections, within, strict=True) if text and needed)
 
-    def _presses(self, slot: int) -> bool:
-        """A finger touches; one that keeps a tension and was not let go on does so whatever its tension says.
-
-        Pushed back by the others, a standing finger has its friction against it and less tension than in free motion.
-        """
-        reading = self._readings[slot]
-        return reading.touching or (slot in self._pressing.slots and reading.pulled_m < self._pressing.path_m(slot))
-
-    def _holding(self, now_ns: int) -> bool:
-        """Thumb and a finger still press; a product that gets away takes all excess with it.
-
-        Fingers that have closed as far as they go stand at their stops, and their tension tells nothing: they are a
-        wall, and the product is held as long as the other side presses it against that.
-        """
-        share = self._settings.slip_share
-        walls = [reading.pulled_m >= self._pressing.path_m(slot) for slot, reading in enumerate(self._readings)]
-        free = [not wall or slot in self._at_end for slot, wall in enumerate(walls)]
-        presses = [
-            free[slot] and (reading.excess_n >= share * reading.threshold_n or self._pressing.is_starting(slot, now_ns))
-            for slot, reading in enumerate(self._readings)
-        ]
-        one_side = any(free[slot] and reading.touching for slot, reading in enumerate(self._readings))
-        on_wall = one_side and self._encloses([press or wall for press, wall in zip(presses, walls, strict=True)])
-        return self._encloses(presses) or on_wall
-
-    def _hooked(self) -> bool:
-        """The thumb of a hook presses on something while the fingers, closed as far as they go, feel none of it."""
-        thumb = self._task.thumb
-        fingers = [slot for slot in self._every_slot if slot != thumb]
-        return (
-            not self._task.opposed
-            and self._readings[thumb].touching
-            and all(self._pressing.at_end(slot, self._readings[slot]) for slot in fingers)
-        )
-
-    def _grips(self, now_ns: int) -> bool:
-        """Both sides stand and press with what the recipe asks for."""
-        full = [reading.touching and self._pressing.is_full(s, reading) for s, reading in enumerate(self._readings)]
-        return self._encloses(full) and self._trail.advance_m(now_ns, STANDING_S) <= STANDING_M
-
     def _all_stand(self, now_ns: int) -> bool:
         """Nothing moves any more, wherever it stands."""
-        return self._elapsed_s(now_ns) >= START_S and self._trail.advance_m(now_ns, REST_S) <= STANDING_M
+        return self._elapsed_s(now_ns) >= START_S and self._grip.advance_m(REST_S) <= STANDING_M
 
     def _lost_tendon(self, now_ns: int) -> Step | None:
         settings = self._settings
@@ -292,10 +260,6 @@ class GraspSequence:
                 )
                 return self._end(Outcome.TENDON_FAULT, reason, began_ns)
         return None
-
-    def _encloses(self, fingers: Sequence[bool]) -> bool:
-        """The thumb and at least one finger against it; with a hook any two fingers."""
-        return sum(fingers) > 1 and (fingers[self._task.thumb] or not self._task.opposed)
 
     def _began(self, what: str, condition: bool, now_ns: int, wait_s: float | None = None) -> int | None:
         """Follow a condition; return the stamp of the first sample of its run once the run is long enough.
@@ -327,11 +291,7 @@ class GraspSequence:
             long_enough = self._began(f"hard {slot}", hard, now_ns) is not None
             if long_enough or (reading.touching and reading.force_n >= limit_n):
                 pressing.append(slot)
-        going_on = [
-            slot
-            for slot in self._closing
-            if slot not in pressing and not self._pressing.at_end(slot, self._readings[slot])
-        ]
+        going_on = [slot for slot in self._closing if slot not in pressing and not self._grip.at_end(slot)]
         if len(going_on) < len(self._closing):
             self._closing = going_on
             self._path_ended = not going_on
@@ -339,8 +299,7 @@ class GraspSequence:
         return (self._pressing.press(pressing, self._readings, now_ns),) if pressing else ()
 
     def _keep_up(self, now_ns: int) -> tuple[Command, ...]:
-        standing = [advance_m <= STANDING_M for advance_m in self._trail.advances_m(now_ns, STANDING_S)]
-        return self._pressing.keep_up(self._readings, standing, now_ns)
+        return self._pressing.keep_up(self._readings, self._grip.standing(), now_ns)
 
     def _press_what_touches(self, now_ns: int) -> tuple[Command, ...]:
         """Fingers that came later press as well; the others keep what they have."""
@@ -363,6 +322,10 @@ class GraspSequence:
     # --- bookkeeping -----------------------------------------------------------------------------------------------
 
     @property
+    def _readings(self) -> tuple[Reading, ...]:
+        return self._grip.readings
+
+    @property
     def _every_slot(self) -> range:
         return range(len(self._task.slots))
 
@@ -382,7 +345,10 @@ class GraspSequence:
         if self._phase is Phase.DONE:
             return Step(self._phase)
         decided_ns = max(self._last_ns or event_ns, event_ns)
-        found = evidence(self._task.slots, self._readings, self._peak_n, self._phase, decided_ns)
+        found = evidence(self._task.slots, self._readings, self._grip.peak_n, self._phase, decided_ns)
+        found["tip_off_m"] = {
+            self._task.slots[slot]: round(off_m, 4) for slot, off_m in self._leaning.off_m(decided_ns).items()
+        }
         self._phase = Phase.DONE
         if outcome is not Outcome.GRIPPED:
             commands = (Stop(),)

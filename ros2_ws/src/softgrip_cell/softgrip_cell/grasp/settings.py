@@ -21,6 +21,9 @@ class GraspSettings:
         end_m: see end_free_fraction [m].
         contact_from_m: pulled length from which contact is looked for: before, slack and the motor's start hide it [m].
         run: samples in a row that have to agree before anything is decided.
+        witness_m: a finger that stopped so far short of its end met something; nearer, its own stops may hold it [m].
+        tip_m: a fingertip that is seen farther than this from its predicted place, beside the camera's own uncertainty,
+            leans on something; what the check after a swap lets pass [m].
         slip_share: share of the contact threshold below which a finger that held touches nothing any more.
         slip_s: how long a hold has to be lost before it counts [s].
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
@@ -44,6 +47,8 @@ class GraspSettings:
     end_m: float = 0.0015
     contact_from_m: float = 0.003
     run: int = 3
+    witness_m: float = 0.0008
+    tip_m: float = 0.012
     slip_share: float = 0.7
     slip_s: float = 0.08
     lost_fraction: float = 0.35

@@ -94,6 +94,7 @@ class GraspMixManager(Node):
         self._doors.subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
         self._doors.subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
         self._doors.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self._doors.subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
         self._doors.subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
         self._doors.timer(0.1, self._watch)
         self._publish_state()
@@ -157,7 +158,9 @@ class GraspMixManager(Node):
             self._publish_state()
 
     def _on_measured(self, message: FingerStates) -> None:
-        self._swap.see(convert.seen_tips(message))
+        tips = convert.seen_tips(message)
+        self._grasp.see(tips)
+        self._swap.see(tips)
 
     def _on_residual(self, message: PredictionResidual) -> None:
         if message.verdict == PredictionResidual.WORN:

@@ -15,7 +15,7 @@ from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Close, GraspTask, Outcome, Phase, Step, Verdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.observation import Pair, TendonFault, TendonSample
+from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
 from softgrip_interfaces.action import Grasp, MoveTendon
 from softgrip_nodekit import Doors
 
@@ -63,6 +63,12 @@ class GraspServer:
         """Take a tendon sample with its prediction."""
         if self._sequence is not None:
             self._do(self._sequence.observe(pair))
+
+    def see(self, tips: Sequence[SeenTip]) -> None:
+        """Take what the camera saw; the next tendon sample is judged with it."""
+        if self._sequence is not None:
+            for tip in tips:
+                self._sequence.see(tip)
 
     def observe_faults(self, faults: Sequence[TendonFault], stamp_ns: int) -> None:
         """Take what tendon/status says; a fault ends the grasp."""

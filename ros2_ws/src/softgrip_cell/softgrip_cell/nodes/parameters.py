@@ -43,6 +43,7 @@ PARAMETERS = ParameterTable(
     Parameter(
         "slip_share", _GRASP.slip_share, "share of the contact threshold below which a hold is lost", "", 0.1, 1.0
     ),
+    Parameter("witness_m", _GRASP.witness_m, "so far short of its end a finger met something", "m", 0.0003, 0.005),
     Parameter("stale_s", _GRASP.stale_s, "longest gap between predicted samples in a grasp", "s", 0.02, 5.0),
     Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
@@ -57,7 +58,14 @@ PARAMETERS = ParameterTable(
         0.02,
         1.0,
     ),
-    Parameter("check_tip_m", _CHECK.tip_m, "fingertip interval of the check", "m", 0.0005, 0.05),
+    Parameter(
+        "check_tip_m",
+        _CHECK.tip_m,
+        "fingertip interval of the check; a tip farther off leans on something",
+        "m",
+        0.0005,
+        0.05,
+    ),
 )
 
 
@@ -74,6 +82,8 @@ def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
         lift_window_s=values["lift_window_s"],
         stale_s=values["stale_s"],
         tension_limit_n=values["tension_limit_n"],
+        tip_m=values["check_tip_m"],
+        witness_m=values["witness_m"],
     )
 
 

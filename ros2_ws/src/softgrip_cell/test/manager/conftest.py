@@ -33,6 +33,7 @@ from softgrip_interfaces.msg import (
     FingerState,
     FingerStates,
     FrictionModel,
+    PredictionResidual,
     TendonStatus,
     TendonStatusArray,
 )
@@ -57,6 +58,7 @@ class ScriptedDriver(Node):
         self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
         self._status = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
         self._predicted = self.create_publisher(FingerStates, "finger/predicted", SENSOR)
+        self._residual = self.create_publisher(PredictionResidual, "finger/residual", SENSOR)
         self._friction = self.create_publisher(FrictionModel, "friction/active", LATCHED)
         self.create_service(Trigger, "tendon/release", self._on_release)
         self.create_service(Trigger, "tendon/home", self._on_home)
@@ -71,6 +73,12 @@ class ScriptedDriver(Node):
         self.cell: CellState | None = None
         self.create_timer(0.005, self._tick)
         self.publish_friction()
+
+    def publish_residual(self, finger: str, verdict: int, reason: str) -> None:
+        """Say what the predictor would of a finger."""
+        message = PredictionResidual(finger=finger, verdict=verdict, reason=reason)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._residual.publish(message)
 
     def publish_friction(self, *, age_s: float = 60.0, model: str = "synthetic", high_n: float = 9.81) -> None:
         stamp = to_time_message(self.get_clock().now().nanoseconds - int(age_s * 1e9))

@@ -67,7 +67,7 @@ def test_kill_9_in_a_swap_leaves_the_truth_or_unknown(cell: Any, step: str) -> N
     assert cell.integrity() == "ok"
 
 
-@pytest.mark.parametrize("phase", ["close", "lift"])
+@pytest.mark.parametrize("phase", ["approach", "close", "hold", "lift"])
 def test_kill_9_in_a_grasp_lets_nobody_grasp_before_the_fingers_were_opened(cell: Any, phase: str) -> None:
     cell.start("lift_window_s:=30.0")
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED

@@ -17,6 +17,7 @@ from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
     MountedFinger,
+    PredictionResidual,
 )
 
 pytestmark = pytest.mark.ros
@@ -157,6 +158,20 @@ def test_refusals_name_what_is_wrong(cell: Any) -> None:
     # A trial may do what is known to fail.
     tried = cell.controller.grasp("grape", trial=True)
     assert GRASP_OUTCOMES[tried.outcome] == "EMPTY"
+
+
+def test_a_finger_that_its_residual_calls_worn_is_not_used_any_more(cell: Any) -> None:
+    cell.start()
+    assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
+    heard = cell.driver.count_subscribers
+    cell.until(lambda: heard("finger/residual") > 0, 10.0, "somebody who listens to finger/residual")
+    cell.driver.publish_residual("middle", PredictionResidual.WATCH, "a little off")
+    cell.driver.publish_residual("middle", PredictionResidual.WORN, "12 % of its length beside the prediction")
+    state = cell.state(lambda s: "worn" in s.reason, "a worn finger")
+    assert "PW-M-01" in state.reason
+    refused = cell.controller.grasp("egg").reason
+    assert "12 % of its length" in refused
+    assert "cell/swap" in refused
 
 
 def test_a_fault_in_a_grasp_ends_it_as_a_tendon_fault_and_a_cancel_as_aborted(cell: Any) -> None:

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the fingers' readings say about something between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from softgrip_cell.grasp.pressing import Pressing
+from softgrip_cell.grasp.reading import Reading
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.trail import Trail
+from softgrip_cell.grasp.values import GraspTask
+
+#: Share of the holding excess that a product has to have taken before losing it is a slip, not a mistaken touch.
+FELT_SHARE: Final = 0.15
+
+#: Fingers that move less than this within STANDING_S stand [m], [s]: 3 mm/s.
+STANDING_S: Final = 0.06
+STANDING_M: Final = 0.0002
+
+#: The same for a grip that is called one: the fingers still approach their rest when the others already stand [m].
+GRIPPING_M: Final = 0.00015
+
+#: Fingers rest when they moved less than this within REST_S [m], [s]; no longer than this the trail is kept.
+REST_S: Final = 0.3
+RESTING_M: Final = 0.0003
+
+#: Fingers that held something and let go leap forward by this within COLLAPSE_S [m], [s].
+COLLAPSE_S: Final = 0.1
+COLLAPSE_M: Final = 0.0003
+
+#: And their tension has fallen by at least this share of the holding excess.
+COLLAPSE_SHARE: Final = 0.5
+
+
+class Grip:
+    """Judges the fingers sample by sample.
+
+    A *wall* is a finger that has closed as far as it goes: it stands at its stops and its tension tells nothing, but
+    what the other side presses against it is held. A *witness* is a finger that something stopped short of its end.
+    """
+
+    def __init__(self, task: GraspTask, settings: GraspSettings, pressing: Pressing) -> None:
+        self._task = task
+        self._settings = settings
+        self._pressing = pressing
+        self._trail = Trail(REST_S)
+        self._readings: tuple[Reading, ...] = ()
+        self._now_ns = 0
+        self._peak_n = [0.0] * len(task.slots)
+        self._met_at_end: set[int] = set()
+        self._leaning: frozenset[int] = frozenset()
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """The present readings; empty before the first."""
+        return self._readings
+
+    @property
+    def peak_n(self) -> tuple[float, ...]:
+        """Greatest excess tension of every finger before its end [N]."""
+        return tuple(self._peak_n)
+
+    def look(self, now_ns: int, readings: tuple[Reading, ...], leaning: frozenset[int] = frozenset()) -> None:
+        """Take the readings of a sample, and which fingers the camera sees lean on something."""
+        self._now_ns = now_ns
+        self._leaning = leaning
+        self._readings = readings
+        self._trail.add(now_ns, readings)
+        self._peak_n = [
+            peak_n if self.at_end(slot) else max(peak_n, reading.excess_n)
+            for slot, (peak_n, reading) in enumerate(zip(self._peak_n, readings, strict=True))
+        ]
+
+    def meet(self, slots: Sequence[int]) -> None:
+        """Remember which of these fingers are at their ends now: what they meet there counts as long as they press."""
+        self._met_at_end |= {slot for slot in slots if self.at_end(slot)}
+
+    def begin(self) -> None:
+        """Both sides touch: begin to remember what is met at the ends."""
+        self._met_at_end.clear()
+        self.meet(range(len(self._readings)))
+
+    # --- fingers ---------------------------------------------------------------------------------------------------
+
+    def at_end(self, slot: int) -> bool:
+        """A finger has closed as far as it may, or creeps the last bit of it, where it is no witness any more."""
+        return not self._is_witness(slot)
+
+    def presses(self, slot: int) -> bool:
+        """A finger touches, or is seen to; one that keeps a tension and was not let go on does so whatever its tension.
+
+        Pushed back by the others, a standing finger has its friction against it and less tension than in free motion.
+        """
+        reading = self._readings[slot]
+        seen = slot in self._leaning and reading.judged
+        return reading.touching or seen or (slot in self._pressing.slots and not self._is_wall(slot))
+
+    def standing(self) -> tuple[bool, ...]:
+        """Which fingers stand."""
+        return tuple(advance_m <= STANDING_M for advance_m in self._trail.advances_m(self._now_ns, STANDING_S))
+
+    def advance_m(self, within_s: float = REST_S) -> float:
+        """How far the finger that went farthest has moved lately [m]."""
+        return self._trail.advance_m(self._now_ns, within_s)
+
+    def _is_wall(self, slot: int) -> bool:
+        return self._readings[slot].pulled_m >= self._pressing.path_m(slot)
+
+    def _is_witness(self, slot: int) -> bool:
+        return self._readings[slot].pulled_m <= self._pressing.path_m(slot) - self._settings.witness_m
+
+    # --- the hand --------------------------------------------------------------------------------------------------
+
+    def encloses(self, fingers: Sequence[bool]) -> bool:
+        """The thumb and at least one finger against it; with a hook any two fingers."""
+        return sum(fingers) > 1 and (fingers[self._task.thumb] or not self._task.opposed)
+
+    def touched(self) -> bool:
+        """Touched from both sides."""
+        return self.encloses([reading.touching for reading in self._readings])
+
+    def enclosed(self) -> bool:
+        """Something is between the fingers: both sides press, and at least one finger was stopped by it."""
+        presses = [self.presses(slot) for slot in range(len(self._readings))]
+        return self.encloses(presses) and self._witnessed(presses)
+
+    def escaped(self) -> bool:
+        """Nothing touches any more."""
+        return not any(reading.excess_n >= 0.5 * reading.threshold_n for reading in self._readings)
+
+    def felt(self) -> bool:
+        """Both sides have pressed on something, not only brushed it."""
+        felt_n = FELT_SHARE * self._task.recipe.hold_excess_n
+        return self.encloses([peak_n >= felt_n for peak_n in self._peak_n])
+
+    def hooked(self) -> bool:
+        """The thumb of a hook presses on something while the fingers, closed as far as they go, feel none of it."""
+        thumb = self._task.thumb
+        fingers = [slot for slot in range(len(self._readings)) if slot != thumb]
+        return (
+            not self._task.opposed
+            and self._readings[thumb].touching
+            and self._is_witness(thumb)
+            and all(self.at_end(slot) for slot in fingers)
+        )
+
+    def holding(self) -> bool:
+        """Thumb and a finger still press; a product that gets away takes all excess with it."""
+        share = self._settings.slip_share
+        return self._supports(
+            [
+                reading.excess_n >= share * reading.threshold_n
+                or slot in self._leaning
+                or self._pressing.is_starting(slot, self._now_ns)
+                for slot, reading in enumerate(self._readings)
+            ]
+        )
+
+    def leans(self) -> bool:
+        """A finger is seen bent by something: while lifted, that can only be what hangs in the hand."""
+        return bool(self._leaning)
+
+    def collapsed(self) -> bool:
+        """One side has lost at once what it pressed with, and a finger leaps into the room that was left."""
+        before = self._trail.hardest(self._now_ns, COLLAPSE_S)
+        fell = [
+            then.tension_n - now.tension_n >= COLLAPSE_SHARE * self._task.recipe.hold_excess_n
+            and now.excess_n < now.threshold_n
+            for now, then in zip(self._readings, before, strict=True)
+        ]
+        if not any(fell) or not COLLAPSE_M <= self.advance_m(COLLAPSE_S) < math.inf:
+            return False
+        return not self._supports([reading.touching for reading in self._readings])
+
+    def grips(self) -> bool:
+        """Both sides stand and press with what the recipe asks for."""
+        full = [reading.touching and self._pressing.is_full(s, reading) for s, reading in enumerate(self._readings)]
+        pulled = self._pressing.was_told_within(STANDING_S, self._now_ns)
+        return self.encloses(full) and not pulled and self.advance_m(STANDING_S) <= GRIPPING_M
+
+    def rests(self) -> bool:
+        """Nothing gives way any more."""
+        return self.advance_m() <= RESTING_M
+
+    def _supports(self, presses: Sequence[bool]) -> bool:
+        """These fingers hold something between them, or press it against those that stand at their stops."""
+        slots = range(len(self._readings))
+        walls = [self._is_wall(slot) for slot in slots]
+        free = [not walls[slot] or slot in self._met_at_end for slot in slots]
+        feels = [free[slot] and presses[slot] for slot in slots]
+        between = self.encloses(feels)
+        on_wall = any(feels) and self.encloses([feels[slot] or walls[slot] for slot in slots])
+        return (between or on_wall) and self._witnessed(feels)
+
+    def _witnessed(self, presses: Sequence[bool]) -> bool:
+        return any(press and self._is_witness(slot) for slot, press in enumerate(presses))

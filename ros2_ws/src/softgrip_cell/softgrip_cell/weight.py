@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What friction alone carries between fingers that press as a recipe asks: what may be called held before it hangs."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from softgrip_cell.products import Product, Surface
+
+GRAVITY_M_PER_S2: Final = 9.81
+
+#: The arm accelerates: the product weighs this much more than at rest.
+SHAKE: Final = 1.15
+
+#: Friction of printed TPU on a surface [1], low values of rough classes.
+FRICTION: Final = {
+    Surface.SMOOTH: 0.5,
+    Surface.DIMPLED: 0.6,
+    Surface.RUGGED: 0.7,
+    Surface.FILM: 0.3,
+    Surface.FROST: 0.15,
+}
+
+#: Contact force per excess tension [1]. By virtual work it is dL/ds: a fingertip goes four to five times the pulled
+#: length (profiles of the three sets); friction in the finger keeps a fifth of the rest.
+FORCE_PER_EXCESS: Final = 0.8 / 4.5
+
+#: Fingers that press.
+FINGERS: Final = 3
+
+
+def carried_kg(product: Product, finger_set: str) -> float:
+    """Return the mass that friction carries when every finger presses as the recipe asks [kg]."""
+    pressing_n = FINGERS * product.recipe_for(finger_set).hold_excess_n * FORCE_PER_EXCESS
+    return FRICTION[product.surface] * pressing_n / (SHAKE * GRAVITY_M_PER_S2)
