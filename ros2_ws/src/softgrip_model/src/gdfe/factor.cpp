@@ -123,6 +123,16 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
   return schedule;
 }
 
+// Of a triangle what is above the diagonal is passed over, in steps of kPad rows.
+template <class T>
+std::size_t entries_read(const PanelStore<T>& store) {
+  std::size_t entries = store.values.size() + store.inverse.size();
+  for (const Panel& panel : store.panels) {
+    for (int j = kPad; j < panel.width; ++j) entries -= static_cast<std::size_t>(j / kPad * kPad);
+  }
+  return entries;
+}
+
 }  // namespace
 
 Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering, int threads)
@@ -198,8 +208,7 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
 
 std::size_t Factor::bytes() const {
   // forward and backward
-  return 2 * (sizeof(float) * (float_.values.size() + float_.inverse.size()) +
-              sizeof(double) * (double_.values.size() + double_.inverse.size()));
+  return 2 * (sizeof(float) * entries_read(float_) + sizeof(double) * entries_read(double_));
 }
 
 void Factor::solve(double* const* columns, int count, std::vector<double>& scratch) const {

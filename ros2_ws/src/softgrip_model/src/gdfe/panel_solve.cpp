@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "src/gdfe/panel_solve.cpp"
@@ -18,132 +19,172 @@ namespace softgrip::gdfe {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// out[k][0..tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in[k][0..width)
-template <int count, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void product(D d, const T* matrix, int tall, int width, T* const* in, T* const* out) {
+// Right-hand sides stand side by side, kAbreast values an unknown: a row number then costs one access, not three.
+using Rows = const std::int32_t*;
+
+// out (kAbreast x tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in (kAbreast x width). Of a lower
+// triangle only what is not zero is read.
+template <int count, bool triangle, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+HWY_INLINE void product(D d, const T* matrix, int tall, int width, const T* in, T* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
-  int i = 0;
-  for (; i + 2 * lanes <= tall; i += 2 * lanes) {
-    V sum[2][count];
-    for (int k = 0; k < count; ++k) sum[0][k] = sum[1][k] = hn::Zero(d);
+  const auto rows = [&](auto parts, int i) {
+    constexpr int kParts = decltype(parts)::value;
+    V sum[kParts][kAbreast];
+    for (int p = 0; p < kParts; ++p) {
+      for (int k = 0; k < kAbreast; ++k) sum[p][k] = hn::Zero(d);
+    }
+    const int columns = triangle ? std::min(width, i + kParts * lanes) : width;
     const T* column = matrix + i;
-    for (int j = 0; j < width; ++j, column += tall) {
-      const V m0 = hn::LoadU(d, column), m1 = hn::LoadU(d, column + lanes);
-      for (int k = 0; k < count; ++k) {
-        const V x = hn::Set(d, in[k][j]);
-        sum[0][k] = hn::MulAdd(m0, x, sum[0][k]);
-        sum[1][k] = hn::MulAdd(m1, x, sum[1][k]);
+    for (int j = 0; j < columns; ++j, column += tall) {
+      V x[count];
+      for (int k = 0; k < count; ++k) x[k] = hn::Set(d, in[kAbreast * j + k]);
+      for (int p = 0; p < kParts; ++p) {
+        const V m = hn::LoadU(d, column + p * lanes);
+        for (int k = 0; k < count; ++k) sum[p][k] = hn::MulAdd(m, x[k], sum[p][k]);
       }
     }
-    for (int k = 0; k < count; ++k) {
-      hn::StoreU(sum[0][k], d, out[k] + i);
-      hn::StoreU(sum[1][k], d, out[k] + i + lanes);
+    for (int p = 0; p < kParts; ++p) {
+      hn::StoreInterleaved4(sum[p][0], sum[p][1], sum[p][2], sum[p][3], d, out + kAbreast * (i + p * lanes));
     }
-  }
-  for (; i < tall; i += lanes) {
-    V sum[count];
-    for (int k = 0; k < count; ++k) sum[k] = hn::Zero(d);
-    const T* column = matrix + i;
-    for (int j = 0; j < width; ++j, column += tall) {
-      const V m = hn::LoadU(d, column);
-      for (int k = 0; k < count; ++k) sum[k] = hn::MulAdd(m, hn::Set(d, in[k][j]), sum[k]);
-    }
-    for (int k = 0; k < count; ++k) hn::StoreU(sum[k], d, out[k] + i);
-  }
+  };
+  int i = 0;
+  for (; i + 2 * lanes <= tall; i += 2 * lanes) rows(std::integral_constant<int, 2>(), i);
+  for (; i < tall; i += lanes) rows(std::integral_constant<int, 1>(), i);
 }
 
-// out[k][j] (+)= column j of matrix . in[k], in padded with zeros to tall
-template <bool add, int count, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, T* const* in, T* const* out) {
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  constexpr int kColumns = 4;
-  int j = 0;
-  for (; j + kColumns <= width; j += kColumns) {
-    V sum[kColumns][count];
-    for (int c = 0; c < kColumns; ++c) {
-      for (int k = 0; k < count; ++k) sum[c][k] = hn::Zero(d);
+// Sums over the lanes of four vectors, by halves.
+template <class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+HWY_INLINE void sums_of_lanes(D d, const V* v, T* sums) {
+#if HWY_TARGET == HWY_SCALAR
+  for (int c = 0; c < 4; ++c) sums[c] = hn::GetLane(v[c]);
+  (void)d;
+#else
+  if constexpr (hn::MaxLanes(D()) * sizeof(T) > 16) {
+    const hn::Half<D> half;
+    hn::Vec<hn::Half<D>> folded[4];
+    for (int c = 0; c < 4; ++c) folded[c] = hn::LowerHalf(half, v[c]) + hn::UpperHalf(half, v[c]);
+    sums_of_lanes(half, folded, sums);
+  } else {
+    const V first = hn::InterleaveLower(d, v[0], v[1]) + hn::InterleaveUpper(d, v[0], v[1]);
+    const V second = hn::InterleaveLower(d, v[2], v[3]) + hn::InterleaveUpper(d, v[2], v[3]);
+    if constexpr (sizeof(T) == 8) {
+      hn::StoreU(first, d, sums);
+      hn::StoreU(second, d, sums + 2);
+    } else {
+      hn::StoreU(hn::ConcatLowerLower(d, second, first) + hn::ConcatUpperUpper(d, second, first), d, sums);
     }
-    const T* column = matrix + static_cast<std::size_t>(j) * tall;
-    for (int i = 0; i < tall; i += lanes) {
+  }
+#endif
+}
+
+// out (kAbreast x width) = or -= matrix^T * in, in[k] (tall) padded with zeros. Of a lower triangle only what is not zero is read.
+template <int count, bool triangle, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, T* const* in, T* out) {
+  constexpr int kColumns = 4;
+  const hn::CappedTag<T, kAbreast> quad;
+  const int lanes = static_cast<int>(hn::Lanes(d)), parts = static_cast<int>(hn::Lanes(quad));
+  for (int j = 0; j < width; j += kColumns) {
+    const int columns = std::min(kColumns, width - j);
+    const T* column[kColumns];  // those beyond the last are the last once more
+    for (int c = 0; c < kColumns; ++c) column[c] = matrix + static_cast<std::size_t>(j + std::min(c, columns - 1)) * tall;
+    V sum[count][kColumns];
+    for (int k = 0; k < count; ++k) {
+      for (int c = 0; c < kColumns; ++c) sum[k][c] = hn::Zero(d);
+    }
+    for (int i = triangle ? j / lanes * lanes : 0; i < tall; i += lanes) {
       V x[count];
       for (int k = 0; k < count; ++k) x[k] = hn::LoadU(d, in[k] + i);
       for (int c = 0; c < kColumns; ++c) {
-        const V m = hn::LoadU(d, column + static_cast<std::size_t>(c) * tall + i);
-        for (int k = 0; k < count; ++k) sum[c][k] = hn::MulAdd(m, x[k], sum[c][k]);
+        const V m = hn::LoadU(d, column[c] + i);
+        for (int k = 0; k < count; ++k) sum[k][c] = hn::MulAdd(m, x[k], sum[k][c]);
       }
     }
-    for (int c = 0; c < kColumns; ++c) {
-      for (int k = 0; k < count; ++k) {
-        const T total = hn::GetLane(hn::SumOfLanes(d, sum[c][k]));
-        out[k][j + c] = add ? out[k][j + c] + total : total;
-      }
+    HWY_ALIGN T totals[kAbreast][kColumns] = {}, beside[kColumns * kAbreast];
+    for (int k = 0; k < count; ++k) sums_of_lanes(d, sum[k], totals[k]);
+    for (int c = 0; c < kColumns; c += parts) {
+      hn::StoreInterleaved4(hn::Load(quad, totals[0] + c), hn::Load(quad, totals[1] + c), hn::Load(quad, totals[2] + c),
+                            hn::Load(quad, totals[3] + c), quad, beside + kAbreast * c);
     }
-  }
-  for (; j < width; ++j) {
-    const T* column = matrix + static_cast<std::size_t>(j) * tall;
-    for (int k = 0; k < count; ++k) {
-      V sum = hn::Zero(d);
-      for (int i = 0; i < tall; i += lanes) sum = hn::MulAdd(hn::LoadU(d, column + i), hn::LoadU(d, in[k] + i), sum);
-      const T total = hn::GetLane(hn::SumOfLanes(d, sum));
-      out[k][j] = add ? out[k][j] + total : total;
+    T* to = out + kAbreast * static_cast<std::size_t>(j);
+    for (int v = 0; v < kAbreast * columns; v += parts) {
+      const auto total = hn::Load(quad, beside + v);
+      hn::StoreU(triangle ? total : hn::LoadU(quad, to + v) - total, quad, to + v);
     }
   }
 }
 
-// One thread's working arrays.
-template <int count, class T>
+// One thread's working arrays: the unknowns, two panels' rows, and a panel's rows each right-hand side by itself.
+template <class T>
 struct Work {
-  T *x[count], *y[count], *z[count];
+  T *x, *y, *z, *alone[3];
 
   Work(T* base, std::size_t size, std::size_t max_below) {
-    for (int k = 0; k < count; ++k) {
-      x[k] = base + static_cast<std::size_t>(k) * (size + kPad);
-      y[k] = base + 3 * (size + kPad) + static_cast<std::size_t>(k) * (max_below + kPad);
-      z[k] = y[k] + 3 * (max_below + kPad);
+    const std::size_t rows = max_below + kPad;
+    x = base;
+    y = x + kAbreast * (size + kPad);
+    z = y + kAbreast * rows;
+    for (std::size_t k = 0; k < 3; ++k) alone[k] = z + (kAbreast + k) * rows;
+  }
+
+  // Takes rows (kAbreast x tall) apart.
+  void separate(const T* rows, int tall) {
+    const hn::CappedTag<T, kPad> d;
+    for (int i = 0; i < tall; i += static_cast<int>(hn::Lanes(d))) {
+      hn::Vec<decltype(d)> a, b, c, unused;
+      hn::LoadInterleaved4(d, rows + kAbreast * i, a, b, c, unused);
+      hn::StoreU(a, d, alone[0] + i);
+      hn::StoreU(b, d, alone[1] + i);
+      hn::StoreU(c, d, alone[2] + i);
     }
   }
 };
 
 template <int count, class T>
-void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<count, T>& work) {
+void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<T>& work) {
   const hn::CappedTag<T, kPad> d;
+  const hn::CappedTag<T, kAbreast> quad;
+  const int parts = static_cast<int>(hn::Lanes(quad));
   for (const std::int32_t index : panels) {
     const Panel& panel = store.panels[index];
     const int tall = (panel.width + kPad - 1) / kPad * kPad;
-    T* head[count];
-    for (int k = 0; k < count; ++k) head[k] = work.x[k] + panel.first;
-    product<count>(d, &store.inverse[panel.inverse], tall, panel.width, head, work.y);
-    for (int k = 0; k < count; ++k) std::copy(work.y[k], work.y[k] + panel.width, head[k]);
+    T* head = work.x + kAbreast * static_cast<std::size_t>(panel.first);
+    product<count, true>(d, &store.inverse[panel.inverse], tall, panel.width, head, work.y);
+    std::copy(work.y, work.y + kAbreast * panel.width, head);
     if (panel.below == 0) continue;
-    product<count>(d, &store.values[panel.values], panel.padded, panel.width, work.y, work.z);
-    const std::int32_t* rows = &store.rows[panel.rows];
+    product<count, false>(d, &store.values[panel.values], panel.padded, panel.width, work.y, work.z);
+    const Rows rows = &store.rows[panel.rows];
     for (int i = 0; i < panel.below; ++i) {
-      for (int k = 0; k < count; ++k) work.x[k][rows[i]] -= work.z[k][i];
+      T* to = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
+      for (int p = 0; p < kAbreast; p += parts) {
+        hn::StoreU(hn::LoadU(quad, to + p) - hn::LoadU(quad, work.z + kAbreast * i + p), quad, to + p);
+      }
     }
   }
 }
 
 template <int count, class T>
-void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<count, T>& work) {
+void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<T>& work) {
   const hn::CappedTag<T, kPad> d;
+  const hn::CappedTag<T, kAbreast> quad;
+  const int parts = static_cast<int>(hn::Lanes(quad));
   for (auto index = panels.rbegin(); index != panels.rend(); ++index) {
     const Panel& panel = store.panels[*index];
     const int tall = (panel.width + kPad - 1) / kPad * kPad;
-    T* head[count];
-    for (int k = 0; k < count; ++k) {
-      head[k] = work.x[k] + panel.first;
-      std::fill(work.y[k] + panel.width, work.y[k] + tall, T(0));
-    }
+    T* head = work.x + kAbreast * static_cast<std::size_t>(panel.first);
     if (panel.below > 0) {
-      const std::int32_t* rows = &store.rows[panel.rows];
+      const Rows rows = &store.rows[panel.rows];
       for (int i = 0; i < panel.below; ++i) {
-        for (int k = 0; k < count; ++k) work.z[k][i] = -work.x[k][rows[i]];
+        const T* from = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
+        for (int p = 0; p < kAbreast; p += parts) hn::StoreU(hn::LoadU(quad, from + p), quad, work.z + kAbreast * i + p);
       }
-      for (int k = 0; k < count; ++k) std::fill(work.z[k] + panel.below, work.z[k] + panel.padded, T(0));
-      transposed_product<true, count>(d, &store.values[panel.values], panel.padded, panel.width, work.z, head);
+      std::fill(work.z + kAbreast * panel.below, work.z + kAbreast * panel.padded, T(0));
+      work.separate(work.z, panel.padded);
+      transposed_product<count, false>(d, &store.values[panel.values], panel.padded, panel.width, work.alone, head);
     }
-    for (int k = 0; k < count; ++k) std::copy(head[k], head[k] + panel.width, work.y[k]);
-    transposed_product<false, count>(d, &store.inverse[panel.inverse], tall, panel.width, work.y, head);
+    std::copy(head, head + kAbreast * panel.width, work.y);
+    std::fill(work.y + kAbreast * panel.width, work.y + kAbreast * tall, T(0));
+    work.separate(work.y, tall);
+    transposed_product<count, true>(d, &store.inverse[panel.inverse], tall, panel.width, work.alone, head);
   }
 }
 
@@ -174,26 +215,31 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
     scale[k] = largest > 0.0 ? largest : 1.0;
     inverse[k] = 1.0 / scale[k];
   }
-  Work<count, T> first(base, size, max_below);
+  const auto load = [&](Work<T>& work, std::int32_t i, bool own) {
+    T* to = work.x + kAbreast * static_cast<std::size_t>(i);
+    for (int k = 0; k < kAbreast; ++k) to[k] = k < count && own ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
+  };
+  const auto store_back = [&](const Work<T>& work, std::int32_t i) {
+    const T* from = work.x + kAbreast * static_cast<std::size_t>(i);
+    for (int k = 0; k < count; ++k) columns[k][i] = scale[k] * static_cast<double>(from[k]);
+  };
+  Work<T> first(base, size, max_below);
 #pragma omp parallel num_threads(threads) if (threads > 1)
   {
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
-      Work<count, T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
-      for (int k = 0; k < count; ++k) {
-        for (const std::int32_t i : schedule.columns[t]) work.x[k][i] = static_cast<T>(columns[k][i] * inverse[k]);
-        for (const std::int32_t i : schedule.top_columns) {
-          work.x[k][i] = t == 0 ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
-        }
-      }
+      Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+      for (const std::int32_t i : schedule.columns[t]) load(work, i, true);
+      for (const std::int32_t i : schedule.top_columns) load(work, i, t == 0);
       forward<count>(store, schedule.panels[t], work);
     }
 #pragma omp single
     {
       for (int t = 1; t < threads; ++t) {
-        const Work<count, T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
-        for (int k = 0; k < count; ++k) {
-          for (const std::int32_t i : schedule.top_columns) first.x[k][i] += work.x[k][i];
+        const Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+        for (const std::int32_t i : schedule.top_columns) {
+          const std::size_t at = kAbreast * static_cast<std::size_t>(i);
+          for (std::size_t k = at; k < at + kAbreast; ++k) first.x[k] += work.x[k];
         }
       }
       forward<count>(store, schedule.top_panels, first);
@@ -201,19 +247,18 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
     }
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
-      Work<count, T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
-      for (int k = 0; k < count && t > 0; ++k) {
-        for (const std::int32_t i : schedule.top_columns) work.x[k][i] = first.x[k][i];
+      Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+      if (t > 0) {
+        for (const std::int32_t i : schedule.top_columns) {
+          const std::size_t at = kAbreast * static_cast<std::size_t>(i);
+          std::copy(first.x + at, first.x + at + kAbreast, work.x + at);
+        }
       }
       backward<count>(store, schedule.panels[t], work);
-      for (int k = 0; k < count; ++k) {
-        for (const std::int32_t i : schedule.columns[t]) columns[k][i] = scale[k] * static_cast<double>(work.x[k][i]);
-      }
+      for (const std::int32_t i : schedule.columns[t]) store_back(work, i);
     }
   }
-  for (int k = 0; k < count; ++k) {
-    for (const std::int32_t i : schedule.top_columns) columns[k][i] = scale[k] * static_cast<double>(first.x[k][i]);
-  }
+  for (const std::int32_t i : schedule.top_columns) store_back(first, i);
 }
 
 template <class T>

@@ -6,9 +6,12 @@
 
 namespace softgrip::gdfe {
 
-// Values that one thread needs: three columns padded behind, and two panels' rows of three columns.
+// Values kept side by side for one unknown: three right-hand sides and a zero.
+inline constexpr int kAbreast = 4;
+
+// Values that one thread needs; see Work.
 inline std::size_t panel_work_size(int size, int max_below) {
-  return 3 * (static_cast<std::size_t>(size) + kPad + 2 * (static_cast<std::size_t>(max_below) + kPad));
+  return kAbreast * (static_cast<std::size_t>(size) + kPad) + (2 * kAbreast + 3) * (static_cast<std::size_t>(max_below) + kPad);
 }
 
 // columns[k] (k < count): in and out. work: panel_work_size() values for each thread of the schedule.
