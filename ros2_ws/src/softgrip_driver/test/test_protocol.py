@@ -95,6 +95,16 @@ def test_golden_replies(scripted):
     assert values == {3: 166, 7: 2079, 4: 1023}
 
 
+def test_a_common_answer_of_other_servos_is_not_taken(scripted):
+    """Whole and with a right CRC, but to a question to others; a servo's values must never pass for another's."""
+    late = bytes.fromhex(
+        "ff ff fd 00 fe 19 00 55 00 03 a6 00 00 00 84 08 00 07 1f 08 00 00 16 ca 00 04 ff 03 00 00 d1 9e"
+    )
+    bus, _ = scripted(late)
+    assert bus.fast_sync_read([3, 4, 7], 132, 4) == {}
+    assert bus.counters.corrupt == 1
+
+
 @pytest.mark.parametrize("position", [-131073, -131074, -196609, 0x00FDFFFF, 0x0003FDFF, -1, -515])
 def test_real_multi_turn_positions_are_stuffed_on_the_wire(scripted, position):
     bus, serial = scripted(status(1, b""))
@@ -179,6 +189,12 @@ def test_a_sync_read_keeps_the_answers_that_came(scripted):
     assert sorted(replies) == [1, 3]
     assert replies[3].alert
     assert bus.counters.lost_by_id == {2: 1}
+
+
+def test_a_sync_read_passes_over_a_late_answer_to_another_question(scripted):
+    bus, _ = scripted(status(1, b"\x09\x09") + status(1, b"\x01") + status(2, b"\x02"))
+    replies = bus.sync_read([1, 2], 64, 1)
+    assert {servo_id: reply.data for servo_id, reply in replies.items()} == {1: b"\x01", 2: b"\x02"}
 
 
 def test_noise_before_a_reply_does_no_harm(scripted):
