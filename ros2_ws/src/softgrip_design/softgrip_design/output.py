@@ -13,6 +13,7 @@ import numpy as np
 
 from softgrip_design.design import Followed, HandDesign, Uniform
 from softgrip_model.finger import Finger, reason
+from softgrip_model.finger.published import CHAPTER_4_ERROR_DEG
 
 #: What `importUserParameters` of Fusion's API (and its parameter add-ins) reads.
 CAD_COLUMNS = ("Name", "Unit", "Expression", "Value", "Comments", "Favourite")
@@ -57,6 +58,7 @@ def follow_report(design: HandDesign, published: Mapping[str, Mapping[str, tuple
             name: {grasp: {"error_deg": _number(e), "force_n": _number(f)} for grasp, (e, f) in designs.items()}
             for name, designs in published.items()
         },
+        "error_deg_of_the_thesis_on_its_own_demonstrations": CHAPTER_4_ERROR_DEG,
     }
 
 

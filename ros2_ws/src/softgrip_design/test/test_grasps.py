@@ -64,6 +64,19 @@ def test_kinds_and_times_are_found(name: str, noise_m: float, hand_landmarks: Ca
     assert math.degrees(grasp.flexion_rad["index"]) == pytest.approx(flexed, abs=0.1 * flexed)
 
 
+@pytest.mark.parametrize(("gap", "found"), [(0.36, [Kind.PINCH]), (0.48, [])])
+def test_a_thumb_that_comes_near_pinches_from_a_distance_on(
+    gap: float, found: list[Kind], hand_landmarks: Callable[..., Array]
+) -> None:
+    """docs/design.md: within 0.42 palm lengths of the thumb's tip."""
+    seen = recording(hand_landmarks, "pinch")
+    thumb, finger = seen.world[:, 4], seen.world[:, 8]
+    away = thumb - finger
+    away *= gap * 0.090 / np.linalg.norm(away[STILL + CLOSING])
+    seen.world[:, 4] = finger + away
+    assert [grasp.kind for grasp in find_grasps(steady(seen), seen.origin)] == found
+
+
 def test_the_numbers_behind_the_kind(hand_landmarks: Callable[..., Array]) -> None:
     power, hook, pinch = (only(hand_landmarks, name) for name in ("power", "hook", "pinch"))
     assert power.curled == hook.curled == LONG_FINGERS

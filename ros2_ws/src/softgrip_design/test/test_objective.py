@@ -84,3 +84,11 @@ def test_fingers_without_equilibrium_are_infinitely_bad() -> None:
     x = np.array([3.0, 3.0, 3.0, 8.0, 8.0, 60.0, 60.0, 8.0, 8.0])  # routing points overlap on the link
     assert objective.value(x) == math.inf
     assert objective.value_and_gradient(x)[0] == math.inf
+
+
+def test_the_hand_has_the_lengths_that_the_thesis_prints() -> None:
+    """Fig 4.1: the thumb stands on a rigid metacarpal; section 4.2.2: the tangent modulus."""
+    thumb, little = hand.blank("thumb"), hand.blank("little")
+    assert (thumb.base_mm, thumb.link_mm, thumb.joints) == (60.0, (40.0, 30.0), 2)
+    assert (little.base_mm, little.link_mm, little.width_mm) == (0.0, (38.0, 20.0, 20.0), 12.0)
+    assert thumb.strip.modulus_mpa == (110.08, -89.33, 21.89)

@@ -30,10 +30,15 @@ def test_a_shipped_motion_becomes_profile_parameters_plot_and_report(
         assert rows[f"index_h{j}"]["Expression"] == f"{rows[f'index_h{j}']['Value']} mm"
     for i, routing in enumerate(finger.routing_mm):
         assert float(rows[f"index_r{i}"]["Value"]) == pytest.approx(routing, abs=1e-3)
-    report = json.loads((tmp_path / "mine.json").read_text())["fingers"]["index"]
-    assert report["objective"] == pytest.approx(2.0 * report["error_deg"] + report["force_n"])
-    assert len(report["starts"]) == 3
-    assert "Fig 4.4" in capsys.readouterr().out
+    report = json.loads((tmp_path / "mine.json").read_text())
+    index = report["fingers"]["index"]
+    assert index["objective"] == pytest.approx(2.0 * index["error_deg"] + index["force_n"])
+    assert len(index["starts"]) == 3
+    assert report["error_deg_of_the_thesis_on_its_own_demonstrations"]["power"] == pytest.approx(6.59)
+    told = capsys.readouterr().out
+    assert "1 finger in" in told
+    assert "Fig 4.4" in told
+    assert "power 6.59 deg, hook 5.53 deg, pinch 3.76 deg" in told
 
 
 def test_the_uniform_finger(tmp_path: Path) -> None:

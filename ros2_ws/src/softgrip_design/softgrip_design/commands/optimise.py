@@ -23,6 +23,7 @@ from softgrip_design.optimiser import Settings
 from softgrip_design.output import follow_report, uniform_report, write_cad_csv
 from softgrip_model import profile
 from softgrip_model.finger import FingerError, MomentLaw
+from softgrip_model.finger.published import CHAPTER_4_ERROR_DEG
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.friction.model_file import read_model
@@ -144,7 +145,8 @@ def _with_progress(demonstration: trajectory.Trajectory, names: Sequence[str], t
 
 
 def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float, float]]], stem: Path) -> None:
-    table = Table(title=f"{len(design.followed)} fingers in {design.seconds:.2f} s", caption=f"written: {stem}.*")
+    count = len(design.followed)
+    table = Table(title=f"{count} finger{'s' * (count > 1)} in {design.seconds:.2f} s", caption=f"written: {stem}.*")
     for heading in ("finger", "h [mm]", "r [mm]", "error [deg]", "force [N]", "pull [mm]", "starts within 1 %"):
         table.add_column(escape(heading), justify="left" if heading == "finger" else "right")
     for one in design.followed:
@@ -165,6 +167,8 @@ def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float,
     if "index" in compared:
         each = (f"{grasp} {error:.2f} deg, {force:.1f} N" for grasp, (error, force) in compared["index"].items())
         console.print("designs of Fig 4.4 on the index's target: " + "; ".join(each))
+    thesis = ", ".join(f"{grasp} {error:.2f} deg" for grasp, error in CHAPTER_4_ERROR_DEG.items())
+    console.print(f"errors that the thesis reports, on demonstrations of its own: {thesis}")
 
 
 def _uniform(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> int:

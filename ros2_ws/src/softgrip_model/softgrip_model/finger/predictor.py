@@ -169,8 +169,8 @@ class Configuration:
         return [self._prediction(TendonReading(slot, length), solution, 0, k) for k, length in enumerate(lengths)]
 
     def solve(self, slot: str, pulled_length: float) -> Solution:
-        """Return the kernel's own answer (mm) with gradients for one finger at one pulled length [m]."""
-        return self._kernel((slot,)).solve([1e3 * pulled_length], march=False, gradient=True, threads=1)
+        """Return the kernel's own answer (mm) for one finger at one pulled length [m]."""
+        return self._kernel((slot,)).solve([1e3 * pulled_length], march=False, threads=1)
 
     def _kernel(self, slots: tuple[str, ...]) -> Kernel:
         if slots not in self._kernels:

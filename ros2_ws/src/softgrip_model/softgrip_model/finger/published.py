@@ -22,6 +22,8 @@ CHAPTER_4_MM: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "hook": ((5.00, 2.76, 3.63), (5.13, 5.15, 7.85, 8.21, 11.69, 11.93)),
     "pinch": ((2.50, 4.27, 4.45), (12.22, 12.99, 5.01, 6.59, 5.59, 5.83)),
 }
+#: [deg] E_T of those fingers against the demonstrations they were made from, which are not published (section 4.3.1).
+CHAPTER_4_ERROR_DEG = {"power": 6.59, "hook": 5.53, "pinch": 3.76}
 #: [mm] proximal, middle, distal; width. Fig 4.1. The thumb's metacarpal (60 mm) is rigid.
 HAND_MM: dict[str, tuple[tuple[float, ...], float]] = {
     "thumb": ((40.0, 30.0), 15.0),

@@ -144,7 +144,8 @@ class Session:
     def _adopt(self, configuration: Configuration) -> None:
         self.configuration = configuration
         self._monitors = {
-            slot: WearMonitor(configuration.friction_of(slot).law, self._wear) for slot in configuration.fingers
+            slot: WearMonitor(finger, configuration.friction_of(slot).law, self._wear)
+            for slot, finger in configuration.fingers.items()
         }
 
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:

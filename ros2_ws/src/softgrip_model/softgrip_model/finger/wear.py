@@ -2,14 +2,17 @@
 """Has the friction or the stiffness of a finger moved? Decided on empty closings, from tension and tip together.
 
 Each closing gives one least-squares estimate of two shifts: a factor on ln Rf and a factor on the moduli. Tip or angles
-alone cannot see the stiffness, and tension alone hardly separates the two (docs/finger.md), so both are used. The first
-closings set the baseline; after it a two-sided CUSUM per shift decides. A few closings give a baseline that is itself
+alone cannot see the stiffness, and tension alone hardly separates the two (docs/finger.md), so both are used. The model
+is solved anew at the shifts found (Gauss-Newton): to first order alone, twice the friction looks like stiffer strips.
+
+The first closings set the baseline; after it a two-sided CUSUM per shift decides. A baseline of few closings is itself
 uncertain, which a plain CUSUM takes for a shift sooner or later; so it is self-starting (Hawkins, Journal of Quality
-Technology 19, 1987): each closing is judged against all calm ones before it, by the deviation that this comparison has.
+Technology 19, 1987): each closing is judged against all calm ones before it, by the deviation of that comparison.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -17,13 +20,22 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.finger.kernel import Solution
+from softgrip_model.finger.design import Finger
+from softgrip_model.finger.kernel import Kernel, Solution
 from softgrip_model.friction.laws import FrictionLaw, Law
 
 Array = NDArray[np.float64]
 
 #: Pulled lengths that differ by less are the same.
 _ROUNDING_MM = 1e-6
+
+#: Gauss-Newton ends after so many steps, or when none of the shifts changes by more than this.
+_MOST_STEPS, _SETTLED_SHIFT = 6, 1e-4
+#: Shifts are looked for between these: no model reaches further.
+_LEAST_SHIFT, _LARGEST_SHIFT = -0.9, 4.0
+
+#: Beside a shift of the friction, one of the stiffness with a smaller share of its deviations is what the model lacks.
+_LEAST_BESIDE = 0.25
 
 _SCALED = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.0, 0.0, 1.0, 1.0)}
 
@@ -82,8 +94,8 @@ class Shift:
 
 
 @dataclass
-class _Cusum:
-    """Two-sided and self-starting."""
+class Cusum:
+    """Of one shift, two-sided and self-starting."""
 
     settings: WearSettings
     values: list[float] = field(default_factory=list)
@@ -93,9 +105,12 @@ class _Cusum:
     up: float = 0.0
     down: float = 0.0
     last: float = 0.0
-    """Shift of the latest closing."""
+    """Shift of the latest closing,"""
+    score: float = 0.0
+    """and how many standard deviations that is."""
 
     def add(self, value: float, stddev: float) -> None:
+        """Take one closing's estimate with its standard deviation; NaN says nothing."""
         if not math.isfinite(value):
             return
         self.stddev = max(self.stddev, stddev)
@@ -110,33 +125,45 @@ class _Cusum:
         spread = max(self.stddev, float(np.std(self.values, ddof=1)))
         self.last = value - float(np.mean(self.values))
         most = self.settings.largest_score
-        score = float(np.clip(self.last / (spread * math.sqrt(1.0 + 1.0 / count)), -most, most))
+        self.score = self.last / (spread * math.sqrt(1.0 + 1.0 / count))
+        score = float(np.clip(self.score, -most, most))
         self.up = max(0.0, self.up + score - self.settings.allowance)
         self.down = max(0.0, self.down - score - self.settings.allowance)
 
     @property
     def ready(self) -> bool:
+        """Whether the baseline stands."""
         return len(self.values) >= self.settings.baseline
 
     @property
     def statistic(self) -> float:
+        """What is compared with the limit."""
         return max(self.up, self.down)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """One instant of a closing."""
+
+    pulled_mm: float
+    seen: Array
+    """(3,) tip x, tip y [mm], actuator tension [N]"""
+    tension_noise_n: float
 
 
 class WearMonitor:
     """Watches one mounted finger under one friction model; make a new one when either changes."""
 
-    def __init__(self, law: FrictionLaw, settings: WearSettings) -> None:
-        self._settings = settings
+    def __init__(self, finger: Finger, law: FrictionLaw, settings: WearSettings) -> None:
+        self._finger, self._law, self._settings = finger, law, settings
         self._scaled = np.array(_SCALED[law.law]) * np.array(law.coefficients)
-        self._friction = _Cusum(settings)
-        self._stiffness = _Cusum(settings)
-        self._normal = np.zeros((2, 2))
-        self._right = np.zeros(2)
-        self._samples = 0
-        self._furthest_mm = 0.0
+        self._friction = Cusum(settings)
+        self._stiffness = Cusum(settings)
+        self._samples: list[_Sample] = []
         self.closings = 0
         """Closings that counted."""
+        self.shift: Shift | None = None
+        """What the last of them said."""
 
     @property
     def cusum_friction(self) -> float:
@@ -152,7 +179,7 @@ class WearMonitor:
         """Take one instant.
 
         Args:
-            solution: the prediction with gradients, one finger and one target.
+            solution: the prediction, one finger and one target.
             tip_mm: measured, (2,).
             tension_n: measured at the actuator.
             pulling: the cable is being pulled.
@@ -165,63 +192,86 @@ class WearMonitor:
         if not pulling:
             self._finish()
             return
-        next_mm = max(self._settings.least_pull_mm, self._furthest_mm + self._settings.spacing_mm)
-        usable = pulled >= next_mm - _ROUNDING_MM
-        if not usable or solution.gradient is None or not (np.isfinite(tip_mm).all() and math.isfinite(tension_n)):
+        furthest_mm = self._samples[-1].pulled_mm if self._samples else 0.0
+        next_mm = max(self._settings.least_pull_mm, furthest_mm + self._settings.spacing_mm)
+        if pulled < next_mm - _ROUNDING_MM or not (np.isfinite(tip_mm).all() and math.isfinite(tension_n)):
             return
-        rows = solution.gradient.values[0, 0, -5:-2]  # tip x, tip y, actuator tension
-        friction = solution.gradient.friction[0, 0, -5:-2] @ self._scaled
-        expected = float(solution.tension_n[0, 0, 0])
-        noise = np.array(
-            [self._settings.tip_stddev_mm] * 2
-            + [self._settings.tension_stddev * expected + self._settings.tension_floor_n]
+        tension_noise = self._settings.tension_stddev * float(solution.tension_n[0, 0, 0])
+        self._samples.append(
+            _Sample(pulled, np.append(tip_mm, tension_n), tension_noise + self._settings.tension_floor_n)
         )
-        slopes = np.column_stack([friction, rows[:, -1]]) / noise[:, None]
-        residual = np.append(tip_mm - solution.tip_mm[0, 0], tension_n - expected) / noise
-        if not np.isfinite(slopes).all():
-            return
-        self._normal += slopes.T @ slopes
-        self._right += slopes.T @ residual
-        self._samples += 1
-        self._furthest_mm = pulled
 
     def judge(self) -> tuple[Verdict, str]:
         """Return the verdict and what moved, by how much."""
         if not self._stiffness.ready:
             return Verdict.OK, f"learning the baseline: closing {self.closings} of {self._settings.baseline}"
         limit = self._settings.limit
-        friction = f"friction {100 * self._friction.last:+.0f} %"
-        stiffness = f"stiffness {100 * self._stiffness.last:+.0f} %"
-        since = f"against the calm ones of {self.closings} closings"
-        if self.cusum_stiffness > limit and self.cusum_stiffness >= self.cusum_friction:
-            return Verdict.WORN, f"{stiffness} {since}: the finger's strips have changed; replace it"
+        friction, stiffness = (f"{100 * cusum.last:+.0f} %" for cusum in (self._friction, self._stiffness))
+        both = f"friction {friction}, stiffness {stiffness} against the calm ones of {self.closings} closings"
+        if self.cusum_stiffness > limit and abs(self._stiffness.score) >= _LEAST_BESIDE * abs(self._friction.score):
+            return Verdict.WORN, f"{both}: the finger's strips have changed; replace it"
         if self.cusum_friction > limit:
             if abs(self._friction.last) > self._settings.worn_friction:
-                return Verdict.WORN, f"{friction} {since}: cable or channel is worn; replace them"
-            return Verdict.RECALIBRATE, f"{friction} {since}: measure the friction anew"
-        if max(self.cusum_friction, self.cusum_stiffness) > limit / 2:
-            return Verdict.WATCH, f"{friction}, {stiffness} {since}"
+                return Verdict.WORN, f"{both}: cable or channel is worn; replace them"
+            return Verdict.RECALIBRATE, f"{both}: measure the friction anew"
+        if self.cusum_stiffness > limit or max(self.cusum_friction, self.cusum_stiffness) > limit / 2:
+            return Verdict.WATCH, both
         return Verdict.OK, ""
 
     def _finish(self) -> None:
-        if self._samples >= self._settings.least_samples:
-            shift = self._estimate()
+        if len(self._samples) >= self._settings.least_samples:
+            self.shift = shift = self._estimate()
             self.closings += 1
             self._friction.add(shift.friction, shift.friction_stddev)
             self._stiffness.add(shift.stiffness, shift.stiffness_stddev)
         self._forget()
 
     def _estimate(self) -> Shift:
-        if self._normal[0, 0] < 1e-12:  # a law without friction has no factor to estimate
-            stiffness = self._right[1] / self._normal[1, 1]
-            return Shift(math.nan, float(stiffness), math.nan, float(1.0 / math.sqrt(self._normal[1, 1])))
-        covariance = np.linalg.inv(self._normal)
-        estimate = covariance @ self._right
-        stddev = np.sqrt(np.diag(covariance))
-        return Shift(float(estimate[0]), float(estimate[1]), float(stddev[0]), float(stddev[1]))
+        found = Shift(math.nan, math.nan, math.nan, math.nan)
+        at = np.zeros(2)
+        for _ in range(_MOST_STEPS):
+            linear = self._linearised(at)
+            if linear is None:
+                break
+            slopes, residual = linear
+            free = np.array([bool(slopes[:, 0].any()), True])  # a law without friction has no factor to estimate
+            covariance = np.linalg.inv(slopes[:, free].T @ slopes[:, free])
+            step = np.zeros(2)
+            step[free] = covariance @ (slopes[:, free].T @ residual)
+            stddev = np.full(2, math.nan)
+            stddev[free] = np.sqrt(np.diag(covariance))
+            at = np.clip(at + step, _LEAST_SHIFT, _LARGEST_SHIFT)
+            found = Shift(float(at[0]) if free[0] else math.nan, float(at[1]), float(stddev[0]), float(stddev[1]))
+            if np.abs(step).max() < _SETTLED_SHIFT:
+                break
+        return found
+
+    def _linearised(self, shift: Array) -> tuple[Array, Array] | None:
+        """Return slopes (3 K, 2) to both shifts and residuals (3 K,) of the K samples, in standard deviations.
+
+        None where the finger so shifted has no equilibrium at some of them.
+        """
+        strip = self._finger.strip
+        a, b, c = (modulus * (1.0 + shift[1]) for modulus in strip.modulus_mpa)
+        finger = dataclasses.replace(self._finger, strip=dataclasses.replace(strip, modulus_mpa=(a, b, c)))
+        law = self._law.with_coefficients(np.array(self._law.coefficients) + shift[0] * self._scaled)
+        solution = Kernel([finger], law).solve([s.pulled_mm for s in self._samples], gradient=True, threads=1)
+        if solution.failed.any() or solution.gradient is None:
+            return None
+        n = finger.joints
+        seen = slice(n, n + 3)  # tip x, tip y, actuator tension
+        slopes = np.stack(
+            [
+                solution.gradient.friction[0, :, seen] @ self._scaled,
+                solution.gradient.stiffness[0, :, seen] / (1.0 + shift[1]),
+            ],
+            axis=2,
+        )
+        expected = np.column_stack([solution.tip_mm[0], solution.tension_n[0, :, 0]])
+        tip_noise = self._settings.tip_stddev_mm
+        noise = np.array([[tip_noise, tip_noise, sample.tension_noise_n] for sample in self._samples])
+        residual = (np.array([sample.seen for sample in self._samples]) - expected) / noise
+        return (slopes / noise[:, :, None]).reshape(-1, 2), residual.ravel()
 
     def _forget(self) -> None:
-        self._normal[:] = 0.0
-        self._right[:] = 0.0
-        self._samples = 0
-        self._furthest_mm = 0.0
+        self._samples.clear()
