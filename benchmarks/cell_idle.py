@@ -2,7 +2,8 @@
 """What a cell costs while nobody asks it for anything: processor share and memory of each process.
 
 The shipped launch file on emulated hardware: the drives' loop, the camera and the tracker run, nothing is grasped. The
-emulated hardware is a process of its own and is left out of the sums: a real cell has none. Linux only (/proc).
+emulated hardware is a process of its own and is left out of the sums: a real cell has none. Python's files are compiled
+beforehand, as after a first start: compiling them leaves megabytes behind in each process. Linux only (/proc).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ NODES = (
     EMULATOR, "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
     "marker_tracker", "grasp_mix_manager",
 )  # fmt: skip
+ROOT = Path(__file__).resolve().parents[1]
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
@@ -76,13 +78,21 @@ def measure(processes: dict[str, int]) -> dict[str, Cost]:
     }
 
 
+def compile_sources() -> dict[str, str]:
+    """Compile the suite's Python files; return the environment in which they are used so."""
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    folders = [str(ROOT / "embedded"), str(ROOT / "ros2_ws" / "src")]
+    subprocess.run([sys.executable, "-m", "compileall", "-q", *folders], env=environment, check=True)
+    return environment
+
+
 def run_cell() -> list[dict[str, Cost]]:
     """Start a cell, let it settle, measure it several times."""
     with tempfile.TemporaryDirectory() as folder:
         launch = subprocess.Popen(
             ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml", f"out:={folder}/out", f"wire_dir:={folder}/w"],
             env={
-                **os.environ,
+                **compile_sources(),
                 "ROS_DOMAIN_ID": DOMAIN,
                 "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             },
@@ -118,7 +128,7 @@ def main() -> None:
     each = "; ".join(f"{name} {cost.cpu_percent:.0f} % {cost.rss_mb:.0f} MB" for name, cost in median.items())
     figures = (
         ("idle cell CPU", "%", 15.0, [sum(cost.cpu_percent for cost in run.values()) for run in nodes]),
-        ("idle cell CPU of the busiest node", "%", None, [max(c.cpu_percent for c in run.values()) for run in nodes]),
+        ("idle cell CPU of the busiest node", "%", 15.0, [max(c.cpu_percent for c in run.values()) for run in nodes]),
         ("idle cell largest RSS", "MB", 80.0, [max(cost.rss_mb for cost in run.values()) for run in nodes]),
     )
     for name, unit, goal, values in figures:

@@ -34,7 +34,14 @@ class _Dumper(yaml.SafeDumper):
     pass
 
 
+class _FlowDumper(_Dumper):
+    """Lists in one line; messages in lines of their own all the same."""
+
+
 _Dumper.add_representer(_Truncated, lambda dumper, value: dumper.represent_scalar("tag:yaml.org,2002:str", str(value)))
+_FlowDumper.add_representer(
+    dict, lambda dumper, value: dumper.represent_mapping("tag:yaml.org,2002:map", value.items(), flow_style=False)
+)
 
 
 def to_plain(
@@ -55,20 +62,27 @@ def to_plain(
 def _plain(value: Any, kind: FieldType, limit: int | None, arrays: bool, strings: bool) -> Any:  # noqa: PLR0911
     if kind.array:
         if not arrays:
-            return f"<{kind.array if kind.array == 'fixed' else 'sequence'} type: {kind}, length: {len(value)}>"
+            return _array_info(value, kind)
         if kind.base == "byte":
             return [item[0] for item in value[:limit]] + (["..."] if limit is not None and len(value) > limit else [])
         items = [_plain(item, kind.element, limit, arrays, strings) for item in _cut(value, limit)]
         return items if limit is None or len(value) <= limit else [*items, "..."]
     if kind.text:
         if not strings:
-            return f"<string type: {kind}, length: {len(value)}>"
+            return f"<string length: <{len(value)}>>"
         return value if limit is None or len(value) <= limit else value[:limit] + "..."
     if kind.base == "byte":
         return value[0]
     if kind.primitive:
         return value
     return to_plain(value, limit, arrays=arrays, strings=strings)
+
+
+def _array_info(value: Any, kind: FieldType) -> str:
+    if kind.array == "fixed":
+        return f"<array type: {kind.element}[{kind.size}]>"
+    bound = f"[{kind.size}]" if kind.array == "bounded" else ""
+    return f"<sequence type: {kind.element}{bound}, length: {len(value)}>"
 
 
 def _cut(value: Any, limit: int | None) -> Any:
@@ -83,7 +97,8 @@ def to_yaml(
     if not hasattr(type(message), "DEFINITION"):
         return f"{message}\n" if not isinstance(message, list | tuple) else yaml.dump(message, Dumper=_Dumper)
     plain = to_plain(message, limit, arrays=arrays, strings=strings)
-    return yaml.dump(plain, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=10**9)
+    dumper = _FlowDumper if flow else _Dumper
+    return yaml.dump(plain, Dumper=dumper, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=10**9)
 
 
 def parse_values(text: str) -> dict[str, Any]:

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 # Windows does not interrupt a waiting lock for Ctrl-C.
 LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else 3600.0
-_LOOK_PERIOD_S = 0.001
+_LOOK_PERIOD_S = 0.1
+_LOOK_AT_NEW_NODE_S = 0.001
 
 
 class Waiting:
@@ -47,6 +48,9 @@ class Waiting:
         self._callbacks: Iterator[Task | Work] | None = None
         self._hints: collections.deque[tuple[Any, Node]] = collections.deque()
         self._look_due_s = 0.0
+        self._looked_s = 0.0
+        self._look_wanted = True
+        self._node_came = True
         # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
         self._wake_lock = threading.Lock()
         self._wake_lock.acquire()
@@ -62,16 +66,20 @@ class Waiting:
         return cast("Executor", self)
 
     def wake(self) -> None:
-        """Have the waiting thread look again."""
-        try:
-            self._wake_lock.release()
-        except RuntimeError:
-            return  # it has been woken already
+        """Have the waiting thread look at everything again."""
+        self._look_wanted = True
+        self._end_wait()
 
     def _hint(self, entity: Any, node: Node) -> None:
         """Say that an entity has become ready: the waiting thread need not look for it among all."""
         self._hints.append((entity, node))
-        self.wake()
+        self._end_wait()
+
+    def _end_wait(self) -> None:
+        try:
+            self._wake_lock.release()
+        except RuntimeError:
+            return  # it has been woken already
 
     def can_execute(self, entity: Any) -> bool:
         """Whether an entity is not being run and its group lets it."""
@@ -116,8 +124,9 @@ class Waiting:
     def _next_ready(self, nodes: list[Node] | None) -> Task | Work | None:
         """Return work, going round: all that was ready at one look comes before a second look.
 
-        What has just become ready goes first, but looks never wait longer than a millisecond for that, and tasks come
-        before it, as in rclpy: an action that was just accepted runs before its client hears of that.
+        What has just become ready says so itself and is run without a look. Looks come when a timer is due, when there
+        is a task (an action that was just accepted runs before its client hears of that, as in rclpy), when somebody
+        wants one, and every tenth of a second.
         """
         if self._callbacks is not None:
             found = next(self._callbacks, None)
@@ -125,14 +134,26 @@ class Waiting:
                 return found
             self._callbacks = None
         now = time.monotonic()
-        if nodes is None and not self._ready_tasks and now < self._look_due_s and (found := self._hinted()) is not None:
-            return found
-        self._look_due_s = now + _LOOK_PERIOD_S
+        if nodes is None and self._look_can_wait(now):
+            hinted = self._hinted()
+            if hinted is not None or not self._node_came:
+                return hinted
+        self._look_wanted = self._node_came = False
+        self._looked_s = now
+        self._look_due_s = now + self._seconds_until_due(_LOOK_PERIOD_S, nodes)
         self._callbacks = self._look(nodes)
         found = next(self._callbacks, None)
         if found is None:
             self._callbacks = None
+        else:
+            self._look_wanted = True  # what was found may have more
         return found
+
+    def _look_can_wait(self, now: float) -> bool:
+        if self._look_wanted or self._ready_tasks:
+            return False
+        # ``spin_once`` adds its node anew each time: it is looked at before any waiting, but not at every message.
+        return now < self._look_due_s and (not self._node_came or now < self._looked_s + _LOOK_AT_NEW_NODE_S)
 
     def _hinted(self) -> Work | None:
         while self._hints:
@@ -182,12 +203,18 @@ class Waiting:
             if left <= 0:
                 raise TimeoutException
             limit = min(limit, left)
+        limit = self._seconds_until_due(limit, nodes)
+        if self._ready_tasks or limit <= 0:
+            self._look_wanted = True
+            return
+        self._wake_lock.acquire(timeout=limit)
+
+    def _seconds_until_due(self, limit: float, nodes: list[Node] | None) -> float:
+        """Return when the next timer that may run is due, at most ``limit`` [s]."""
         for node in nodes if nodes is not None else self.get_nodes():
             everything: list[Timer | Waitable] = [*node._timers, *node._rcl_waitables]
             for timed in everything:
                 due = timed._seconds_until_due()
                 if due is not None and due < limit and self.can_execute(timed):
                     limit = due
-        if self._ready_tasks or limit <= 0:
-            return
-        self._wake_lock.acquire(timeout=limit)
+        return limit

@@ -101,6 +101,7 @@ class Executor(Waiting):
                 return False
             self._nodes.add(node)
             node.executor = self
+        self._node_came = True
         if self._is_spinning:
             self.wake()
         return True

@@ -85,7 +85,7 @@ def test_commands_fail_with_a_reason(start: Start) -> None:
 def test_interfaces_of_the_workspace_are_shown(start: Start) -> None:
     text = output(start, "interface", "show", "talk_interfaces/msg/Count")
     assert text.splitlines() == ["int32 value 7   # a default", "string<=5 word", "uint8 LIMIT=3"]
-    assert output(start, "pkg", "executables", "talk_interfaces").splitlines()[0] == "talk_interfaces talker"
+    assert output(start, "pkg", "executables", "talk_interfaces").splitlines()[0] == "talk_interfaces breaks"
 
 
 def test_launch_runs_until_interrupted_and_leaves_nothing(start: Start, workspace: Path) -> None:

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from embedded_ros.commands import common
 from embedded_ros.wire import EntityKind
 
 _SEND_GOAL = "/_action/send_goal"
+_CANCEL_DEADLINE_S = 5.0
 _STATUS = {1: "ACCEPTED", 2: "EXECUTING", 3: "CANCELING", 4: "SUCCEEDED", 5: "CANCELED", 6: "ABORTED"}
 
 
@@ -29,6 +29,9 @@ def run(argv: list[str]) -> int | str | None:
     send.add_argument("action_name", help="name of the action")
     send.add_argument("action_type", help="type, such as example_interfaces/action/Fibonacci")
     send.add_argument("goal", nargs="?", default="{}", help="goal as a YAML dictionary")
+    send.add_argument(
+        "-t", "--timeout", type=int, metavar="N", help="seconds to wait for the server, and for the result"
+    )
     send.add_argument("-f", "--feedback", action="store_true", help="echo feedback messages for the goal")
     for verb in verbs.choices.values():
         common.add_hidden(verb)
@@ -78,19 +81,22 @@ def _send_goal(arguments: argparse.Namespace) -> str | None:
     with common.node("send_goal") as node:
         client = ActionClient(node, kind, arguments.action_name)
         print("Waiting for an action server to become available...", flush=True)
-        client.wait_for_server()
+        if not client.wait_for_server(arguments.timeout):
+            print(f"Action server is not available after waiting {arguments.timeout} seconds.")
+            client.destroy()
+            return None
         print(f"Sending goal:\n     {to_yaml(goal)}", flush=True)
 
         def show(feedback: Any) -> None:
             print(f"Feedback:\n    {to_yaml(feedback.feedback)}", flush=True)
 
         try:
-            return _follow(node, client, goal, show if arguments.feedback else None)
+            return _follow(node, client, goal, show if arguments.feedback else None, arguments.timeout)
         finally:
             client.destroy()
 
 
-def _follow(node: Any, client: Any, goal: Any, feedback: Any) -> str | None:
+def _follow(node: Any, client: Any, goal: Any, feedback: Any, timeout_s: int | None) -> str | None:
     import rclpy  # noqa: PLC0415  verbs on the graph start without it
 
     from embedded_ros.text_form import to_yaml  # noqa: PLC0415  as above
@@ -106,9 +112,14 @@ def _follow(node: Any, client: Any, goal: Any, feedback: Any) -> str | None:
     print(f"Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n", flush=True)
     future = handle.get_result_async()
     try:
-        rclpy.spin_until_future_complete(node, future)
+        rclpy.spin_until_future_complete(node, future, timeout_sec=timeout_s)
     except KeyboardInterrupt:
-        return _cancel(handle)
+        if problem := _cancel(node, handle):
+            return problem
+        rclpy.spin_until_future_complete(node, future)  # the canceled goal has a result, too
+    if not future.done():
+        print(f"Timed out waiting for result after {timeout_s} seconds.")
+        return None
     if future.result() is None:
         return f"Exception while getting result: {future.exception()!r}"
     print(f"Result:\n    {to_yaml(future.result().result)}")
@@ -116,31 +127,14 @@ def _follow(node: Any, client: Any, goal: Any, feedback: Any) -> str | None:
     return None
 
 
-def _cancel(handle: Any) -> str | None:
-    """Cancel a goal after Ctrl-C, which has shut the context down: with one of its own."""
+def _cancel(node: Any, handle: Any) -> str | None:
+    """Cancel a goal after Ctrl-C."""
     import rclpy  # noqa: PLC0415  as above
-    from rclpy.node import Node  # noqa: PLC0415  as above
 
-    print("Canceling goal...", file=sys.stderr)
-    context = rclpy.context.Context()
-    context._hosts_router = False
-    context.init([])
-    service = handle._action_client._cancel_client
-    node = Node("_ros2cli_cancel", context=context, start_parameter_services=False, enable_rosout=False)
-    request = service.srv_type.Request()
-    request.goal_info.goal_id = handle.goal_id
-    try:
-        client = node.create_client(service.srv_type, service.srv_name)
-        if not client.wait_for_service(2.0):
-            return "Failed to cancel goal"
-        future = client.call_async(request)
-        executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        executor.spin_until_future_complete(future, 5.0)
-        if not future.done() or not future.result().goals_canceling:
-            return "Failed to cancel goal"
-        print("Goal canceled.")
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
+    print("Canceling goal...", flush=True)
+    canceled = handle.cancel_goal_async()
+    rclpy.spin_until_future_complete(node, canceled, timeout_sec=_CANCEL_DEADLINE_S)
+    if not canceled.done() or not canceled.result().goals_canceling:
+        return "Failed to cancel goal"
+    print("Goal canceled.", flush=True)
     return None

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,9 @@ def run(argv: list[str]) -> int | str | None:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="verb")
     show = verbs.add_parser("show", help="output the interface definition")
     show.add_argument("type", help="interface, such as sensor_msgs/msg/JointState")
-    show.add_argument("--no-comments", action="store_true", help="show no comments")
+    comments = show.add_mutually_exclusive_group()
+    comments.add_argument("--all-comments", action="store_true", help="show the comments of nested messages as well")
+    comments.add_argument("--no-comments", action="store_true", help="show no comments")
     listing = verbs.add_parser("list", help="list all interface types available")
     for kind in _TITLES:
         listing.add_argument(f"-{kind[0]}", f"--only-{kind}s", dest=kind, action="store_true", help=f"only {kind}")
@@ -35,7 +38,8 @@ def run(argv: list[str]) -> int | str | None:
     arguments = parser.parse_args(argv)
     known = registry()
     if arguments.verb == "show":
-        print("\n".join(_lines(known, arguments.type, 0, comments=not arguments.no_comments)))
+        deepest = -1 if arguments.no_comments else math.inf if arguments.all_comments else 0
+        print("\n".join(_lines(known, arguments.type, 0, comments_to=deepest)))
     elif arguments.verb == "packages":
         print("\n".join(sorted(known.packages())))
     elif arguments.verb == "package":
@@ -53,23 +57,23 @@ def run(argv: list[str]) -> int | str | None:
     return None
 
 
-def _lines(known: Registry, full_name: str, depth: int, *, comments: bool) -> list[str]:
-    """Return the text with nested messages indented under the fields that use them."""
+def _lines(known: Registry, full_name: str, depth: int, *, comments_to: float) -> list[str]:
+    """Return the text with nested messages indented under the fields that use them, with comments down to a depth."""
     from embedded_ros.interface_text import parse_type  # noqa: PLC0415  as above
     from embedded_ros.registry import split_name  # noqa: PLC0415  as above
 
     package, kind, name = split_name(full_name, known)
     result = []
     for line in known.path(f"{package}/{kind}/{name}").read_text(encoding="utf-8").splitlines():
-        text = line if comments and depth == 0 else re.sub(r"\s*#.*$", "", line)
-        if not text.strip() and (depth or not comments):
+        text = line.rstrip() if depth <= comments_to else re.sub(r"\s*#.*$", "", line)
+        if not text.strip() and depth > comments_to:
             continue
-        result.append("\t" * depth + text)
+        result.append("\t" * depth + text if text else "")
         match = re.match(r"([\w/<=]+(?:\[[^\]]*\])?)\s+[a-z]\w*", re.sub(r"\s*#.*$", "", line))
         if match:
             field = parse_type(match[1], package, full_name)
             if not field.primitive:
-                result += _lines(known, field.base, depth + 1, comments=comments)
+                result += _lines(known, field.base, depth + 1, comments_to=comments_to)
     return result
 
 

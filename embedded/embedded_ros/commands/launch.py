@@ -81,9 +81,10 @@ def _describe(arguments: list[Argument]) -> str:
         return "No arguments."
     lines = ["Arguments (pass arguments as '<name>:=<value>'):"]
     for argument in arguments:
-        lines += ["", f"    '{argument.name}':", f"        {argument.description or 'no description given'}"]
+        description = argument.description or "no description given"
         if argument.choices:
-            lines.append(f"        Valid choices are: {', '.join(repr(choice) for choice in argument.choices)}")
+            description += f"{'' if description.endswith('.') else '.'} Valid choices are: {list(argument.choices)}"
+        lines += ["", f"    '{argument.name}':", f"        {description}"]
         if argument.default is not None:
             lines.append(f"        (default: {argument.default!r})")
     return "\n".join(lines)

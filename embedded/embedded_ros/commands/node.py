@@ -79,14 +79,16 @@ def _info(arguments: argparse.Namespace) -> str | None:
         ("Service Clients", clients),
     ):
         print(f"  {title}:")
-        for name, types in names_and_types(entities):
-            if arguments.include_hidden or not common.hidden(name):
-                print(f"    {name}: {', '.join(types)}")
+        shown = [item for item in names_and_types(entities) if arguments.include_hidden or not common.hidden(item[0])]
+        print(*(f"    {name}: {', '.join(types)}" for name, types in shown), sep="\n")
     for title, entities in (("Action Servers", services), ("Action Clients", clients)):
         print(f"  {title}:")
-        for name, types in names_and_types(entities):
-            if name.endswith(_ACTION_PART + "send_goal"):
-                shown = ", ".join(kind.removesuffix("_SendGoal") for kind in types)
-                print(f"    {name.split(_ACTION_PART)[0]}: {shown}")
-    print()
+        actions = [item for item in names_and_types(entities) if item[0].endswith(_ACTION_PART + "send_goal")]
+        print(
+            *(
+                f"    {name.split(_ACTION_PART)[0]}: {', '.join(kind.removesuffix('_SendGoal') for kind in types)}"
+                for name, types in actions
+            ),
+            sep="\n",
+        )
     return None

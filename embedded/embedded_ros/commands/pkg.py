@@ -27,6 +27,8 @@ def run(argv: list[str]) -> int | str | None:
         print("\n".join(sorted({*packages, *workspace.interface_folders()})))
         return None
     if arguments.package_name is not None and arguments.package_name not in packages:
+        if arguments.verb == "executables":
+            return f"Package '{arguments.package_name}' not found"
         return "Package not found"
     if arguments.verb == "prefix":
         print(packages[arguments.package_name].folder)
@@ -34,6 +36,6 @@ def run(argv: list[str]) -> int | str | None:
         print((packages[arguments.package_name].folder / "package.xml").read_text(encoding="utf-8"))
     else:
         for name in [arguments.package_name] if arguments.package_name else sorted(packages):
-            for script, target in packages[name].scripts:
+            for script, target in sorted(packages[name].scripts):
                 print(target if arguments.full_path else f"{name} {script}")
     return None

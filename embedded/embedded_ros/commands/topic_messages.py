@@ -97,6 +97,7 @@ def add_echo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--filter", dest="filter_expr", help="Python expression on m, the message, that says what to print"
     )
+    parser.add_argument("-i", "--include-message-info", action="store_true", help="show the message's info as well")
     parser.add_argument("--once", action="store_true", help="print the first message received and then exit")
     parser.add_argument("--timeout", type=float, metavar="N", help="stop after so many seconds without a first message")
     parser.set_defaults(function=_echo)
@@ -116,9 +117,11 @@ def _echo(arguments: argparse.Namespace) -> str | None:
             profile = _adapted(node, topic, profile)
         future = rclpy.Future()
 
-        def show(message: Any) -> None:
+        def show(message: Any, info: dict[str, Any]) -> None:
             text = _shown(message, arguments)
             if text is not None and not future.done():
+                if arguments.include_message_info:
+                    print(_info_text(info, arguments), end="")
                 print(text, end="", flush=True)
                 if arguments.once:
                     future.set_result(None)
@@ -139,28 +142,45 @@ def _echo(arguments: argparse.Namespace) -> str | None:
 
 
 def _shown(message: Any, arguments: argparse.Namespace) -> str | None:
-    from embedded_ros.text_form import to_plain, to_yaml  # noqa: PLC0415  verbs on the graph start without it
+    from embedded_ros.text_form import FieldError, to_plain, to_yaml  # noqa: PLC0415  verbs on the graph start without it
 
+    for part in (arguments.field or "").split("."):
+        try:
+            message = getattr(message, part) if part else message
+        except AttributeError as error:
+            raise FieldError(f"Invalid field '{arguments.field}': {error}") from error
     if arguments.filter_expr and not eval(arguments.filter_expr, {"m": message}):  # noqa: S307  what --filter is for
         return None
     if arguments.raw:
         return f"{message!r}\n---\n"
-    for part in (arguments.field or "").split("."):
-        message = getattr(message, part) if part else message
     limit = None if arguments.full_length else arguments.truncate_length
     if arguments.csv:
-        plain = to_plain(message, limit) if hasattr(type(message), "DEFINITION") else message
-        return ",".join(_flat(plain)) + "\n"
+        if not hasattr(type(message), "DEFINITION"):
+            return f"{message}\n---\n"
+        return _csv(to_plain(message, limit, arrays=not arguments.no_arr, strings=not arguments.no_str)) + "\n"
     text = to_yaml(message, limit, arrays=not arguments.no_arr, strings=not arguments.no_str, flow=arguments.flow_style)
     return text + "---\n"
 
 
-def _flat(value: Any) -> list[str]:
-    if isinstance(value, dict):
-        return [text for item in value.values() for text in _flat(item)]
-    if isinstance(value, list):
-        return [text for item in value for text in _flat(item)]
-    return [str(value)]
+def _info_text(info: dict[str, Any], arguments: argparse.Namespace) -> str:
+    import yaml  # noqa: PLC0415  as above
+
+    if arguments.csv:
+        return ",".join(str(value) for value in info.values()) + ","
+    if arguments.raw:
+        return f"---Got new message, message info:---\n{info}\n---Message data:---\n"
+    return f"{yaml.dump(info)}---\n"
+
+
+def _csv(value: Any) -> str:
+    """Return all values separated by commas, as ros2cli does it: nothing stands for an empty list."""
+    if not isinstance(value, dict | list):
+        return str(value)
+    text = ""
+    for item in value.values() if isinstance(value, dict) else value:
+        text += "," if text else ""
+        text += _csv(item)
+    return text
 
 
 def add_hz(parser: argparse.ArgumentParser) -> None:
