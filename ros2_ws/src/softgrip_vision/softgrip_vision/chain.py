@@ -96,6 +96,7 @@ class ChainFilter:
         self.state = np.zeros(3 + 2 * n)
         deviation = np.concatenate([MOUNT_STDDEV, np.full(n, 1.0), np.full(n, SPEED_STDDEV)])
         self.covariance = np.diag(deviation**2)
+        self._last: tuple[int, Array, Array, Array] | None = None
 
     @property
     def joints(self) -> int:
@@ -104,7 +105,11 @@ class ChainFilter:
 
     def place(self, points: Array) -> None:
         """Start from (n + 2, 2) marker positions [m] found by a search; call :meth:`update` with each afterwards."""
-        self.state[3 : 3 + self.joints] = self.geometry.angles(points)
+        self._set_angles(self.geometry.angles(points))
+
+    def _set_angles(self, angles: Array) -> None:
+        """Put other joint angles (n,) [rad] into a new state: the old array is what was worked with."""
+        self.state = np.concatenate([self.state[:3], angles, self.state[3 + self.joints :]])
 
     def predict(self, seconds: float) -> None:
         """Advance by a time [s] > 0."""
@@ -132,17 +137,25 @@ class ChainFilter:
 
     def expect(self, marker: int) -> tuple[Array, Array]:
         """Return (2,) the position [m] of a marker as expected and (2, 2) its covariance [m^2]."""
-        points = self.geometry.markers(self.state)
-        jacobian = self.geometry.jacobian(points, marker, len(self.state))
+        points, jacobian = self._linearised(marker, self.state)
         return points[marker], jacobian @ self.covariance @ jacobian.T
+
+    def _linearised(self, marker: int, state: Array) -> tuple[Array, Array]:
+        """Return (n + 2, 2) marker positions [m] and the (2, 3 + 2 n) derivative of one of them.
+
+        The last answer is kept: what is expected of a marker is the first thing that its update asks for.
+        """
+        if self._last is None or self._last[0] != marker or self._last[1] is not state:
+            points = self.geometry.markers(state)
+            self._last = marker, state, points, self.geometry.jacobian(points, marker, len(state))
+        return self._last[2:]
 
     def update(self, marker: int, position: Array, covariance: Array) -> None:
         """Take in a marker's (2,) position [m] with its (2, 2) covariance [m^2] (iterated EKF)."""
         prior, prior_covariance = self.state, self.covariance
         state = prior
         for _ in range(RELINEARISE_LIMIT):
-            points = self.geometry.markers(state)
-            jacobian = self.geometry.jacobian(points, marker, len(state))
+            points, jacobian = self._linearised(marker, state)
             spread = prior_covariance @ jacobian.T
             gain = spread @ inverse2(jacobian @ spread + covariance)
             innovation = position - points[marker] - jacobian @ (prior - state)
@@ -180,7 +193,7 @@ class ChainFilter:
                 chord = points[marker + 1] - points[marker - 1]
                 offset = points[marker] - points[marker - 1]
                 points[marker] = points[marker - 1] + 2 * chord * float(offset @ chord) / float(chord @ chord) - offset
-                self.state[3 : 3 + self.joints] = self.geometry.angles(points)
+                self._set_angles(self.geometry.angles(points))
             if self.state[angle] < NEARLY_STRAIGHT:
                 unknown[around] = np.maximum(unknown[around], abs(self.state[angle]))
         return unknown

@@ -54,6 +54,8 @@ STAYING_REACH, RETURNING_REACH = 1.5, 0.8
 MOST_HIDDEN = 2
 #: [m] and relative: how far the distance to the marker before may be off the link's length.
 LINK_TOLERANCE = (0.5e-3, 0.02)
+#: A link looks at most so much longer than where the first joint is: perspective, and the tolerance above.
+LINK_SLACK = 1.25
 #: [rad/s] faster than this no joint moves; between two sightings of a marker that comes back.
 FASTEST_JOINT = 12.0
 
@@ -259,7 +261,8 @@ class FingerTracker:
         reach = math.sqrt(largest_eigenvalue(spread)) * self._pixels_per_metre
         best = self._best(chain, marker, near, (expected, spread), seen, rivals)
         if best is None or best.distance > UNSURPRISING:
-            (anywhere,) = self._look(image, [marker], self._map.to_pixels(expected[None, :]), WINDOW_SIGMAS * reach)
+            place, clear = self._anywhere(marker, expected, reach, seen[-1] if seen else None)
+            (anywhere,) = self._look(image, [marker], place[None, :], clear)
             best = self._best(chain, marker, anywhere, (expected, spread), seen, rivals)
         if best is None:
             self._returning.pop(marker, None)
@@ -277,6 +280,26 @@ class FingerTracker:
         chain.update(marker, best.point, best.noise)
         self._looks[marker] = looks.updated(best.spot, best.surround)
         return Seen(best.spot, best.point, looks.confidence(best.spot, best.distance, GATE))
+
+    def _anywhere(self, marker: int, expected: Array, reach: float, parent: Seen | None) -> tuple[Array, float]:
+        """Return (2,) [px] around which a marker is looked for and how far, by the filter or, if less, by its link.
+
+        Args:
+            marker: its number.
+            expected: (2,) [m] its place.
+            reach: [px] one standard deviation of it.
+            parent: the marker before it, None when that one is not in sight.
+        """
+        by_filter = WINDOW_SIGMAS * reach
+        if parent is not None:
+            by_link = LINK_SLACK * self._length_before(marker) * self._pixels_per_metre
+            if by_link < by_filter:
+                return np.array([parent.spot.u, parent.spot.v]), by_link
+        return self._map.to_pixels(expected[None, :])[0], by_filter
+
+    def _length_before(self, marker: int) -> float:
+        """Return the distance [m] of a marker from the one before it."""
+        return self._geometry.base_marker_m if marker == 1 else self.layout.link_lengths_m[marker - 2]
 
     def _best(
         self,
@@ -314,7 +337,7 @@ class FingerTracker:
         if parent is None:
             return True
         step = (sighting.point - parent.point).tolist()
-        length = self._geometry.base_marker_m if marker == 1 else self.layout.link_lengths_m[marker - 2]
+        length = self._length_before(marker)
         blur = 3.0 * math.sqrt(sighting.noise[0, 0] + sighting.noise[1, 1])
         if abs(math.hypot(*step) - length) > LINK_TOLERANCE[0] + LINK_TOLERANCE[1] * length + blur:
             return False
