@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What servos are told, and in which order: nobody answers orders to a group, so the driver sees to them itself."""
+"""What servos and stages are told, and in which order.
+
+Nobody answers orders to a group of servos, so the driver sees to them itself. A stage knows no tension limit.
+"""
 
 import pytest
 
 from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.errors import NoReplyError
+from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
 
 
@@ -50,3 +55,75 @@ def test_the_last_line_is_drawn_with_the_torque(quiet):
     quiet.loop.power(on=False)
     assert [servo.registers.get("bus_watchdog") for servo in quiet.plant.servos] == [0, 0, 0]
     assert quiet.bus.read(1, reg.TORQUE_ENABLE) == 0
+
+
+class Stage:
+    """Notes what it is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def travel(self):
+        return 0.001 * len(self.told)
+
+    def start(self, goal, _speed):
+        self.told.append(goal)
+
+    def stop(self):
+        self.told.append("stop")
+
+
+class Gauge:
+    """Reads 1 N, or nothing."""
+
+    silent = False
+
+    def tension(self):
+        if self.silent:
+            raise NoReplyError("gauge: found silence")
+        return 1.0
+
+
+@pytest.fixture
+def stage():
+    return Stage()
+
+
+@pytest.fixture
+def pull(stage):
+    """A stage under way to 20 mm, and its gauge."""
+    gauge = Gauge()
+    backend = StageBackend("pull", stage, gauge, 0.01)
+    backend.power("pull", True)
+    told(backend, stage, Setpoint(0.020, 20.0))
+    assert stage.told == ["stop", 0.020]
+    return backend, gauge
+
+
+def told(backend, stage, setpoint):
+    """What one cycle tells the stage."""
+    before = len(stage.told)
+    backend.read()
+    backend.write({"pull": setpoint})
+    return stage.told[before:]
+
+
+def test_a_stage_stops_at_the_first_reading_that_its_gauge_owes(stage, pull):
+    """One missing line is no fault yet, but nobody pulls blind meanwhile."""
+    backend, gauge = pull
+    gauge.silent = True
+    assert told(backend, stage, Setpoint(0.021, 20.0)) == ["stop"]
+    gauge.silent = False
+    assert told(backend, stage, Setpoint(0.022, 20.0)) == [0.022]
+
+
+def test_a_stage_stops_at_the_tension_limit_and_may_always_let_out(stage, pull):
+    backend, _ = pull
+    assert told(backend, stage, Setpoint(0.021, 0.5)) == ["stop"]
+    assert told(backend, stage, Setpoint(0.0, 0.5)) == [0.0]
+
+
+def test_a_stage_without_a_goal_stops_once(stage, pull):
+    backend, _ = pull
+    assert told(backend, stage, Setpoint(None, 20.0)) == ["stop"]
+    assert told(backend, stage, Setpoint(None, 20.0)) == []

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Zeros on disk and across restarts of driver and servo."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -84,7 +85,11 @@ def test_a_zero_survives_the_driver_but_not_the_servo(bench, tmp_path):
     recalled = keeper().recall(bench.loop)
     assert all(one.valid for one in recalled), [one.reason for one in recalled]
     assert bench.controller.drives["index"].zero == zero
-    # Another spool, or a servo that restarted.
+    # Another servo, another spool, or a servo that restarted.
+    others = [replace(identity, device="XL330-M288/1200 id 9 fw 52") for identity in bench.identities]
+    foreign = ZeroKeeper(store, others, spools).recall(bench.loop)
+    assert not any(one.valid for one in foreign)
+    assert "found XL330-M288/1200 id 9" in foreign[0].reason
     assert not next(one for one in keeper(index=Spool(0.011, 1)).recall(bench.loop) if one.tendon == "index").valid
     bench.cause("silent_reboot", slot="middle")
     assert bench.until(lambda _: bench.drive("middle").fault == "rebooted", 5.0)
