@@ -32,8 +32,6 @@ NODES = {
     "frames": ("marker_tracker", 20),
     "grasps": ("grasp_mix_manager", 100),
 }
-#: Parameters with another value than a bag's node had that did not know them yet.
-OWN = {"grasps": ["-p", "slip_s:=0.03"]}
 OUTCOMES = {"GRIPPED", "EMPTY", "SLIPPED", "ABORTED", "TENDON_FAULT"}
 #: How a difference is told.
 SAID = re.compile(r"/?\w.+ at \d+\.\d{9} s, field .+: recorded .+, replayed .+")
@@ -44,8 +42,7 @@ def bag_of(node: str) -> Path:
 
 
 def changed(node: str, *arguments: str) -> Result:
-    bag = bag_of(node)
-    return check(bag, node, [*OWN.get(bag.name, []), *arguments], tolerance=TOLERANCE)
+    return check(bag_of(node), node, [*arguments], tolerance=TOLERANCE)
 
 
 def stamped(raw: RawMessage) -> tuple[int, object]:
@@ -56,7 +53,7 @@ def stamped(raw: RawMessage) -> tuple[int, object]:
 @pytest.mark.parametrize("bag", NODES)
 def test_the_node_says_what_it_said(bag: str) -> None:
     node, least = NODES[bag]
-    result = check(BAGS / bag, node, OWN.get(bag, []), tolerance=TOLERANCE)
+    result = check(BAGS / bag, node, tolerance=TOLERANCE)
     assert result.divergence is None, str(result.divergence)
     assert result.without_input == 0
     assert result.compared >= least

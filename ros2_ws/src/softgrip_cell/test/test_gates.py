@@ -15,6 +15,7 @@ from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.passports import FingerState, read_passports
 from softgrip_cell.storage import Database, Journal, Library
+from softgrip_cell.weight import carried_kg
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
@@ -94,3 +95,13 @@ def test_without_a_lift_only_what_is_known_to_hold_is_grasped(database: Database
     with pytest.raises(RefusedError, match="only a lift can tell"):
         cell.begin_grasp("grape", confirm_lift=False, trial=True)
     assert cell.begin_grasp("egg", confirm_lift=False, trial=False).product.id == "egg"
+
+
+def test_what_friction_alone_does_not_carry_is_lifted_before_it_counts_as_held(database: Database) -> None:
+    """Power on a tomato vine: 3 fingers x 9 N x 0.8 / 4.5 = 4.8 N, of which 0.5 carry 2.4 N or, shaken, 0.21 kg."""
+    vine = read_catalogue().products["tomato_vine"]
+    assert carried_kg(vine, "power") == pytest.approx(2.4 / (1.15 * 9.81), rel=1e-9)
+    cell = start(database)
+    with pytest.raises(RefusedError, match=r"weighs 0.45 kg.*friction carries 0.21 kg; only a lift can tell"):
+        cell.begin_grasp("tomato_vine", confirm_lift=False, trial=False)
+    assert cell.begin_grasp("tomato_vine", confirm_lift=True, trial=False).product.id == "tomato_vine"
