@@ -50,6 +50,32 @@ def test_hue_agrees_with_hsv(hue: float) -> None:
     assert abs(turn) < 1.2
 
 
+@pytest.mark.parametrize("noise", [6.0, 12.0])
+def test_deviation_is_that_of_noisy_pictures(noise: float) -> None:
+    """Neighbouring pixels share their noise, as demosaicing and JPEG have it: four act as one."""
+    random = np.random.default_rng(3)
+    clean = disc(23.3, 24.6).astype(float)
+    centres, deviations = [], []
+    for _ in range(150):
+        shared = np.kron(random.normal(0.0, noise, (24, 24, 3)), np.ones((2, 2, 1)))
+        image = np.clip(np.rint(clean + shared), 0, 255).astype(np.uint8)
+        ((spot,),) = find_spots(image, [whole(image)], GREEN, [40.0], (50.0, 1000.0))
+        centres.append((spot.u, spot.v))
+        deviations.append(spot.stddev_px)
+    true = np.std(centres, axis=0).mean()
+    assert true < np.median(deviations) < 3.0 * true  # rather too large than too small: the edge is less noisy
+
+
+def test_a_neighbour_in_the_corner_does_not_pull() -> None:
+    """Its pixels lie in the spot's own box."""
+    image = np.minimum(disc(18.2, 17.7), disc(34.0, 34.0))
+    image[:, :, 1] = np.maximum(disc(18.2, 17.7), disc(34.0, 34.0))[:, :, 1]
+    (spots,) = find_spots(image, [whole(image)], GREEN, [40.0], (50.0, 1000.0))
+    assert len(spots) == 2
+    assert (spots[0].u, spots[0].v) == pytest.approx((18.2, 17.7), abs=0.1)
+    assert (spots[1].u, spots[1].v) == pytest.approx((34.0, 34.0), abs=0.1)
+
+
 @settings(max_examples=40, deadline=None)
 @given(u=st.floats(20.0, 27.0), v=st.floats(20.0, 27.0))
 def test_centre_of_a_disc(u: float, v: float) -> None:

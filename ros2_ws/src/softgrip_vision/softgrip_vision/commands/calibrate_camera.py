@@ -5,7 +5,7 @@
        calibrate_camera target --out board.pdf
   2. lens: show the board to the camera from many sides (or take pictures or a video of it).
        calibrate_camera lens 0 --out camera.yaml --serial CAM-0042
-  3. plane: lay the printed target into a finger's plane, its cross on the first joint, its arrow along the straight
+  3. plane: lay the printed target into a finger's plane, its cross on the first joint, its x along the straight
      finger; once for each finger.
        calibrate_camera target --plane --columns 9 --rows 6 --square-mm 16 --out plane.pdf
        calibrate_camera plane 0 --calibration camera.yaml --finger index --columns 9 --rows 6 --square-mm 16
