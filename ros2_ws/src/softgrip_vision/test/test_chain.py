@@ -103,6 +103,37 @@ def test_a_hidden_tip_makes_the_last_joint_uncertain_and_only_that() -> None:
     assert stddev[:2].max() < math.radians(0.5)
 
 
+def test_the_tip_is_given_from_the_mount_not_from_where_the_camera_has_it() -> None:
+    """A mount that stands a millimetre off and two degrees askew moves no tip; its spread is that of drawn angles."""
+    q = np.array([0.6, 0.4, 0.3])
+    chain = ChainFilter(GEOMETRY)
+    chain.state = state_of(q, (1e-3, -5e-4, 0.035))
+    random = np.random.default_rng(2)
+    root = random.normal(size=(9, 9)) * 1e-3
+    chain.covariance = root @ root.T
+    headings = -np.cumsum(q)
+    lengths = np.array(GEOMETRY.layout.link_lengths_m)
+    tip, stddev = chain.tip()
+    assert tip == pytest.approx([lengths @ np.cos(headings), lengths @ np.sin(headings)], abs=1e-15)
+    drawn = q + random.multivariate_normal(np.zeros(9), chain.covariance, size=20_000)[:, 3:6]
+    turned = -np.cumsum(drawn, axis=1)
+    spread = np.stack([np.cos(turned) @ lengths, np.sin(turned) @ lengths], axis=1).std(axis=0)
+    assert stddev == pytest.approx(spread, rel=0.03)
+
+
+def test_what_is_worked_out_once_is_that_of_the_present_state() -> None:
+    """Update and settling put other angles in: what is expected afterwards follows them."""
+    chain = ChainFilter(GEOMETRY)
+    chain.state = state_of(np.array([0.2, -0.1, 0.1]))
+    chain.expect(3)
+    chain.settle_hidden([False, False, True, False, False])
+    assert chain.expect(3)[0] == pytest.approx(GEOMETRY.markers(chain.state)[3], abs=0.0)
+    chain.update(3, chain.expect(3)[0] + 1e-3, 1e-8 * np.eye(2))
+    assert chain.expect(3)[0] == pytest.approx(GEOMETRY.markers(chain.state)[3], abs=0.0)
+    chain.place(GEOMETRY.markers(state_of(np.array([0.5, 0.5, 0.5]))))
+    assert chain.expect(3)[0] == pytest.approx(GEOMETRY.markers(chain.state)[3], abs=0.0)
+
+
 def test_covariance_stays_a_covariance() -> None:
     random = np.random.default_rng(3)
     points = GEOMETRY.markers(state_of(np.array([0.5, 0.6, 0.4])))
