@@ -70,10 +70,12 @@ soak: setup  ## ten minutes of random faults
 
 FUZZ_SECONDS ?= 60
 
-fuzz: setup  ## random and mutated bytes into every parser: atheris on both ends of the wires, then 100,000 of hypothesis on each
+fuzz: setup  ## bytes into every parser: atheris on both ends of the wires, 100,000 mutated streams, 100,000 of hypothesis on each
 	$(BIN)/python tools/fuzz.py emulator --seconds $(FUZZ_SECONDS)
 	$(BIN)/python tools/fuzz.py driver --seconds $(FUZZ_SECONDS)
-	SOFTGRIP_FUZZ_EXAMPLES=100000 $(BIN)/python -m pytest -q -n 2 --timeout 1800 $(SRC)/softgrip_driver/test/test_protocol.py \
+	$(BIN)/python tools/fuzz.py emulator --streams 100000
+	$(BIN)/python tools/fuzz.py driver --streams 100000
+	SOFTGRIP_FUZZ_EXAMPLES=100000 $(BIN)/python -m pytest -q -n 2 --timeout 7200 $(SRC)/softgrip_driver/test/test_protocol.py \
 	  $(SRC)/softgrip_emulator/test/test_fuzz.py -k "no_stream_breaks or any_bytes_in_any_pieces"
 
 crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired

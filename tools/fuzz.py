@@ -22,12 +22,12 @@ from types import FunctionType, ModuleType
 ENDS = ("driver", "emulator")
 
 
-def fuzz_at_random(target: ModuleType, seconds: float, seed: int) -> int:
-    """Mutate what a target knows for a while; returns the number of streams."""
+def fuzz_at_random(target: ModuleType, seconds: float, seed: int, streams: int = 0) -> int:
+    """Mutate what a target knows for a while, or until there were so many streams; returns the number of streams."""
     rng, one, count = random.Random(seed), target.Target(), 0
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        for _ in range(100):
+    while count < streams if streams else time.monotonic() < end:
+        for _ in range(min(100, streams - count) if streams else 100):
             stream = b"".join(target.mutate(rng.choice(target.SEEDS), rng) for _ in range(rng.randrange(1, 4)))
             one.feed(stream + (rng.choice(target.SEEDS) if rng.random() < 0.1 else b""))
             count += 1
@@ -55,6 +55,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("end", choices=ENDS, help="of the wires")
     parser.add_argument("--seconds", type=float, default=30.0, help="how long")
+    parser.add_argument("--streams", type=int, default=0, help="how many instead, at random")
     parser.add_argument("--seed", type=int, default=1, help="of the noise")
     engines = ("auto", "random", "atheris")
     parser.add_argument("--engine", choices=engines, default="auto", help="auto: atheris when it is there")
@@ -64,11 +65,12 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.engine == "atheris" and not has_atheris:
         print("fuzz: expected the package 'atheris', found none: pip install atheris", file=sys.stderr)
         return 1
-    if options.engine != "random" and has_atheris:
+    if options.engine != "random" and not options.streams and has_atheris:
         fuzz_with_atheris(target, options.seconds, options.seed)
         return 0
-    count = fuzz_at_random(target, options.seconds, options.seed)
-    print(f"{options.end}: {count} streams in {options.seconds:g} s, no finding")
+    began = time.monotonic()
+    count = fuzz_at_random(target, options.seconds, options.seed, options.streams)
+    print(f"{options.end}: {count} streams in {time.monotonic() - began:.0f} s, no finding")
     return 0
 
 

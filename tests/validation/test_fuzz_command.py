@@ -20,6 +20,15 @@ def test_it_finds_nothing(end):
     assert done.stdout.startswith(f"{end}: ")
 
 
+def test_it_feeds_as_many_streams_as_asked_for():
+    done = subprocess.run(
+        [sys.executable, FUZZ, "driver", "--streams", "150", "--seed", "3"],
+        capture_output=True, text=True, check=False, timeout=100,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("driver: 150 streams")
+
+
 def test_an_unknown_end_is_refused():
     done = subprocess.run([sys.executable, FUZZ, "camera"], capture_output=True, text=True, check=False, timeout=100)
     assert done.returncode == 2

@@ -365,6 +365,21 @@ def test_lines_of_real_devices(name, line, newtons):
     assert line_format(name, 80000.0).parse(line) == pytest.approx(newtons)
 
 
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("scale", b"ST,GS,+\n12.345kg"),
+        ("raw", b"9" * 400),
+        (r"F=(?P<value>.*)", b"F=much"),
+        (r"F=(?P<value>.*)", b"F=nan"),
+        (r"F=(?P<value>\d+)?", b"F="),
+    ],
+)
+def test_what_looks_like_a_line_and_holds_no_number_is_refused(name, line):
+    with pytest.raises(CorruptReplyError, match="expected a number"):
+        line_format(name).parse(line)
+
+
 def test_a_line_format_of_ones_own():
     assert line_format(r"F=(?P<value>-?\d+)", 1000.0).parse(b"F=2500") == pytest.approx(2.5)
     with pytest.raises(ConfigurationError, match="value"):

@@ -18,6 +18,8 @@ STREAMS = 100_000
 #: lists of pieces that hypothesis makes up; `make fuzz` asks for 100,000
 EXAMPLES = int(os.environ.get("SOFTGRIP_FUZZ_EXAMPLES", "300"))
 KEEPERS = ("id", "baud_rate", "goal_position", "operating_mode", "torque_enable", "profile_velocity")
+#: address, size and largest value of items that a host writes: packets that a servo obeys
+WRITTEN = ((64, 1, 1), (112, 4, 32767), (116, 4, 4095))
 
 
 def make_chain():
@@ -38,13 +40,24 @@ def good_packets(rng):
     if choice == 1:
         return encode(device, Instruction.READ, bytes([rng.randrange(256), 0, rng.randrange(16), 0]))
     if choice == 2:
-        return encode(device, Instruction.WRITE, bytes([rng.randrange(64, 120), 0, *rng.randbytes(4)]))
+        address, size, most = rng.choice(WRITTEN)
+        return encode(device, Instruction.WRITE, bytes([address, 0]) + rng.randrange(most + 1).to_bytes(size, "little"))
     if choice == 3:
         return encode(BROADCAST_ID, Instruction.SYNC_READ, bytes([132, 0, 4, 0, 1, 2, 3]))
     if choice == 4:
-        goals = bytes([1, *rng.randbytes(4), 2, *rng.randbytes(4)])
-        return encode(BROADCAST_ID, Instruction.SYNC_WRITE, bytes([116, 0, 4, 0]) + goals)
+        goals = [bytes([number]) + rng.randrange(4096).to_bytes(4, "little") for number in (1, 2)]
+        return encode(BROADCAST_ID, Instruction.SYNC_WRITE, bytes([116, 0, 4, 0]) + b"".join(goals))
     return encode(BROADCAST_ID, Instruction.FAST_SYNC_READ, bytes([126, 0, 10, 0, 3, 1]))
+
+
+def test_what_is_mutated_would_be_obeyed():
+    """Else the noise below could not do any harm, whatever the servos did with it."""
+    rng, chain, obeyed = random.Random(3), make_chain(), 0
+    for number in range(300):
+        before = values(chain)
+        chain.exchange(good_packets(rng), float(number), 57_600)
+        obeyed += values(chain) != before
+    assert obeyed > 60
 
 
 @pytest.mark.slow
@@ -64,8 +77,8 @@ def test_mutated_streams_neither_raise_nor_change_a_register():
             obeyed += 1
             assert holds_packet(stream), stream.hex(" ")
             before = after
-    # Some mutations cancel out; a handful of streams are whole packets again.
-    assert obeyed < STREAMS // 100
+    # Some mutations cancel out, or stand before or behind a packet that stays whole.
+    assert obeyed < STREAMS // 20
 
 
 @given(st.lists(st.binary(max_size=60), max_size=8), st.sampled_from([9600, 57_600, 1_000_000]))

@@ -7,6 +7,7 @@ What a line looks like is configuration: a regular expression with a group ``val
 
 from __future__ import annotations
 
+import math
 import re
 import statistics
 from collections import deque
@@ -58,10 +59,21 @@ class LineFormat:
         unit = groups.get("unit")
         if unit is not None and unit != self.unit:
             raise UnitChangedError(f"amplifier: expected '{self.unit}', found '{unit}'; set its unit back")
-        value = float(groups["value"].replace(" ", ""))
+        value = self._number(groups["value"], line)
         if self.unit == "" and value in RAW_ENDS:
             raise SaturatedError("amplifier: the converter is at the end of its range; check wiring and load")
         return value * _UNITS[self.unit] / (self.counts_per_newton if self.unit == "" else 1.0)
+
+    @staticmethod
+    def _number(text: str | None, line: bytes) -> float:
+        """A pattern, all the more one of a user's, may let through what is no number."""
+        try:
+            value = float((text or "").replace(" ", ""))
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise CorruptReplyError(f"amplifier: expected a number, found {text!r} in the line {line[:60]!r}")
+        return value
 
 
 #: Formats by name; a custom pattern may be given instead.
