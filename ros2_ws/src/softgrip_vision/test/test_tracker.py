@@ -13,6 +13,7 @@ import pytest
 from softgrip_model.profile import shipped_directory
 from softgrip_vision.calibration import Calibration
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
+from softgrip_vision.finger import FingerTracker
 from softgrip_vision.layout import ChainLayout, FingerSetup, parse_region
 from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
@@ -140,6 +141,20 @@ def test_fingers_by_colour() -> None:
     reading = finder.measure(blue, 1.0 + 1 / FPS)[0]
     assert reading.pose is not None
     assert reading.pose.angles == pytest.approx(np.full(3, 0.3), abs=0.01)
+
+
+def test_a_spot_goes_to_the_finger_with_the_better_claim(calibration: Calibration, scene: Scene) -> None:
+    """Where another finger expects a marker of its own, the spot is not taken; a marker's diameter away it is."""
+    pose = np.full(3, 0.3)
+    image = scene.render({"index": pose}, Conditions(noise=2.0)).image
+    tip = scene.centres("index", pose)[-1]
+    nobody = np.empty((0, 2))
+    for rival, hidden in ((tip, True), (tip + 30.0, False)):
+        finger = FingerTracker(FingerSetup("index"), "power", CHAIN, calibration)
+        finger.advance(1.0)
+        assert finger.measure(image, 1.0, nobody).pose is not None
+        finger.advance(1.0 + 1 / FPS)
+        assert finger.measure(image, 1.0 + 1 / FPS, rival[None, :]).markers[-1].occluded is hidden
 
 
 def test_several_fingers_side_by_side() -> None:
