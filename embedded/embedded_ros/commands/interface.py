@@ -38,6 +38,7 @@ def run(argv: list[str]) -> int | str | None:
     arguments = parser.parse_args(argv)
     known = registry()
     if arguments.verb == "show":
+        known.interface(arguments.type)  # says what does not parse
         deepest = -1 if arguments.no_comments else math.inf if arguments.all_comments else 0
         print("\n".join(_lines(known, arguments.type, 0, comments_to=deepest)))
     elif arguments.verb == "packages":

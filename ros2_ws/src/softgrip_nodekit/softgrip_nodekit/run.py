@@ -23,6 +23,8 @@ CANNOT_START = 2
 #: [s] how long device files may take to appear at start, and between looks.
 DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
+#: Begins the names of parameters that a publisher or subscription declares when it is made, maybe later.
+_QOS_OVERRIDES = "qos_overrides."
 
 
 def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
@@ -46,6 +48,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     code = 0
     try:
         node = factory()
+        _refuse_unknown_parameters(node)
         executor.add_node(node)
         if isinstance(node, LifecycleNode) and _autostart(node):
             _bring_up(node)
@@ -66,6 +69,15 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     finally:
         _leave(node, executor)
     return code
+
+
+def _refuse_unknown_parameters(node: Node) -> None:
+    """Refuse values for parameters that the node does not have: ROS 2 passes over a misspelt one in silence."""
+    given = node._parameter_overrides  # noqa: SLF001  rclpy has no public way to ask
+    unknown = [name for name in given if not node.has_parameter(name) and not name.startswith(_QOS_OVERRIDES)]
+    if unknown:
+        known = ", ".join(sorted(node.list_parameters([], 0).names))
+        raise StartupError(f"unknown parameter {', '.join(map(repr, unknown))}; {node.get_name()} has {known}")
 
 
 def _autostart(node: Node) -> bool:

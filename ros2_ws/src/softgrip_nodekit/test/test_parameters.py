@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -91,3 +93,35 @@ def test_text_that_looks_like_a_number_is_taken_in_quotes(context: Any) -> None:
     node = make_node(context, "-p", "port:='0'")
     assert TABLE.declare(node)["port"] == "0"
     node.destroy_node()
+
+
+NODE = """
+import sys
+from rclpy.node import Node
+from softgrip_nodekit import run
+
+def made():
+    node = Node("meter")
+    node.declare_parameter("rate", 1.0)
+    return node
+
+sys.exit(run(made))
+"""
+
+
+def test_a_parameter_that_the_node_does_not_have_ends_it_with_its_name() -> None:
+    command = [
+        sys.executable,
+        "-c",
+        NODE,
+        "--ros-args",
+        "-p",
+        "rate:=2.0",
+        "-p",
+        "raet:=3.0",
+        "-p",
+        "qos_overrides./x:=1",
+    ]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert "cannot start: unknown parameter 'raet'; meter has rate, " in ended.stderr
