@@ -92,7 +92,8 @@ lock:  ## write requirements.lock anew
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate requirements.in -o requirements.lock
 
-test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, colcon test, and the system tests
+test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, then the tests of all packages and of tests/ on the real rclpy
 	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }
-	cd ros2_ws && colcon build --merge-install && colcon test --merge-install --return-code-on-test-failure
-	source ros2_ws/install/setup.bash && python3 -m pytest tests/system
+	cd ros2_ws && colcon build --merge-install --cmake-args -DCMAKE_BUILD_TYPE=Release
+	source ros2_ws/install/setup.bash && python3 -m pytest $(addprefix --ignore ,$(REAL_TIME)) $(SRC) tests
+	source ros2_ws/install/setup.bash && python3 -m pytest $(REAL_TIME)
