@@ -321,6 +321,18 @@ def test_heat_reduces_the_tension_then_stops_and_ends_by_itself(rig):
     assert rig.drive("a").fault == ""
 
 
+def test_a_drive_that_stays_too_warm_can_be_released(rig):
+    """A fault that is told in every cycle does not end what a person asked for in spite of it."""
+    rig.run(rig.move(0.010))
+    rig.others["a"] = {"temperature": 66.0}
+    rig.pass_time(0.05)
+    assert "by itself" in rig.move(0.012, ["a"]).refusal
+    outcome, reason = rig.run(rig.controller.release(rig.now, ["a"]))
+    assert outcome is Outcome.REACHED, reason
+    assert rig.drive("a").fault == "over_temperature"
+    assert rig.fingers["a"].position == pytest.approx(rig.fingers["a"].taut, abs=1e-3)
+
+
 def test_without_commands_a_hold_reduces_its_tension_and_releases_later(spring_finger, reading):
     rig = Rig(spring_finger, reading, policies=Policies(command_timeout=1.0, release_after=1.0)).on()
     rig.run(rig.move(0.010))

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from softgrip_driver.dynamixel.registers import OperatingMode
 from softgrip_driver.tendon.gripper import Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome
@@ -94,6 +95,26 @@ def test_a_fault_that_lasts_does_not_let_go_of_what_is_held(holding, cause, argu
     holding.clear()
     holding.pass_time(0.6)
     assert (holding.plant.bank.tension_n >= 0.9 * before).all()
+
+
+@pytest.mark.parametrize("bench", [{}, {"mode": OperatingMode.EXTENDED_POSITION}], indirect=True)
+def test_a_fault_reduces_a_pull_to_the_holding_tension_and_no_further(bench):
+    """Also where the servo itself limits nothing: then the goal has to come back."""
+    bench.hold_taut(16.0)
+    bench.pass_time(0.5)
+    strong = bench.plant.bank.tension_n[0]
+    assert strong > 13.0
+    tensions = []
+    bench.world.live(lambda _: tensions.append(bench.plant.bank.tension_n[0]))
+    bench.cause("overheating", slot="index", temperature_c=66.0)
+    bench.cause("heating", slot="index", power_w=12.0)
+    assert bench.until(lambda _: bench.drive("index").fault == "over_temperature")
+    bench.pass_time(1.5)
+    assert bench.drive("index").fault == "over_temperature"
+    hold = TendonLimits().tension_hold
+    # What the gears' friction holds up: 1.8 N, and the error of the torque constant.
+    assert min(tensions) > 0.6 * hold
+    assert tensions[-1] < 1.3 * hold
 
 
 def test_reset_after_a_lost_position_moves_nothing(holding):
