@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from softgrip_model.profile import shipped_directory
-from softgrip_vision.calibration import Calibration
+from softgrip_vision.calibration import Calibration, PlaneMap
+from softgrip_vision.chain import ChainGeometry
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
 from softgrip_vision.finger import FingerTracker
 from softgrip_vision.layout import ChainLayout, FingerSetup, parse_region
 from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
+from softgrip_vision.search import find_chain
+from softgrip_vision.spots import Spot
 from softgrip_vision.synthetic import Conditions, Occluder, Scene, make_calibration
 from softgrip_vision.tracker import Tracker, TrackerOptions
 
@@ -95,6 +98,17 @@ def test_what_comes_back_has_to_be_on_the_finger(calibration: Calibration) -> No
     assert all(readings[frame].markers[4].occluded for frame in range(4, 26))
 
 
+def test_a_marker_that_was_out_of_sight_is_believed_at_the_second_sight(tracker: Tracker, scene: Scene) -> None:
+    """Its place is not known well any more: one flash in one frame is no marker."""
+    there, elsewhere = np.array([0.3, 0.3, 0.3]), np.array([0.3, 0.3, 0.36])
+    hide = {frame: {4} for frame in (*range(4, 12), 13, 14, 15)}
+    readings = follow(tracker, scene, [there] * 12 + [elsewhere] * 7, hide)
+    unseen = [frame for frame, reading in enumerate(readings) if reading.markers[4].occluded]
+    assert unseen == [*range(4, 12), 12, 13, 14, 15, 16]
+    assert readings[-1].pose is not None
+    assert readings[-1].pose.angles == pytest.approx(elsewhere, abs=math.radians(0.5))
+
+
 def test_two_frames_of_the_same_film_give_the_same_numbers(calibration: Calibration, scene: Scene) -> None:
     images = [scene.render({"index": pose}, Conditions(noise=2.0)).image for pose in closing(6)]
     results = []
@@ -155,6 +169,18 @@ def test_a_spot_goes_to_the_finger_with_the_better_claim(calibration: Calibratio
         assert finger.measure(image, 1.0, nobody).pose is not None
         finger.advance(1.0 + 1 / FPS)
         assert finger.measure(image, 1.0 + 1 / FPS, rival[None, :]).markers[-1].occluded is hidden
+
+
+@pytest.mark.parametrize(("last", "found"), [(1.6, True), (-0.3, True), (-0.6, False), (2.0, False)])
+def test_a_chain_that_bends_as_no_finger_does_is_none(
+    calibration: Calibration, scene: Scene, last: float, *, found: bool
+) -> None:
+    """Distances alone do not make a finger: its joints turn between -20 and 100 deg."""
+    places = scene.centres("index", np.array([0.3, 0.3, last]))
+    spots = [Spot(float(u), float(v), 0.03, 380.0, 1.0, 1.0, 100.0, 0.0, 1.0) for u, v in places]
+    plane = calibration.plane("index")
+    chain = find_chain(spots, PlaneMap(calibration.lens, plane), ChainGeometry(CHAIN, plane.base_marker_m))
+    assert (chain is not None) is found
 
 
 def test_several_fingers_side_by_side() -> None:
