@@ -57,6 +57,16 @@ def test_the_last_line_is_drawn_with_the_torque(quiet):
     assert quiet.bus.read(1, reg.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.parametrize("bench", [{"rate": 400.0}], indirect=True)
+def test_a_silent_servo_does_not_slow_the_others_down(bench):
+    """It is left out of the group read, and asked now and then; waiting for it would cost 4 ms in every cycle."""
+    bench.hold_taut(0.0)
+    bench.cause("servo_silent", slot="middle")
+    assert bench.until(lambda _: bench.drive("middle").fault == "no_reply")
+    seen = bench.pass_time(1.0)
+    assert len(seen) > 250
+
+
 class Stage:
     """Notes what it is told."""
 

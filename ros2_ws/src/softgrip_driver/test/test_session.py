@@ -96,3 +96,19 @@ def test_a_zero_survives_the_driver_but_not_the_servo(bench, tmp_path):
     recalled = {one.tendon: one for one in keeper().recall(bench.loop)}
     assert not recalled["middle"].valid
     assert "its turns are lost" in recalled["middle"].reason
+
+
+def test_a_zero_that_a_fault_has_voided_is_not_recalled(bench, tmp_path):
+    """The servo has not restarted, so its mark would still vouch for the zero: it is taken away with it."""
+    bench.hold_taut(0.0)
+    spools = {servo.tendon: servo.spool for servo in bench.servos}
+    store = ZeroStore(tmp_path / "zeros.yaml")
+    ZeroKeeper(store, bench.identities, spools).keep(bench.loop, "2026-01-01T00:00:00+00:00")
+    bench.pass_time(0.5)
+    assert all(one.valid for one in ZeroKeeper(store, bench.identities, spools).recall(bench.loop))
+    bench.cause("position_glitch", slot="index")
+    assert bench.until(lambda _: bench.drive("index").fault == "position_jump")
+    bench.clear()
+    bench.pass_time(0.5)
+    recalled = {one.tendon: one.valid for one in ZeroKeeper(store, bench.identities, spools).recall(bench.loop)}
+    assert recalled == {"index": False, "middle": True, "thumb": True}

@@ -112,8 +112,8 @@ def test_a_fault_reduces_a_pull_to_the_holding_tension_and_no_further(bench):
     bench.pass_time(1.5)
     assert bench.drive("index").fault == "over_temperature"
     hold = TendonLimits().tension_hold
-    # What the gears' friction holds up: 1.8 N, and the error of the torque constant.
-    assert min(tensions) > 0.6 * hold
+    assert min(tensions) > hold
+    # What the gears' friction holds up, 1.8 N, and the error of the torque constant.
     assert tensions[-1] < 1.3 * hold
 
 

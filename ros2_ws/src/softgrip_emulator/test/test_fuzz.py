@@ -96,6 +96,15 @@ def test_a_group_read_longer_than_any_packet_is_not_answered():
     assert make_chain().exchange(asked, 0.0, 57_600) == []
 
 
+@pytest.mark.parametrize("instruction", [Instruction.SYNC_READ, Instruction.FAST_SYNC_READ])
+def test_a_group_read_that_names_a_servo_twice_is_not_answered(instruction):
+    def answers(*ids):
+        return make_chain().exchange(encode(BROADCAST_ID, instruction, bytes([132, 0, 4, 0, *ids])), 0.0, 57_600)
+
+    assert answers(1, 2)
+    assert answers(1, 2, 1) == []
+
+
 # every instruction byte with any parameters, CRC right: what a confused host sends
 @given(st.sampled_from([1, 2, BROADCAST_ID, 0xFD, 0xFF]), st.integers(0, 255), st.binary(max_size=30))
 @settings(max_examples=1500, deadline=None)
