@@ -61,11 +61,40 @@ def test_the_unit_of_force_is_newton(tmp_path):
         ("poisson: 0.3", "poisson: 0.5", "below 0.5, found 0.5"),
         ("title: small bar", "name: small bar", "missing keys ['title'], unknown keys ['name']"),
         ("schema: 1", "schema: 7", "schema: expected 1, found 7"),
+        ("length: mm", "length: [mm]", "units.length: expected one of m, cm, mm, found ['mm']"),
+        ("[4.0, 1.0, 1.0]", "4.0", "mesh.bar.size: expected a list of 3 numbers, found 4.0"),
+        ("[4.0, 1.0, 1.0]", "[4.0, 1.0]", "mesh.bar.size: expected a list of 3 numbers, found [4.0, 1.0]"),
+        ("[4.0, 1.0, 1.0]", "[4.0, 1.0, 1.0e+300]", "mesh.bar.size[2]: expected a number, found 1e+300"),
+        ("materials: [soft]", "materials: []", "mesh.bar.materials: expected a list of names, found []"),
+        ("materials: [soft]", "materials: 3", "mesh.bar.materials: expected a list of names, found 3"),
+        ("displace: {x: 0.4}", "rotate: {axis: zx, angle_deg: 9}", "boundary[1].rotate.axis: expected one of x, y, z"),
     ],
 )
 def test_a_wrong_case_is_refused_with_its_place(old, new, message, tmp_path):
     with pytest.raises(GdfeError, match=re.escape(message)):
         parse_case(yaml.safe_load(GOOD.replace(old, new)), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("material", "message"),
+    [
+        ("polynomial: {coefficients: 2.0, poisson: 0.3, max_strain: 1.0}", "soft.coefficients: expected a list of one"),
+        ("ogden: {mu: 2.0, alpha: [2.0], poisson: 0.3}", "soft.mu: expected a list of one or more numbers, found 2.0"),
+        ("ogden: {mu: [2.0], alpha: [], poisson: 0.3}", "soft.alpha: expected a list of one or more numbers, found []"),
+    ],
+)
+def test_a_wrong_material_is_refused_with_its_place(material, message, tmp_path):
+    data = yaml.safe_load(GOOD)
+    data["materials"] = yaml.safe_load(f"{{soft: {{{material}}}}}")
+    with pytest.raises(GdfeError, match=re.escape(message)):
+        parse_case(data, tmp_path)
+
+
+def test_a_bar_too_large_to_compute_is_refused(tmp_path):
+    data = yaml.safe_load(GOOD)
+    data["mesh"]["bar"]["elements"] = [10000, 1000, 1000]
+    with pytest.raises(GdfeError, match="expected 1000000 hexahedra or fewer"):
+        parse_case(data, tmp_path)
 
 
 def test_a_case_without_boundary_conditions_is_refused(tmp_path):

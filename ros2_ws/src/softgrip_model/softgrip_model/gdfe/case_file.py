@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 SCHEMA = 1
+#: Some 10 GB of memory.
+MOST_HEXAHEDRA = 1_000_000
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 STRESS_UNITS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 
@@ -172,11 +175,14 @@ def _mesh(
     elif set(data) == {"bar"}:
         spec = values.mapping("mesh.bar", data["bar"])
         values.keys("mesh.bar", spec, {"size", "elements", "materials"}, set())
+        if not isinstance(spec["materials"], list) or not spec["materials"]:
+            raise GdfeError(f"mesh.bar.materials: expected a list of names, found {spec['materials']!r}")
         used = tuple(str(name) for name in spec["materials"])
-        size = tuple(values.number("mesh.bar.size", s, 1e-9) for s in spec["size"])
-        count = tuple(refine * int(values.number("mesh.bar.elements", n, 1)) for n in spec["elements"])
-        if len(size) != 3 or len(count) != 3:
-            raise GdfeError(f"mesh.bar: expected three sizes and three numbers of elements, found {size} and {count}")
+        size = values.numbers("mesh.bar.size", spec["size"], 1e-9, count=3)
+        each = values.numbers("mesh.bar.elements", spec["elements"], 1, count=3)
+        count = tuple(refine * int(n) for n in each)
+        if math.prod(count) > MOST_HEXAHEDRA:
+            raise GdfeError(f"mesh.bar.elements: expected {MOST_HEXAHEDRA} hexahedra or fewer, found {count}")
         mesh = bar((size[0], size[1], size[2]), (count[0], count[1], count[2]), len(used))
     else:
         raise GdfeError(f"mesh: expected 'bar' or 'file', found {sorted(data)}")
@@ -210,11 +216,11 @@ def _material(name: str, spec: dict[str, Any]) -> Material:
     if kind == "polynomial":
         values.keys(where, given, {"coefficients", "poisson", "max_strain"}, set())
         limit = values.number(where, given["max_strain"])
-        coefficients = tuple(values.number(where, c) for c in given["coefficients"])
+        coefficients = values.numbers(f"{where}.coefficients", given["coefficients"])
         return StressPolynomial(name, coefficients, values.number(where, given["poisson"]), (-limit, limit))
     if kind == "ogden":
         values.keys(where, given, {"mu", "alpha", "poisson"}, set())
-        mu, alpha = (tuple(values.number(where, v) for v in given[key]) for key in ("mu", "alpha"))
+        mu, alpha = (values.numbers(f"{where}.{key}", given[key]) for key in ("mu", "alpha"))
         return Ogden(name, mu, alpha, values.number(where, given["poisson"]))
     if kind == "neo_hookean":
         values.keys(where, given, {"shear_modulus", "poisson"}, set())
@@ -245,8 +251,8 @@ def _boundary(mesh: Mesh, data: Any) -> tuple[Supports, Callable[[float], Array]
             turn = values.mapping(where, spec["rotate"])
             values.keys(f"{where}.rotate", turn, {"axis", "angle_deg"}, set())
             supports = supports.with_prescribed(nodes)
-            axis = values.axes(where, turn["axis"])
-            parts.append(_rotate(mesh, nodes, "xyz".index(axis), np.radians(values.number(where, turn["angle_deg"]))))
+            axis = values.axis(f"{where}.rotate.axis", turn["axis"])
+            parts.append(_rotate(mesh, nodes, axis, np.radians(values.number(where, turn["angle_deg"]))))
         if "tie" in spec:
             for axis in values.axes(where, spec["tie"]):
                 supports = supports.with_tied(nodes, axis)

@@ -6,11 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-import numpy as np
-
 from softgrip_model.gdfe.errors import GdfeError
 
 Choice = TypeVar("Choice")
+
+#: Beyond it no number of a case means anything, and products of a few of them are not finite.
+LARGEST = 1e30
 
 
 def keys(where: str, data: Mapping[str, Any], needed: set[str], possible: set[str]) -> None:
@@ -35,13 +36,20 @@ def entries(where: str, value: Any) -> list[dict[str, Any]]:
 
 
 def number(where: str, value: Any, least: float | None = None) -> float:
-    """Return a finite number, `least` or more."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    """Return a number, `least` or more."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         hint = " (YAML reads exponents only as in 1.0e-6)" if isinstance(value, str) else ""
         raise GdfeError(f"{where}: expected a number, found {value!r}{hint}")
     if least is not None and value < least:
         raise GdfeError(f"{where}: expected {least:g} or more, found {value!r}")
     return float(value)
+
+
+def numbers(where: str, value: Any, least: float | None = None, count: int | None = None) -> tuple[float, ...]:
+    """Return a list of numbers, `least` or more each; not empty, or exactly `count`."""
+    if not isinstance(value, list) or not value or (count is not None and len(value) != count):
+        raise GdfeError(f"{where}: expected a list of {count or 'one or more'} numbers, found {value!r}")
+    return tuple(number(f"{where}[{k}]", one, least) for k, one in enumerate(value))
 
 
 def vector(where: str, value: Any) -> tuple[float, float, float]:
@@ -70,9 +78,16 @@ def axes(where: str, value: Any) -> str:
 
 def one_of(where: str, value: Any, known: Mapping[str, Choice]) -> Choice:
     """Return what a name stands for."""
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise GdfeError(f"{where}: expected one of {', '.join(known)}, found {value!r}")
     return known[value]
+
+
+def axis(where: str, value: Any) -> int:
+    """Return the number of one axis."""
+    if len(axes(where, value)) != 1:
+        raise GdfeError(f"{where}: expected one of x, y, z, found {value!r}")
+    return "xyz".index(value)
 
 
 def choice(where: str, kind: Any, value: Any) -> Any:
