@@ -254,8 +254,8 @@ def _boundary(mesh: Mesh, data: Any) -> tuple[Supports, Callable[[float], Array]
             axis = values.axis(f"{where}.rotate.axis", turn["axis"])
             parts.append(_rotate(mesh, nodes, axis, np.radians(values.number(where, turn["angle_deg"]))))
         if "tie" in spec:
-            for axis in values.axes(where, spec["tie"]):
-                supports = supports.with_tied(nodes, axis)
+            for letter in values.axes(where, spec["tie"]):
+                supports = supports.with_tied(nodes, letter)
 
     def prescribe(share: float) -> Array:
         prescribed = np.zeros_like(mesh.nodes)
