@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import resource
@@ -152,6 +153,9 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
         person.executor_.shutdown(timeout_sec=1.0)
         person.destroy_node()
     rclpy.try_shutdown()
+    del person
+    # What DDS still has to say goodbye to would hold this process up later, and the next rig in it with it.
+    gc.collect()
 
 
 @pytest.mark.slow
