@@ -23,6 +23,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 template <class V>
 struct Matrix3 {
   V m[3][3];
+
+  HWY_INLINE Matrix3() {}  // the implicit one would not be of this instruction set: GCC refuses it for NEON
 };
 
 template <class V>

@@ -30,6 +30,7 @@ struct Quad {
   static constexpr int kParts = kAbreast / static_cast<int>(hn::MaxLanes(D()));
   V v[kParts];
 
+  HWY_INLINE Quad() {}  // the implicit one would not be of this instruction set: GCC refuses it for NEON
   static HWY_INLINE Quad zero() {
     Quad q;
     for (V& part : q.v) part = hn::Zero(D());

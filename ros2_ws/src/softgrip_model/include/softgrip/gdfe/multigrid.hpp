@@ -41,7 +41,7 @@ struct MultigridStore {
 };
 
 // Matrix-vector products of one smoothing with the finest matrix, plus one: the degree of the polynomial.
-inline constexpr int kSmoothingDegree = 2;
+inline constexpr int kSmoothingDegree = 1;
 
 class Multigrid final : public ConstantInverse {
  public:
