@@ -34,7 +34,8 @@ def friction(profiles: dict[str, Profile]) -> ActiveFriction:
     law = assumed_friction(profiles["power"]).law
     stddev = np.array([0.012, 0.07, 0.03, 0.02])
     correlation = np.eye(4)
-    correlation[1, 3] = correlation[3, 1] = 0.8  # n with lambda, as fits have it (docs/friction.md)
+    # n, epsilon and lambda, as fits have them: together they are known three times better than each alone
+    correlation[1:, 1:] = [[1.0, 0.74, 0.80], [0.74, 1.0, 0.92], [0.80, 0.92, 1.0]]
     return ActiveFriction("rig-1", law, correlation * np.outer(stddev, stddev))
 
 
