@@ -36,7 +36,14 @@ class Graph:
         prefix = wire.liveliness_prefix(domain)
         handler = zenoh.handlers.Callback(self._on_token, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(prefix, handler, history=True)
-        for reply in session.liveliness().get(prefix, timeout=_QUERY_TIMEOUT_S):
+        # The default channel has room for 256 replies, and tokens that the session knows already are put into it
+        # before anybody can take one out (zenoh 1.10.2): a larger cell would stand still here for ever.
+        replies: list[zenoh.Reply] = []
+        done = threading.Event()
+        collect = zenoh.handlers.Callback(replies.append, done.set, indirect=False)
+        session.liveliness().get(prefix, collect, timeout=_QUERY_TIMEOUT_S)
+        done.wait(2.0 * _QUERY_TIMEOUT_S)
+        for reply in replies:
             if reply.ok is not None:
                 self.add(str(reply.ok.key_expr))
 
