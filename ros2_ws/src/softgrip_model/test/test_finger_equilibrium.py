@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.optimize import root
 
-from softgrip_model.finger import FRICTIONLESS, Control, Finger, Kernel, MomentLaw, Status, Strip, close, reason
+from softgrip_model.finger import FRICTIONLESS, Control, Finger, Kernel, MomentLaw, Status, Strip, close, follow, reason
 from softgrip_model.finger.published import (
     OPTIMISED_ROUTING_MM,
     TANGENT_MODULUS_MPA,
@@ -338,3 +338,20 @@ def test_ranges_are_flagged(power: Kernel) -> None:
     found = power.solve([1.0, 8.0, 20.0])
     outside = (found.status[0] & Status.TENSION_OUTSIDE) != 0
     assert outside.tolist() == [True, False, True]  # 1.0 N, 6.1 .. 3.1 N, 14.4 N; calibrated 1.96 .. 9.81 N
+
+
+def test_wrap_angles_and_strains_beyond_what_was_measured_are_flagged() -> None:
+    """Bends above the calibrated angle; surface strain h q / (2 l) above the largest measured; on a path as well."""
+    law = dataclasses.replace(published("braid-tpu-chapter4").law, angle_range=(math.radians(10.0), 0.5))
+    finger = chapter_4_finger("power", stop_moment_nmm=0.0)
+    finger = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, max_strain=0.12))
+    pulls = np.linspace(1.0, 18.0, 35)
+    found, path = close(finger, law, pulls), follow(finger, law, pulls)
+    strain = found.angle_rad[0] * np.array(finger.thickness_mm) / (2 * np.array(finger.length_mm))
+    for flag, outside in (
+        (Status.ANGLE_OUTSIDE, (np.abs(found.phi_rad[0]) > 0.5).any(axis=1)),
+        (Status.STRAIN_OUTSIDE, (strain > 0.12).any(axis=1)),
+    ):
+        assert 0 < outside.sum() < len(pulls)
+        np.testing.assert_array_equal((found.status[0] & flag) != 0, outside)
+        np.testing.assert_array_equal((path.status & flag) != 0, outside)
