@@ -140,6 +140,7 @@ def test_a_slow_solver_gives_fewer_and_coarser_shapes_that_say_so_and_recovers(p
     machine.run(40.0, closing_motion)
     fine = Closing(profiles["power"], "index", MEDIUM).hexahedra
     assert {shown.hexahedra for _, shown in machine.shown} == {432, fine}
+    assert len({shown.configuration for _, shown in machine.shown}) == 1  # whichever mesh serves
     for stamp, shown in machine.shown:
         # never an old shape: each is that of its own state, which was the newest when its turn came
         assert shown.shape.pulled_length == closing_motion(stamp)

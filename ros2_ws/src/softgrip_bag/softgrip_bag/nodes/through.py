@@ -74,7 +74,7 @@ NODES = {
 #: Topics of every node that are no results of it.
 NOT_RESULTS = {*INFRASTRUCTURE, "/diagnostics"}
 #: Fields that name the configuration a result was computed with.
-CONFIGURATION_FIELDS = ("friction_model", "configuration", "mesh")
+CONFIGURATION_FIELDS = ("friction_model", "configuration")
 #: [ns] a latched message may have reached the node this much earlier than the recorder.
 EARLIER = 2_000_000_000
 

@@ -50,6 +50,8 @@ class Shown:
     marker_due: bool
     reason: str
     """Why not converged, what to know of the material, or that shapes come coarser in time or space than asked for."""
+    configuration: str
+    """Digest of profile, friction and settings, whichever mesh serves."""
 
 
 class _Slots:
@@ -205,7 +207,17 @@ class ShapeSession:
             shape = closing.shape(sample.pulled_length)
             reason = "; ".join(filter(None, (shape.reason, self._fewer(), self._coarser(finger))))
             shown.append(
-                Shown(name, closing.digest, closing.faces, closing.hexahedra, shape, self._rate, marker_due, reason)
+                Shown(
+                    finger=name,
+                    mesh=closing.digest,
+                    faces=closing.faces,
+                    hexahedra=closing.hexahedra,
+                    shape=shape,
+                    rate_hz=self._rate,
+                    marker_due=marker_due,
+                    reason=reason,
+                    configuration=finger.fine.digest,
+                )
             )
         return shown
 

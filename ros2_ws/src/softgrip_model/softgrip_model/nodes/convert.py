@@ -209,6 +209,7 @@ def shape_message(stamp: Time, shown: Shown) -> PredictedShape:
         solve_time=float(shape.solve_time),
         rate=float(shown.rate_hz),
         reason=shown.reason,
+        configuration=shown.configuration,
     )
 
 
