@@ -10,6 +10,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, cast
 
+from rclpy.endpoint import Endpoint
 from rclpy.executor_work import (
     ConditionReachedException,
     ExternalShutdownException,
@@ -145,8 +146,6 @@ class Waiting:
         found = next(self._callbacks, None)
         if found is None:
             self._callbacks = None
-        else:
-            self._look_wanted = True  # what was found may have more
         return found
 
     def _look_can_wait(self, now: float) -> bool:
@@ -181,6 +180,8 @@ class Waiting:
                 if entity._is_ready() and self.can_execute(entity):
                     work = self._taken(entity, node)
                     if work is not None:
+                        if not isinstance(entity, Endpoint):
+                            self._look_wanted = True  # it may have more; endpoints say so themselves
                         yield work
 
     def _taken(self, entity: Any, node: Node) -> Work | None:
