@@ -7,6 +7,7 @@ does on a bus, and what comes out is what tendon/state, tendon/status and finger
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -46,6 +47,11 @@ PROFILES = Path(__file__).parents[1] / "ros2_ws/src/softgrip_bringup/profiles"
 
 
 CHECK = CheckSettings()
+
+#: A product that hangs from the fingers for so long is held (thesis 4.3.3) [s], still for the last part of it [s], [m].
+HANGS_S = 5.0
+STILL_S = 0.5
+STILL_M = 0.001
 
 #: What the marker tracker makes of the index finger's tip: noise [m], driver periods per frame, exposure to result [s].
 TIP_NOISE_M = 0.0005
@@ -260,6 +266,24 @@ class VirtualCell:
             self._frames.append(self.see_tip(self._camera_noise))
         while self._frames and self.now_ns - self._frames[0].stamp_ns >= SEEN_AFTER_S * 1e9:
             yield self._frames.popleft()
+
+    def hangs(self, for_s: float) -> bool:
+        """Keep the arm up, let the plant go on, and say whether the product still hangs then and hung still at last.
+
+        By where the product is, not by how hard it is pressed: a grape that lies in a closed fist weighs 0.05 N.
+        """
+        end_s = self.plant.now_s + max(for_s, STILL_S)
+        places_m: list[tuple[float, float]] = []
+        for _ in self.cycles():
+            self.plant.lift()
+            state = self.plant.grasp.state()
+            if state.slipped or not state.product:
+                return False
+            if self.plant.now_s > end_s - STILL_S:
+                places_m.append(self.plant.grasp.centre_m)
+            if self.plant.now_s >= end_s:
+                break
+        return all(math.dist(place_m, places_m[-1]) < STILL_M for place_m in places_m)
 
     def recover(self) -> None:
         """What a person does after a fault: reset, home, open."""

@@ -28,7 +28,7 @@ from random import Random
 
 import numpy as np
 from _claim import claim
-from _virtual_cell import SLOTS, VirtualCell, task
+from _virtual_cell import HANGS_S, SLOTS, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
@@ -51,11 +51,6 @@ STEADY_N_PER_S = 10.0
 
 #: Nearer than this a finger is at the end of its path: here its own grooves close and stop it [m].
 AT_END_M = 0.0008
-
-#: A product that hangs from the fingers for so long is held (thesis 4.3.3) [s], still for the last part of it [s], [m].
-HANGS_S = 5.0
-STILL_S = 0.5
-STILL_M = 0.001
 
 PEER_EVERY = 6
 TOUCH_N = 0.05
@@ -156,7 +151,7 @@ def trials(cell_seed: int, finger_set: str) -> list[Trial]:
         made = task(product, finger_set, checks, confirm_lift=confirm_lift)
         outcome, latency_s, hung_s, reason = _ours(cell, made, settings)
         said = f"{finger_set} {name if present else 'nothing'} lift={confirm_lift}: {outcome.value}: {reason}"
-        held = _held(cell, HANGS_S - hung_s)
+        held = cell.hangs(HANGS_S - hung_s)
         # What was not lost has no instant of its loss; it is counted as a false SLIPPED.
         latency_s = math.nan if held and outcome is Outcome.SLIPPED else latency_s
         trial = Trial(said, outcome, latency_s, held)
@@ -164,7 +159,7 @@ def trials(cell_seed: int, finger_set: str) -> list[Trial]:
             _present(cell, name if present else "", offset_m)
             peer_outcome, peer_latency_s = _stall(cell, made.recipe.closing_speed_m_per_s)
             trial = replace(
-                trial, peer_outcome=peer_outcome, peer_latency_s=peer_latency_s, peer_held=_held(cell, HANGS_S)
+                trial, peer_outcome=peer_outcome, peer_latency_s=peer_latency_s, peer_held=cell.hangs(HANGS_S)
             )
         found.append(trial)
     return found
@@ -176,25 +171,6 @@ def _present(cell: VirtualCell, name: str, offset_m: float) -> None:
         cell.recover()
     cell.open()
     cell.plant.place(name, offset_m if name else 0.0)
-
-
-def _held(cell: VirtualCell, for_s: float) -> bool:
-    """Keep the arm up, let the plant go on, and say whether the product still hangs then and hung still at last.
-
-    By where the product is, not by how hard it is pressed: a grape that lies in a closed fist weighs 0.05 N.
-    """
-    end_s = cell.plant.now_s + max(for_s, STILL_S)
-    places_m: list[tuple[float, float]] = []
-    for _ in cell.cycles():
-        cell.plant.lift()
-        state = cell.plant.grasp.state()
-        if state.slipped or not state.product:
-            return False
-        if cell.plant.now_s > end_s - STILL_S:
-            places_m.append(cell.plant.grasp.centre_m)
-        if cell.plant.now_s >= end_s:
-            break
-    return all(math.dist(place_m, places_m[-1]) < STILL_M for place_m in places_m)
 
 
 def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[Outcome, float, float, str]:

@@ -14,7 +14,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 
 from _claim import claim
-from _virtual_cell import VirtualCell, task
+from _virtual_cell import HANGS_S, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
@@ -41,14 +41,15 @@ def grasps(seed: int, finger_set: str) -> dict[str, tuple[str, bool]]:
             cell.recover()
         cell.open()
         cell.plant.place(name)
-        lifted = False
+        lifted_s = None
         for step, _ in cell.grasp(task(product, finger_set, checks), GraspSettings()):
-            if step.phase.value == "lift" and not lifted:
-                lifted = True
+            if step.phase.value == "lift" and lifted_s is None:
+                lifted_s = cell.plant.now_s
                 cell.plant.lift()
             if step.verdict is not None:
-                outcome, held = step.verdict.outcome.value, cell.plant.grasp.state().held
-                found[name] = outcome, held == (outcome == "GRIPPED")
+                outcome = step.verdict.outcome.value
+                hung_s = 0.0 if lifted_s is None else cell.plant.now_s - lifted_s
+                found[name] = outcome, cell.hangs(HANGS_S - hung_s) == (outcome == "GRIPPED")
                 print(f"{seed} {finger_set} {name}: {found[name]}: {step.verdict.reason}", file=sys.stderr)
     return found
 

@@ -164,16 +164,17 @@ class Grip:
         return bool(self._leaning)
 
     def collapsed(self) -> bool:
-        """One side has lost at once what it pressed with, and a finger leaps into the room that was left."""
+        """Both sides have lost at once what they pressed with, and a finger leaps into the room that was left.
+
+        One side alone may slide on a product that is held, and bend round it anew.
+        """
         before = self._trail.hardest(self._now_ns, COLLAPSE_S)
         fell = [
-            then.tension_n - now.tension_n >= COLLAPSE_SHARE * self._task.recipe.hold_excess_n
-            and now.excess_n < now.threshold_n
+            then.tension_n - now.tension_n >= COLLAPSE_SHARE * self._task.recipe.hold_excess_n and not now.touching
             for now, then in zip(self._readings, before, strict=True)
         ]
-        if not any(fell) or not COLLAPSE_M <= self.advance_m(COLLAPSE_S) < math.inf:
-            return False
-        return not self._supports([reading.touching for reading in self._readings])
+        felt = any(reading.touching and not self._is_wall(slot) for slot, reading in enumerate(self._readings))
+        return self.encloses(fell) and not felt and COLLAPSE_M <= self.advance_m(COLLAPSE_S) < math.inf
 
     def grips(self) -> bool:
         """Both sides stand and press with what the recipe asks for."""
