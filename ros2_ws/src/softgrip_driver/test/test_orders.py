@@ -67,6 +67,18 @@ def test_a_silent_servo_does_not_slow_the_others_down(bench):
     assert len(seen) > 250
 
 
+def test_servos_that_wait_for_the_rest_of_a_damaged_packet_are_woken(bench):
+    """Of "read 1 byte" the low byte of the length was lost: 02 00 02 is a packet of 512 bytes for all who listen."""
+    bench.hold_taut(0.0)
+    lost = bench.backend.counters.lost
+    bench.bus_wire.exchange(
+        bytes.fromhex("ff ff fd 00 02 00 02 62 00 01 00 39 c3"), bench.now(), bench.bus.port.baudrate
+    )
+    seen = bench.pass_time(0.3)
+    assert bench.backend.counters.lost > lost + 3, "nobody was deaf: the test shows nothing"
+    assert {drive.fault for one in seen for drive in one.drives} == {""}
+
+
 class Stage:
     """Notes what it is told."""
 

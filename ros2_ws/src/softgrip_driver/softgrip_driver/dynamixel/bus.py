@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 
-from softgrip_driver.dynamixel.port import PORT_ERRORS, BusPort
+from softgrip_driver.dynamixel.port import BITS_PER_BYTE, PORT_ERRORS, BusPort
 from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, Item
 from softgrip_driver.dynamixel.stuffing import PacketHandler
 from softgrip_driver.errors import CorruptReplyError, NoReplyError, PortLostError, RefusedError
@@ -118,6 +118,11 @@ class Bus:
         with self._lock, self._guard():
             self.counters.transactions += 1
             self._send(BROADCAST, _SYNC_WRITE, parameters)
+
+    def push_through(self, seconds: float) -> None:
+        """Send zeros for a while [s]: where a length was damaged, receivers wait for the rest of a packet."""
+        with self._lock, self._guard():
+            self.port.writePort(bytes(int(seconds * self.port.baudrate / BITS_PER_BYTE)))
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
         """Return the answers of those servos that answered, in one transaction; silent ones are missing."""
