@@ -10,6 +10,7 @@ import functools
 from collections.abc import Sequence
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -32,6 +33,7 @@ from softgrip_model.gdfe.materials import (
     ninjaflex,
     ninjaflex_ogden,
 )
+from softgrip_model.gdfe.reference_cable import ClosedFinger, calculix_closings, closing_of, our_closing
 from softgrip_model.gdfe.reference_finger import calculix_moments, our_moments, reference_closing
 from softgrip_model.gdfe.solver import Metric
 from softgrip_model.gdfe.thesis import (
@@ -220,6 +222,51 @@ def _finger_rows() -> str:
     return "\n".join(rows)
 
 
+class _Beside(NamedTuple):
+    """One finger at one pulled length: in CalculiX by element type, in our mesh, and pseudo-rigid."""
+
+    design: str
+    pulled_mm: float
+    calculix: dict[str, ClosedFinger]
+    mesh: ClosedFinger
+    rigid_tip_mm: Array
+    length_mm: float
+
+
+@functools.cache
+def _beside_calculix() -> tuple[_Beside, ...]:
+    theirs, found = calculix_closings(), []
+    profiles = load_directory(shipped_directory())
+    for design in sorted({key[0] for key in theirs}):
+        closing, finger = closing_of(design), Finger.from_profile(profiles[design], "index")
+        pulls = sorted({key[2] for key in theirs if key[0] == design})
+        rigid = close(finger, assumed_friction(profiles[design]).law, np.array(pulls))
+        for k, pull in enumerate(pulls):
+            calculix = {element: theirs[design, element, pull] for element in ("C3D8", "C3D8I")}
+            ours = our_closing(closing, pull)
+            found.append(_Beside(design, pull, calculix, ours, rigid.tip_mm[0, k], finger.length_from_joint_mm))
+    return tuple(found)
+
+
+def _calculix_rows() -> str:
+    rows = []
+    for one in _beside_calculix():
+        solid, incompatible = one.calculix["C3D8"], one.calculix["C3D8I"]
+        if not np.isfinite(solid.tension_n):
+            rows.append(_row(one.design, f"{one.pulled_mm:g}", *["not converged"] * 7))
+            continue
+        gaps = [
+            100.0 * float(np.linalg.norm(tip - solid.tip_mm)) / one.length_mm
+            for tip in (one.mesh.tip_mm, incompatible.tip_mm, one.rigid_tip_mm)
+        ]
+        joint = float(np.degrees(np.abs(one.mesh.joint_rad - solid.joint_rad).max()))
+        tensions = (one.mesh.tension_n, solid.tension_n, incompatible.tension_n)
+        cells = [f"{solid.tip_mm[0]:.1f}, {solid.tip_mm[1]:.1f}", *(f"{gap:.1f}" for gap in gaps), f"{joint:.1f}"]
+        cells += [" / ".join(f"{tension:.2f}" for tension in tensions)]
+        rows.append(_row(one.design, f"{one.pulled_mm:g}", *cells).replace("nan", "not converged"))
+    return "\n".join(rows)
+
+
 def _strip_rows() -> str:
     theirs, closing, rows = calculix_moments(), reference_closing(), []
     for pull in (4.0, 8.0, 12.0):
@@ -265,6 +312,7 @@ def render() -> str:
         "calibrated_forces": " | ".join(f"{_calibrated_force(n):.0f}" for n in FORCE_INCREMENTS),
         "finger_hexes": "2,088",
         "finger_rows": _finger_rows(),
+        "calculix_rows": _calculix_rows(),
         "strip_rows": _strip_rows(),
         "refinement_rows": refinement_rows,
         "order": order,
@@ -277,6 +325,7 @@ def draw(folder: Path) -> None:
     mpl.use("Agg")
     _draw_forces(folder / "gdfe_forces.png")
     _draw_fingers(folder / "gdfe_fingers.png")
+    _draw_calculix(folder / "gdfe_calculix.png")
 
 
 def _draw_forces(path: Path) -> None:
@@ -306,6 +355,25 @@ def _draw_fingers(path: Path) -> None:
     axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
     axes.grid(visible=True, alpha=0.3)
     axes.legend(fontsize="small")
+    figure.savefig(path, dpi=120)
+
+
+def _draw_calculix(path: Path) -> None:
+    """Tips as the fingers close, of CalculiX, our mesh and the pseudo-rigid predictor."""
+    figure = Figure(figsize=(6.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for colour, design in zip(("C0", "C1", "C2"), sorted({one.design for one in _beside_calculix()}), strict=True):
+        own = [one for one in _beside_calculix() if one.design == design]
+        for style, name, tips in (
+            ("s", "CalculiX C3D8", [one.calculix["C3D8"].tip_mm for one in own]),
+            ("^", "CalculiX C3D8I", [one.calculix["C3D8I"].tip_mm for one in own]),
+            (".-", "mesh", [one.mesh.tip_mm for one in own]),
+            ("x--", "pseudo-rigid", [one.rigid_tip_mm for one in own]),
+        ):
+            axes.plot(*np.array(tips).T, style, color=colour, fillstyle="none", label=f"{design}, {name}")
+    axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(fontsize="x-small")
     figure.savefig(path, dpi=120)
 
 

@@ -27,7 +27,7 @@ def test_the_document_is_what_the_code_gives(generator, differences):
 
 def test_its_figures_can_be_drawn(generator, tmp_path):
     generator.draw(tmp_path)
-    for name in ("gdfe_forces.png", "gdfe_fingers.png"):
+    for name in ("gdfe_forces.png", "gdfe_fingers.png", "gdfe_calculix.png"):
         assert (ROOT / "docs" / "figures" / name).read_bytes().startswith(b"\x89PNG")
         assert (tmp_path / name).stat().st_size > 1000
         assert f"figures/{name}" in generator.render()

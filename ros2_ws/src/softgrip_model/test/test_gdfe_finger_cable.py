@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cable of a finger's mesh against one that is worked out here, and its strips against CalculiX."""
 
+import importlib.util
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from softgrip_model.gdfe.closing import Closing, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.reference_cable import calculix_closings, closing_of, our_closing
 from softgrip_model.gdfe.reference_finger import calculix_moments, our_moments, reference_closing
 from softgrip_model.profile import load_directory, shipped_directory
 
@@ -72,3 +77,40 @@ def test_strips_bend_as_in_calculix():
     reference, ours = calculix_moments()[4.0], our_moments(reference_closing(4.0), 4.0)
     assert (np.abs(reference) > 1.0).all()
     np.testing.assert_allclose(ours, reference, rtol=0.10)
+
+
+def difference_to_calculix(ours, theirs):
+    """Return the distance of the tips [mm], of the joints [rad], and the ratio of the tensions."""
+    joints = np.abs(ours.joint_rad - theirs.joint_rad).max()
+    return np.linalg.norm(ours.tip_mm - theirs.tip_mm), joints, ours.tension_n / theirs.tension_n
+
+
+@pytest.mark.parametrize("design", ["hook", "pinch", "power"])
+def test_a_finger_closes_as_in_calculix(design):
+    """Whole fingers of 95 mm with C3D8, like our elements not relaxed in bending; docs/gdfe.md has the figures."""
+    closing = closing_of(design)
+    for pulled_mm in (4.0, 8.0):
+        theirs = calculix_closings()[design, "C3D8", pulled_mm]
+        tip, joints, tensions = difference_to_calculix(our_closing(closing, pulled_mm), theirs)
+        assert np.abs(theirs.joint_rad).max() > 0.2
+        assert tip < 0.25 * pulled_mm
+        assert joints < 0.05
+        assert tensions == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+def test_the_reference_is_what_calculix_gives():
+    path = Path(__file__).resolve().parents[4] / "tools" / "docs" / "gdfe_cable_calculix.py"
+    spec = importlib.util.spec_from_file_location("gdfe_cable_calculix", path)
+    maker = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(maker)
+    closing = closing_of("pinch")
+    shape = closing.shape(0.004)
+    text = maker.deck(closing.finger_mesh, np.array(shape.tension[1:]), "C3D8")
+    increments = maker.calculix(text, len(closing.finger_mesh.mesh.nodes))
+    found = maker.at_length(closing.finger_mesh, increments, 4.0, maker.FULL_SHARE * shape.tension[0])
+    kept = calculix_closings()["pinch", "C3D8", 4.0]
+    np.testing.assert_allclose(found.tip_mm, kept.tip_mm, atol=0.02)
+    np.testing.assert_allclose(found.joint_rad, kept.joint_rad, atol=1e-3)
+    assert found.tension_n == pytest.approx(kept.tension_n, rel=2e-3)
