@@ -6,11 +6,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bringup import Servo, identify, set_up
 from softgrip_driver.dynamixel.bus import Bus, Reply
+from softgrip_driver.dynamixel.live import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, Live, SlowRead
 from softgrip_driver.dynamixel.registers import HardwareError, Item
 from softgrip_driver.errors import CorruptReplyError, DeviceNotFoundError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
@@ -26,45 +26,6 @@ _FAULT_NAMES = {
 
 #: current, velocity, position in one block: 126 .. 135
 _FAST = (reg.PRESENT_CURRENT.address, 10)
-
-
-@dataclass(frozen=True)
-class _SlowRead:
-    """A block read now and then. All sizes differ, so that a late answer to one is never taken for another."""
-
-    name: str
-    address: int
-    size: int
-
-
-_TORQUE = _SlowRead("torque enable, LED", 64, 2)
-_ERRORS = _SlowRead("status return level .. hardware error status", 68, 3)
-_WATCHDOG = _SlowRead("bus watchdog", 98, 1)
-_MARK = _SlowRead("goal PWM, goal current", 100, 4)
-_SUPPLY = _SlowRead("position trajectory, voltage, temperature", 140, 7)
-_ROUND = (_ERRORS, _SUPPLY, _TORQUE, _MARK, _WATCHDOG)
-
-
-@dataclass
-class _Live:
-    """What is known of a servo while the loop runs."""
-
-    servo: Servo
-    misses: int = 0
-    absent: bool = False
-    probe_at: float = 0.0
-    probe_wait: float = 0.0
-    suspect: bool = False
-    stalled: bool = False
-    alert: bool = False
-    hardware_error: int = 0
-    watchdog_tripped: bool = False
-    powered: bool | None = None
-    mark: int | None = None
-    pwm_limit: int = 885
-    current_units: int | None = None
-    values: dict[str, float] = field(default_factory=dict)
-    urgent: list[_SlowRead] = field(default_factory=list)
 
 
 class DynamixelBackend:
@@ -93,7 +54,7 @@ class DynamixelBackend:
 
     def __init__(self, bus: Bus, servos: Sequence[Servo], watchdog: float = 0.08, *, write_eeprom: bool = True) -> None:
         self.bus = bus
-        self._live = {servo.tendon: _Live(servo) for servo in servos}
+        self._live = {servo.tendon: Live(servo) for servo in servos}
         self._watchdog_units = (
             0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
         )
@@ -171,7 +132,7 @@ class DynamixelBackend:
         yield from self._set_up_again(live)
         live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
 
-    def _set_up_again(self, live: _Live) -> Iterator[None]:
+    def _set_up_again(self, live: Live) -> Iterator[None]:
         """Set up from the beginning until every transaction was answered; patience is for the steps, not for one."""
         deadline = time.monotonic() + self.REBOOT_TIMEOUT
         while True:
@@ -201,7 +162,7 @@ class DynamixelBackend:
             else:
                 return
 
-    def _after_set_up(self, live: _Live, attempts: int = 3) -> None:
+    def _after_set_up(self, live: Live, attempts: int = 3) -> None:
         servo_id = live.servo.servo_id
         live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts)
         live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts)
@@ -288,17 +249,17 @@ class DynamixelBackend:
         if self.DEAF_FROM <= self._deaf < self.DEAF_TO:
             self.bus.push_through(self.PUSH_TIME)
 
-    def _switch_off(self, live: _Live, attempts: int) -> None:
+    def _switch_off(self, live: Live, attempts: int) -> None:
         servo_id = live.servo.servo_id
         self.bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts=attempts)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=attempts)
         live.powered = False
 
-    def _reading(self, live: _Live, reply: Reply) -> DriveReading:
+    def _reading(self, live: Live, reply: Reply) -> DriveReading:
         live.misses, live.absent = 0, False
         if reply.alert != live.alert:
             live.alert = reply.alert
-            live.urgent = [_ERRORS, _TORQUE]
+            live.urgent = [ERRORS, TORQUE]
         servo = live.servo
         current = servo.ampere(reg.PRESENT_CURRENT.decode(reply.data[0:2]))
         velocity = servo.speed_of(reg.PRESENT_VELOCITY.decode(reply.data[2:6]))
@@ -314,7 +275,7 @@ class DynamixelBackend:
             live.powered, live.mark, faults, "", live.hardware_error,
         )  # fmt: skip
 
-    def _missed(self, live: _Live, now: float) -> None:
+    def _missed(self, live: Live, now: float) -> None:
         live.misses += 1
         if live.misses >= self.MISSES:
             live.absent = live.suspect = True
@@ -338,7 +299,7 @@ class DynamixelBackend:
         if self._check_return(live):
             readings[live.servo.tendon] = self._reading(live, reply)
 
-    def _check_return(self, live: _Live) -> bool:
+    def _check_return(self, live: Live) -> bool:
         """Look what became of a servo that was away, before anybody commands it again; return whether that is known.
 
         It may have restarted, or stopped itself by its bus watchdog. The latter is a fault of its own where this side
@@ -347,7 +308,7 @@ class DynamixelBackend:
         if not live.suspect:
             return True
         try:
-            for block in (_MARK, _TORQUE, _WATCHDOG, _ERRORS):
+            for block in (MARK, TORQUE, WATCHDOG, ERRORS):
                 self._take(live, block, self.bus.read_bytes(live.servo.servo_id, block.address, block.size).data)
         except PortLostError:
             raise
@@ -368,7 +329,7 @@ class DynamixelBackend:
         else:
             self._turn += 1
             live = answering[self._turn % len(answering)]
-            block = _ROUND[self._turn // len(answering) % len(_ROUND)]
+            block = ROUND[self._turn // len(answering) % len(ROUND)]
         try:
             data = self.bus.read_bytes(live.servo.servo_id, block.address, block.size).data
         except PortLostError:
@@ -378,24 +339,24 @@ class DynamixelBackend:
             return
         self._take(live, block, data)
 
-    def _take(self, live: _Live, block: _SlowRead, data: bytes) -> None:
+    def _take(self, live: Live, block: SlowRead, data: bytes) -> None:
         def value(item: Item) -> int:
             start = item.address - block.address
             return item.decode(data[start : start + item.size])
 
-        if block is _TORQUE:
+        if block is TORQUE:
             live.powered = bool(value(reg.TORQUE_ENABLE))
-        elif block is _ERRORS:
+        elif block is ERRORS:
             live.hardware_error = value(reg.HARDWARE_ERROR)
-        elif block is _SUPPLY:
+        elif block is SUPPLY:
             live.values["voltage"] = value(reg.PRESENT_VOLTAGE) * reg.VOLT_PER_UNIT
             live.values["temperature"] = float(value(reg.PRESENT_TEMPERATURE))
-        elif block is _MARK:
+        elif block is MARK:
             live.mark = live.pwm_limit - value(reg.GOAL_PWM)
             if value(reg.GOAL_CURRENT) != live.current_units:
                 # Group writes are not acknowledged; this one was lost, so it is sent again.
                 live.current_units = None
-        elif block is _WATCHDOG and value(reg.BUS_WATCHDOG) == -1:
+        elif block is WATCHDOG and value(reg.BUS_WATCHDOG) == -1:
             live.watchdog_tripped = True
             self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, 0, attempts=2)
             self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)

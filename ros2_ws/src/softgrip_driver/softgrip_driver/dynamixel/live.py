@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of a servo while the loop runs, and the blocks of its table that are read now and then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from softgrip_driver.dynamixel.bringup import Servo
+
+
+@dataclass(frozen=True)
+class SlowRead:
+    """A block read now and then. All sizes differ, so that a late answer to one is never taken for another."""
+
+    name: str
+    address: int
+    size: int
+
+
+TORQUE = SlowRead("torque enable, LED", 64, 2)
+ERRORS = SlowRead("status return level .. hardware error status", 68, 3)
+WATCHDOG = SlowRead("bus watchdog", 98, 1)
+MARK = SlowRead("goal PWM, goal current", 100, 4)
+SUPPLY = SlowRead("position trajectory, voltage, temperature", 140, 7)
+ROUND = (ERRORS, SUPPLY, TORQUE, MARK, WATCHDOG)
+
+
+@dataclass
+class Live:
+    """What is known of a servo while the loop runs."""
+
+    servo: Servo
+    misses: int = 0
+    absent: bool = False
+    probe_at: float = 0.0
+    probe_wait: float = 0.0
+    suspect: bool = False
+    stalled: bool = False
+    alert: bool = False
+    hardware_error: int = 0
+    watchdog_tripped: bool = False
+    powered: bool | None = None
+    mark: int | None = None
+    pwm_limit: int = 885
+    current_units: int | None = None
+    values: dict[str, float] = field(default_factory=dict)
+    urgent: list[SlowRead] = field(default_factory=list)
