@@ -18,6 +18,9 @@ class Trim:
     #: [1/s] and [m] of the integral
     RATE = 6.0
     MOST = 3e-3
+    #: [1/s] at which it goes where its load is gone: the drive stands beyond its goal by more than [m]
+    RATE_BACK = 25.0
+    BEYOND = 2e-4
     #: natural lags that an error may be worth without being the load's
     MOST_LAGS = 2.0
 
@@ -36,7 +39,9 @@ class Trim:
         lag = self.MOST_LAGS * NATURAL_LAG * view.speed
         error -= max(min(0.0, lag), min(max(0.0, lag), error))
         if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._lead:
-            self.value = max(-self.MOST, min(self.MOST, self.value + self.RATE * error * view.dt))
+            loadless = error * self.value < 0.0 and abs(error) > self.BEYOND
+            rate = self.RATE_BACK if loadless else self.RATE
+            self.value = max(-self.MOST, min(self.MOST, self.value + rate * error * view.dt))
 
     def keep_pulling(self, ahead: float, speed: float, tension: float, most: float) -> None:
         """Become what goes on pulling a drive that shall stand where it is from now on.
