@@ -53,7 +53,12 @@ class Homing:
     #: [m] of winding in that are left out, while the motor gets up to speed
     RUN_UP = 2e-3
     #: times the speed of homing: a drive that turned round faster is being slowed down, which looks like a force
-    TOO_FAST = 1.15
+    TOO_FAST = 1.08
+    #: times the speed of homing below which a drive that nothing holds was held up, by a bus that paused
+    HELD_UP = 0.5
+    #: [m] of slack that has to be seen before the knee, else it is looked for again from further out, so many times
+    LEAST_SLACK = 1e-3
+    AGAIN = 2
 
     state = DriveState.HOMING
     winding_in = False
@@ -67,6 +72,8 @@ class Homing:
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
         self._steady = False
+        self._stood_at = view.length
+        self._again = self.AGAIN
         self._samples: list[tuple[float, float]] = []
         self.zero: float | None = None
 
@@ -86,6 +93,7 @@ class Homing:
         self._profile.step(end, self._limits.release_speed, self._limits.acceleration, view.dt)
         if self._profile.position == end:
             self._phase = _Phase.TAKE_UP
+            self._stood_at = end
         return Step(self._profile.position, self._limits.tension_hold)
 
     def _take_up(self, view: View) -> Step:
@@ -94,7 +102,10 @@ class Homing:
         end = self._start - limits.slack_travel + limits.homing_travel
         if self._profile.position - view.length < limits.lead:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
-        run_up = view.length <= self._start - limits.slack_travel + self.RUN_UP
+        if view.speed < self.HELD_UP * limits.homing_speed and view.pull < self.TAUT * tension:
+            self._stood_at = view.length
+            self._samples.clear()
+        run_up = view.length <= self._stood_at + self.RUN_UP
         self._steady = not run_up and (self._steady or view.speed <= self.TOO_FAST * limits.homing_speed)
         # At the limit the device holds the current constant: such samples say nothing about the rise.
         if self._steady and view.speed > self.STANDING and view.pull < self.SATURATED * tension:
@@ -105,16 +116,29 @@ class Homing:
         elif self._taut_since is None:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
-            self.zero = knee(self._samples, view.length)
-            if self.zero is None:
-                return self._failed(view, "the force does not show where the tendon becomes taut")
-            self._profile = SpeedProfile(view.length)
-            self._phase = _Phase.GO_TO_ZERO
+            return self._taut(view)
         if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
             return self._failed(
                 view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
             )
         return Step(self._profile.position, tension)
+
+    def _taut(self, view: View) -> Step:
+        """Take the knee for the zero; where little slack was seen before it, begin again from further out."""
+        found = knee(self._samples, view.length)
+        self._profile = SpeedProfile(view.length)
+        seen = found is not None and found - self._samples[0][0] >= self.LEAST_SLACK
+        if seen:
+            self.zero = found
+            self._phase = _Phase.GO_TO_ZERO
+        elif self._again == 0:
+            return self._failed(view, "the force does not show where the tendon becomes taut")
+        else:
+            self._again -= 1
+            self._start = min(self._start, view.length if found is None else found)
+            self._taut_since, self._phase = None, _Phase.LET_OUT
+            self._samples.clear()
+        return Step(view.length, self._limits.homing_tension)
 
     def _go_to_zero(self, view: View) -> Step:
         assert self.zero is not None
