@@ -22,6 +22,7 @@ class Ring:
         self._capacity = capacity_bytes
         self._messages: deque[RawMessage] = deque()
         self._latched: dict[str, RawMessage] = {}
+        self._before: dict[str, RawMessage] = {}  # the last of each latched topic that is older than what is kept
         self._bytes = 0
 
     def add(self, message: RawMessage, *, latched: bool) -> None:
@@ -33,7 +34,10 @@ class Ring:
         self._messages.append(message)
         self._bytes += len(message.data)
         while self._bytes > self._capacity or self._messages[0].received < message.received - self._length:
-            self._bytes -= len(self._messages.popleft().data)
+            oldest = self._messages.popleft()
+            self._bytes -= len(oldest.data)
+            if oldest.topic in self._latched:
+                self._before[oldest.topic] = oldest
 
     def latched(self, topics: Collection[str] | None = None) -> list[RawMessage]:
         """Return the last message of each latched topic, oldest first."""
@@ -41,10 +45,11 @@ class Ring:
         return sorted(found, key=lambda message: message.received)
 
     def last(self, seconds: float = 0.0) -> list[RawMessage]:
-        """Return the messages of the last seconds (0 = all kept), after the latched ones from before."""
+        """Return the messages of the last seconds (0 = all kept), after the latched ones that held when they began."""
         if not self._messages:
             return self.latched()
         since = self._messages[-1].received - round(seconds * 1e9) if seconds else 0
+        held = dict(self._before)
+        held |= {m.topic: m for m in self._messages if m.received < since and m.topic in self._latched}
         recent = [message for message in self._messages if message.received >= since]
-        known = {id(message) for message in recent}
-        return [message for message in self.latched() if id(message) not in known] + recent
+        return sorted(held.values(), key=lambda message: message.received) + recent

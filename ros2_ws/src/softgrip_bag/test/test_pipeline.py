@@ -128,6 +128,20 @@ def message(received: int, topic: str = "/a") -> RawMessage:
     return RawMessage(topic, "std_msgs/msg/String", received, received, HI)
 
 
+def test_a_snapshot_begins_with_what_held_then_and_not_only_with_what_holds_now() -> None:
+    ring = Ring(seconds=1e-6, capacity_bytes=10**6)
+    for received in (0, 100, 900, 1500):
+        ring.add(message(received, "/mode"), latched=True)
+    ring.add(message(1600, "/a"), latched=False)
+    assert [(m.topic, m.received) for m in ring.last()] == [
+        ("/mode", 100),
+        ("/mode", 900),
+        ("/mode", 1500),
+        ("/a", 1600),
+    ]
+    assert [(m.topic, m.received) for m in ring.last(2e-7)] == [("/mode", 900), ("/mode", 1500), ("/a", 1600)]
+
+
 def test_the_ring_keeps_the_last_seconds_and_the_latched_ones() -> None:
     ring = Ring(seconds=1e-6, capacity_bytes=10**6)
     ring.add(message(0, "/mode"), latched=True)

@@ -245,6 +245,7 @@ class _Replay:
         self._pending: dict[str, list[RawMessage]] = {}
         self._outputs: dict[str, list[Any]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
+        self._probe: ReplayedNode | None = None  # has heard what the node has
         self.start = 0  # [ns] stamp of the first recorded result of the driving stream
         self.stamps: set[int] = set()  # [ns] of every message that was fed
 
@@ -293,10 +294,21 @@ class _Replay:
         return sorted(first, key=lambda message: message.received)
 
     def _explains(self, candidates: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...]) -> bool:
-        # Neither a topic nor a message that was answered can be forgotten: each order is tried on a node of its own.
-        probe = self._make()
-        for latched in (*self._fed.values(), *candidates):
-            probe.feed(latched)
+        # The one that was tried last goes on from there. What it has heard it cannot forget: its no says nothing.
+        if self._probe is not None and self._answers(self._probe, candidates, message, configuration):
+            return True
+        fresh = self._make()
+        self._probe = (
+            fresh if self._answers(fresh, [*self._fed.values(), *candidates], message, configuration) else None
+        )
+        return self._probe is not None
+
+    @staticmethod
+    def _answers(
+        probe: ReplayedNode, latched: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...]
+    ) -> bool:
+        for one in latched:
+            probe.feed(one)
         return any(_configuration(output) == configuration for _, output in probe.feed(message))
 
     def _take(self, message: RawMessage) -> None:
