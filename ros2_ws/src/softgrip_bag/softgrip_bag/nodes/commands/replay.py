@@ -28,6 +28,8 @@ def main(args: Sequence[str] | None = None) -> int:
         "--tolerance", type=float, default=0.0, help="relative, for a bag of another machine; 0 = exact"
     )
     options, ros_arguments = parser.parse_known_args(args)
+    if ros_arguments and ros_arguments[0] != "--ros-args":
+        parser.error(f"expected one bag, and --ros-args before arguments of the node, found {' '.join(ros_arguments)}")
     try:
         result = check(
             options.bag, options.through, [a for a in ros_arguments if a != "--ros-args"], tolerance=options.tolerance
