@@ -375,6 +375,22 @@ def test_residual_of_a_perfect_measurement_is_zero(profiles: dict[str, Profile])
     assert off.tip_error_percent == pytest.approx(1.0)  # of 95 mm
 
 
+def test_a_frame_from_before_a_swap_says_nothing_about_the_finger_that_sits_there_now(
+    profiles: dict[str, Profile],
+) -> None:
+    """It comes late, or waits for the tendon's next state: either way it is of the finger that was taken out."""
+    session = Session(profiles, {"index": "pinch"}, WearSettings())
+    (prediction,) = session.configuration.predict([TendonReading("index", 0.01)])
+    seen = MeasuredFinger("index", tuple(prediction.joint_angles), prediction.tip, "pinch")
+    session.on_tendons([TendonSample(5, 0.01, 0.0, prediction.tension)], ["index"])
+    assert len(session.on_measured(5, [seen])) == 1
+    assert not session.on_measured(8, [seen])
+    session.set_mounted({"index": "power"})
+    assert not session.on_tendons([TendonSample(10, 0.01, 0.0, prediction.tension)], ["index"])
+    assert not session.on_measured(9, [seen])
+    assert len(session.on_measured(9, [dataclasses.replace(seen, profile="power")])) == 1
+
+
 def test_service_names_what_is_unknown(profiles: dict[str, Profile], friction: ActiveFriction) -> None:
     session = Session(profiles, {"index": "power"}, WearSettings())
     session.set_friction(friction)

@@ -25,6 +25,8 @@ class MeasuredFinger:
     finger: str
     joint_angles: tuple[float, ...]
     tip: tuple[float, float]
+    profile: str = ""
+    """That the camera took it for; empty: not known"""
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ class Session:
             for name, sample in zip(names, tendons, strict=True)
             if name in self.configuration.fingers and math.isfinite(sample.pulled_length)
             for matched, measured in self._matcher(name).add_tendon(sample)
+            if self._is_mounted(measured)
         ]
 
     def predict(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Prediction]:
@@ -105,6 +108,7 @@ class Session:
             for finger in fingers
             if finger.finger in self.configuration.fingers
             for matched, measured in self._matcher(finger.finger).add_measured(stamp, finger)
+            if self._is_mounted(measured)
         ]
 
     def closing(self, profile: str, slot: str, friction: str, pulled_lengths: Sequence[float]) -> list[Prediction]:
@@ -150,6 +154,10 @@ class Session:
 
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())
+
+    def _is_mounted(self, measured: MeasuredFinger) -> bool:
+        """Whether it is the finger that is predicted now: a frame from before a swap is of another one."""
+        return measured.profile in {"", self.configuration.mounted[measured.finger]}
 
     def _is_free(self, stamp: int) -> bool:
         for since, free in reversed(self._free):

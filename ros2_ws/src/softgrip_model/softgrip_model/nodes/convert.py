@@ -71,7 +71,10 @@ def measured_fingers(message: FingerStates) -> list[MeasuredFinger]:
     """Return the fingers that the camera could measure."""
     return [
         MeasuredFinger(
-            state.finger, tuple(float(a) for a in state.joint_angles), (float(state.tip.x), float(state.tip.y))
+            state.finger,
+            tuple(float(a) for a in state.joint_angles),
+            (float(state.tip.x), float(state.tip.y)),
+            state.profile,
         )
         for state in message.fingers
         if state.validity != FingerState.FAILED
