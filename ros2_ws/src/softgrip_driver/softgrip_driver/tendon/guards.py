@@ -124,10 +124,9 @@ class BreakGuard:
     MOST_PERIODS = 2.0
     #: the rest of the tension that still counts as vanished
     REST = 0.25
-    #: but no more than so many standard deviations of that rest, or this share of what a break begins at: beyond what
-    #: gears can feign something pulls. A product that slips out leaves a finger the few newtons of its own joints
+    #: but no more than so many standard deviations of that rest, or the drop that a break begins at: beyond what gears
+    #: can feign something pulls. A product that slips out leaves a finger the few newtons of its own joints
     NOTHING = 2.0
-    NOTHING_SHARE = 2.0 / 3.0
     #: [m] a drive that has given way by more has let the tension out: 10 N/mm, the stiffest that fingers get, would
     #: lose 2 N over it
     RETREAT = 2e-4
@@ -173,8 +172,7 @@ class BreakGuard:
         elapsed = 0.0 if self._last is None else min(now - self._last, self._most)
         self._last = now
         self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
-        least = self.NOTHING_SHARE * self._limits.break_drop_from
-        self._feigned = max(least, self.NOTHING * stddev) if stddev > 0.0 else math.inf
+        self._feigned = max(self._limits.break_drop_from, self.NOTHING * stddev) if stddev > 0.0 else math.inf
         self._forget_what_was_further_in(length)
         if acceleration < -STEADY_ACCELERATION:
             # A motor that slows down needs less current, which passes for less tension: such a step does not count.
