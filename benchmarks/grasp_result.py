@@ -6,8 +6,8 @@ grasp sequence sees what tendon/state and finger/predicted carry at the driver's
 says what is so. Middleware is not in these figures; runtime_latency measures it.
 
 The deciding events, taken from the plant:
-* GRIPPED without a lift: thumb and fingers touch the product, the fingers have come to rest on it (3 mm/s), and their
-  tendons pull steadily (10 N/s): pressing is over.
+* GRIPPED without a lift: not the first contact, which decides nothing yet, but when thumb and fingers touch the
+  product, the fingers have come to rest on it (3 mm/s), and their tendons pull steadily (10 N/s): pressing is over.
 * SLIPPED: the last instant at which both sides touched it.
 * EMPTY: the last finger has come to the end of its path, or stands (1 mm/s) without anything to stop it.
 GRIPPED after a lift is decided by the clock (the lift window) and is not among the latencies. As in the cell, a
@@ -121,8 +121,8 @@ class Watch:
             return float(np.fmax(self.touched_s, self.unsteady_s))
         if outcome is Outcome.SLIPPED and not self.touching:
             return self.last_touched_s
-        # Decided before the plant says so: no latency.
-        return float(np.fmin(self.ended_s, self._cell.plant.now_s)) if outcome is Outcome.EMPTY else float("nan")
+        # Said before the plant shows it: there is no event to measure from, and no 0 ms among the latencies.
+        return self.ended_s if outcome is Outcome.EMPTY else float("nan")
 
 
 def trials(cell_seed: int, finger_set: str) -> list[Trial]:

@@ -76,9 +76,10 @@ def test_a_drop_within_the_uncertainty_is_no_break():
     assert not any(guard.step(0.3 + t, 0.2, 0.01, stddev=1.0) for t in steps(0.2))
 
 
-@pytest.mark.parametrize(("rest", "found"), [(0.0, True), (0.6, True), (1.5, True), (3.6, False), (5.0, False)])
+@pytest.mark.parametrize(("rest", "found"), [(0.0, True), (1.5, True), (2.5, True), (3.6, False), (5.0, False)])
 def test_a_product_that_slips_out_leaves_the_finger_its_own_tension(rest, found):
-    """22 N on a heavy product; the joints of a closed finger pull with some 4 N, what gears can feign is 1.77 N."""
+    """22 N on a heavy product; the joints of a closed finger pull with some 4 N, what gears can feign is 1.77 N, and a
+    hold whose trim still pulls at them shows a little more."""
     model = TorqueModel(0.52 / 1.47, 0.05)
 
     def stddev(tension):

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is added to a setpoint under load, and how it goes when the load has gone."""
+
+import pytest
+
+from softgrip_driver.tendon.motions import Step, View
+from softgrip_driver.tendon.trim import Trim
+
+DT = 0.01  # [s]
+
+
+def seconds_until(trim, error_m, reached):
+    """Let a drive stand beside its goal by so much until a condition holds; return how long that takes [s]."""
+    for count in range(1000):
+        if reached(trim.value):
+            return count * DT
+        view = View(count * DT, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
+        trim.step(Step(0.010, 35.0), view)
+    raise AssertionError("never reached")
+
+
+def test_what_pulled_at_a_load_that_is_gone_goes_faster_than_it_came():
+    trim = Trim(lead=0.006)
+    came = seconds_until(trim, 1e-3, lambda value: value >= 1e-3)
+    went = seconds_until(trim, -1e-3, lambda value: value <= 0.0)
+    assert went < 0.4 * came
+
+
+@pytest.mark.parametrize("error_m", [1e-4, -1e-4])
+def test_next_to_its_goal_a_drive_is_corrected_as_slowly_in_as_out(error_m):
+    """A hold's noise would else wear its trim away."""
+    trim = Trim(lead=0.006)
+    trim.value = 1e-3
+    view = View(0.0, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
+    trim.step(Step(0.010, 35.0), view)
+    assert trim.value - 1e-3 == pytest.approx(Trim.RATE * error_m * DT)
