@@ -74,7 +74,19 @@ def test_a_drive_that_turned_round_too_fast_is_not_taken_for_one_that_pulls(exce
     assert home(Finger(excess)) == pytest.approx(TAUT, abs=3e-4)
 
 
-@pytest.mark.parametrize("pauses_at", [-0.004, 0.0, 0.0012, 0.0030])
+@pytest.mark.parametrize("pauses_at", [-0.004, -0.0006, 0.0, 0.0012, 0.0030])
 def test_a_bus_that_pauses_on_the_way_does_not_move_the_zero(pauses_at):
     """After the pause the drive catches up and is braked; where too little slack is left to see, it begins again."""
     assert home(Finger(0.008, pauses_at)) == pytest.approx(TAUT, abs=5e-4)
+
+
+def test_letting_out_is_as_quick_as_a_release():
+    """Only the winding in is measured; 8 mm at 30 mm/s and the time to get up to speed."""
+    finger = Finger()
+    homing = Homing(finger.view(0.0, 0.0), LIMITS)
+    asked, count = 0.0, 0
+    while asked > -LIMITS.slack_travel:
+        count += 1
+        asked = homing.step(finger.view(count * PERIOD, asked)).length
+    least = LIMITS.slack_travel / LIMITS.release_speed
+    assert least < count * PERIOD < least + 2.0 * LIMITS.release_speed / LIMITS.acceleration
