@@ -25,6 +25,8 @@ class Graph:
 
     def __init__(self) -> None:
         self._entities: dict[str, Entity] = {}
+        self._by_kind: dict[EntityKind, dict[str, Entity]] = {kind: {} for kind in EntityKind}
+        self._by_name: dict[str, dict[str, Entity]] = {}
         self._by_gid: dict[bytes, Entity] = {}
         self._lock = threading.RLock()
         self._changed = threading.Condition(self._lock)
@@ -65,6 +67,8 @@ class Graph:
             if token in self._entities:
                 return
             self._entities[token] = entity
+            self._by_kind[entity.kind][token] = entity
+            self._by_name.setdefault(entity.name, {})[token] = entity
             self._by_gid[wire.gid_of(token)] = entity
             self._changed.notify_all()
             listeners = list(self._listeners)
@@ -77,6 +81,11 @@ class Graph:
             entity = self._entities.pop(token, None)
             if entity is None:
                 return
+            del self._by_kind[entity.kind][token]
+            named = self._by_name[entity.name]
+            del named[token]
+            if not named:
+                del self._by_name[entity.name]
             self._by_gid.pop(wire.gid_of(token), None)
             self._changed.notify_all()
             listeners = list(self._listeners)
@@ -109,12 +118,12 @@ class Graph:
     def snapshot(self, *kinds: EntityKind) -> list[Entity]:
         """Return the entities of the given kinds, or all."""
         with self._lock:
-            return [entity for entity in self._entities.values() if not kinds or entity.kind in kinds]
+            return [entity for kind in kinds or EntityKind for entity in self._by_kind[kind].values()]
 
     def endpoints(self, name: str, *kinds: EntityKind) -> list[Entity]:
         """Return the endpoints on a fully qualified name."""
         with self._lock:
-            return [entity for entity in self._entities.values() if entity.name == name and entity.kind in kinds]
+            return [entity for entity in self._by_name.get(name, {}).values() if entity.kind in kinds]
 
     def by_gid(self, gid: bytes) -> Entity | None:
         """Return the endpoint with this gid, when its token has been seen."""

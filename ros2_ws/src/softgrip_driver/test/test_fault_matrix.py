@@ -104,7 +104,7 @@ BOTH_STAGES = [
     Row("stand_silent", "no_reply", reason="nothing heard for", safe_within=SLOW),
     Row("stand_reply_cut", "no_reply", reason="nothing heard for", safe_within=SLOW),
     # The setpoint first gets 3 mm ahead at 3 mm/s, then nothing moves for a second.
-    Row("stage_jammed", "stalled", reason="look for a jam", recovery="command", safe_within=2.2),
+    Row("stage_jammed", "stalled", reason="look for a jam", recovery="command", safe_within=2.0 + SLOW),
     Row("unplugged", "port_lost", arguments=(STAGE_PORT,), reason="plug", recovery="home", safe_within=SLOW),
     Row("gauge_silent", "gauge_lost", reason="check power", safe_within=2 * SLOW),
     Row("gauge_reply_cut", "gauge_lost", reason="expected a", safe_within=2 * SLOW),
