@@ -52,11 +52,18 @@ def schema_text(type_name: str, find: FindInterface) -> str:
 def referenced(text: str, package: str) -> Iterator[tuple[str, str]]:
     """Yield (package, name) of every message type that a definition's fields name."""
     for line in text.splitlines():
-        match = _FIELD.match(line.split("#", 1)[0])
-        if match is None or match["type"] in PRIMITIVES or match["rest"].lstrip().startswith("="):
-            continue
-        scope, _, name = match["type"].rpartition("/")
-        yield (scope.split("/")[0] if scope else package), name
+        named = _message_type(line)
+        if named is not None:
+            scope, _, name = named.rpartition("/")
+            yield (scope.split("/")[0] if scope else package), name
+
+
+def _message_type(line: str) -> str | None:
+    """The message type that a line's field has, as it is written there; None: a primitive, a constant, or no field."""
+    match = _FIELD.match(line.split("#", 1)[0])
+    if match is None or match["type"] in PRIMITIVES or match["rest"].lstrip().startswith("="):
+        return None
+    return match["type"]
 
 
 def same_definition(one: str, other: str) -> bool:
@@ -75,24 +82,37 @@ def _parts(text: str) -> dict[str, list[str]]:
 
 
 def _derived(package: str, kind: str, name: str, find: FindInterface) -> dict[str, str]:
-    """Definitions that rosidl derives for an action's feedback and a service's events; their names keep the kind."""
+    """Definitions that rosidl derives for an action's feedback and a service's events.
+
+    Their names keep the kind. A field of theirs that names a type without its package means a message, and gets the
+    package: readers look for a bare name among the types of the same kind.
+    """
     base, _, suffix = name.rpartition("_")
+
+    def halves() -> list[str]:
+        return [_with_packages(half, package) for half in _halves(find(package, kind, base))]
+
     if kind == "action":
         if suffix != "FeedbackMessage":
             raise BagError(f"expected the feedback message of an action, found {package}/action/{name}")
-        feedback = _halves(find(package, kind, base))[2]
+        feedback = halves()[2]
         fields = f"unique_identifier_msgs/UUID goal_id\n{package}/action/{base}_Feedback feedback"
         return {name: fields, f"{base}_Feedback": feedback}
     if kind == "srv":
         if suffix != "Event":
             raise BagError(f"expected the events of a service, found {package}/srv/{name}")
-        request, response = _halves(find(package, kind, base))[:2]
+        request, response = halves()[:2]
         fields = (
             "service_msgs/ServiceEventInfo info\n"
             f"{package}/srv/{base}_Request[<=1] request\n{package}/srv/{base}_Response[<=1] response"
         )
         return {name: fields, f"{base}_Request": request, f"{base}_Response": response}
     return {}
+
+
+def _with_packages(text: str, package: str) -> str:
+    bare = [(line, "/" not in (_message_type(line) or "/")) for line in text.split("\n")]
+    return "\n".join(f"{package}/{line.lstrip()}" if is_bare else line for line, is_bare in bare)
 
 
 def _halves(text: str) -> list[str]:

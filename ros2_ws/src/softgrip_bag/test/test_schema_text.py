@@ -51,8 +51,15 @@ def test_an_independent_parser_reads_the_schema() -> None:
 def test_feedback_topics_of_actions_get_the_message_rosidl_derives() -> None:
     text = schema_text("a_msgs/action/Go_FeedbackMessage", find)
     assert text.startswith("unique_identifier_msgs/UUID goal_id\na_msgs/action/Go_Feedback feedback")
-    assert "MSG: a_msgs/action/Go_Feedback\nInner now" in text
+    assert "MSG: a_msgs/action/Go_Feedback\na_msgs/Inner now" in text
     assert "MSG: geometry_msgs/Point" in text
+
+
+def test_a_message_of_the_same_package_in_a_feedback_is_found_by_an_independent_parser() -> None:
+    name = "a_msgs/action/Go_FeedbackMessage"
+    types = get_types_from_msg(schema_text(name, find), name)
+    (_, (_, inner)) = types["a_msgs/action/Go_Feedback"][1][0]
+    assert inner in types
 
 
 def test_the_feedback_type_has_the_hash_that_rosidl_gave_it() -> None:
