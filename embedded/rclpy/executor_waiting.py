@@ -48,6 +48,7 @@ class Waiting:
         self._ready_tasks: collections.deque[Task] = collections.deque()
         self._callbacks: Iterator[Task | Work] | None = None
         self._hints: collections.deque[tuple[Any, Node]] = collections.deque()
+        self._due_s = 0.0  # when the next timer is due, as of the last look; whatever changes that wants a look
         self._look_due_s = 0.0
         self._looked_s = 0.0
         self._look_wanted = True
@@ -91,7 +92,7 @@ class Waiting:
         self,
         timeout_sec: float | TimeoutObject | None = None,
         nodes: list[Node] | None = None,
-        condition: Callable[[], bool] = lambda: False,
+        condition: Callable[[], bool] | None = None,
     ) -> tuple[Task, Any, Node | None]:
         """Return the next (task, entity, node) that is ready.
 
@@ -104,7 +105,10 @@ class Waiting:
         return item, *self._pending_tasks.get(item, (None, None))
 
     def _next(
-        self, timeout_sec: float | TimeoutObject | None, nodes: list[Node] | None, condition: Callable[[], bool]
+        self,
+        timeout_sec: float | TimeoutObject | None = None,
+        nodes: list[Node] | None = None,
+        condition: Callable[[], bool] | None = None,
     ) -> Task | Work:
         """Wait for what is to be run next."""
         if isinstance(timeout_sec, TimeoutObject):
@@ -115,12 +119,12 @@ class Waiting:
                 raise ShutdownException
             if not self._context._ok:
                 raise ExternalShutdownException
-            if condition():
+            if condition is not None and condition():
                 raise ConditionReachedException
             found = self._next_ready(nodes)
             if found is not None:
                 return found
-            self._wait(end, nodes)
+            self._wait(end)
 
     def _next_ready(self, nodes: list[Node] | None) -> Task | Work | None:
         """Return work, going round: all that was ready at one look comes before a second look.
@@ -139,9 +143,11 @@ class Waiting:
             hinted = self._hinted()
             if hinted is not None or not self._node_came:
                 return hinted
-        self._look_wanted = self._node_came = False
+        self._look_wanted = nodes is not None  # a look at some is none at all
+        self._node_came = False
         self._looked_s = now
-        self._look_due_s = now + self._seconds_until_due(_LOOK_PERIOD_S, nodes)
+        self._due_s = now + self._seconds_until_due(LONGEST_WAIT_S, nodes)
+        self._look_due_s = min(self._due_s, now + _LOOK_PERIOD_S)
         self._callbacks = self._look(nodes)
         found = next(self._callbacks, None)
         if found is None:
@@ -160,7 +166,7 @@ class Waiting:
                 entity, node = self._hints.popleft()
             except IndexError:
                 return None
-            if node in self._nodes and entity._is_ready() and self.can_execute(entity):
+            if node in self._nodes and not entity._executor_event:
                 work = self._taken(entity, node)
                 if work is not None:
                     return work
@@ -191,20 +197,21 @@ class Waiting:
         if group is not None and not group.beginning_execution(entity):
             entity._executor_event = False
             return None
-        work = Work(self._itself(), entity, node, entity._take())
-        if work.taken is None:
+        work = Work(self._itself(), entity, node)
+        taken = entity._take()
+        if taken is None:
             work.finish()
             return None
+        work.taken = taken
         return work
 
-    def _wait(self, end: float | None, nodes: list[Node] | None) -> None:
-        limit = LONGEST_WAIT_S
+    def _wait(self, end: float | None) -> None:
+        now = time.monotonic()
+        limit = min(LONGEST_WAIT_S, self._due_s - now)
         if end is not None:
-            left = end - time.monotonic()
-            if left <= 0:
+            if end <= now:
                 raise TimeoutException
-            limit = min(limit, left)
-        limit = self._seconds_until_due(limit, nodes)
+            limit = min(limit, end - now)
         if self._ready_tasks or limit <= 0:
             self._look_wanted = True
             return

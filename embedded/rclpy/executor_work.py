@@ -55,18 +55,19 @@ class Work:
 
     __slots__ = ("entity", "executor", "node", "taken")
 
-    def __init__(self, executor: Executor, entity: Any, node: Node, taken: tuple[Any, ...] | None) -> None:
+    def __init__(self, executor: Executor, entity: Any, node: Node) -> None:
         self.executor = executor
         self.entity = entity
         self.node = node
-        self.taken = taken
+        self.taken: tuple[Any, ...] = (nothing, ())
 
     def finish(self) -> None:
         """Give the entity and its group back."""
         entity = self.entity
         entity._executor_event = False
-        if entity.callback_group is not None:
-            entity.callback_group.ending_execution(entity)
+        group = entity.callback_group
+        if group is not None:
+            group.ending_execution(entity)
         if self.executor._others_wait:
             self.executor.wake()
 
@@ -75,7 +76,11 @@ class Continuation(Task):
     """A coroutine that a callback of an entity began; the entity is given back when it ends."""
 
     def __init__(
-        self, executor: Executor, coroutine: Coroutine[Any, Any, Any], work: Work, done: list[Callable[[Any], None]]
+        self,
+        executor: Executor,
+        coroutine: Coroutine[Any, Any, Any],
+        work: Work,
+        done: tuple[Callable[[Any], None], ...],
     ) -> None:
         super().__init__(nothing, executor=executor)
         self._handler = coroutine

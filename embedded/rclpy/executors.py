@@ -21,7 +21,6 @@ from rclpy.executor_work import (
     TimeoutException,
     TimeoutObject,
     Work,
-    nothing,
 )
 from rclpy.task import Future, Task
 from rclpy.utilities import get_default_context
@@ -188,7 +187,7 @@ class Executor(Waiting):
             self._exit_spin()
 
     def _spin_once_impl(
-        self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] = lambda: False
+        self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] | None = None
     ) -> None:
         raise NotImplementedError
 
@@ -208,16 +207,16 @@ class Executor(Waiting):
 
     def _execute(self, work: Work) -> None:
         """Run a callback. A plain function is done then; a coroutine goes on as a task."""
-        callback, args, *done = work.taken or (nothing, ())
+        taken = work.taken  # callback, arguments, and for some what to do with the result
         pending = None
         me = threading.get_ident()
         self._active.add(me)
         try:
-            result = callback(*args)
+            result = taken[0](*taken[1])
             if result.__class__ is CoroutineType:
-                pending = Continuation(self, result, work, done)
-            elif done:
-                done[0](result)
+                pending = Continuation(self, result, work, taken[2:])
+            elif len(taken) > 2:
+                taken[2](result)
         finally:
             self._active.discard(me)
             if self._is_shutdown:
@@ -248,7 +247,7 @@ class SingleThreadedExecutor(Executor):
     """Runs callbacks in the thread that spins."""
 
     def _spin_once_impl(
-        self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] = lambda: False
+        self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] | None = None
     ) -> None:
         try:
             item = self._next(timeout_sec, None, condition)
@@ -281,10 +280,10 @@ class MultiThreadedExecutor(Executor):
         self._failed: collections.deque[BaseException] = collections.deque()
 
     def _spin_once_impl(
-        self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] = lambda: False
+        self, timeout_sec: float | TimeoutObject | None = None, condition: Callable[[], bool] | None = None
     ) -> None:
         try:
-            item = self._next(timeout_sec, None, lambda: bool(self._failed) or condition())
+            item = self._next(timeout_sec, None, lambda: bool(self._failed) or (condition is not None and condition()))
         except (ExternalShutdownException, ShutdownException, TimeoutException):
             return
         except ConditionReachedException:

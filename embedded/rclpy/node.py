@@ -91,6 +91,7 @@ class Node(NodeParameters, NodeGraph, NodeEntities):
             namespace,
         )
         self._rcl_name = own_name
+        self._rcl_resolved_names: dict[tuple[str, str], str] = {}
         self._rcl_logger_name = (self._rcl_namespace.replace("/", ".").strip(".") + "." + own_name).lstrip(".")
         self._logger = get_logger(self._rcl_logger_name)
         self._rcl_link = Link(self._context._session())
@@ -212,7 +213,12 @@ class Node(NodeParameters, NodeGraph, NodeEntities):
         return full
 
     def _rcl_remapped(self, name: str, kind: str) -> str:
-        full = self._rcl_full_name(name, kind)
+        known = self._rcl_resolved_names.get((name, kind))
+        if known is None:
+            known = self._rcl_resolved_names[name, kind] = self._rcl_remap(self._rcl_full_name(name, kind), kind)
+        return known
+
+    def _rcl_remap(self, full: str, kind: str) -> str:
         for given in self._rcl_arguments:
             mapped = names.remap_name(full, kind, self._rcl_name, self._rcl_namespace, given.remaps)
             if mapped != full:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 import warnings
 from enum import Enum, IntEnum
 from typing import Any, Self
@@ -201,23 +203,25 @@ class QoSProfile:
 
     @classmethod
     def _from_wire(cls, qos: wire.WireQos) -> QoSProfile:
-        return QoSProfile(
-            history=HistoryPolicy(qos.history),
-            depth=qos.depth,
-            reliability=ReliabilityPolicy(qos.reliability),
-            durability=DurabilityPolicy(qos.durability),
-            lifespan=Duration(nanoseconds=qos.lifespan_ns),
-            deadline=Duration(nanoseconds=qos.deadline_ns),
-            liveliness=LivelinessPolicy(qos.liveliness),
-            liveliness_lease_duration=Duration(nanoseconds=qos.lease_ns),
-        )
+        return _announced(qos)._copy()
+
+
+@functools.lru_cache
+def _announced(qos: wire.WireQos) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy(qos.history),
+        depth=qos.depth,
+        reliability=ReliabilityPolicy(qos.reliability),
+        durability=DurabilityPolicy(qos.durability),
+        lifespan=Duration(nanoseconds=qos.lifespan_ns),
+        deadline=Duration(nanoseconds=qos.deadline_ns),
+        liveliness=LivelinessPolicy(qos.liveliness),
+        liveliness_lease_duration=Duration(nanoseconds=qos.lease_ns),
+    )
 
 
 def _make_property(name: str) -> property:
     kind = _TYPES[name]
-
-    def get(self: QoSProfile) -> Any:
-        return getattr(self, "_" + name)
 
     def put(self: QoSProfile, value: Any) -> None:
         if issubclass(kind, QoSPolicyEnum):
@@ -236,7 +240,7 @@ def _make_property(name: str) -> property:
             )
         setattr(self, "_" + name, value)
 
-    return property(get, put, doc=f"The {name.replace('_', ' ')}.")
+    return property(operator.attrgetter("_" + name), put, doc=f"The {name.replace('_', ' ')}.")
 
 
 for _name in _DEFAULTS:

@@ -15,7 +15,6 @@ from rclpy.endpoint import Endpoint
 from embedded_ros import wire
 from embedded_ros.errors import CdrError, needs_ros2
 from embedded_ros.graph import incompatible_policy
-from embedded_ros.messages import deserialize
 from embedded_ros.wire import EntityKind
 
 if TYPE_CHECKING:
@@ -123,31 +122,26 @@ class Subscription(Endpoint):
         return bool(self._queue)
 
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
-        taken = self._take_one()
-        if taken is None:
-            return None
-        message, info = taken
-        if self._queue:
-            self._node._rcl_ready(self)
-        return self._callback, (
-            (message, info) if self._callback_type is self.CallbackType.WithMessageInfo else (message,)
-        )
-
-    def _take_one(self) -> tuple[Any, dict[str, Any]] | None:
         try:
             sample, attachment, received_ns = self._queue.popleft()
-            sequence, stamp_ns, gid = wire.decode_attachment(attachment)
-            payload = sample.to_bytes()
-            message = payload if self.raw else deserialize(payload, self.msg_type)
         except IndexError:
             return None
+        if self._queue:
+            self._node._rcl_ready(self)
+        try:
+            sequence, stamp_ns, gid = wire.decode_attachment(attachment)
+            payload = sample.to_bytes()
+            message = payload if self.raw else self.msg_type.DEFINITION.deserialize(payload)
         except (CdrError, struct.error, ValueError) as error:
             self._node.get_logger().error(f"dropped a sample on '{self._name}': {error}")
             return None
         last = self._last.get(gid, 0)
-        self._last[gid] = max(last, sequence)
-        if last and sequence > last + 1:
-            self._lost(sequence - last - 1)
+        if sequence > last:
+            self._last[gid] = sequence
+            if last and sequence > last + 1:
+                self._lost(sequence - last - 1)
+        if self._callback_type is self.CallbackType.MessageOnly:
+            return self._callback, (message,)
         info = {
             "source_timestamp": stamp_ns,
             "received_timestamp": received_ns,
@@ -155,7 +149,7 @@ class Subscription(Endpoint):
             "reception_sequence_number": None,
             "publisher_gid": gid,
         }
-        return message, info
+        return self._callback, (message, info)
 
     @property
     def is_cft_enabled(self) -> bool:

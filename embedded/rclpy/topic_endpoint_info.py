@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from enum import IntEnum
 from typing import Any
 
@@ -53,6 +55,15 @@ class TopicEndpointInfo:
 
     @classmethod
     def _from_entity(cls, entity: Entity) -> TopicEndpointInfo:
+        known = _made(entity)
+        own = {"_endpoint_gid": known.endpoint_gid.copy(), "_qos_profile": known.qos_profile._copy()}
+        twin = object.__new__(cls)
+        for slot in cls.__slots__:
+            setattr(twin, slot, own.get(slot, getattr(known, slot)))
+        return twin
+
+    @classmethod
+    def _make(cls, entity: Entity) -> TopicEndpointInfo:
         return cls(
             node_name=entity.node,
             node_namespace=entity.namespace,
@@ -97,10 +108,11 @@ class TopicEndpointInfo:
         )
 
 
-def _make_property(name: str, kind: type) -> property:
-    def get(self: TopicEndpointInfo) -> Any:
-        return getattr(self, "_" + name)
+# Nodes ask for them several times a second, and most are those of last time.
+_made = functools.lru_cache(maxsize=1024)(TopicEndpointInfo._make)
 
+
+def _make_property(name: str, kind: type) -> property:
     def put(self: TopicEndpointInfo, value: Any) -> None:
         if kind is TopicEndpointTypeEnum and isinstance(value, int):
             value = TopicEndpointTypeEnum(value)
@@ -108,7 +120,7 @@ def _make_property(name: str, kind: type) -> property:
             raise AssertionError(f"{name}: expected {kind.__name__}, found {value!r}")
         setattr(self, "_" + name, value)
 
-    return property(get, put, doc=f"The {name.replace('_', ' ')}.")
+    return property(operator.attrgetter("_" + name), put, doc=f"The {name.replace('_', ' ')}.")
 
 
 for _name, _kind in (

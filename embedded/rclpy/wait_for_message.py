@@ -37,9 +37,9 @@ def wait_for_message(
     node._rcl_changed()
     try:
         while node.context.ok() and (end is None or time.monotonic() < end):
-            taken = subscription._take_one()
+            taken = subscription._take()
             if taken is not None:
-                return True, taken[0]
+                return True, taken[1][0]
             time.sleep(_LOOK_PERIOD_S)
     finally:
         subscription.destroy()
