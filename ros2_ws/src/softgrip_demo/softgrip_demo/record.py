@@ -95,7 +95,7 @@ class GraspResult:
     outcome: str
     expected: str  # Table 4.2: "success", "partial", "failure"
     reason: str
-    latency: float  # [s]
+    latency: float  # [s] from the deciding event to the result at the client; NaN where nothing was decided
 
 
 @dataclass(frozen=True)

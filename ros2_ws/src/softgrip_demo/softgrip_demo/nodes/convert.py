@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+import yaml
 
 from softgrip_demo.record import FrictionPoint, FrictionResult, ShapeView
 
@@ -29,6 +32,21 @@ def friction_result(result: Any) -> FrictionResult:
             if sample.verdict == sample.ACCEPTED
         ),
     )
+
+
+def outcome_latency(result: Any, received_ns: int) -> float:
+    """Return how long after the deciding event a Grasp result has come to its client [s].
+
+    Args:
+        result: Grasp.Result.
+        received_ns: when it came, on the clock of the driver's stamps [ns].
+
+    Returns:
+        The event to the sample that decided, and that sample's stamp to the client; NaN where nothing was decided on a
+        sample (a refusal).
+    """
+    decided_ns = (yaml.safe_load(result.evidence) or {}).get("decided_stamp_ns")
+    return math.nan if not decided_ns else result.latency + (received_ns - decided_ns) * 1e-9
 
 
 def shape_view(shapes: list[Any]) -> ShapeView | None:

@@ -154,6 +154,7 @@ class Shift:
         if filmed:
             self._watch.begin(film=True)
         result = self._cell.grasp(product, trial=True)
+        latency = convert.outcome_latency(result, self._link.node.get_clock().now().nanoseconds)
         if filmed:
             self._film = self._develop(finger_set)
         self._cell.release()
@@ -166,7 +167,7 @@ class Shift:
             outcome=outcome,
             expected=expected_outcome(product, finger_set),
             reason=result.reason,
-            latency=result.latency,
+            latency=latency,
         )
 
     def _develop(self, finger_set: str) -> tuple[Frame, ...]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softgrip_model.finger.errors import FingerError
+from softgrip_model.finger.in_use import InUse, Timeline
 from softgrip_model.finger.kernel import Status
 from softgrip_model.finger.matching import Matcher, TendonSample
 from softgrip_model.finger.predictor import PAYING_OUT, ActiveFriction, Configuration, Prediction, TendonReading
@@ -62,6 +63,7 @@ class Session:
         self._frictions: dict[str, ActiveFriction] = {}
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
         self._free: deque[tuple[int, bool]] = deque(maxlen=100)
+        self._timeline = Timeline()
         self._adopt(Configuration(self._profiles, mounted, None))
 
     def set_friction(self, friction: ActiveFriction) -> None:
@@ -83,15 +85,21 @@ class Session:
         """Take note that from this stamp [ns] on the fingers move free of objects, or not."""
         self._free.append((stamp, free))
 
+    def in_use(self, stamp: int) -> InUse:
+        """Return what a tendon sample that comes now with a stamp [ns] is predicted and judged with."""
+        return InUse(self.configuration, self._monitors, self._is_free(stamp))
+
     def on_tendons(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Residual]:
-        """Take the tendons' state; return the residuals that became known by it."""
-        return [
-            self._residual(matched, measured)
+        """Take the tendons' state at one stamp; return the residuals that became known by it."""
+        for sample in tendons[:1]:
+            self._timeline.note(sample.stamp, self.in_use(sample.stamp))
+        pairs = [
+            pair
             for name, sample in zip(names, tendons, strict=True)
             if name in self.configuration.fingers and math.isfinite(sample.pulled_length)
-            for matched, measured in self._matcher(name).add_tendon(sample)
-            if self._is_mounted(measured)
+            for pair in self._matcher(name).add_tendon(sample)
         ]
+        return self._residuals(pairs)
 
     def predict(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Prediction]:
         """Predict the mounted fingers among these tendons."""
@@ -103,13 +111,8 @@ class Session:
 
     def on_measured(self, stamp: int, fingers: Sequence[MeasuredFinger]) -> list[Residual]:
         """Take what the camera saw at a stamp [ns]; return the residuals that became known by it."""
-        return [
-            self._residual(matched, measured)
-            for finger in fingers
-            if finger.finger in self.configuration.fingers
-            for matched, measured in self._matcher(finger.finger).add_measured(stamp, finger)
-            if self._is_mounted(measured)
-        ]
+        pairs = [pair for finger in fingers for pair in self._matcher(finger.finger).add_measured(stamp, finger)]
+        return self._residuals(pairs)
 
     def closing(self, profile: str, slot: str, friction: str, pulled_lengths: Sequence[float]) -> list[Prediction]:
         """Predict a profile's finger at pulled lengths [m].
@@ -155,25 +158,30 @@ class Session:
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())
 
-    def _is_mounted(self, measured: MeasuredFinger) -> bool:
-        """Whether it is the finger that is predicted now: a frame from before a swap is of another one."""
-        return measured.profile in {"", self.configuration.mounted[measured.finger]}
-
     def _is_free(self, stamp: int) -> bool:
         for since, free in reversed(self._free):
             if since <= stamp:
                 return free
         return True
 
-    def _residual(self, tendon: TendonSample, measured: MeasuredFinger) -> Residual:
+    def _residuals(self, pairs: Sequence[tuple[TendonSample, MeasuredFinger]]) -> list[Residual]:
+        residuals = []
+        for tendon, measured in pairs:
+            in_use = self._timeline.at(tendon.stamp)
+            if in_use is not None and in_use.holds(measured.finger, measured.profile):
+                residuals.append(self._residual(in_use, tendon, measured))
+        return residuals
+
+    @staticmethod
+    def _residual(in_use: InUse, tendon: TendonSample, measured: MeasuredFinger) -> Residual:
         slot = measured.finger
-        solution = self.configuration.solve(slot, tendon.pulled_length)
-        finger, monitor = self.configuration.fingers[slot], self._monitors[slot]
+        solution = in_use.configuration.solve(slot, tendon.pulled_length)
+        finger, monitor = in_use.configuration.fingers[slot], in_use.monitors[slot]
         tip_mm = 1e3 * np.array(measured.tip)
         slack = bool(int(solution.status[0, 0]) & Status.SLACK)
         if not solution.failed[0, 0] and not slack:
             pulling = tendon.velocity > PAYING_OUT
-            monitor.add(solution, tip_mm, tendon.tension, pulling=pulling, free=self._is_free(tendon.stamp))
+            monitor.add(solution, tip_mm, tendon.tension, pulling=pulling, free=in_use.free)
         verdict, why = monitor.judge()
         error_mm = float(np.linalg.norm(tip_mm - solution.tip_mm[0, 0]))
         predicted = solution.angle_rad[0, 0]

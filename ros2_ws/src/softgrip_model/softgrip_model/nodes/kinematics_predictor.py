@@ -107,9 +107,9 @@ class KinematicsPredictor(Node):
             return
         predictions = self._session.predict(samples, names)
         if predictions:
-            configuration = self._session.configuration
+            in_use = self._session.in_use(samples[0].stamp)
             self._predicted.publish(
-                convert.predicted_message(message.header, predictions, configuration.friction_id, configuration.digest)
+                convert.predicted_message(message.header, predictions, in_use.configuration.friction_id, in_use.digest)
             )
         self._report("tendons", Health.OK, f"{len(predictions)} of {len(names)} tendons predicted")
         self._publish_residuals(self._session.on_tendons(samples, names))
