@@ -17,16 +17,11 @@ if TYPE_CHECKING:
     from softgrip_demo.record import Closing, ShiftRecord
 
 
-def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
-    """Return the page; frames of the film are read from ``folder`` and embedded."""
-    environment = Environment(
-        loader=PackageLoader("softgrip_demo"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("report.html.j2").render(
-        record=record,
-        summary=summary,
-        friction_svg=plots.friction_figure(record.friction),
-        closings=[
+def figures(record: ShiftRecord, folder: Path) -> dict[str, Any]:
+    """Return what the page shows beside numbers: drawings as SVG, and the frames of the film, read from ``folder``."""
+    return {
+        "friction_svg": plots.friction_figure(record.friction),
+        "closings": [
             {
                 "grasp": c.grasp,
                 "joints_svg": plots.joints_figure(c),
@@ -36,8 +31,7 @@ def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
             for c in record.closings
             if c.samples
         ],
-        cross_check=table42.page_view(table42.load()),
-        film=[
+        "film": [
             {
                 "image": _data_url(folder / frame.image),
                 "joints": frame.predicted_joints,
@@ -47,6 +41,16 @@ def render(record: ShiftRecord, summary: dict[str, Any], folder: Path) -> str:
             }
             for frame in record.film
         ],
+    }
+
+
+def render(record: ShiftRecord, summary: dict[str, Any], drawn: dict[str, Any]) -> str:
+    """Return the page with its ``figures``."""
+    environment = Environment(
+        loader=PackageLoader("softgrip_demo"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("report.html.j2").render(
+        record=record, summary=summary, cross_check=table42.page_view(table42.load()), **drawn
     )
 
 

@@ -23,7 +23,7 @@ from softgrip_demo.record import (
     ShiftRecord,
     Stage,
 )
-from softgrip_demo.report import render
+from softgrip_demo.report import figures, render
 from softgrip_demo.summary import ReplayCheck, summarise, tip_errors_percent
 
 
@@ -87,7 +87,7 @@ def test_the_page_holds_everything_itself(record: ShiftRecord, tmp_path: Path) -
     (tmp_path / "film").mkdir()
     (tmp_path / "film" / "000.jpg").write_bytes(b"\xff\xd8\xff\xd9")
     summary = summarise(record, ReplayCheck("node", 5, identical=True, detail="", wall=0.5), 0.1)
-    page = render(record, summary, tmp_path)
+    page = render(record, summary, figures(record, tmp_path))
     assert "data:image/jpeg;base64,/9j/2Q==" in page
     assert page.count("<svg") == 4
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:|//|/)|url\((?!#)""", page)

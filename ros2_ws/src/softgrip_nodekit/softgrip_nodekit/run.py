@@ -23,6 +23,8 @@ CANNOT_START = 2
 #: [s] how long device files may take to appear at start, and between looks.
 DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
+#: [s] from a signal to the end of rclpy's context, at most.
+SIGNAL_WAIT = 0.2
 #: Begins the names of parameters that a publisher or subscription declares when it is made, maybe later.
 _QOS_OVERRIDES = "qos_overrides."
 
@@ -63,9 +65,9 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
         code = CANNOT_START
     except Exception:
-        if rclpy.ok():
+        if not _is_told_to_stop():
             raise
-        # a publish that met the shutdown: nothing is wrong, the node is leaving
+        # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
     finally:
         _leave(node, executor)
     return code
@@ -78,6 +80,14 @@ def _refuse_unknown_parameters(node: Node) -> None:
     if unknown:
         known = ", ".join(sorted(node.list_parameters([], 0).names))
         raise StartupError(f"unknown parameter {', '.join(map(repr, unknown))}; {node.get_name()} has {known}")
+
+
+def _is_told_to_stop() -> bool:
+    """Whether a signal ends this process; rclpy's thread for signals may be a little later than the error it caused."""
+    deadline = time.monotonic() + SIGNAL_WAIT
+    while rclpy.ok() and time.monotonic() < deadline:
+        time.sleep(DEVICE_POLL)
+    return not rclpy.ok()
 
 
 def _autostart(node: Node) -> bool:
