@@ -8,7 +8,7 @@ from collections import deque
 
 import numpy as np
 
-from softgrip_vision.sources.frame import Frame
+from softgrip_vision.frame import Frame
 
 #: [s] of the same picture, bit for bit: a sensor's noise never repeats
 FROZEN_TIME = 0.5

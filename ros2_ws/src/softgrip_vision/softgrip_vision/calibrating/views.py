@@ -9,7 +9,7 @@ import numpy as np
 
 from softgrip_vision.calibrating.board import Board, BoardView
 from softgrip_vision.errors import CalibrationError
-from softgrip_vision.sources.frame import FrameSource
+from softgrip_vision.frame import FrameSource
 
 #: A view is worth keeping when the board moved by this share of the image's width since every view kept.
 LEAST_MOVE = 0.04

@@ -25,13 +25,13 @@ from rich.progress import Progress
 
 from softgrip_vision import calibration
 from softgrip_vision.errors import VisionError
+from softgrip_vision.frame import FrameSource
 from softgrip_vision.layout import ChainLayout, Chains, FingerSetup
 from softgrip_vision.overlay import draw
 from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.report import Rows, plot, write_csv
 from softgrip_vision.sources import open_source
-from softgrip_vision.sources.frame import FrameSource
 from softgrip_vision.tracker import Tracker
 
 console = Console()

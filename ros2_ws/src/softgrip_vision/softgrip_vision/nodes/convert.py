@@ -17,8 +17,8 @@ from softgrip_interfaces.msg import FingerMarkers, FingerState, FingerStates
 from softgrip_vision import colour
 from softgrip_vision.calibration import Calibration
 from softgrip_vision.errors import FrameError
+from softgrip_vision.frame import Frame
 from softgrip_vision.readings import FingerReading
-from softgrip_vision.sources import Frame
 
 #: Channel order of the raw encodings that a colour camera publishes; index of B, G, R in a pixel, and its bytes.
 RAW_ENCODINGS = {"bgr8": ((0, 1, 2), 3), "rgb8": ((2, 1, 0), 3), "bgra8": ((0, 1, 2), 4), "rgba8": ((2, 1, 0), 4)}

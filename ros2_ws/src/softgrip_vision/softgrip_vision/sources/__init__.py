@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where frames come from: device, file, folder, stream. The only modules of this package that open any."""
 
+from softgrip_vision.frame import Frame, decode, jpeg_size
 from softgrip_vision.sources.capture import Capture, CaptureState, CaptureStatus
-from softgrip_vision.sources.frame import Frame, decode, jpeg_size
 from softgrip_vision.sources.opening import SourceOptions, kind_of, open_source
 
 __all__ = [

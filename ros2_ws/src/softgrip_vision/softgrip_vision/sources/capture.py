@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from softgrip_vision.errors import SourceError
-from softgrip_vision.sources.frame import Frame, FrameSource
+from softgrip_vision.frame import Frame, FrameSource
 from softgrip_vision.sources.opening import SourceKind, SourceOptions, dereference, kind_of, open_source
 
 #: [s] how often a file that is to appear is looked for.

@@ -18,7 +18,7 @@ from email.message import Message
 from typing import Protocol
 
 from softgrip_vision.errors import FrameError, SourceError
-from softgrip_vision.sources.frame import Frame, jpeg_size
+from softgrip_vision.frame import Frame, jpeg_size
 
 #: A part's header block and a part are refused beyond these sizes [bytes].
 LONGEST_HEADER = 16_384

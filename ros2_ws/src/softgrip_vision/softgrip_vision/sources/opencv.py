@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from softgrip_vision.errors import SourceError
-from softgrip_vision.sources.frame import Frame
+from softgrip_vision.frame import Frame
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 DEFAULT_FILE_FPS = 30.0

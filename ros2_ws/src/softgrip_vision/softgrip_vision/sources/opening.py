@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from softgrip_vision.errors import SourceError
-from softgrip_vision.sources.frame import FrameSource
+from softgrip_vision.frame import FrameSource
 from softgrip_vision.sources.mjpeg import MjpegStream
 from softgrip_vision.sources.opencv import DeviceStream, FolderStream, VideoStream
 
