@@ -16,7 +16,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema, Statistics
 
-from softgrip_bag import mcap_file, salvage
+from softgrip_bag import indexed, mcap_file, salvage
 from softgrip_bag.errors import BagError
 
 
@@ -138,9 +138,8 @@ def _number(path: Path) -> tuple[int, str]:
 
 def _indexed(path: Path, topics: set[str] | None) -> Iterator[RawMessage]:
     with path.open("rb") as stream:
-        wanted = None if topics is None else list(topics)
         try:
-            for schema, channel, message in make_reader(stream).iter_messages(topics=wanted):
+            for schema, channel, message in indexed.messages(stream, topics):
                 yield _raw(channel, schema, message)
         except McapError as error:
             raise BagError(f"{path}: expected MCAP, found {error!r}; try `ros2 run softgrip_bag repair`") from error

@@ -253,7 +253,9 @@ class _Replay:
         """Feed everything; returns topic -> messages."""
         topics = self._node.inputs & set(types)
         latched = latched_topics(self._bag) & topics
-        self._pending = {topic: list(read(self._bag, {topic})) for topic in sorted(latched)}
+        self._pending = {topic: [] for topic in sorted(latched)}
+        for message in read(self._bag, latched):
+            self._pending[message.topic].append(message)
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
                 stamp = stamp_of(deserialize_message(message.data, message_class(message.type_name)))

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One shift: calibrate friction, close every finger set once under the camera, work through the fifteen products.
+"""One shift: calibrate friction, work through the fifteen products, close every finger set once under the camera.
+
+A set is closed before the camera when it has just been mounted; sets that the plan does without come first.
 
 The node is the cell controller (services and actions of the cell only) and, on emulated hardware, the operator's
 hands. It ends by itself and leaves ``shift.json`` for `ros2 run softgrip_demo report`.
@@ -11,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +42,7 @@ PARAMETERS = ParameterTable(
     Parameter("out", "out/demo", "folder for the record of the shift"),
     Parameter("seed", 1, "seed of the emulated cell, noted in the record", minimum=0),
     Parameter("watched_finger", "index", "the finger in front of the camera"),
-    Parameter("finger_sets", ["hook", "pinch", "power"], "sets that are closed once, in this order"),
+    Parameter("finger_sets", ["hook", "pinch", "power"], "sets that are closed once"),
     Parameter("slots", ["index", "middle", "thumb"], "slots of the gripper"),
     Parameter("full_pull", 0.020, "pulled length at the end of a closing", "m", 0.001, 0.040),
     Parameter("closing_speed", 0.016, "speed of the watched closings", "m/s", 0.001, 0.1),
@@ -70,7 +73,7 @@ class Shift:
         self._operator = Operator(self._link, hands, self._cell, self._values["slots"])
         self._out = Path(self._values["out"])
         self._profiles = Path(self._values["profile_dir"])
-        self._stages: list[Stage] = []
+        self._walls: dict[str, float] = {}
         self._film: tuple[Frame, ...] = ()
         self._mounted = ""
         self._swaps = 0
@@ -86,10 +89,7 @@ class Shift:
             self._wait_for_cell()
         with self._stage("friction"):
             friction = self._calibrate()
-        with self._stage("closings"):
-            closings = [self._closing(finger_set) for finger_set in self._values["finger_sets"]]
-        with self._stage("grasps"):
-            grasps = [self._grasp(product, finger_set) for product, finger_set in self._work()]
+        closings, grasps = self._work_through(self._plan())
         with self._stage("bag"):
             bag = self._link.call(StopRecording, "recorder/stop", StopRecording.Request(), timeout=30.0)
         record = ShiftRecord(
@@ -104,7 +104,7 @@ class Shift:
             bag_messages=int(bag.messages),
             bag_topics=int(bag.topics),
             bag_dropped=int(bag.dropped),
-            stages=tuple(self._stages),
+            stages=tuple(Stage(name, wall) for name, wall in self._walls.items()),
         )
         record.save(self._out / "shift.json")
 
@@ -183,21 +183,36 @@ class Shift:
             self._out,
         )
 
-    def _work(self) -> list[tuple[str, str]]:
-        """Return (product, finger set) in the order of work: as planned, or everything with everything."""
+    def _plan(self) -> list[tuple[str, list[str]]]:
+        """Return (finger set, products) in the order of work: as planned, or everything with everything."""
         products = product_names()
         if self._values["cross_check"]:
-            return [(product, finger_set) for finger_set in self._values["finger_sets"] for product in products]
+            return [(finger_set, products) for finger_set in self._values["finger_sets"]]
         plan = self._cell.plan(products, [1] * len(products))
         self._log.info(f"plan: {plan.swaps} swaps, sets that the mix can do without: {list(plan.redundant_sets)}")
-        return [(step.product, step.finger_set) for step in plan.steps]
+        runs = groupby(plan.steps, key=lambda step: step.finger_set)
+        return [(finger_set, [step.product for step in steps]) for finger_set, steps in runs]
+
+    def _work_through(self, plan: Sequence[tuple[str, list[str]]]) -> tuple[list[Closing], list[GraspResult]]:
+        planned = {finger_set for finger_set, _ in plan}
+        unplanned = [finger_set for finger_set in self._values["finger_sets"] if finger_set not in planned]
+        closings: dict[str, Closing] = {}
+        grasps: list[GraspResult] = []
+        for finger_set, products in [*((finger_set, list[str]()) for finger_set in unplanned), *plan]:
+            if finger_set not in closings:
+                with self._stage("closings"):
+                    closings[finger_set] = self._closing(finger_set)
+            if products:
+                with self._stage("grasps"):
+                    grasps += [self._grasp(product, finger_set) for product in products]
+        return list(closings.values()), grasps
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:
         self._log.info(f"== {name}")
         start = time.monotonic()
         yield
-        self._stages.append(Stage(name, time.monotonic() - start))
+        self._walls[name] = self._walls.get(name, 0.0) + time.monotonic() - start
 
 
 def main(args: Sequence[str] | None = None) -> int:
