@@ -6,6 +6,7 @@ Finished files are read through their index; files that were cut off give all th
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,12 +90,11 @@ def topic_summaries(bag: Path) -> list[TopicSummary]:
     for path in bag_files(bag):
         for channel, schema, count in _channels(path):
             before = found.get(channel.topic)
-            offered = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
             found[channel.topic] = TopicSummary(
                 channel.topic,
                 schema.name if schema else "",
                 channel.metadata.get("topic_type_hash", ""),
-                tuple(offered),
+                _offered(channel.metadata.get("offered_qos_profiles", "")),
                 count + (before.messages if before else 0),
                 schema.data.decode(errors="replace") if schema else "",
             )
@@ -128,6 +128,12 @@ def facts(bag: Path) -> dict[str, dict[str, str]]:
         beside = salvage.records(path, opcodes=salvage.BESIDE_CHUNKS)
         found |= {r.name: r.metadata for r in beside if isinstance(r, Metadata)}
     return found
+
+
+@functools.cache
+def _offered(text: str) -> tuple[dict[str, Any], ...]:
+    """Topics of a cell offer few different profiles; YAML is slow."""
+    return tuple(yaml.safe_load(text) or ())
 
 
 def _number(path: Path) -> tuple[int, str]:

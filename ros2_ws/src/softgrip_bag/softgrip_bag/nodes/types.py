@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from softgrip_bag.reader import TopicSummary
 from softgrip_bag.schema_text import same_definition, schema_text
 
 
+@functools.cache
 def message_class(type_name: str) -> Any:
     """Return the class of e.g. "std_msgs/msg/String" "pkg/action/Move_FeedbackMessage" or "pkg/srv/Set_Event".
 

@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.table import Table
 
 from softgrip_demo.record import RecordError, ShiftRecord
-from softgrip_demo.report import figures, render
 from softgrip_demo.summary import ReplayCheck, summarise
 
 REPLAYED_NODE = "kinematics_predictor"
@@ -39,6 +38,8 @@ def main() -> int:
     start = time.monotonic()
     with ThreadPoolExecutor(1) as pool:  # the replay is a process of its own: drawn meanwhile
         replaying = pool.submit(replay_check, Path(record.bag_path), REPLAYED_NODE)
+        from softgrip_demo.report import figures, render  # noqa: PLC0415  a second of libraries, beside the replay too
+
         drawn = figures(record, arguments.folder)
         replay = replaying.result()
     summary = summarise(record, replay, 0.0)
