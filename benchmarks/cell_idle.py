@@ -9,21 +9,19 @@ beforehand, as after a first start: compiling them leaves megabytes behind in ea
 from __future__ import annotations
 
 import os
-import signal
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from _claim import claim, spread
+from _live_cell import START_S, cell
 
 RUNS = 3
 SETTLE_S = 20.0
 MEASURE_S = 10.0
-START_S = 60.0
 DOMAIN = "78"
 EMULATOR = "emulated_cell"
 NODES = (
@@ -88,30 +86,15 @@ def compile_sources() -> dict[str, str]:
 
 def run_cell() -> list[dict[str, Cost]]:
     """Start a cell, let it settle, measure it several times."""
-    with tempfile.TemporaryDirectory() as folder:
-        launch = subprocess.Popen(
-            ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml", f"out:={folder}/out", f"wire_dir:={folder}/w"],
-            env={
-                **compile_sources(),
-                "ROS_DOMAIN_ID": DOMAIN,
-                "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-            },
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        try:
-            deadline = time.monotonic() + START_S
-            while len(processes := _node_processes(launch.pid)) < len(NODES):
-                if time.monotonic() > deadline or launch.poll() is not None:
-                    missing = ", ".join(set(NODES) - processes.keys())
-                    raise RuntimeError(f"the cell did not start; missing: {missing}")
-                time.sleep(0.1)
-            time.sleep(SETTLE_S)
-            return [measure(processes) for _ in range(RUNS)]
-        finally:
-            launch.send_signal(signal.SIGINT)
-            launch.wait(30.0)
+    with cell(DOMAIN, environment=compile_sources()) as launch:
+        deadline = time.monotonic() + START_S
+        while len(processes := _node_processes(launch.pid)) < len(NODES):
+            if time.monotonic() > deadline or launch.poll() is not None:
+                missing = ", ".join(set(NODES) - processes.keys())
+                raise RuntimeError(f"the cell did not start; missing: {missing}")
+            time.sleep(0.1)
+        time.sleep(SETTLE_S)
+        return [measure(processes) for _ in range(RUNS)]
 
 
 def main() -> None:

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shipped cell on emulated hardware, all of its processes, for as long as a benchmark needs it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from softgrip_cell.nodes.controller_client import CellController
+from softgrip_demo.nodes.convert import outcome_latency
+from softgrip_demo.nodes.hands import Hands
+from softgrip_demo.nodes.link import CellLink
+from softgrip_demo.nodes.operator import Operator
+from softgrip_interfaces.msg import TendonStatusArray
+from softgrip_nodekit import SENSOR
+
+START_S = 60.0
+END_S = 30.0
+SLOTS = ("index", "middle", "thumb")
+FINGER_SET = "power"
+PRODUCTS = ("egg", "orange", "muffin", "apple", "")
+CABLE_RADIUS_M, SURFACE_RADIUS_M = 0.000125, 0.003
+
+
+@contextmanager
+def cell(domain: str, *arguments: str, environment: dict[str, str] | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the launch file in a ROS domain and a session of its own; its processes are gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        launch = subprocess.Popen(
+            [
+                *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
+                *(f"out:={folder}/out", f"wire_dir:={folder}/w", *arguments),
+            ],
+            env={
+                **(environment or os.environ),
+                "ROS_DOMAIN_ID": domain,
+                "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            },
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            yield launch
+        finally:
+            launch.send_signal(signal.SIGINT)
+            launch.wait(END_S)
+
+
+def outcomes_at_client_s(domain: str, grasps: int) -> list[float]:
+    """Grasp in a live cell; return how long after the deciding tendon/state each outcome was at its client [s]."""
+    os.environ["ROS_DOMAIN_ID"] = domain
+    with cell(domain, "lift_window_s:=0.5", "rig_time_scale:=20.0"):
+        rclpy.init()
+        node = Node("grasp_benchmark")
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        hands = Hands()
+        try:
+            return _grasp(node, CellLink(node, executor), hands, grasps)
+        finally:
+            hands.close()
+            executor.shutdown(timeout_sec=2.0)
+            node.destroy_node()
+            rclpy.try_shutdown()
+
+
+def _grasp(node: Node, link: CellLink, hands: Hands, grasps: int) -> list[float]:
+    seen: list[TendonStatusArray] = []
+    node.create_subscription(TendonStatusArray, "tendon/status", seen.append, SENSOR)
+    controller = CellController(node, wait=link.wait)
+    operator = Operator(link, hands, controller, SLOTS)
+    link.until(lambda: bool(seen), START_S, "tendon/status")
+    operator.calibrate(CABLE_RADIUS_M, SURFACE_RADIUS_M)
+    operator.swap(FINGER_SET)
+    delays_s = []
+    for number in range(grasps):
+        hands.place(PRODUCTS[number % len(PRODUCTS)])
+        result = controller.grasp("egg", confirm_lift=bool(number % 2), trial=True)
+        delays_s.append(outcome_latency(result, node.get_clock().now().nanoseconds) - result.latency)
+        controller.release()
+        hands.place("")
+    return delays_s
