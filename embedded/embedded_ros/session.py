@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import threading
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -18,9 +20,27 @@ _HEARTBEAT_S = 0.5
 _FOREVER_S = 10.0 * 365 * 24 * 3600
 
 
+_known_threads: set[int] = set()
+
+
 def _direct(function: Callable[[Any], None]) -> Any:
     """Call on Zenoh's own thread: its default thread would keep the process from exiting after an exception."""
-    return zenoh.handlers.Callback(function, indirect=False)
+
+    def called(item: Any) -> None:
+        if threading.get_ident() not in _known_threads:
+            _stay_known()
+        function(item)
+
+    return zenoh.handlers.Callback(called, indirect=False)
+
+
+def _stay_known() -> None:
+    """Have Python keep what it knows of a thread that is not its own.
+
+    Otherwise it makes that anew for each call and takes it down after, stack included: as much work as the call itself.
+    """
+    _known_threads.add(threading.get_ident())
+    ctypes.pythonapi.PyGILState_Ensure()
 
 
 class Link:
