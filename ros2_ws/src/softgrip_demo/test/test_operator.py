@@ -56,3 +56,17 @@ def test_laid_aside_stays_aside():
     operator.swap("pinch")
     operator.swap("pinch")
     assert cell.shown == ["PI-I-01", "PI-I-02", "PI-I-02"]
+
+
+def test_a_fault_of_the_drives_is_cleared_by_homing_and_no_fault_of_the_fingers():
+    cell, link = Cell("tendon/home: no taut tendon", *["the driver has a fault: index: homing_failed"] * 2), MagicMock()
+    Operator(link, MagicMock(), cell, SLOTS).swap("pinch")
+    assert set(cell.shown) == {"PI-I-01"}
+    assert [call.args[1] for call in link.call.call_args_list] == ["tendon/home"] * 2
+
+
+def test_drives_that_stay_at_fault_are_given_up():
+    link = MagicMock()
+    link.call.side_effect = ShiftError("tendon/home refused")
+    with pytest.raises(ShiftError, match="the driver has a fault"):
+        Operator(link, MagicMock(), Cell(*["the driver has a fault: x"] * 9), SLOTS).swap("pinch")

@@ -20,6 +20,10 @@ from softgrip_interfaces.action import CalibrateFriction, MoveTendon
 SEATINGS: Final = 2
 TRIES: Final = 4
 
+#: Says that a swap was refused for a fault of the drives, not of the fingers.
+DRIVER_FAULT: Final = "the driver has a fault"
+HOMING_TIMEOUT: Final = 30.0  # [s]
+
 
 class Operator:
     """Calibrates the rig, swaps fingers and moves them, on emulated hardware.
@@ -87,11 +91,21 @@ class Operator:
                 return
             self._log.warning(f"swap to {finger_set}: {result.reason}")
             reasons.append(f"{serials[0]} ...: {result.reason}")
+            if DRIVER_FAULT in result.reason:
+                self._home()
+                continue
             seatings += 1
             if seatings == SEATINGS or "refused" in result.reason:
                 self._copies[finger_set] += 1
                 seatings = 0
         raise ShiftError(f"no {finger_set} fingers passed: {'; '.join(reasons)}")
+
+    def _home(self) -> None:
+        """Have the zeros looked for again: what clears the faults that a person at the cell can put right."""
+        try:
+            self._link.call(Trigger, "tendon/home", Trigger.Request(), timeout=HOMING_TIMEOUT)
+        except ShiftError as error:
+            self._log.warning(str(error))
 
     def move(self, pulled_length: float, speed: float) -> None:
         """Close or open all fingers to a pulled length [m] at a speed [m/s].
