@@ -24,14 +24,15 @@ class Finger:
     Args:
         excess: [m/s] of that speed.
         pauses_at: [m] where the bus pauses once and the drive stands.
+        taut: [m] where the tendon becomes taut.
     """
 
-    def __init__(self, excess=0.0, pauses_at=None):
-        self._excess, self._pauses_at = excess, pauses_at
+    def __init__(self, excess=0.0, pauses_at=None, taut=TAUT):
+        self._excess, self._pauses_at, self._taut = excess, pauses_at, taut
         self._paused = 0
         self._going_since = None
         self._asked = 0.0
-        self.length = 0.0
+        self.length = self.furthest_out = 0.0
 
     def view(self, now, asked):
         """What the drive shows after it has been asked for a length [m]."""
@@ -47,7 +48,7 @@ class Finger:
         gone = self.length - self._going_since - Homing.RUN_UP
         decay = np.exp(-max(0.0, gone) / 0.0015)
         braking = -2.0 * decay if self._excess and gone >= 0.0 else 0.0
-        pull = STIFFNESS * max(0.0, self.length - TAUT) + GEARS + braking
+        pull = STIFFNESS * max(0.0, self.length - self._taut) + GEARS + braking
         if pull >= LIMITS.homing_tension:
             self._going_since = None
             return self._shown(now, 0.0, LIMITS.homing_tension)
@@ -56,6 +57,7 @@ class Finger:
     def _shown(self, now, speed, pull):
         view = View(now, PERIOD, self.length, speed, max(0.0, pull), pull, 45.0)
         self.length += speed * PERIOD
+        self.furthest_out = min(self.furthest_out, self.length)
         return view
 
 
@@ -74,10 +76,23 @@ def test_a_drive_that_turned_round_too_fast_is_not_taken_for_one_that_pulls(exce
     assert home(Finger(excess)) == pytest.approx(TAUT, abs=3e-4)
 
 
-@pytest.mark.parametrize("pauses_at", [-0.004, -0.0006, 0.0, 0.0012, 0.0030])
+@pytest.mark.parametrize("pauses_at", [-0.004, -0.0006, 0.0, 0.0009, 0.0012, 0.0030])
 def test_a_bus_that_pauses_on_the_way_does_not_move_the_zero(pauses_at):
     """After the pause the drive catches up and is braked; where too little slack is left to see, it begins again."""
     assert home(Finger(0.008, pauses_at)) == pytest.approx(TAUT, abs=5e-4)
+
+
+@pytest.mark.parametrize(("seen", "again"), [(0.0003, True), (0.0008, True), (0.0012, False), (0.0040, False)])
+def test_it_looks_again_from_further_out_where_it_saw_less_than_a_millimetre_of_slack(seen, again):
+    """A finger that stood wound in: letting out by the slack's travel leaves little to see behind the run-up.
+
+    What it saw is where it was taut, less where it began to wind in and what it takes to get going.
+    """
+    began = -LIMITS.slack_travel
+    taut = began + Homing.RUN_UP + LIMITS.homing_speed * PERIOD + seen
+    finger = Finger(taut=taut)
+    assert home(finger) == pytest.approx(taut, abs=3e-4)
+    assert bool(finger.furthest_out < began - 1e-3) == again
 
 
 def test_letting_out_is_as_quick_as_a_release():
