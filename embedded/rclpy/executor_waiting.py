@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else 3600.0
 _LOOK_PERIOD_S = 0.1
 _LOOK_AT_NEW_NODE_S = 0.001
+# Where messages come faster than that, Zenoh's thread and the executor's would hand Python to each other at each one.
+_FLOOD = 50
+_FLOOD_PERIOD_S = 0.01
+_GATHER_S = 0.0002
 
 
 class Waiting:
@@ -53,6 +57,9 @@ class Waiting:
         self._looked_s = 0.0
         self._look_wanted = True
         self._node_came = True
+        self._hinted_count = 0
+        self._flood_judged_s = 0.0
+        self._is_flood = False
         # A lock that stays locked: acquiring it waits, releasing it wakes. Nothing in Python waits cheaper.
         self._wake_lock = threading.Lock()
         self._wake_lock.acquire()
@@ -169,6 +176,7 @@ class Waiting:
             if node in self._nodes and not entity._executor_event:
                 work = self._taken(entity, node)
                 if work is not None:
+                    self._hinted_count += 1
                     return work
         return None
 
@@ -215,6 +223,11 @@ class Waiting:
         if self._ready_tasks or limit <= 0:
             self._look_wanted = True
             return
+        if now > self._flood_judged_s + _FLOOD_PERIOD_S:
+            self._is_flood = self._hinted_count > _FLOOD
+            self._hinted_count, self._flood_judged_s = 0, now
+        if self._is_flood:
+            time.sleep(min(_GATHER_S, limit))
         self._wake_lock.acquire(timeout=limit)
 
     def _seconds_until_due(self, limit: float, nodes: list[Node] | None) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64, String
 
 Make = Callable[..., Node]
@@ -59,6 +59,27 @@ def test_threads_that_publish_at_once_number_every_message_once(make_node: Make,
         sys.setswitchinterval(interval)
     assert spin_until(lambda: len(numbers) == count * threads, node)
     assert sorted(numbers) == list(range(1, count * threads + 1))
+
+
+def test_a_flood_arrives_whole_and_in_order(make_node: Make, spin_until: Spin) -> None:
+    node = make_node("n")
+    count = 5000
+    numbers: list[float] = []
+    everything = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    node.create_subscription(Float64, "t", lambda m: numbers.append(m.data), everything)
+    publisher = node.create_publisher(Float64, "t", everything)
+
+    def flood() -> None:
+        for number in range(count):
+            publisher.publish(Float64(data=float(number)))
+
+    worker = threading.Thread(target=flood)
+    worker.start()
+    assert spin_until(lambda: len(numbers) >= count, node)
+    worker.join()
+    assert numbers == [float(number) for number in range(count)]
+    publisher.publish(Float64(data=-1.0))
+    assert spin_until(lambda: len(numbers) > count, node)
 
 
 def _publish(publisher: Any, count: int) -> None:
