@@ -302,9 +302,8 @@ class Solver:
         maps = self.supports.maps()
         distinct = [axis for axis in range(3) if maps[axis] not in maps[:axis]]
         inverse = sum(self._core.inverse_bytes(axis) for axis in distinct)
-        element = 8 * (24 + 12 + 10 + 2) + 4 * 8
         unknown = 4 * 2 * self.settings.window + 8 * 6
-        return inverse + element * len(self.mesh.hexes) + unknown * self._core.unknowns
+        return inverse + self._core.element_bytes + unknown * self._core.unknowns
 
     def rest(self) -> State:
         """Return the undeformed state."""

@@ -183,21 +183,10 @@ PYBIND11_MODULE(_core, module) {
       .def("energy", &gdfe::Solver::energy, py::arg("displacement"))
       .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
       .def("strain",
-           [](gdfe::Solver& solver) {
-             const auto& blocks = solver.blocks();
-             return std::vector<double>(blocks.strain.begin(), blocks.strain.begin() + static_cast<std::ptrdiff_t>(blocks.elements));
-           })
-      .def("set_thesis_state",
-           [](gdfe::Solver& solver, const std::vector<double>& omega, const std::vector<double>& last_strain) {
-             auto& blocks = solver.blocks();
-             for (std::size_t slot = 0; slot < blocks.omega.size(); ++slot) {
-               const std::size_t e = std::min(slot, blocks.elements - 1);
-               blocks.omega[slot] = omega[e];
-               blocks.last_strain[slot] = last_strain[e];
-             }
-           },
-           py::arg("omega"), py::arg("last_strain"))
+           &gdfe::Solver::strain)
+      .def("set_thesis_state", &gdfe::Solver::set_thesis_state, py::arg("omega"), py::arg("last_strain"))
       .def_property_readonly("unknowns", &gdfe::Solver::unknowns)
+      .def_property_readonly("element_bytes", &gdfe::Solver::element_bytes)
       .def("inverse_nonzeros", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).nonzeros(); })
       .def("inverse_bytes", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).bytes(); });
 }

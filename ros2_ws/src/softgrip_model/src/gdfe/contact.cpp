@@ -29,7 +29,7 @@ Gap gap_to(const Obstacle& obstacle, const Eigen::Vector3d& motion, const Eigen:
 }
 
 Contact::Contact(std::vector<Obstacle> obstacles, std::size_t nodes, UnknownsView view)
-    : obstacles_(std::move(obstacles)), nodes_(nodes), view_(std::move(view)), place_(nodes, -1) {
+    : obstacles_(std::move(obstacles)), view_(std::move(view)), place_(nodes, -1) {
   for (const Obstacle& obstacle : obstacles_) {
     for (const std::int32_t node : obstacle.nodes) {
       std::int32_t& place = place_[static_cast<std::size_t>(node)];
@@ -99,8 +99,8 @@ void Contact::gather(const double* position, const std::vector<double>& step) {
     const Obstacle& obstacle = obstacles_[o];
     for (std::size_t k = 0; k < obstacle.nodes.size(); ++k) {
       const std::int32_t node = obstacle.nodes[k];
-      const double* p = position + node;
-      const Eigen::Vector3d here(p[0], p[nodes_], p[2 * nodes_]);
+      const double* p = position + kStride * static_cast<std::size_t>(node);
+      const Eigen::Vector3d here(p[0], p[1], p[2]);
       const Gap gap = gap_to(obstacle, motions_[o], here);
       const Eigen::Vector3d free_step = step_of(step, node);
       const Eigen::Vector3d& last = last_force_[o][k];

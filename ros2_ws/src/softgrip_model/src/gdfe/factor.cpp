@@ -3,27 +3,25 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <limits>
 #include <stdexcept>
 
-#ifdef SOFTGRIP_HAVE_METIS
-#include <iostream>  // Eigen 3.4's MetisSupport uses it without including it
-
-#include <Eigen/MetisSupport>
-#endif
-
+#include "src/gdfe/ordering.hpp"
 #include "src/gdfe/panel_solve.hpp"
 
 namespace softgrip::gdfe {
 namespace {
 
-template <class Solver>
-SparseMatrix lower_factor(const SparseMatrix& matrix, std::vector<int>& position) {
-  Solver solver(matrix);
+// position: unknown -> its place.
+SparseMatrix lower_factor(const SparseMatrix& matrix, const std::vector<int>& position) {
+  using Permutation = Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int>;
+  const Permutation order(Eigen::Map<const Eigen::VectorXi>(position.data(), matrix.cols()));
+  SparseMatrix ordered;
+  ordered = matrix.twistedBy(order);
+  const Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower, Eigen::NaturalOrdering<int>> solver(ordered);
   if (solver.info() != Eigen::Success) {
     throw std::runtime_error("the constant matrix is not positive definite: some part of the mesh is not held");
   }
-  const auto& indices = solver.permutationP().indices();
-  position.assign(indices.data(), indices.data() + indices.size());
   SparseMatrix lower = solver.matrixL();
   lower.makeCompressed();
   return lower;
@@ -65,6 +63,20 @@ std::vector<Run> supernodes(const SparseMatrix& lower) {
   return runs;
 }
 
+double own_work(const Panel& panel) { return static_cast<double>(panel.width) * (panel.padded + panel.width); }
+
+// Subtrees, heaviest first, each to the thread that has least so far.
+std::vector<int> dealt(const std::vector<int>& subtrees, const std::vector<double>& work, int threads, std::vector<double>& load) {
+  load.assign(static_cast<std::size_t>(threads), 0.0);
+  std::vector<int> owner;
+  for (const int p : subtrees) {
+    const auto least = std::min_element(load.begin(), load.end());
+    owner.push_back(static_cast<int>(least - load.begin()));
+    *least += work[p];
+  }
+  return owner;
+}
+
 // Panels of the elimination tree -> independent subtrees for each thread, and what is left above them.
 template <class T>
 Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
@@ -77,10 +89,8 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
   std::vector<double> work(count);
   std::vector<std::vector<int>> children(count);
   std::vector<int> candidates;
-  double total = 0.0;
-  for (int p = 0; p < count; ++p) work[p] = static_cast<double>(store.panels[p].width) * (store.panels[p].padded + store.panels[p].width);
+  for (int p = 0; p < count; ++p) work[p] = own_work(store.panels[p]);
   for (int p = 0; p < count; ++p) {
-    total += static_cast<double>(store.panels[p].width) * (store.panels[p].padded + store.panels[p].width);
     if (store.panels[p].below == 0) {
       candidates.push_back(p);
       continue;
@@ -89,46 +99,70 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
     children[parent[p]].push_back(p);
     work[parent[p]] += work[p];  // ascending, so a subtree's work is complete when it is passed on
   }
-  // take roots off until no subtree is more than a fair share
+  // take roots off as long as the longest share and what is above them get less
   const auto heavier = [&](int a, int b) { return work[a] != work[b] ? work[a] < work[b] : a < b; };
-  std::vector<char> is_top(count, 0);
-  while (!candidates.empty()) {
-    const auto largest = std::max_element(candidates.begin(), candidates.end(), heavier);
-    if (work[*largest] <= total / (1.3 * threads) || children[*largest].empty()) break;
-    const int p = *largest;
-    candidates.erase(largest);
-    is_top[p] = 1;
+  std::vector<int> best;
+  std::vector<double> load;
+  double above = 0.0, least = std::numeric_limits<double>::infinity();
+  while (above < least) {
+    std::sort(candidates.begin(), candidates.end(), [&](int a, int b) { return heavier(b, a); });
+    dealt(candidates, work, threads, load);
+    const double longest = above + *std::max_element(load.begin(), load.end());
+    if (longest < least) least = longest, best = candidates;
+    const auto parent_at = std::find_if(candidates.begin(), candidates.end(), [&](int p) { return !children[p].empty(); });
+    if (threads == 1 || parent_at == candidates.end()) break;
+    const int p = *parent_at;
+    candidates.erase(parent_at);
+    above += own_work(store.panels[p]);
     candidates.insert(candidates.end(), children[p].begin(), children[p].end());
   }
-  std::sort(candidates.begin(), candidates.end(), [&](int a, int b) { return heavier(b, a); });
-  std::vector<double> load(threads, 0.0);
+  const std::vector<int> dealt_to = dealt(best, work, threads, load);
   std::vector<int> owner(count, -1);
-  for (const int p : candidates) {
-    const auto least = std::min_element(load.begin(), load.end());
-    owner[p] = static_cast<int>(least - load.begin());
-    *least += work[p];
-  }
+  for (std::size_t k = 0; k < best.size(); ++k) owner[best[k]] = dealt_to[k];
   Schedule schedule;
   schedule.panels.resize(threads);
   schedule.columns.resize(threads);
   for (int p = count - 1; p >= 0; --p) {
-    if (owner[p] < 0 && !is_top[p]) owner[p] = owner[parent[p]];
+    if (owner[p] < 0 && parent[p] >= 0) owner[p] = owner[parent[p]];  // above the shared subtrees nobody owns any
   }
   for (int p = 0; p < count; ++p) {
-    auto& panels = is_top[p] ? schedule.top_panels : schedule.panels[owner[p]];
-    auto& columns = is_top[p] ? schedule.top_columns : schedule.columns[owner[p]];
+    auto& panels = owner[p] < 0 ? schedule.top_panels : schedule.panels[owner[p]];
+    auto& columns = owner[p] < 0 ? schedule.top_columns : schedule.columns[owner[p]];
     panels.push_back(p);
     for (int j = 0; j < store.panels[p].width; ++j) columns.push_back(store.panels[p].first + j);
   }
   return schedule;
 }
 
-// Of a triangle what is above the diagonal is passed over, in steps of kPad rows.
+// What the backward pass reads, in its order: memory is read ahead that way.
+template <class T>
+void transpose(PanelStore<T>& store) {
+  store.transposed.reserve(store.inverse.size() + store.values.size());
+  for (auto panel = store.panels.rbegin(); panel != store.panels.rend(); ++panel) {
+    const auto tall = static_cast<std::size_t>(padded(panel->width)), width = static_cast<std::size_t>(panel->width);
+    panel->values_transposed = store.transposed.size();
+    store.transposed.resize(panel->values_transposed + tall * static_cast<std::size_t>(panel->below), T(0));
+    for (std::size_t j = 0; j < width; ++j) {
+      const T* column = store.values.data() + panel->values + static_cast<std::size_t>(panel->padded) * j;
+      T* row = store.transposed.data() + panel->values_transposed + j;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(panel->below); ++i) row[tall * i] = column[i];
+    }
+    panel->inverse_transposed = store.transposed.size();
+    store.transposed.resize(panel->inverse_transposed + tall * width, T(0));
+    for (std::size_t j = 0; j < width; ++j) {
+      for (std::size_t i = j; i < width; ++i) {
+        store.transposed[panel->inverse_transposed + tall * i + j] = store.inverse[panel->inverse + tall * j + i];
+      }
+    }
+  }
+}
+
+// Both passes; of a triangle what is beyond the diagonal is passed over, in steps of kPad rows.
 template <class T>
 std::size_t entries_read(const PanelStore<T>& store) {
-  std::size_t entries = store.values.size() + store.inverse.size();
+  std::size_t entries = store.inverse.size() + store.values.size() + store.transposed.size();
   for (const Panel& panel : store.panels) {
-    for (int j = kPad; j < panel.width; ++j) entries -= static_cast<std::size_t>(j / kPad * kPad);
+    for (int j = kPad; j < panel.width; ++j) entries -= 2 * static_cast<std::size_t>(j / kPad * kPad);
   }
   return entries;
 }
@@ -138,19 +172,17 @@ std::size_t entries_read(const PanelStore<T>& store) {
 Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering, int threads)
     : size_(static_cast<int>(matrix.rows())), threads_(threads), single_(single_precision) {
   if (size_ == 0) return;
-  const bool metis = ordering == Ordering::Metis || (ordering == Ordering::Automatic && size_ > kMetisAbove);
-  SparseMatrix lower;
-#ifdef SOFTGRIP_HAVE_METIS
-  if (metis) {
-    lower = lower_factor<Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower, Eigen::MetisOrdering<int>>>(matrix, position_);
-    uses_metis_ = true;
-  }
-#else
+  // AMD leaves a long trunk of the elimination tree to one thread
+  bool metis = ordering == Ordering::Metis || (ordering == Ordering::Automatic && (size_ > kMetisAbove || threads_ > 1));
+#ifndef SOFTGRIP_HAVE_METIS
   if (ordering == Ordering::Metis) throw std::runtime_error("this build has no METIS; choose the ordering 'amd'");
+  metis = false;
 #endif
-  if (!metis || !uses_metis_) {
-    lower = lower_factor<Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower, Eigen::AMDOrdering<int>>>(matrix, position_);
-  }
+  uses_metis_ = metis;
+  SparseMatrix full;
+  full = matrix.selfadjointView<Eigen::Lower>();
+  position_ = elimination_order(full, metis);
+  const SparseMatrix lower = lower_factor(full, position_);
   nonzeros_ = static_cast<std::size_t>(lower.nonZeros());
   if (single_) {
     pack(lower, float_);
@@ -172,7 +204,7 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
     panel.first = run.first;
     panel.width = run.last - run.first + 1;
     panel.below = outer[run.last + 1] - outer[run.last] - 1;
-    panel.padded = (panel.below + kPad - 1) / kPad * kPad;
+    panel.padded = padded(panel.below);
     panel.rows = store.rows.size();
     for (int k = outer[run.last] + 1; k < outer[run.last + 1]; ++k) {
       place[inner[k]] = static_cast<int>(store.rows.size() - panel.rows);
@@ -194,7 +226,7 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
     const Eigen::MatrixXd inverse =
         triangle.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(panel.width, panel.width));
     panel.inverse = store.inverse.size();
-    const int tall = (panel.width + kPad - 1) / kPad * kPad;
+    const int tall = padded(panel.width);
     store.inverse.resize(panel.inverse + static_cast<std::size_t>(tall) * panel.width, T(0));
     for (int j = 0; j < panel.width; ++j) {
       for (int i = j; i < panel.width; ++i) {
@@ -204,11 +236,11 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
     store.panels.push_back(panel);
     max_below_ = std::max({max_below_, panel.padded, tall});
   }
+  transpose(store);
 }
 
 std::size_t Factor::bytes() const {
-  // forward and backward
-  return 2 * (sizeof(float) * entries_read(float_) + sizeof(double) * entries_read(double_));
+  return sizeof(float) * entries_read(float_) + sizeof(double) * entries_read(double_);
 }
 
 void Factor::solve(double* const* columns, int count, std::vector<double>& scratch) const {

@@ -188,36 +188,70 @@ HWY_INLINE V equivalent_strain(D d, const Matrix3<V>& f, const Matrix3<V>& r) {
   return hn::Sqrt(square) * hn::Set(d, std::sqrt(1.5) / 1.5);
 }
 
-// One group of lanes of one block; corners and forces: [24][kBlock], component by component.
-template <Law law, VolumeShape shape, class D, class V = hn::Vec<D>>
+// Sums and differences of eight corners: linear patterns x, y, z and hourglass patterns yz, xz, xy, xyz.
+template <class V>
+HWY_INLINE void patterns_of(const V* x, V* linear, V* hourglass) {
+  const V d0 = x[1] - x[0], d1 = x[2] - x[3], d2 = x[5] - x[4], d3 = x[6] - x[7];
+  const V e0 = x[1] + x[0], e1 = x[2] + x[3], e2 = x[5] + x[4], e3 = x[6] + x[7];
+  const V d_sum0 = d0 + d1, d_sum1 = d2 + d3, d_along0 = d1 - d0, d_along1 = d3 - d2;
+  const V e_sum0 = e0 + e1, e_sum1 = e2 + e3, e_along0 = e1 - e0, e_along1 = e3 - e2;
+  linear[0] = d_sum0 + d_sum1;
+  linear[1] = e_along0 + e_along1;
+  linear[2] = e_sum1 - e_sum0;
+  hourglass[0] = e_along1 - e_along0;
+  hourglass[1] = d_sum1 - d_sum0;
+  hourglass[2] = d_along0 + d_along1;
+  hourglass[3] = d_along1 - d_along0;
+}
+
+// The sum of patterns at the eight corners.
+template <class V>
+HWY_INLINE void corners_of(const V* linear, const V* hourglass, V* x) {
+  const V e_plus = linear[2] + hourglass[0], e_minus = linear[2] - hourglass[0];
+  const V d_plus = linear[0] + hourglass[2], d_minus = linear[0] - hourglass[2];
+  const V c_plus = hourglass[1] + hourglass[3], c_minus = hourglass[1] - hourglass[3];
+  const V even[4] = {hn::Neg(linear[1] + e_minus), linear[1] - e_plus, e_minus - linear[1], linear[1] + e_plus};
+  const V odd[4] = {d_minus - c_minus, d_plus - c_plus, d_minus + c_minus, d_plus + c_plus};
+  x[0] = even[0] - odd[0], x[1] = even[0] + odd[0];
+  x[3] = even[1] - odd[1], x[2] = even[1] + odd[1];
+  x[4] = even[2] - odd[2], x[5] = even[2] + odd[2];
+  x[7] = even[3] - odd[3], x[6] = even[3] + odd[3];
+}
+
+// One group of lanes of one block; corners and forces: [8][kBlock][kStride].
+template <Law law, VolumeShape shape, bool box, class D, class V = hn::Vec<D>>
 HWY_INLINE void lanes_step(D d, ElementBlocks& e, const SecantTables& tables, std::size_t block, std::size_t lane,
                            const double* corners, double* forces) {
-  const double* gradient = &e.gradient[block * 24 * kBlock + lane];
-  const double* rest = &e.hourglass_rest[block * 12 * kBlock + lane];
-  const double* stiffness = &e.hourglass_stiffness[block * 10 * kBlock + lane];
-  const std::size_t slot = block * kBlock + lane;
+  const std::size_t other = block - (box ? 0 : e.box_blocks), slot = block * kBlock + lane;
+  const double* linear = &e.linear[block * 9 * kBlock + lane];
+  const double* bent = box ? nullptr : &e.bent[other * 12 * kBlock + lane];
+  const double* rest = box ? nullptr : &e.hourglass_rest[other * 12 * kBlock + lane];
+  const double* stiffness = box ? &e.box_stiffness[block * 4 * kBlock + lane] : &e.hourglass_stiffness[other * 10 * kBlock + lane];
 
-  Matrix3<V> f;
-  V h[4][3];
-  for (int i = 0; i < 3; ++i) {
-    V x[8];
-    for (int a = 0; a < 8; ++a) x[a] = hn::LoadU(d, corners + (i * 8 + a) * kBlock + lane);
-    for (int j = 0; j < 3; ++j) {
-      V sum = x[0] * hn::LoadU(d, gradient + j * kBlock);
-      for (int a = 1; a < 8; ++a) sum = hn::MulAdd(x[a], hn::LoadU(d, gradient + (a * 3 + j) * kBlock), sum);
-      f.m[i][j] = sum;
-    }
-    const V a = x[0] - x[1], b = x[2] - x[3], c = x[4] - x[5], g = x[6] - x[7];
-    const V ap = x[0] + x[1], bp = x[2] + x[3], cp = x[4] + x[5], gp = x[6] + x[7];
-    h[0][i] = (ap - bp) - (cp - gp);
-    h[1][i] = (a - b) - (c - g);
-    h[2][i] = (a + b) + (c + g);
-    h[3][i] = (c + g) - (a + b);
+  V x[3][8], l[3][3], h[3][4];
+  for (int c = 0; c < 8; ++c) {
+    V unused;
+    hn::LoadInterleaved4(d, corners + (static_cast<std::size_t>(c) * kBlock + lane) * kStride, x[0][c], x[1][c], x[2][c], unused);
   }
-  for (int k = 0; k < 4; ++k) {
+  for (int i = 0; i < 3; ++i) patterns_of(x[i], l[i], h[i]);
+  Matrix3<V> f;
+  for (int j = 0; j < 3; ++j) {
+    V a[3];
+    for (int k = 0; k < 3; ++k) a[k] = hn::LoadU(d, linear + static_cast<std::size_t>(3 * k + j) * kBlock);
+    for (int i = 0; i < 3; ++i) f.m[i][j] = hn::MulAdd(l[i][0], a[0], hn::MulAdd(l[i][1], a[1], l[i][2] * a[2]));
+  }
+  if constexpr (!box) {
     for (int j = 0; j < 3; ++j) {
-      const V r = hn::LoadU(d, rest + (k * 3 + j) * kBlock);
-      for (int i = 0; i < 3; ++i) h[k][i] = hn::NegMulAdd(r, f.m[i][j], h[k][i]);
+      for (int k = 0; k < 4; ++k) {
+        const V b = hn::LoadU(d, bent + static_cast<std::size_t>(3 * k + j) * kBlock);
+        for (int i = 0; i < 3; ++i) f.m[i][j] = hn::MulAdd(h[i][k], b, f.m[i][j]);
+      }
+    }
+    for (int k = 0; k < 4; ++k) {
+      for (int j = 0; j < 3; ++j) {
+        const V r = hn::LoadU(d, rest + static_cast<std::size_t>(3 * k + j) * kBlock);
+        for (int i = 0; i < 3; ++i) h[i][k] = hn::NegMulAdd(r, f.m[i][j], h[i][k]);
+      }
     }
   }
 
@@ -258,75 +292,103 @@ HWY_INLINE void lanes_step(D d, ElementBlocks& e, const SecantTables& tables, st
     spread = spread + s;
   }
 
-  const V volume = hn::LoadU(d, &e.volume[slot]);
-  V t[4][3];
-  for (int i = 0; i < 3; ++i) {
+  // of the hourglass patterns
+  const auto load_stiffness = [&](int row) { return hn::LoadU(d, stiffness + static_cast<std::size_t>(row) * kBlock); };
+  if constexpr (box) {
+    for (int k = 0; k < 4; ++k) {
+      const V s = spread * load_stiffness(k);
+      for (int i = 0; i < 3; ++i) h[i][k] = s * h[i][k];
+    }
+  } else {
     V s[4][4];
     int row = 0;
     for (int k = 0; k < 4; ++k) {
-      for (int l = k; l < 4; ++l) s[k][l] = s[l][k] = hn::LoadU(d, stiffness + row++ * kBlock);
+      for (int m = k; m < 4; ++m) s[k][m] = s[m][k] = spread * load_stiffness(row++);
     }
-    for (int k = 0; k < 4; ++k) {
-      V sum = s[k][0] * h[0][i];
-      for (int l = 1; l < 4; ++l) sum = hn::MulAdd(s[k][l], h[l][i], sum);
-      t[k][i] = spread * sum;
+    for (int i = 0; i < 3; ++i) {
+      V t[4];
+      for (int k = 0; k < 4; ++k) {
+        t[k] = s[k][0] * h[i][0];
+        for (int m = 1; m < 4; ++m) t[k] = hn::MulAdd(s[k][m], h[i][m], t[k]);
+      }
+      for (int k = 0; k < 4; ++k) h[i][k] = t[k];
     }
   }
-  for (int i = 0; i < 3; ++i) {
-    V q[3];
-    for (int j = 0; j < 3; ++j) {
-      q[j] = volume * p.m[i][j];
-      for (int k = 0; k < 4; ++k) q[j] = hn::NegMulAdd(hn::LoadU(d, rest + (k * 3 + j) * kBlock), t[k][i], q[j]);
+  const V volume = hn::LoadU(d, &e.volume[slot]);
+  for (int k = 0; k < 9; ++k) p.m[k / 3][k % 3] = volume * p.m[k / 3][k % 3];
+  if constexpr (!box) {
+    for (int k = 0; k < 4; ++k) {
+      for (int j = 0; j < 3; ++j) {
+        const V row = hn::LoadU(d, rest + static_cast<std::size_t>(3 * k + j) * kBlock);
+        for (int i = 0; i < 3; ++i) p.m[i][j] = hn::NegMulAdd(row, h[i][k], p.m[i][j]);
+      }
     }
-    for (int c = 0; c < 8; ++c) {
-      const auto& sign = kCornerSigns[c];
-      V force = sign[1] * sign[2] > 0 ? t[0][i] : hn::Neg(t[0][i]);
-      force = sign[0] * sign[2] > 0 ? force + t[1][i] : force - t[1][i];
-      force = sign[0] * sign[1] > 0 ? force + t[2][i] : force - t[2][i];
-      force = sign[0] * sign[1] * sign[2] > 0 ? force + t[3][i] : force - t[3][i];
-      for (int j = 0; j < 3; ++j) force = hn::MulAdd(q[j], hn::LoadU(d, gradient + (c * 3 + j) * kBlock), force);
-      hn::StoreU(force, d, forces + (i * 8 + c) * kBlock + lane);
+    for (int k = 0; k < 4; ++k) {
+      for (int j = 0; j < 3; ++j) {
+        const V row = hn::LoadU(d, bent + static_cast<std::size_t>(3 * k + j) * kBlock);
+        for (int i = 0; i < 3; ++i) h[i][k] = hn::MulAdd(row, p.m[i][j], h[i][k]);
+      }
+    }
+  }
+  for (int k = 0; k < 3; ++k) {
+    V row[3];
+    for (int j = 0; j < 3; ++j) row[j] = hn::LoadU(d, linear + static_cast<std::size_t>(3 * k + j) * kBlock);
+    for (int i = 0; i < 3; ++i) {
+      l[i][k] = hn::MulAdd(row[0], p.m[i][0], hn::MulAdd(row[1], p.m[i][1], row[2] * p.m[i][2]));
+    }
+  }
+  for (int i = 0; i < 3; ++i) corners_of(l[i], h[i], x[i]);
+  for (int c = 0; c < 8; ++c) {
+    hn::StoreInterleaved4(x[0][c], x[1][c], x[2][c], hn::Zero(d), d,
+                          forces + (static_cast<std::size_t>(c) * kBlock + lane) * kStride);
+  }
+}
+
+template <Law law, VolumeShape shape, bool box>
+void step_of(ElementBlocks& e, const SecantTables& tables, const double* position, double* force, std::size_t first,
+             std::size_t last) {
+  const hn::CappedTag<double, kBlock> d;
+  const hn::CappedTag<double, kStride> quad;
+  const std::size_t parts = hn::Lanes(quad);
+  HWY_ALIGN double corners[8 * kBlock * kStride], forces[8 * kBlock * kStride];
+  for (std::size_t block = first; block < last; ++block) {
+    const std::int32_t* corner = &e.corner[block * 8 * kBlock];
+    for (std::size_t k = 0; k < 8 * kBlock; ++k) {
+      const double* node = position + kStride * static_cast<std::size_t>(corner[k]);
+      for (std::size_t p = 0; p < kStride; p += parts) hn::Store(hn::LoadU(quad, node + p), quad, corners + kStride * k + p);
+    }
+    for (std::size_t lane = 0; lane < kBlock; lane += hn::Lanes(d)) {
+      lanes_step<law, shape, box>(d, e, tables, block, lane, corners, forces);
+    }
+    for (std::size_t k = 0; k < 8 * kBlock; ++k) {
+      double* node = force + kStride * static_cast<std::size_t>(corner[k]);
+      for (std::size_t p = 0; p < kStride; p += parts) {
+        hn::StoreU(hn::LoadU(quad, node + p) + hn::Load(quad, forces + kStride * k + p), quad, node + p);
+      }
     }
   }
 }
 
 template <Law law, VolumeShape shape>
-void step_of(ElementBlocks& e, const SecantTables& tables, const double* position, double* force, std::size_t nodes,
-             std::size_t first, std::size_t last) {
-  const hn::CappedTag<double, kBlock> d;
-  HWY_ALIGN double corners[24 * kBlock], forces[24 * kBlock];
-  for (std::size_t block = first; block < last; ++block) {
-    const std::int32_t* corner = &e.corner[block * 8 * kBlock];
-    for (std::size_t k = 0; k < 8 * kBlock; ++k) {
-      const double* node = position + corner[k];
-      corners[k] = node[0];
-      corners[8 * kBlock + k] = node[nodes];
-      corners[16 * kBlock + k] = node[2 * nodes];
-    }
-    for (std::size_t lane = 0; lane < kBlock; lane += hn::Lanes(d)) {
-      lanes_step<law, shape>(d, e, tables, block, lane, corners, forces);
-    }
-    for (std::size_t k = 0; k < 8 * kBlock; ++k) {
-      double* node = force + corner[k];
-      node[0] += forces[k];
-      node[nodes] += forces[8 * kBlock + k];
-      node[2 * nodes] += forces[16 * kBlock + k];
-    }
-  }
+void steps_of(ElementBlocks& e, const SecantTables& tables, const double* position, double* force, std::size_t share,
+              std::size_t shares) {
+  const std::size_t boxes = e.box_blocks, others = e.blocks - boxes;
+  step_of<law, shape, true>(e, tables, position, force, share * boxes / shares, (share + 1) * boxes / shares);
+  step_of<law, shape, false>(e, tables, position, force, boxes + share * others / shares, boxes + (share + 1) * others / shares);
 }
 
 void LocalStep(ElementBlocks& e, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
-               double* force, std::size_t nodes, std::size_t first, std::size_t last) {
+               double* force, std::size_t share, std::size_t shares) {
   if (law == Law::Calibrated) {
     if (shape == VolumeShape::Proj) {
-      step_of<Law::Calibrated, VolumeShape::Proj>(e, tables, position, force, nodes, first, last);
+      steps_of<Law::Calibrated, VolumeShape::Proj>(e, tables, position, force, share, shares);
     } else {
-      step_of<Law::Calibrated, VolumeShape::Scale>(e, tables, position, force, nodes, first, last);
+      steps_of<Law::Calibrated, VolumeShape::Scale>(e, tables, position, force, share, shares);
     }
   } else if (shape == VolumeShape::Proj) {
-    step_of<Law::Thesis, VolumeShape::Proj>(e, tables, position, force, nodes, first, last);
+    steps_of<Law::Thesis, VolumeShape::Proj>(e, tables, position, force, share, shares);
   } else {
-    step_of<Law::Thesis, VolumeShape::Scale>(e, tables, position, force, nodes, first, last);
+    steps_of<Law::Thesis, VolumeShape::Scale>(e, tables, position, force, share, shares);
   }
 }
 
@@ -340,8 +402,8 @@ namespace softgrip::gdfe {
 HWY_EXPORT(LocalStep);
 
 void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
-                double* force, std::size_t nodes, std::size_t first, std::size_t last) {
-  HWY_DYNAMIC_DISPATCH(LocalStep)(elements, tables, law, shape, position, force, nodes, first, last);
+                double* force, std::size_t share, std::size_t shares) {
+  HWY_DYNAMIC_DISPATCH(LocalStep)(elements, tables, law, shape, position, force, share, shares);
 }
 
 }  // namespace softgrip::gdfe

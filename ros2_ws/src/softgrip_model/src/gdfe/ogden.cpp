@@ -61,19 +61,19 @@ OgdenElements::OgdenElements(const Nodes& rest, const Hexes& hexes, const std::v
   }
 }
 
-Corners OgdenElements::corners(const double* position, std::size_t nodes, std::size_t element) const {
+Corners OgdenElements::corners(const double* position, std::size_t element) const {
   Corners x;
   for (int a = 0; a < 8; ++a) {
-    const double* node = position + hexes_(static_cast<Eigen::Index>(element), a);
-    x.row(a) << node[0], node[nodes], node[2 * nodes];
+    const double* node = position + kStride * static_cast<std::size_t>(hexes_(static_cast<Eigen::Index>(element), a));
+    x.row(a) << node[0], node[1], node[2];
   }
   return x;
 }
 
-void OgdenElements::add_forces(const double* position, double* force, double* strain, std::size_t nodes,
-                               std::size_t first, std::size_t last) const {
+void OgdenElements::add_forces(const double* position, double* force, double* strain, std::size_t first,
+                               std::size_t last) const {
   for (std::size_t e = first; e < last; ++e) {
-    const Corners x = corners(position, nodes, e);
+    const Corners x = corners(position, e);
     const OgdenMaterial& material = table_[static_cast<std::size_t>(material_[e])];
     std::array<Matrix3, 8> f;
     double volume = 0.0;
@@ -102,18 +102,18 @@ void OgdenElements::add_forces(const double* position, double* force, double* st
       total += point.weight * point.gradient * stress.transpose();
     }
     for (int a = 0; a < 8; ++a) {
-      double* node = force + hexes_(static_cast<Eigen::Index>(e), a);
-      for (int i = 0; i < 3; ++i) node[static_cast<std::size_t>(i) * nodes] += total(a, i);
+      double* node = force + kStride * static_cast<std::size_t>(hexes_(static_cast<Eigen::Index>(e), a));
+      for (int i = 0; i < 3; ++i) node[i] += total(a, i);
     }
     const Eigen::Vector3d stretch = spectrum_of(mean / volume_[e]).stretch;
     strain[e] = std::sqrt(1.5) / 1.5 * (stretch.array() - stretch.mean()).matrix().norm();
   }
 }
 
-double OgdenElements::energy(const double* position, std::size_t nodes) const {
+double OgdenElements::energy(const double* position) const {
   double total = 0.0;
   for (std::size_t e = 0; e < volume_.size(); ++e) {
-    const Corners x = corners(position, nodes, e);
+    const Corners x = corners(position, e);
     const OgdenMaterial& material = table_[static_cast<std::size_t>(material_[e])];
     double volume = 0.0;
     for (std::size_t q = 0; q < 8; ++q) {

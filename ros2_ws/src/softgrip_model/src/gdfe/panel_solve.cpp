@@ -22,136 +22,86 @@ namespace hn = hwy::HWY_NAMESPACE;
 // Right-hand sides stand side by side, kAbreast values an unknown: a row number then costs one access, not three.
 using Rows = const std::int32_t*;
 
-// out (kAbreast x tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in (kAbreast x width). Of a lower
-// triangle only what is not zero is read.
-template <int count, bool triangle, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+// At most two paddings wide.
+template <class T>
+using Wide = hn::CappedTag<T, 2 * kPad>;
+
+// Which columns of a matrix are not zero in a row: all, those up to the diagonal, those from it on.
+enum class Filled { Full, Lower, Upper };
+
+// Rows i .. i + kParts * lanes - 1 of a product, see product(). kTurns sets of sums take columns in turn where few rows leave
+// the arithmetic waiting.
+template <int count, int kParts, int kTurns, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
+HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int from, int to, const T* in, T* out) {
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  V sum[kTurns][kParts][kAbreast];
+  for (int t = 0; t < kTurns; ++t) {
+    for (int p = 0; p < kParts; ++p) {
+      for (int k = 0; k < kAbreast; ++k) sum[t][p][k] = hn::Zero(d);
+    }
+  }
+  const T* column = matrix + static_cast<std::size_t>(from) * tall + i;
+  const auto add = [&](int turn, int j) HWY_ATTR {
+    V x[count];
+    for (int k = 0; k < count; ++k) x[k] = hn::Set(d, in[kAbreast * j + k]);
+    for (int p = 0; p < kParts; ++p) {
+      const V m = hn::LoadU(d, column + p * lanes);
+      for (int k = 0; k < count; ++k) sum[turn][p][k] = hn::MulAdd(m, x[k], sum[turn][p][k]);
+    }
+    column += tall;
+  };
+  int j = from;
+  for (; j + kTurns <= to; j += kTurns) {
+    for (int t = 0; t < kTurns; ++t) add(t, j + t);
+  }
+  for (; j < to; ++j) add(0, j);
+  for (int p = 0; p < kParts; ++p) {
+    for (int t = 1; t < kTurns; ++t) {
+      for (int k = 0; k < count; ++k) sum[0][p][k] = sum[0][p][k] + sum[t][p][k];
+    }
+    hn::StoreInterleaved4(sum[0][p][0], sum[0][p][1], sum[0][p][2], sum[0][p][3], d, out + kAbreast * (i + p * lanes));
+  }
+}
+
+// out (kAbreast x tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in (kAbreast x width). What is
+// known to be zero is passed over.
+template <int count, Filled filled, class D, class T = hn::TFromD<D>>
 HWY_INLINE void product(D d, const T* matrix, int tall, int width, const T* in, T* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const auto rows = [&](auto parts, int i) {
-    constexpr int kParts = decltype(parts)::value;
-    V sum[kParts][kAbreast];
-    for (int p = 0; p < kParts; ++p) {
-      for (int k = 0; k < kAbreast; ++k) sum[p][k] = hn::Zero(d);
-    }
-    const int columns = triangle ? std::min(width, i + kParts * lanes) : width;
-    const T* column = matrix + i;
-    for (int j = 0; j < columns; ++j, column += tall) {
-      V x[count];
-      for (int k = 0; k < count; ++k) x[k] = hn::Set(d, in[kAbreast * j + k]);
-      for (int p = 0; p < kParts; ++p) {
-        const V m = hn::LoadU(d, column + p * lanes);
-        for (int k = 0; k < count; ++k) sum[p][k] = hn::MulAdd(m, x[k], sum[p][k]);
-      }
-    }
-    for (int p = 0; p < kParts; ++p) {
-      hn::StoreInterleaved4(sum[p][0], sum[p][1], sum[p][2], sum[p][3], d, out + kAbreast * (i + p * lanes));
-    }
-  };
   int i = 0;
-  for (; i + 2 * lanes <= tall; i += 2 * lanes) rows(std::integral_constant<int, 2>(), i);
-  for (; i < tall; i += lanes) rows(std::integral_constant<int, 1>(), i);
-}
-
-// Sums over the lanes of four vectors, by halves.
-template <class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void sums_of_lanes(D d, const V* v, T* sums) {
-#if HWY_TARGET == HWY_SCALAR
-  for (int c = 0; c < 4; ++c) sums[c] = hn::GetLane(v[c]);
-  (void)d;
-#else
-  if constexpr (hn::MaxLanes(D()) * sizeof(T) > 16) {
-    const hn::Half<D> half;
-    hn::Vec<hn::Half<D>> folded[4];
-    for (int c = 0; c < 4; ++c) folded[c] = hn::LowerHalf(half, v[c]) + hn::UpperHalf(half, v[c]);
-    sums_of_lanes(half, folded, sums);
-  } else {
-    const V first = hn::InterleaveLower(d, v[0], v[1]) + hn::InterleaveUpper(d, v[0], v[1]);
-    const V second = hn::InterleaveLower(d, v[2], v[3]) + hn::InterleaveUpper(d, v[2], v[3]);
-    if constexpr (sizeof(T) == 8) {
-      hn::StoreU(first, d, sums);
-      hn::StoreU(second, d, sums + 2);
-    } else {
-      hn::StoreU(hn::ConcatLowerLower(d, second, first) + hn::ConcatUpperUpper(d, second, first), d, sums);
-    }
+  if constexpr (filled == Filled::Full) {
+    for (; i + 4 * lanes <= tall; i += 4 * lanes) product_rows<count, 4, 1>(d, matrix, tall, i, 0, width, in, out);
+    for (; i + 2 * lanes <= tall; i += 2 * lanes) product_rows<count, 2, 2>(d, matrix, tall, i, 0, width, in, out);
   }
-#endif
-}
-
-// out (kAbreast x width) = or -= matrix^T * in, in[k] (tall) padded with zeros. Of a lower triangle only what is not zero is read.
-template <int count, bool triangle, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void transposed_product(D d, const T* matrix, int tall, int width, T* const* in, T* out) {
-  constexpr int kColumns = 4;
-  const hn::CappedTag<T, kAbreast> quad;
-  const int lanes = static_cast<int>(hn::Lanes(d)), parts = static_cast<int>(hn::Lanes(quad));
-  for (int j = 0; j < width; j += kColumns) {
-    const int columns = std::min(kColumns, width - j);
-    const T* column[kColumns];  // those beyond the last are the last once more
-    for (int c = 0; c < kColumns; ++c) column[c] = matrix + static_cast<std::size_t>(j + std::min(c, columns - 1)) * tall;
-    V sum[count][kColumns];
-    for (int k = 0; k < count; ++k) {
-      for (int c = 0; c < kColumns; ++c) sum[k][c] = hn::Zero(d);
-    }
-    for (int i = triangle ? j / lanes * lanes : 0; i < tall; i += lanes) {
-      V x[count];
-      for (int k = 0; k < count; ++k) x[k] = hn::LoadU(d, in[k] + i);
-      for (int c = 0; c < kColumns; ++c) {
-        const V m = hn::LoadU(d, column[c] + i);
-        for (int k = 0; k < count; ++k) sum[k][c] = hn::MulAdd(m, x[k], sum[k][c]);
-      }
-    }
-    HWY_ALIGN T totals[kAbreast][kColumns] = {}, beside[kColumns * kAbreast];
-    for (int k = 0; k < count; ++k) sums_of_lanes(d, sum[k], totals[k]);
-    for (int c = 0; c < kColumns; c += parts) {
-      hn::StoreInterleaved4(hn::Load(quad, totals[0] + c), hn::Load(quad, totals[1] + c), hn::Load(quad, totals[2] + c),
-                            hn::Load(quad, totals[3] + c), quad, beside + kAbreast * c);
-    }
-    T* to = out + kAbreast * static_cast<std::size_t>(j);
-    for (int v = 0; v < kAbreast * columns; v += parts) {
-      const auto total = hn::Load(quad, beside + v);
-      hn::StoreU(triangle ? total : hn::LoadU(quad, to + v) - total, quad, to + v);
-    }
+  const auto from = [&] { return filled == Filled::Upper ? i : 0; };
+  const auto to = [&](int rows) { return filled == Filled::Lower ? std::min(width, i + rows) : width; };
+  for (; i + lanes <= tall; i += lanes) product_rows<count, 1, 2>(d, matrix, tall, i, from(), to(lanes), in, out);
+  if constexpr (hn::MaxLanes(D()) > kPad) {
+    const hn::CappedTag<T, kPad> narrow;
+    if (i < tall) product_rows<count, 1, 2>(narrow, matrix, tall, i, from(), to(kPad), in, out);
   }
 }
 
-// One thread's working arrays: the unknowns, two panels' rows, and a panel's rows each right-hand side by itself.
+// One thread's working arrays: the unknowns, and two panels' rows.
 template <class T>
 struct Work {
-  T *x, *y, *z, *alone[3];
+  T *x, *y, *z;
 
-  Work(T* base, std::size_t size, std::size_t max_below) {
-    const std::size_t rows = max_below + kPad;
-    x = base;
-    y = x + kAbreast * (size + kPad);
-    z = y + kAbreast * rows;
-    for (std::size_t k = 0; k < 3; ++k) alone[k] = z + (kAbreast + k) * rows;
-  }
-
-  // Takes rows (kAbreast x tall) apart.
-  void separate(const T* rows, int tall) {
-    const hn::CappedTag<T, kPad> d;
-    for (int i = 0; i < tall; i += static_cast<int>(hn::Lanes(d))) {
-      hn::Vec<decltype(d)> a, b, c, unused;
-      hn::LoadInterleaved4(d, rows + kAbreast * i, a, b, c, unused);
-      hn::StoreU(a, d, alone[0] + i);
-      hn::StoreU(b, d, alone[1] + i);
-      hn::StoreU(c, d, alone[2] + i);
-    }
-  }
+  Work(T* base, std::size_t size, std::size_t max_below) : x(base), y(x + kAbreast * (size + kPad)), z(y + kAbreast * (max_below + kPad)) {}
 };
 
 template <int count, class T>
 void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<T>& work) {
-  const hn::CappedTag<T, kPad> d;
+  const Wide<T> d;
   const hn::CappedTag<T, kAbreast> quad;
   const int parts = static_cast<int>(hn::Lanes(quad));
   for (const std::int32_t index : panels) {
     const Panel& panel = store.panels[index];
-    const int tall = (panel.width + kPad - 1) / kPad * kPad;
     T* head = work.x + kAbreast * static_cast<std::size_t>(panel.first);
-    product<count, true>(d, &store.inverse[panel.inverse], tall, panel.width, head, work.y);
+    product<count, Filled::Lower>(d, &store.inverse[panel.inverse], padded(panel.width), panel.width, head, work.y);
     std::copy(work.y, work.y + kAbreast * panel.width, head);
     if (panel.below == 0) continue;
-    product<count, false>(d, &store.values[panel.values], panel.padded, panel.width, work.y, work.z);
+    product<count, Filled::Full>(d, &store.values[panel.values], panel.padded, panel.width, work.y, work.z);
     const Rows rows = &store.rows[panel.rows];
     for (int i = 0; i < panel.below; ++i) {
       T* to = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
@@ -164,12 +114,12 @@ void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels
 
 template <int count, class T>
 void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<T>& work) {
-  const hn::CappedTag<T, kPad> d;
+  const Wide<T> d;
   const hn::CappedTag<T, kAbreast> quad;
   const int parts = static_cast<int>(hn::Lanes(quad));
   for (auto index = panels.rbegin(); index != panels.rend(); ++index) {
     const Panel& panel = store.panels[*index];
-    const int tall = (panel.width + kPad - 1) / kPad * kPad;
+    const int tall = padded(panel.width);
     T* head = work.x + kAbreast * static_cast<std::size_t>(panel.first);
     if (panel.below > 0) {
       const Rows rows = &store.rows[panel.rows];
@@ -177,14 +127,13 @@ void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panel
         const T* from = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
         for (int p = 0; p < kAbreast; p += parts) hn::StoreU(hn::LoadU(quad, from + p), quad, work.z + kAbreast * i + p);
       }
-      std::fill(work.z + kAbreast * panel.below, work.z + kAbreast * panel.padded, T(0));
-      work.separate(work.z, panel.padded);
-      transposed_product<count, false>(d, &store.values[panel.values], panel.padded, panel.width, work.alone, head);
+      product<count, Filled::Full>(d, &store.transposed[panel.values_transposed], tall, panel.below, work.z, work.y);
+      for (int v = 0; v < kAbreast * panel.width; v += parts) {
+        hn::StoreU(hn::LoadU(quad, head + v) - hn::LoadU(quad, work.y + v), quad, head + v);
+      }
     }
-    std::copy(head, head + kAbreast * panel.width, work.y);
-    std::fill(work.y + kAbreast * panel.width, work.y + kAbreast * tall, T(0));
-    work.separate(work.y, tall);
-    transposed_product<count, true>(d, &store.inverse[panel.inverse], tall, panel.width, work.alone, head);
+    product<count, Filled::Upper>(d, &store.transposed[panel.inverse_transposed], tall, panel.width, head, work.y);
+    std::copy(work.y, work.y + kAbreast * panel.width, head);
   }
 }
 

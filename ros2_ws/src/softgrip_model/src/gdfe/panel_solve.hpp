@@ -11,7 +11,7 @@ inline constexpr int kAbreast = 4;
 
 // Values that one thread needs; see Work.
 inline std::size_t panel_work_size(int size, int max_below) {
-  return kAbreast * (static_cast<std::size_t>(size) + kPad) + (2 * kAbreast + 3) * (static_cast<std::size_t>(max_below) + kPad);
+  return kAbreast * (static_cast<std::size_t>(size) + 2 * static_cast<std::size_t>(max_below) + 3 * kPad);
 }
 
 // columns[k] (k < count): in and out. work: panel_work_size() values for each thread of the schedule.

@@ -31,12 +31,12 @@ void Solver::begin_contact(const Task& task) {
 void Solver::add_followers(const Task& task) {
   follower_squared_ = 0.0;
   if (surroundings_.pressed.empty() && surroundings_.followers.empty()) return;
-  follower_.assign(3 * nodes_, 0.0);
+  follower_.assign(kStride * nodes_, 0.0);
   for (std::size_t k = 0; k < surroundings_.pressed.size(); ++k) {
-    add_pressure(surroundings_.pressed[k], task.pressures[k], position_.data(), nodes_, follower_.data());
+    add_pressure(surroundings_.pressed[k], task.pressures[k], position_.data(), follower_.data());
   }
   for (std::size_t k = 0; k < surroundings_.followers.size(); ++k) {
-    add_follower_force(surroundings_.followers[k], task.follower_forces[k], rest_, position_.data(), nodes_, follower_.data());
+    add_follower_force(surroundings_.followers[k], task.follower_forces[k], rest_, position_.data(), follower_.data());
   }
   for (std::size_t i = 0; i < follower_.size(); ++i) {
     force_[i] -= follower_[i];
@@ -51,33 +51,46 @@ void Solver::cable_points(std::size_t index, const double* position, std::vector
     const CablePoint& point = cable.points[p];
     points[p] = point.fixed;
     for (std::size_t k = 0; k < point.nodes.size(); ++k) {
-      const double* node = position + point.nodes[k];
-      points[p] += point.weights[k] * Eigen::Vector3d(node[0], node[nodes_], node[2 * nodes_]);
+      const double* node = position + kStride * static_cast<std::size_t>(point.nodes[k]);
+      points[p] += point.weights[k] * Eigen::Vector3d(node[0], node[1], node[2]);
     }
   }
 }
 
-// What the task gives on every node, component by component as the iteration reads it.
+// What the task gives on every node, as the iteration reads it. Held nodes are placed for good.
 void Solver::lay_out(const Task& task) {
-  base_.resize(3 * nodes_);
-  dead_load_.resize(3 * nodes_);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    for (std::size_t i = 0; i < nodes_; ++i) {
+  base_.assign(kStride * nodes_, 0.0);
+  dead_load_.assign(kStride * nodes_, 0.0);
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
       const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
-      base_[axis * nodes_ + i] = rest_(row, column) + (axes_[axis].dof[i] < 0 ? task.prescribed(row, column) : 0.0);
-      dead_load_[axis * nodes_ + i] = task.load(row, column);
+      base_[kStride * i + axis] = rest_(row, column) + (axes_[axis].dof[i] < 0 ? task.prescribed(row, column) : 0.0);
+      dead_load_[kStride * i + axis] = task.load(row, column);
     }
   }
+  position_ = base_;
   dead_load_squared_ = task.load.squaredNorm();
 }
 
 void Solver::expand(const std::vector<double>& state) {
+  if (alike_) {
+    const std::vector<std::int32_t>& nodes = axes_[0].nodes;
+    const double *x = state.data(), *y = x + nodes.size(), *z = y + nodes.size();
+#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes.size() > kSharedFrom)
+    for (std::size_t u = 0; u < nodes.size(); ++u) {
+      const std::size_t at = kStride * static_cast<std::size_t>(nodes[u]);
+      position_[at] = base_[at] + x[u];
+      position_[at + 1] = base_[at + 1] + y[u];
+      position_[at + 2] = base_[at + 2] + z[u];
+    }
+    return;
+  }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::int32_t* dof = axes_[axis].dof.data();
-    const double *base = base_.data() + axis * nodes_, *displacement = state.data() + axes_[axis].offset;
-    double* position = position_.data() + axis * nodes_;
+    const double *base = base_.data() + axis, *displacement = state.data() + axes_[axis].offset;
+    double* position = position_.data() + axis;
 #pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes_ > kSharedFrom)
-    for (std::size_t i = 0; i < nodes_; ++i) position[i] = base[i] + (dof[i] >= 0 ? displacement[dof[i]] : 0.0);
+    for (std::size_t i = 0; i < nodes_; ++i) position[kStride * i] = base[kStride * i] + (dof[i] >= 0 ? displacement[dof[i]] : 0.0);
   }
 }
 
@@ -92,7 +105,7 @@ void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
       const CablePoint& point = cables_[c].points[p];
       for (std::size_t k = 0; k < point.nodes.size(); ++k) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
-          force_[axis * nodes_ + static_cast<std::size_t>(point.nodes[k])] -=
+          force_[kStride * static_cast<std::size_t>(point.nodes[k]) + axis] -=
               point.weights[k] * work.state.force[p][static_cast<Eigen::Index>(axis)];
         }
       }
@@ -100,21 +113,46 @@ void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
   }
 }
 
-// Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
-double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
-  double held = 0.0, loads = follower_squared_ + dead_load_squared_;
+// -g of every unknown.
+void Solver::gather(std::vector<double>& residual) const {
+  const double *load = dead_load_.data(), *force = force_.data();
+  if (alike_) {
+    const std::vector<std::int32_t>& nodes = axes_[0].nodes;
+    double *x = residual.data(), *y = x + nodes.size(), *z = y + nodes.size();
+#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes.size() > kSharedFrom)
+    for (std::size_t u = 0; u < nodes.size(); ++u) {
+      const std::size_t at = kStride * static_cast<std::size_t>(nodes[u]);
+      x[u] = load[at] - force[at];
+      y[u] = load[at + 1] - force[at + 1];
+      z[u] = load[at + 2] - force[at + 2];
+    }
+    return;
+  }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const Axis& a = axes_[axis];
     double* out = residual.data() + a.offset;
-    const double *force = force_.data() + axis * nodes_, *load = dead_load_.data() + axis * nodes_;
     const auto size = static_cast<std::size_t>(a.inverse->size());
 #pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && size > kSharedFrom)
     for (std::size_t u = 0; u < size; ++u) {
       double sum = 0.0;
-      for (std::int32_t k = a.first_node[u]; k < a.first_node[u + 1]; ++k) sum += load[a.nodes[k]] - force[a.nodes[k]];
+      for (std::int32_t k = a.first_node[u]; k < a.first_node[u + 1]; ++k) {
+        const std::size_t at = kStride * static_cast<std::size_t>(a.nodes[k]) + axis;
+        sum += load[at] - force[at];
+      }
       out[u] = sum;
     }
-    for (const std::int32_t i : a.held) held += (force[i] - load[i]) * (force[i] - load[i]);
+  }
+}
+
+// Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
+double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
+  gather(residual);
+  double held = 0.0, loads = follower_squared_ + dead_load_squared_;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (const std::int32_t i : axes_[axis].held) {
+      const std::size_t at = kStride * static_cast<std::size_t>(i) + axis;
+      held += (force_[at] - dead_load_[at]) * (force_[at] - dead_load_[at]);
+    }
   }
   std::fill(residual.begin() + static_cast<std::ptrdiff_t>(unknowns_), residual.end(), 0.0);
   for (const CableWork& work : cable_work_) {
@@ -288,8 +326,8 @@ Outcome Solver::report(const Task& task, const std::vector<double>& state) const
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (std::size_t i = 0; i < nodes_; ++i) {
       const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
-      outcome.displacement(row, column) = position_[axis * nodes_ + i] - rest_(row, column);
-      if (axes_[axis].dof[i] < 0) outcome.reaction(row, column) = force_[axis * nodes_ + i] - task.load(row, column);
+      outcome.displacement(row, column) = position_[kStride * i + axis] - rest_(row, column);
+      if (axes_[axis].dof[i] < 0) outcome.reaction(row, column) = force_[kStride * i + axis] - task.load(row, column);
     }
   }
   outcome.touches = contact_.touches();
@@ -299,7 +337,7 @@ Outcome Solver::report(const Task& task, const std::vector<double>& state) const
       if (axes_[axis].dof[static_cast<std::size_t>(touch.node)] < 0) outcome.reaction(touch.node, column) -= touch.force[column];
     }
   }
-  outcome.strain.assign(blocks_.strain.begin(), blocks_.strain.begin() + static_cast<std::ptrdiff_t>(blocks_.elements));
+  outcome.strain = strain();
   for (std::size_t c = 0; c < cables_.size(); ++c) {
     const CableWork& work = cable_work_[c];
     outcome.anchor_tension.push_back(task.drives[c].by_length ? state[unknowns_ + c] / work.tension_scale : work.state.tension.back());
@@ -309,36 +347,51 @@ Outcome Solver::report(const Task& task, const std::vector<double>& state) const
   return outcome;
 }
 
+std::vector<double> Solver::strain() const {
+  if (ogden_) return ogden_strain_;
+  std::vector<double> strain(blocks_.elements);
+  for (std::size_t slot = 0; slot < blocks_.elements; ++slot) strain[static_cast<std::size_t>(blocks_.element[slot])] = blocks_.strain[slot];
+  return strain;
+}
+
+void Solver::set_thesis_state(const std::vector<double>& omega, const std::vector<double>& last_strain) {
+  for (std::size_t slot = 0; slot < blocks_.element.size(); ++slot) {
+    const auto e = static_cast<std::size_t>(blocks_.element[slot]);
+    blocks_.omega[slot] = omega.at(e);
+    blocks_.last_strain[slot] = last_strain.at(e);
+  }
+}
+
 void Solver::place(const Nodes& displacement) {
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    for (std::size_t i = 0; i < nodes_; ++i) {
-      const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
-      position_[axis * nodes_ + i] = rest_(row, column) + displacement(row, column);
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto column = static_cast<Eigen::Index>(axis);
+      position_[kStride * i + axis] = rest_(static_cast<Eigen::Index>(i), column) + displacement(static_cast<Eigen::Index>(i), column);
     }
   }
 }
 
 void Solver::add_element_forces() {
   const auto threads = static_cast<std::size_t>(settings_.threads);
+  const std::size_t values = kStride * nodes_;
 #pragma omp parallel num_threads(settings_.threads) if (threads > 1)
   {
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
-      double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * 3 * nodes_;
-      std::fill(force, force + 3 * nodes_, 0.0);
+      double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * values;
+      std::fill(force, force + values, 0.0);
       if (ogden_) {
-        ogden_->add_forces(position_.data(), force, blocks_.strain.data(), nodes_, t * blocks_.elements / threads,
+        ogden_->add_forces(position_.data(), force, ogden_strain_.data(), t * blocks_.elements / threads,
                            (t + 1) * blocks_.elements / threads);
       } else {
-        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, nodes_,
-                   t * blocks_.blocks / threads, (t + 1) * blocks_.blocks / threads);
+        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, t, threads);
       }
     }
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
-      const std::size_t from = t * 3 * nodes_ / threads, to = (t + 1) * 3 * nodes_ / threads;
+      const std::size_t from = t * values / threads, to = (t + 1) * values / threads;
       for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
-        const double* share = shares_.data() + (other - 1) * 3 * nodes_;
+        const double* share = shares_.data() + (other - 1) * values;
         for (std::size_t i = from; i < to; ++i) force_[i] += share[i];
       }
     }
@@ -348,17 +401,15 @@ void Solver::add_element_forces() {
 double Solver::energy(const Nodes& displacement) {
   if (!ogden_) throw std::logic_error("only the rigorous law has an energy");
   place(displacement);
-  return ogden_->energy(position_.data(), nodes_);
+  return ogden_->energy(position_.data());
 }
 
 Nodes Solver::internal_force(const Nodes& displacement) {
   place(displacement);
   add_element_forces();
   Nodes force(static_cast<Eigen::Index>(nodes_), 3);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    for (std::size_t i = 0; i < nodes_; ++i) {
-      force(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis)) = force_[axis * nodes_ + i];
-    }
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis) force(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis)) = force_[kStride * i + axis];
   }
   return force;
 }

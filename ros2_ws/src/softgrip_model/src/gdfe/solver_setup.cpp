@@ -50,20 +50,20 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
       rest_(std::move(rest)),
       settings_(settings),
       tables_(std::move(tables)),
-      elements_(make_elements(rest_, hexes, settings.metric)),
-      blocks_(elements_, hexes, materials),
       cables_(std::move(cables)),
       cable_work_(cables_.size()),
       surroundings_(std::move(surroundings)) {
+  const std::vector<Element> elements = make_elements(rest_, hexes, settings.metric);
+  for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
+  build_axes(elements, hexes, matrix_weight, maps);
+  blocks_ = ElementBlocks(elements, hexes, materials);
   if (settings_.law == Law::Rigorous) {
     ogden_ = std::make_unique<OgdenElements>(rest_, hexes, materials, std::move(ogden));
+    ogden_strain_.resize(elements.size());
   }
-  position_.resize(3 * nodes_);
-  force_.resize(3 * nodes_);
-  shares_.resize(3 * nodes_ * static_cast<std::size_t>(settings_.threads - 1));
-  for (std::size_t e = 0; e < elements_.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements_[e].volume);
-  build_axes(elements_, hexes, matrix_weight, maps);
-  elements_ = {};
+  position_.resize(kStride * nodes_);
+  force_.resize(kStride * nodes_);
+  shares_.resize(kStride * nodes_ * static_cast<std::size_t>(settings_.threads - 1));
   build_point_columns();
   build_contact();
   accelerate_ = std::make_unique<Anderson>(unknowns_ + cables_.size(), settings_.window, settings_.threads);
@@ -117,6 +117,9 @@ void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes
     axes_[axis].offset = unknowns_;
     unknowns_ += static_cast<std::size_t>(size);
   }
+  alike_ = std::all_of(axes_.begin(), axes_.end(), [&](const Axis& axis) {
+    return axis.inverse == axes_[0].inverse && axis.nodes.size() == static_cast<std::size_t>(axis.inverse->size());
+  });
 }
 
 void Solver::list_nodes(Axis& axis) const {
@@ -165,9 +168,9 @@ void Solver::build_point_columns() {
     }
     a.point_columns = matrix;
   }
-  std::vector<double> at_rest(3 * nodes_);
+  std::vector<double> at_rest(kStride * nodes_);
   for (std::size_t i = 0; i < nodes_; ++i) {
-    for (std::size_t axis = 0; axis < 3; ++axis) at_rest[axis * nodes_ + i] = rest_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
+    for (std::size_t axis = 0; axis < 3; ++axis) at_rest[kStride * i + axis] = rest_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis));
   }
   for (std::size_t c = 0; c < cables_.size(); ++c) {
     cable_points(c, at_rest.data(), cable_work_[c].points);

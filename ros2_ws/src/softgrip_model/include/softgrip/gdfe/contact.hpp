@@ -69,7 +69,7 @@ class Contact {
   // the rounding errors of a factor in float.
   void add_last_forces(std::vector<double>& residual) const;
 
-  // Finds lambda for a step that follows from the residual with the last forces. Adds the change of the forces to
+  // position: [node][kStride]. Finds lambda for a step that follows from the residual with the last forces. Adds the change of the forces to
   // `residual` and its motion to `step`.
   void resolve(const double* position, std::vector<double>& residual, std::vector<double>& step);
 
@@ -95,7 +95,6 @@ class Contact {
   double compliance(std::size_t axis, std::int32_t pushed, std::int32_t moved);
 
   std::vector<Obstacle> obstacles_;
-  std::size_t nodes_ = 0;
   UnknownsView view_;
   std::vector<std::int32_t> place_;                           // node -> its number among all that may touch, -1
   std::vector<std::int32_t> candidates_;

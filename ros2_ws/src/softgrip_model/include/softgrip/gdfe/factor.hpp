@@ -2,7 +2,8 @@
 // L = P^T C C^T P of the constant matrix, and its solves for one to three right-hand sides at once.
 //
 // Supernodal: columns of C with (nearly) the same rows form a dense panel; the triangle on its diagonal is kept inverted, so
-// that a solve is a row of small dense products without a chain of divisions. Panels may be kept in float: the factor only
+// that a solve is a row of small dense products without a chain of divisions. The backward pass has the transposed panels, so
+// that both passes are products of columns: none ends in sums over lanes. Panels may be kept in float: the factor only
 // preconditions a residual that is computed in double.
 #pragma once
 
@@ -21,12 +22,15 @@ inline constexpr int kMetisAbove = 6000;
 // One dense panel: `width` columns from `first`; below them `below` rows (padded to kPad in memory).
 struct Panel {
   std::int32_t first, width, below, padded;
-  std::size_t inverse;  // offset of the width x width_padded inverse triangle, column by column
+  std::size_t inverse;  // offset of the padded(width) x width inverse triangle, column by column
   std::size_t values;   // offset of the padded x width block below, column by column
+  std::size_t values_transposed, inverse_transposed;  // offsets of padded(width) x below, padded(width) x width
   std::size_t rows;     // offset of its row numbers
 };
 
 inline constexpr int kPad = 8;
+
+constexpr int padded(int count) { return (count + kPad - 1) / kPad * kPad; }
 
 // Which panels each thread works on. Panels of different threads share no columns and meet only in the top panels, which
 // come after them in the forward pass and before them in the backward pass: results do not depend on timing.
@@ -39,7 +43,8 @@ struct Schedule {
 template <class T>
 struct PanelStore {
   std::vector<Panel> panels;
-  std::vector<T> inverse, values;
+  std::vector<T> inverse, values;  // of the forward pass
+  std::vector<T> transposed;       // both, as the backward pass reads them
   std::vector<std::int32_t> rows;
   Schedule schedule;
 };

@@ -21,11 +21,11 @@ struct FollowerPatch {
   std::vector<double> shares;
 };
 
-// Adds -p n dA of every face, integrated exactly over the bilinear patch. position, load: [3][nodes].
-void add_pressure(const PressedSurface& surface, double pressure, const double* position, std::size_t nodes, double* load);
+// Adds -p n dA of every face, integrated exactly over the bilinear patch. position, load: [node][kStride].
+void add_pressure(const PressedSurface& surface, double pressure, const double* position, double* load);
 
 // Adds R force; R = rotation nearest to sum_i share_i (x_i - x)(X_i - X)^T.
 void add_follower_force(const FollowerPatch& patch, const Eigen::Vector3d& force, const Nodes& rest, const double* position,
-                        std::size_t nodes, double* load);
+                        double* load);
 
 }  // namespace softgrip::gdfe

@@ -10,6 +10,7 @@
 
 #include <Eigen/Dense>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -20,6 +21,9 @@ using Nodes = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 using Hexes = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 8, Eigen::RowMajor>;
 using Corners = Eigen::Matrix<double, 8, 3>;
 using Matrix8 = Eigen::Matrix<double, 8, 8>;
+
+// Values from one node to the next in positions and forces: x, y, z and one to spare.
+inline constexpr std::size_t kStride = 4;
 
 inline constexpr std::array<std::array<int, 3>, 8> kCornerSigns{{{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
                                                                  {-1, -1, 1}, {1, -1, 1}, {1, 1, 1}, {-1, 1, 1}}};

@@ -22,13 +22,12 @@ class OgdenElements {
  public:
   OgdenElements(const Nodes& rest, const Hexes& hexes, const std::vector<int>& materials, std::vector<OgdenMaterial> table);
 
-  // position, force: [3][nodes]; force is added to, strain[e] = eps_eq (nu = 0.5) of the mean deformation gradient.
+  // position, force: [node][kStride]; force is added to, strain[e] = eps_eq (nu = 0.5) of the mean deformation gradient.
   // Elements first .. last-1. A Gauss point turned inside out makes forces NaN: the caller steps back.
-  void add_forces(const double* position, double* force, double* strain, std::size_t nodes, std::size_t first,
-                  std::size_t last) const;
+  void add_forces(const double* position, double* force, double* strain, std::size_t first, std::size_t last) const;
 
   // Strain energy at a state.
-  double energy(const double* position, std::size_t nodes) const;
+  double energy(const double* position) const;
 
  private:
   struct Point {
@@ -36,7 +35,7 @@ class OgdenElements {
     double weight;
   };
 
-  Corners corners(const double* position, std::size_t nodes, std::size_t element) const;
+  Corners corners(const double* position, std::size_t element) const;
 
   Hexes hexes_;
   std::vector<int> material_;

@@ -102,7 +102,14 @@ class Solver {
   // Corner forces of all elements at a state, and the elements' strains.
   Nodes internal_force(const Nodes& displacement);
 
-  ElementBlocks& blocks() { return blocks_; }
+  // eps_eq (nu = 0.5) of every element at the state last looked at.
+  std::vector<double> strain() const;
+
+  // The thesis law's shape factor and last converged strain of every element.
+  void set_thesis_state(const std::vector<double>& omega, const std::vector<double>& last_strain);
+
+  // Of what one step of all elements reads and writes of them.
+  std::size_t element_bytes() const { return blocks_.bytes(); }
   const ConstantInverse& inverse(int axis) const { return *axes_[static_cast<std::size_t>(axis)].inverse; }
   std::size_t unknowns() const { return unknowns_; }
 
@@ -135,6 +142,7 @@ class Solver {
   void expand(const std::vector<double>& state);
   void pull_cables(const Task& task, const std::vector<double>& state);
   void cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const;
+  void gather(std::vector<double>& residual) const;
   double out_of_balance(const Task& task, std::vector<double>& residual);
   void precondition(std::vector<double>& residual);
   void drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& residual);
@@ -144,10 +152,11 @@ class Solver {
   Nodes rest_;
   Settings settings_;
   SecantTables tables_;
-  std::vector<Element> elements_;  // while being built
   ElementBlocks blocks_;
   std::unique_ptr<OgdenElements> ogden_;  // of the rigorous law
+  std::vector<double> ogden_strain_;
   std::array<Axis, 3> axes_;
+  bool alike_ = false;        // an unknown is a node, the same on every axis
   std::size_t unknowns_ = 0;  // of the mesh; cables' anchor tensions follow in the state vector
   std::vector<Cable> cables_;
   std::vector<CableWork> cable_work_;
@@ -156,11 +165,12 @@ class Solver {
   Contact contact_;
   double follower_squared_ = 0.0;  // of their forces
   double balance_scale_ = 1.0;     // reactions and loads that the residual is measured against
-  std::vector<double> position_, force_, follower_, scratch_;
-  std::vector<double> base_, dead_load_;  // of the task: rest plus prescribed displacements, and loads, [3][nodes]
+  std::vector<double> position_, force_, follower_;  // [node][kStride]
+  std::vector<double> scratch_;
+  std::vector<double> base_, dead_load_;  // of the task: rest plus prescribed displacements, and loads, [node][kStride]
   double dead_load_squared_ = 0.0;
   std::unique_ptr<Anderson> accelerate_;
-  std::vector<double> shares_;  // forces of every thread but the first, [thread][3][nodes]
+  std::vector<double> shares_;  // forces of every thread but the first, [thread][node][kStride]
   double weight_scale_ = 1.0;
 };
 
