@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -106,15 +106,15 @@ class DriverConfiguration:
         """Return the controller, knowing nothing yet."""
         return GripperController(self.limits, self.policies, self.grippers, 1.0 / self.loop_rate)
 
-    def backend(self) -> TendonBackend:
-        """Return the backend, not connected."""
+    def backend(self, report: Callable[[str], object]) -> TendonBackend:
+        """Return the backend, not connected; ``report`` is told what it is about to change in a device for good."""
         if self.gauge is not None:
             ((tendon, limits),) = self.limits.items()
             stage = make_stage(self.kind, self.port, self.reply_margin)
             gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
             return StageBackend(tendon, stage, gauge, STAGE_HASTE * limits.speed)
         bus = Bus(self.port, self.baud, self.reply_margin)
-        return DynamixelBackend(bus, self.servos, self.bus_watchdog, write_eeprom=self.write_eeprom)
+        return DynamixelBackend(bus, self.servos, self.bus_watchdog, write_eeprom=self.write_eeprom, report=report)
 
 
 def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:

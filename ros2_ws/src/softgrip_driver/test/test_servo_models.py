@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import Servo, set_up, wanted_eeprom
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
-from softgrip_driver.errors import ConfigurationError, WrongDeviceError
+from softgrip_driver.errors import ConfigurationError, DriverError, WrongDeviceError
 from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome
@@ -39,6 +40,26 @@ def wired(request, tmp_path, world):
     bus.open()
     yield request.param, device, bus
     bus.close()
+    port.close()
+    world.close()
+
+
+@pytest.fixture
+def two(tmp_path, world):
+    """Two servos out of the box, their tables as far as they last, and a backend for them and what it reports."""
+    devices = [EmulatedServo(load_model("XL330-M288"), number, baud=1_000_000) for number in (1, 2)]
+    port = world.port(tmp_path / "servos", DynamixelChain(devices))
+    reports = []
+
+    def lasting():
+        return [bytes(device.registers.snapshot()[7:64]) for device in devices]
+
+    def backend(second=2, **options):
+        bus = Bus(str(tmp_path / "servos"), 1_000_000)
+        servos = [replace(servo_of("XL330-M288"), tendon="one"), replace(servo_of("XL330-M288"), servo_id=second)]
+        return DynamixelBackend(bus, servos, report=lambda text: reports.append((text, lasting())), **options)
+
+    yield devices, lasting, reports, backend
     port.close()
     world.close()
 
@@ -76,8 +97,8 @@ def test_bring_up_from_factory_settings(wired, mode):
     assert device.registers.get("operating_mode") == 3
     servo = servo_of(model, mode)
     corrected = [text for text in set_up(bus, servo, write_eeprom=True) if text]
-    assert any("operating mode was 3, needs " + str(int(mode)) in text for text in corrected)
-    assert any("return delay time was 250, needs 0" in text for text in corrected)
+    assert any("operating mode is 3, needs " + str(int(mode)) in text for text in corrected)
+    assert any("return delay time is 250, needs 0" in text for text in corrected)
     for item, value in wanted_eeprom(servo).items():
         assert bus.read(1, item) == value
     # A change of mode puts the goal current to its limit and the profile to 0; both are written after it.
@@ -125,9 +146,49 @@ def test_a_supply_that_sags_does_not_open_a_hand(wired):
 
 def test_settings_are_reported_and_left_alone_where_writing_is_not_allowed(wired):
     model, device, bus = wired
-    with pytest.raises(ConfigurationError, match=r"return delay time was 250, needs 0; set write_eeprom"):
+    with pytest.raises(ConfigurationError, match=r"return delay time is 250, needs 0;.*set write_eeprom"):
         list(set_up(bus, servo_of(model), write_eeprom=False))
     assert device.registers.get("return_delay_time") == 250
+
+
+def test_what_differs_is_reported_before_any_of_it_is_written(two):
+    devices, lasting, reports, backend = two
+    factory = lasting()
+    one = backend()
+    one.connect()
+    one.disconnect()
+    assert reports[0][0] == "tendon 'one', ID 1: return delay time is 250, needs 0; it is written now"
+    for number in (1, 2):
+        told = [text for text, _ in reports if f"ID {number}:" in text]
+        assert sum("operating mode is 3, needs 5" in text for text in told) == 1
+    assert all(then == factory for _, then in reports)
+    assert [device.registers.get("operating_mode") for device in devices] == [5, 5]
+    reports.clear()
+    one.connect()
+    one.disconnect()
+    assert reports == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "options", "text"),
+    [
+        (lambda _: None, {"second": 9}, "ID 9"),
+        (lambda devices: setattr(devices[1], "forced_error_bits", 0x20), {}, "OVERLOAD"),
+        (lambda _: None, {"write_eeprom": False}, "ID 1: return delay.*ID 2: return delay.*set write_eeprom"),
+    ],
+    ids=["a servo is missing", "a servo is in error", "not allowed"],
+)
+def test_no_servo_is_changed_for_good_unless_all_are_there_and_well(two, spoil, options, text):
+    """The port may be that of another machine."""
+    devices, lasting, reports, backend = two
+    factory = lasting()
+    spoil(devices)
+    for device in devices:
+        device.step(0.0, 0.001)
+    with pytest.raises(DriverError, match=text):
+        backend(**options).connect()
+    assert lasting() == factory
+    assert reports == []
 
 
 def test_a_servo_with_a_hardware_error_is_not_set_up(wired):

@@ -130,7 +130,8 @@ def work(options: argparse.Namespace) -> int:
             raise ConfigurationError("expected --port and --gauge, or --csv, found neither; see --help")
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
         servo = Servo("tendon", options.id, model, Spool(options.radius, options.direction), torque)
-        backend = DynamixelBackend(Bus(options.port, options.baud, options.reply_margin), [servo], watchdog=0.5)
+        bus = Bus(options.port, options.baud, options.reply_margin)
+        backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
         gauge = make_gauge(options.gauge_kind, options.gauge, StreamSettings())
         gauge.open()
         try:

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.bringup import Servo, identify, set_up
+from softgrip_driver.dynamixel.bringup import Servo, examine, identify, refuse, set_up
 from softgrip_driver.dynamixel.bus import Bus, Reply
 from softgrip_driver.dynamixel.live import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, Live, SlowRead
 from softgrip_driver.dynamixel.registers import HardwareError, Item
@@ -36,6 +36,7 @@ class DynamixelBackend:
         servos: one for each tendon.
         watchdog: [s] of silence after which a servo stops by itself; 0 = off.
         write_eeprom: correct persistent settings that differ; otherwise they are an error.
+        report: told of each of them, in words, before any of them is written.
     """
 
     #: misses in a row after which a servo is left out of the group read
@@ -52,13 +53,22 @@ class DynamixelBackend:
     #: [s] for a reboot: 0.4 s were measured, the maker's own code waits 3 s
     REBOOT_TIMEOUT = 4.0
 
-    def __init__(self, bus: Bus, servos: Sequence[Servo], watchdog: float = 0.08, *, write_eeprom: bool = True) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        servos: Sequence[Servo],
+        watchdog: float = 0.08,
+        *,
+        write_eeprom: bool = True,
+        report: Callable[[str], object] = lambda _: None,
+    ) -> None:
         self.bus = bus
         self._live = {servo.tendon: Live(servo) for servo in servos}
         self._watchdog_units = (
             0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
         )
         self._write_eeprom = write_eeprom
+        self._report = report
         self._plain_until = 0.0
         self._turn = 0
         self._last_traffic = 0.0
@@ -78,23 +88,30 @@ class DynamixelBackend:
     # --- connecting ------------------------------------------------------------------------------------------------
 
     def connect(self) -> Sequence[DriveIdentity]:
-        """Open the port, identify every servo, check and set it up, torque off."""
+        """Open the port, identify every servo, compare its settings, and only then set up any of them, torque off."""
         self.bus.open()
         try:
-            identities = []
-            for live in self._live.values():
-                identity = identify(self.bus, live.servo)
-                differences = tuple(
-                    text for text in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom) if text
-                )
+            identities = [identify(self.bus, live.servo) for live in self._live.values()]
+            self._tell_differences()
+            for live, identity in zip(self._live.values(), identities, strict=True):
+                for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
+                    pass
                 self._after_set_up(live)
-                identities.append(DriveIdentity(live.servo.tendon, identity.text, differences))
                 live.servo = identity.servo
             self.fast = all(live.servo.fast_sync_read for live in self._live.values())
         except DriverError:
             self.bus.close()
             raise
-        return identities
+        return [DriveIdentity(identity.servo.tendon, identity.text) for identity in identities]
+
+    def _tell_differences(self) -> None:
+        """Report what would be written to all servos: a wrong port or ID is noticed while nothing has been."""
+        servos = [live.servo for live in self._live.values()]
+        differences = [one for servo in servos for one in examine(self.bus, servo) if one is not None]
+        if not self._write_eeprom:
+            refuse(differences)
+        for difference in differences:
+            self._report(f"{difference}; it is written now")
 
     def disconnect(self) -> None:
         """Torque off and close."""

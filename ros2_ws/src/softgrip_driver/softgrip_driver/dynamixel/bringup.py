@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from softgrip_driver.dynamixel import registers as reg
@@ -94,7 +94,7 @@ def identify(bus: Bus, servo: Servo) -> Identity:
 
     Raises:
         DeviceNotFoundError: nobody; the message says where servos do answer.
-        WrongDeviceError: another model, or one whose hardware error needs a person.
+        WrongDeviceError: another model.
     """
     try:
         number, firmware = bus.ping(servo.servo_id, attempts=_ATTEMPTS)
@@ -147,6 +147,49 @@ def wanted_eeprom(servo: Servo) -> dict[Item, int]:
     }
 
 
+@dataclass(frozen=True)
+class Difference:
+    """A persistent setting that is not as a tendon drive needs it."""
+
+    servo: Servo
+    item: Item
+    found: int
+    wanted: int
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        where = f"tendon '{self.servo.tendon}', ID {self.servo.servo_id}"
+        return f"{where}: {self.item.name} is {self.found}, needs {self.wanted}"
+
+
+def examine(bus: Bus, servo: Servo, attempts: int = _ATTEMPTS) -> Iterator[Difference | None]:
+    """Yield each persistent setting that differs from what is needed, None for one that does not. Changes none.
+
+    Raises:
+        WrongDeviceError: the servo has a hardware error that needs a person.
+        DriverError: the servo does not answer.
+    """
+    # Not answered by anybody: a servo told to keep silent would not tell that it did.
+    bus.sync_write(reg.STATUS_RETURN_LEVEL, {servo.servo_id: reg.ANSWER_ALL})
+    error = HardwareError(bus.read(servo.servo_id, reg.HARDWARE_ERROR, attempts))
+    if error & ~HardwareError.INPUT_VOLTAGE:
+        raise WrongDeviceError(
+            f"tendon '{servo.tendon}', ID {servo.servo_id}: expected a servo without hardware errors, found {error!r}; "
+            "remove the cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
+        )
+    for item, wanted in wanted_eeprom(servo).items():
+        found = bus.read(servo.servo_id, item, attempts)
+        yield None if found == wanted else Difference(servo, item, found, wanted)
+
+
+def refuse(differences: Sequence[Difference]) -> None:
+    """Raise ConfigurationError where settings differ that may not be written."""
+    if differences:
+        raise ConfigurationError(
+            f"{'; '.join(map(str, differences))}; set write_eeprom, or write them with the maker's tool"
+        )
+
+
 def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEMPTS) -> Iterator[str]:
     """Bring a servo to a known state with its torque off, some short transactions a step.
 
@@ -157,34 +200,25 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEM
     survive.
 
     Raises:
+        WrongDeviceError: the servo has a hardware error, or does not keep a setting.
         ConfigurationError: settings differ and may not be written.
         DriverError: the servo does not answer or refuses.
     """
     servo_id = servo.servo_id
-    # Not answered by anybody: a servo told to keep silent would not tell that it did.
-    bus.sync_write(reg.STATUS_RETURN_LEVEL, {servo_id: reg.ANSWER_ALL})
-    error = HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, attempts))
-    if error & ~HardwareError.INPUT_VOLTAGE:
-        raise WrongDeviceError(
-            f"tendon '{servo.tendon}', ID {servo_id}: expected a servo without hardware errors, found {error!r}; "
-            "remove the cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
-        )
+    differences = []
+    for difference in examine(bus, servo, attempts):
+        if difference is not None:
+            differences.append(difference)
+        yield ""
+    if not write_eeprom:
+        refuse(differences)
     bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts)
     bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts)
-    for item, wanted in wanted_eeprom(servo).items():
-        found = bus.read(servo_id, item, attempts)
-        if found == wanted:
-            yield ""
-            continue
-        text = f"ID {servo_id}: {item.name} was {found}, needs {wanted}"
-        if not write_eeprom:
-            raise ConfigurationError(
-                f"tendon '{servo.tendon}', {text}; set write_eeprom, or run `ros2 run softgrip_driver setup`"
-            )
-        bus.write(servo_id, item, wanted, attempts)
-        if bus.read(servo_id, item, attempts) != wanted:
-            raise WrongDeviceError(f"tendon '{servo.tendon}', {text}; it was written, but not kept")
-        yield text
+    for difference in differences:
+        bus.write(servo_id, difference.item, difference.wanted, attempts)
+        if bus.read(servo_id, difference.item, attempts) != difference.wanted:
+            raise WrongDeviceError(f"{difference}; it was written, but not kept")
+        yield str(difference)
     # After the mode: a change of mode resets these.
     speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
     volatile = {

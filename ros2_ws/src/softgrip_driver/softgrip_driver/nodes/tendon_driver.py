@@ -99,15 +99,15 @@ class TendonDriver(LifecycleNode):
         """Open the port, identify the devices, check and set them up; torque stays off."""
         del state
         configuration = self._configuration
-        backend = configuration.backend()
+        backend = configuration.backend(self.get_logger().warning)
         try:
             identities = backend.connect()
         except DriverError as error:
             return self._failed(str(error))
         for identity in identities:
             self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
-            for difference in identity.differences:
-                self.get_logger().warning(f"tendon '{identity.tendon}': corrected {difference}")
+            for warning in identity.warnings:
+                self.get_logger().warning(f"tendon '{identity.tendon}': {warning}")
         loop = BusLoop(
             backend,
             configuration.controller(),

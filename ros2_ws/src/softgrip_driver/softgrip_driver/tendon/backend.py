@@ -36,12 +36,12 @@ class DriveIdentity:
     Attributes:
         tendon: name of the tendon.
         device: what a stored zero is bound to, e.g. "XL330-M288/1200 id 1 fw 52".
-        differences: persistent settings found different from what is needed, in words; they were written.
+        warnings: what a person should know of it, in words, e.g. a low battery.
     """
 
     tendon: str
     device: str
-    differences: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def test_a_move_can_be_cancelled_and_holds(wire, start, peer):
         ("servo_ids:=[1,2,9]", "found ID 1, 2, 3 instead"),
         ("servo_models:=[XM430-W350]", "found XL330-M288 (1200)"),
         ("servo_ids:=[1,1,2]", "expected each ID once"),
-        ("write_eeprom:=false", "was 250, needs 0"),
+        ("write_eeprom:=false", "is 250, needs 0"),
         ("loop_rate:=9000.0", "loop_rate"),
     ],
 )
