@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 
@@ -35,29 +36,47 @@ def tracker(folder: Path) -> Iterator[ReplayedNode]:
         rclpy.try_shutdown()
 
 
-def test_frames_that_were_measured_with_news_that_the_recorder_got_later(tmp_path: Path) -> None:
-    """The tracker hears of the pinch fingers before the eighth frame, the recorder after it."""
+#: Who sits in the index slot; nobody changes nothing, so what was told before goes on being so.
+PINCH, POWER, NOBODY = "pinch", "power", ""
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        [(7, PINCH, LATE)],
+        [(2, PINCH, -LATE), (4, NOBODY, -LATE), (7, POWER, LATE)],
+        [(2, PINCH, LATE), (3, POWER, LATE), (7, NOBODY, LATE), (8, PINCH, LATE)],
+    ],
+)
+def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
+    told: list[tuple[int, str, int]], tmp_path: Path
+) -> None:
+    """The tracker hears before a frame what sits in the slot, the recorder some time after (or before) that frame."""
     frames = list(read(FRAMES, {CAMERA}))
-    (told,) = read(FRAMES, {CELL})
-    mounted = CellState(mounted=[MountedFinger(finger="index", profile="pinch", state=MountedFinger.VERIFIED)])
-    news = replace(told, received=frames[7].received + LATE, data=bytes(serialize_message(mounted)))
+    (like,) = read(FRAMES, {CELL})
+    news = {number: cell_state(like, profile, frames[number].received + late) for number, profile, late in told}
     results: dict[str, list[RawMessage]] = {topic: [] for topic in RESULTS}
     types = {raw.topic: raw.type_name for raw in read(FRAMES, set(RESULTS))}
     with tracker(tmp_path) as node:
         for number, frame in enumerate(frames):
-            if number == 7:
-                node.feed(news)
+            if number in news:
+                node.feed(news[number])
             for topic, output in node.feed(frame):
                 if topic in RESULTS:
                     received = frame.received + 2 * LATE
                     results[topic].append(
                         RawMessage(topic, types[topic], received, received, bytes(serialize_message(output)))
                     )
-    markers = [deserialize_message(raw.data, FingerMarkers) for raw in results["/finger/markers"]]
-    configurations = [message.configuration for message in markers]
-    assert len(set(configurations[:7])) == len(set(configurations[7:])) == 1
-    assert configurations[6] != configurations[7]
-    excerpt(FRAMES, tmp_path / "bag", instead={**results, CELL: [news]})
+    configurations = [deserialize_message(raw.data, FingerMarkers).configuration for raw in results["/finger/markers"]]
+    for number, profile, _ in told:
+        assert (configurations[number] == configurations[number - 1]) is (profile is NOBODY)
+    excerpt(FRAMES, tmp_path / "bag", instead={**results, CELL: list(news.values())})
     found = check(tmp_path / "bag", "marker_tracker")
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
+
+
+def cell_state(like: RawMessage, profile: str, received: int) -> RawMessage:
+    state = MountedFinger.VERIFIED if profile else MountedFinger.UNKNOWN
+    message = CellState(mounted=[MountedFinger(finger="index", profile=profile, state=state)])
+    return replace(like, received=received, data=bytes(serialize_message(message)))

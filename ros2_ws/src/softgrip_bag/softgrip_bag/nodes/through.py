@@ -241,7 +241,7 @@ class _Replay:
         self._node = make()
         self._driver = driver
         self._results = results
-        self._fed: dict[str, RawMessage] = {}
+        self._fed: list[RawMessage] = []  # latched; one that changes nothing leaves what an earlier did
         self._pending: dict[str, list[RawMessage]] = {}
         self._outputs: dict[str, list[Any]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
@@ -283,7 +283,7 @@ class _Replay:
         else:
             chosen = next((c for c in choices if self._explains(self._first(c), message, configuration)), arrived)
         for latched in self._first(chosen):
-            self._fed[latched.topic] = latched
+            self._fed.append(latched)
             self._take(latched)
             self._pending[latched.topic].remove(latched)
         self._last = configuration
@@ -300,9 +300,7 @@ class _Replay:
         if self._probe is not None and self._answers(self._probe, candidates, message, configuration):
             return True
         fresh = self._make()
-        self._probe = (
-            fresh if self._answers(fresh, [*self._fed.values(), *candidates], message, configuration) else None
-        )
+        self._probe = fresh if self._answers(fresh, [*self._fed, *candidates], message, configuration) else None
         return self._probe is not None
 
     @staticmethod
