@@ -56,9 +56,18 @@ class Keyframes:
         """The one at the reach."""
         return self._known[-1]
 
+    @property
+    def solved(self) -> int:
+        """How many were computed."""
+        return len(self._known)
+
+    def missing(self, pulled_mm: float) -> int:
+        """Return how many are left to compute for a shape at a length."""
+        return 0 if self._ended else max(0, self._above(pulled_mm) + 1 - len(self._known))
+
     def covers(self, pulled_mm: float) -> bool:
         """Say whether nothing is left to compute for a shape at a length."""
-        return self._ended or len(self._known) > self._above(pulled_mm)
+        return self.missing(pulled_mm) == 0
 
     def advance(self) -> None:
         """Compute one more; none beyond the travel or beyond one that does not converge."""

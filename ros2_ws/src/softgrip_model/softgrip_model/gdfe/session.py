@@ -2,8 +2,8 @@
 """Which fingers are shown, when, at what rate and on which mesh: decided from the stamps of the tendon states alone.
 
 Only the newest state waits while one is solved, so the distance of the stamps that come through says how long solving
-took, on any machine and in a replay alike. Where it took too long, the coarser mesh serves for a while, and says so;
-meanwhile the fine one gets its keyframes one by one.
+took, on any machine and in a replay alike. Where it took too long, or what a shape needs would at that pace, the
+coarser mesh serves for a while, and says so; the fine one gets its keyframes one by one when the tendon stands still.
 """
 
 from __future__ import annotations
@@ -29,6 +29,11 @@ _RATE_SMOOTHING = 0.2
 _COARSER = 0.8
 #: [s] Shapes that come further apart than this are too slow to look at.
 _TOO_SLOW = 0.4
+#: [s] Keyframes that would take longer, as those before did, are left for later.
+_TOO_LONG = 0.25
+#: [mm] A tendon that moves less from shape to shape stands still: time to catch up. [s] One that never does gets at
+#: least one keyframe in so long.
+_STILL_MM, _PATIENCE = 0.1, 0.5
 #: The coarser mesh serves so many times as long as a shape was late, [s] at most so long.
 _RELIEF, _LONGEST_RELIEF = 2.0, 5.0
 #: Mesh that serves where the one asked for is too slow, and the tolerance that goes with it at least: it halves the
@@ -91,24 +96,59 @@ class _Relief:
         return stamp_ns < self._until
 
 
+class _Pace:
+    """Says how long keyframes of the fine meshes take here."""
+
+    def __init__(self) -> None:
+        self._solved = 0
+        self._each = 0.0
+
+    def note(self, gap: float, solved: int) -> None:
+        """Note the time [s] since the shape before, and the keyframes solved in all."""
+        if solved > self._solved:
+            self._each = gap / (solved - self._solved)
+        self._solved = solved
+
+    def seconds(self, keyframes: int) -> float:
+        return keyframes * self._each
+
+
 @dataclass
 class _Slot:
     """One shown finger: as asked for, and, once it is needed, on the coarser mesh."""
 
     fine: Closing
     make_coarse: Callable[[], Closing]
-    relieved: bool = False
     coarse: Closing | None = None
+    why: str = ""
+    """The coarse one serves; empty: it does not."""
+    _owed_mm: float = 0.0
+    """Farthest length that it has served at."""
+    _last: tuple[float, int] = (math.inf, 0)
+    """Length and stamp of the shape before."""
+    _advanced: int = 0
+    """Stamp at which the fine one last got a keyframe while the coarse one served."""
 
-    def closing(self, pulled_mm: float, *, relief: bool) -> Closing:
+    def closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace, too_slow: str) -> Closing:
         """Return the one that serves at a length; the fine one comes back only when it has nothing to catch up on."""
-        self.relieved = relief or (self.relieved and not self.fine.keyframes.covers(pulled_mm))
-        if not self.relieved:
+        length, keyframes = max(0.0, pulled_mm), self.fine.keyframes
+        still = abs(length - self._last[0]) < _STILL_MM
+        self._last = length, stamp_ns
+        taking = pace.seconds(keyframes.missing(length))
+        if too_slow:
+            self.why = too_slow
+        elif self.why and keyframes.covers(length):
+            self.why = ""
+        elif not self.why and taking > _TOO_LONG:
+            self.why = f"its next shape would take {taking:.1f} s"
+        waited = 1e-9 * (stamp_ns - self._advanced) > _PATIENCE
+        if (still or (self.why and waited)) and not keyframes.covers(self._owed_mm):
+            self._advanced = stamp_ns
+            keyframes.advance()
+        if not self.why:
             return self.fine
+        self._owed_mm = max(self._owed_mm, length)
         self.coarse = self.coarse or self.make_coarse()
-        # the fine one catches up when the coarse one has nothing to do
-        if self.coarse.keyframes.covers(pulled_mm) and not self.fine.keyframes.covers(pulled_mm):
-            self.fine.keyframes.advance()
         return self.coarse
 
 
@@ -143,7 +183,7 @@ class ShapeSession:
         self._bodies: dict[tuple[str, str, Resolution], Body] = {}
         self._made: dict[tuple[str, str, str], _Slot] = {}
         self._fingers: dict[str, _Slot] = {}
-        self._relief = _Relief()
+        self._relief, self._pace = _Relief(), _Pace()
         self._last_stamp: int | None = None
         self._rate = math.nan
         self.mounted: dict[str, str] = {}
@@ -194,16 +234,17 @@ class ShapeSession:
         if not self._slots.takes(samples[0].stamp):
             return []
         stamp = samples[0].stamp
-        self._note_rate(stamp)
+        self._pace.note(self._note_rate(stamp), sum(slot.fine.keyframes.solved for slot in self._made.values()))
         self._relief.note(stamp)
-        relief = self._relief.due(stamp) and self._settings.resolution != _COARSE
         marker_due = self._marker_slots.takes(stamp)
         shown = []
         for name, sample in zip(names, samples, strict=True):
             finger = self._fingers.get(name)
             if finger is None:
                 continue
-            closing = finger.closing(1e3 * sample.pulled_length, relief=relief)
+            closing = finger.fine
+            if self._settings.resolution != _COARSE:
+                closing = finger.closing(1e3 * sample.pulled_length, stamp, self._pace, self._too_slow(stamp))
             shape = closing.shape(sample.pulled_length)
             reason = "; ".join(filter(None, (shape.reason, self._fewer(), self._coarser(finger))))
             shown.append(
@@ -226,21 +267,23 @@ class ShapeSession:
             return ""
         return f"{self._rate:.1f} Hz instead of {self._wanted_rate:g} Hz: states come, or are solved, more slowly"
 
-    def _coarser(self, finger: _Slot) -> str:
-        if not finger.relieved or finger.coarse is None:
-            return ""
-        return (
-            f"coarser mesh ({finger.coarse.hexahedra} instead of {finger.fine.hexahedra} hexahedra): shapes came "
-            f"{self._relief.gap:.1f} s apart"
-        )
+    def _too_slow(self, stamp: int) -> str:
+        return f"shapes came {self._relief.gap:.1f} s apart" if self._relief.due(stamp) else ""
 
-    def _note_rate(self, stamp: int) -> None:
+    def _coarser(self, finger: _Slot) -> str:
+        if not finger.why or finger.coarse is None:
+            return ""
+        return f"coarser mesh ({finger.coarse.hexahedra} instead of {finger.fine.hexahedra} hexahedra): {finger.why}"
+
+    def _note_rate(self, stamp: int) -> float:
+        """Return the time [s] since the shape before."""
         gap = 0.0 if self._last_stamp is None else 1e-9 * (stamp - self._last_stamp)
         if gap > 0.0:
             now = 1.0 / gap
             anew = math.isnan(self._rate) or gap > _TOO_SLOW
             self._rate = now if anew else self._rate + _RATE_SMOOTHING * (now - self._rate)
         self._last_stamp = stamp
+        return gap
 
     def _finger(self, profile_id: str, slot: str) -> _Slot:
         profile = self._profiles.get(profile_id)
