@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
 
+REACH_PERIOD_S = 0.001  # between looks whether Zenoh has a way to what a token has announced
+
 
 class Client(Endpoint):
     """Made by ``Node.create_client``."""
@@ -122,9 +124,16 @@ class Client(Endpoint):
                     break
 
     def service_is_ready(self) -> bool:
-        """Whether a server of this name and type is up."""
+        """Whether a server of this name and type is up, and a request would find its way there."""
+        return self._is_announced() and self._is_reached()
+
+    def _is_announced(self) -> bool:
         servers = self._node.context._graph.endpoints(self._name, EntityKind.SERVICE)
         return any(server.type == self._entity.type for server in servers)
+
+    def _is_reached(self) -> bool:
+        """Whether Zenoh has a way to a server: a token may come a moment before what it stands for."""
+        return not self._destroyed and bool(self._querier.matching_status.matching)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait for a server; return whether it is there."""
@@ -137,7 +146,8 @@ class Client(Endpoint):
                 return True
             if left <= 0:
                 return False
-            context._graph.wait(self.service_is_ready, left)
+            if context._graph.wait(self._is_announced, left):
+                time.sleep(min(REACH_PERIOD_S, left))
         return self.service_is_ready() if context.ok() else False
 
     def configure_introspection(self, *_: object) -> None:

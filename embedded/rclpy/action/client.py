@@ -10,7 +10,7 @@ import weakref
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rclpy.client import Client
+from rclpy.client import REACH_PERIOD_S, Client
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.subscription import Subscription
@@ -221,7 +221,11 @@ class ActionClient(Waitable):
         return future
 
     def server_is_ready(self) -> bool:
-        """Whether a server with all its parts is up."""
+        """Whether a server with all its parts is up, and requests would find their way there."""
+        clients = (self._send_client, self._cancel_client, self._result_client)
+        return self._is_announced() and all(client._is_reached() for client in clients)
+
+    def _is_announced(self) -> bool:
         graph = self._node.context._graph
         return all(
             graph.endpoints(endpoint._name, kind)
@@ -244,7 +248,8 @@ class ActionClient(Waitable):
             left = 0.1 if end is None else min(0.1, end - time.monotonic())
             if left <= 0:
                 return False
-            context._graph.wait(self.server_is_ready, left)
+            if context._graph.wait(self._is_announced, left):
+                time.sleep(min(REACH_PERIOD_S, left))
         return False
 
     def destroy(self) -> None:
