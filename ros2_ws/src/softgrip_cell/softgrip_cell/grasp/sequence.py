@@ -25,6 +25,9 @@ FORCE_MARGIN: Final = 0.85
 FOLLOW_M: Final = 0.001
 GIVING_WAY_S: Final = 3.0
 
+#: So long both sides have to have lost their force: two samples, as the fall of many before shows it too [s].
+COLLAPSED_S: Final = 0.005
+
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
 START_S: Final = 2.0
@@ -221,7 +224,7 @@ class GraspSequence:
 
     def _let_go(self, now_ns: int) -> int | None:
         """Return since when nothing is held any more, once that is sure."""
-        collapsed_ns = self._began("collapsed", self._grip.collapsed(), now_ns)
+        collapsed_ns = self._began("collapsed", self._grip.collapsed(), now_ns, COLLAPSED_S)
         began_ns = self._began("let go", not self._grip.holding(), now_ns, self._settings.slip_s)
         if collapsed_ns is None and self._phase is Phase.LIFT and self._grip.leans():
             return None

@@ -50,7 +50,7 @@ class GraspSettings:
     witness_m: float = 0.0008
     tip_m: float = 0.012
     slip_share: float = 0.7
-    slip_s: float = 0.08
+    slip_s: float = 0.04
     lost_fraction: float = 0.35
     lost_floor_n: float = 4.0
     lost_s: float = 0.2
