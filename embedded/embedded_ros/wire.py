@@ -6,6 +6,7 @@ Pure: text and bytes in, values out. Nothing else in the package knows these for
 
 from __future__ import annotations
 
+import functools
 import struct
 from dataclasses import dataclass
 from enum import StrEnum
@@ -131,6 +132,7 @@ def dds_type_name(name: str) -> str:
     return f"{package}::{kind}::dds_::{short}_"
 
 
+@functools.lru_cache
 def ros_type_name(name: str) -> str:
     """Turn ``pkg::msg::dds_::Name_`` into ``pkg/msg/Name``."""
     return name.replace("::dds_::", "::").replace("::", "/").removesuffix("_")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,8 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+
+from embedded_ros.wire import EntityKind, encode_token
 
 Make = Callable[..., Node]
 Spin = Callable[..., bool]
@@ -134,3 +137,16 @@ def test_graph_queries(make_node: Make) -> None:
     assert node.count_publishers("t") == 1
     node.destroy_node()
     assert node.get_node_names() == []
+
+
+def test_a_server_is_there_when_a_request_finds_its_way_to_it(make_node: Make) -> None:
+    node = make_node("n")
+    client = node.create_client(Trigger, "s")
+    announced = dataclasses.replace(client._entity, zid="feed", kind=EntityKind.SERVICE)
+    node.context._graph.add(encode_token(announced))  # its token is here, what it stands for is not
+    assert not client.service_is_ready()
+    assert not client.wait_for_service(0.05)
+    node.create_service(Trigger, "s", lambda _, response: response)
+    assert client.wait_for_service(5.0)
+    node.destroy_client(client)
+    assert not client.service_is_ready()
