@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench commands against emulated servos, as a person types them."""
 
+import argparse
 import csv
+import os
 import re
+import signal
 
 import numpy as np
 import pytest
 
-from softgrip_driver.commands import calibrate_tension, scan, selftest, setup
+from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup
 from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_emulator.dynamixel.chain import DynamixelChain
@@ -73,6 +76,12 @@ def test_setup_reboots_and_waits(chain, capsys):
     assert "ID 1 is back, hardware error: none" in capsys.readouterr().out
 
 
+def test_setup_says_so_where_nobody_is_to_be_rebooted(chain, capsys):
+    port, _ = chain(("xl330_m288", 1, 1_000_000))
+    assert setup.main(["--port", port, "--id", "7", "--reboot"]) == 1
+    assert "servo 7: expected a reply" in capsys.readouterr().err
+
+
 def test_selftest_measures_and_names_the_return_delay(chain, capsys):
     port, _ = chain(("xl330_m288", 1, 1_000_000), ("xl330_m288", 2, 1_000_000))
     selftest.main(["--port", port, "--seconds", "0.3", "--rate", "1"])
@@ -136,11 +145,85 @@ def test_calibration_of_a_recording_gives_its_parameters(tmp_path, capsys):
     assert "friction_currents_a: [0.04000]" in out
 
 
-def test_a_bad_recording_is_named(tmp_path, capsys):
+HEADS = "current_a,speed_m_s,tension_n\n"
+
+
+@pytest.mark.parametrize(
+    ("recording", "text"),
+    [
+        ("a,b\n1,2\n", "expected columns current_a"),
+        (HEADS + "0.1,0.003\n", "expected columns current_a"),
+        (HEADS + "0.1,0.003,many\n", "expected columns current_a"),
+        (HEADS + "0.1,0.003,1.0\n0.1,0.003,nan\n", "row 2; leave it out"),
+        (HEADS + "0.1," + "9" * 140_000 + ",1\n", "expected columns current_a"),
+        (HEADS + "0.1,0.003,1.0\n", "expected at least 6 points"),
+        (HEADS + "0.1,0.003,1.0\n0.02,-0.003,1.0\n" * 4, "a spread of only 0.000 A up to 0.100 A"),
+        (HEADS + "0.1,0.003,-3.0\n0.2,-0.003,-6.0\n0.4,0.003,-12\n" * 4, "tension that grows with current"),
+    ],
+    ids=["columns", "cut", "words", "no number", "a field too long", "too short", "no spread", "wrong sign"],
+)
+def test_a_bad_recording_is_named(tmp_path, capsys, recording, text):
     path = tmp_path / "bad.csv"
-    path.write_text("a,b\n1,2\n")
+    path.write_text(recording)
     assert calibrate_tension.main(["--csv", str(path)]) == 1
-    assert "expected columns current_a" in capsys.readouterr().err
+    assert text in capsys.readouterr().err
+
+
+# A speed or a number of rounds of none would never end, with a tendon under tension.
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        (calibrate_tension, "--speed 0"),
+        (calibrate_tension, "--speed -0.003"),
+        (calibrate_tension, "--rounds 0"),
+        (calibrate_tension, "--rounds 1.5"),
+        (calibrate_tension, "--tension nan"),
+        (calibrate_tension, "--travel 30"),
+        (calibrate_tension, "--radius 10"),
+        (calibrate_tension, "--id 254"),
+        (calibrate_tension, "--reply-margin -1"),
+        (selftest, "--seconds 0"),
+        (selftest, "--rate 0"),
+        (scan, "--wait inf"),
+        (scan, "--baud 12345"),
+        (setup, "--new-id 253 --id 1"),
+        (setup, "--new-baud 4500000 --id 1"),
+    ],
+)
+def test_an_option_that_makes_no_sense_is_refused_before_anything_is_opened(command, options, capsys, monkeypatch):
+    monkeypatch.setattr(command, "Bus", None)
+    with pytest.raises(SystemExit) as refused:
+        command.main(["--port", "/dev/ttyUSB0", *options.split()])
+    assert refused.value.code == 2
+    assert re.search(r"expected a|invalid choice", capsys.readouterr().err)
+
+
+def test_a_recording_that_cannot_be_kept_is_refused_before_the_measurement(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(calibrate_tension, "Bus", None)
+    record = tmp_path / "missing" / "samples.csv"
+    options = ["--port", "/dev/ttyUSB0", "--gauge", "/dev/ttyUSB1", "--record", str(record)]
+    assert calibrate_tension.main(options) == 1
+    assert "choose another --record" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ends", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_ended_leaves_things_safe_and_no_second_signal_cuts_in(ends):
+    """Ctrl-C, kill, the terminal closed; the default of the latter two is to end at once, with the servo pulling."""
+    steps = []
+
+    def work(_):
+        try:
+            os.kill(os.getpid(), ends)
+            steps.append("went on")
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+            steps.append("let go")
+
+    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    assert common.run(work, argparse.ArgumentParser(), []) == common.FAILED
+    assert steps == ["let go"]
+    assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
 
 
 def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monkeypatch, tmp_path):

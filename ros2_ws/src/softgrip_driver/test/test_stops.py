@@ -13,6 +13,8 @@ from softgrip_driver.tendon.motions import DriveState, Outcome
 from softgrip_driver.tendon.trajectory import Trajectory
 
 HELD = 8.0
+#: instruction of the protocol
+REBOOT = 0x08
 CAUSES = {
     "servo_silent": ({"slot": "index"}, "no answer from index"),
     "bus_unplugged": ({}, "nothing could be switched off"),
@@ -141,6 +143,32 @@ def test_a_servo_that_is_set_up_again_does_not_keep_the_others_waiting(holding):
     seen = holding.pass_time(3.0)
     assert max(b.time - a.time for a, b in pairwise(seen)) < 0.04
     assert not {d.fault for one in seen for d in one.drives[1:]} - {""}
+
+
+@pytest.mark.parametrize("lost", ["order", "answer"])
+def test_a_servo_that_restarts_without_a_word_after_an_overload_takes_hold_again(holding, lost):
+    """Some do (DynamixelSDK#283), and a byte may be lost. Nobody else would take hold of the object."""
+    deliver, reboots = holding.bus_wire.exchange, []
+
+    def exchange(data, now_s, baud):
+        if data[:4] != bytes.fromhex("ff ff fd 00") or data[7] != REBOOT:
+            return deliver(data, now_s, baud)
+        reboots.append(now_s)
+        if len(reboots) > 1:
+            return deliver(data, now_s, baud)
+        if lost == "answer":
+            deliver(data, now_s, baud)
+        return []
+
+    holding.bus_wire.exchange = exchange
+    holding.cause("overload", slot="index")
+    servo = holding.plant.servos[0]
+    assert holding.until(lambda _: servo.registers.get("torque_enable") == 0, 1.0)
+    assert holding.until(lambda _: torque(holding) == [True] * 3, 3.0), holding.drive("index").fault_reason
+    holding.pass_time(0.3)
+    assert torque(holding) == [True] * 3
+    assert len(reboots) == (2 if lost == "order" else 1)
+    assert holding.drive("index").fault == "overload"
 
 
 @pytest.mark.parametrize(("end", "streamed"), [(0.001, False), (0.010, False), (0.001, True)])

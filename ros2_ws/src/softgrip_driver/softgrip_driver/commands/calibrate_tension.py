@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_driver.commands.common import DONE, add_bus_options, parser, run
+from softgrip_driver.commands.common import DONE, add_bus_options, number, parser, run
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import Servo
 from softgrip_driver.dynamixel.bus import Bus
@@ -55,19 +56,37 @@ def read_csv(path: Path) -> list[Sample]:
                 Sample(float(row["current_a"]), float(row["speed_m_s"]), float(row["tension_n"]))
                 for row in csv.DictReader(file)
             ]
-    except (OSError, KeyError, TypeError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise ConfigurationError(
             f"{path}: expected columns current_a, speed_m_s, tension_n with numbers, found: {error!r}"
         ) from error
+    for count, row in enumerate(rows, start=1):
+        if not all(math.isfinite(value) for value in (row.current, row.speed, row.tension)):
+            raise ConfigurationError(f"{path}: expected numbers in every row, found {row} in row {count}; leave it out")
     return rows
 
 
 def write_csv(path: Path, samples: Sequence[Sample]) -> None:
-    """Write a recording."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("current_a", "speed_m_s", "tension_n"))
-        writer.writerows((s.current, s.speed, s.tension) for s in samples)
+    """Write a recording; raises ConfigurationError where that cannot be done."""
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(("current_a", "speed_m_s", "tension_n"))
+            writer.writerows((s.current, s.speed, s.tension) for s in samples)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def check_writable(path: Path) -> None:
+    """Raise ConfigurationError unless a file can be written there; what it holds stays."""
+    try:
+        path.open("a", encoding="utf-8").close()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> ConfigurationError:
+    return ConfigurationError(f"{path}: expected a file that can be written, found: {error}; choose another --record")
 
 
 def measure(
@@ -120,37 +139,47 @@ def _until(backend: DynamixelBackend, due: float) -> None:
         backend.read()
 
 
+def _measured(options: argparse.Namespace) -> list[Sample]:
+    """Measure with the servo and the gauge that the options name."""
+    if not (options.port and options.gauge):
+        raise ConfigurationError("expected --port and --gauge, or --csv, found neither; see --help")
+    if options.record:
+        check_writable(options.record)
+    model = MODELS[options.model]
+    torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
+    servo = Servo("tendon", options.id, model, Spool(options.radius, options.direction), torque)
+    bus = Bus(options.port, options.baud, options.reply_margin)
+    backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
+    gauge = make_gauge(options.gauge_kind, options.gauge, StreamSettings())
+    gauge.open()
+    try:
+        backend.connect()
+        gauge.tare()
+        return measure(backend, gauge, options.tension, options.travel, options.speed, options.rounds)
+    finally:
+        backend.disconnect()
+        gauge.close()
+
+
 def work(options: argparse.Namespace) -> int:
     """Measure or read, fit, print."""
-    model = MODELS[options.model]
-    if options.csv:
-        samples, source = read_csv(options.csv), str(options.csv)
-    else:
-        if not (options.port and options.gauge):
-            raise ConfigurationError("expected --port and --gauge, or --csv, found neither; see --help")
-        torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
-        servo = Servo("tendon", options.id, model, Spool(options.radius, options.direction), torque)
-        bus = Bus(options.port, options.baud, options.reply_margin)
-        backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
-        gauge = make_gauge(options.gauge_kind, options.gauge, StreamSettings())
-        gauge.open()
-        try:
-            backend.connect()
-            gauge.tare()
-            samples = measure(backend, gauge, options.tension, options.travel, options.speed, options.rounds)
-        finally:
-            backend.disconnect()
-            gauge.close()
-        source = "force gauge"
-    if options.record:
-        write_csv(options.record, samples)
-    fitted = fit_torque_model(
-        [s.current for s in samples], [s.speed for s in samples], [s.tension for s in samples], options.radius, source
-    )
-    print(f"# {len(samples)} samples; data sheet: {model.torque_per_ampere:.4f} N m/A")
-    print(f"torque_per_ampere_nm_a: [{fitted.torque_per_ampere:.5f}]")
-    print(f"friction_currents_a: [{fitted.friction_current:.5f}]")
-    print(f"tension_stddev_share: [{fitted.relative_stddev:.4f}]")
+    samples = read_csv(options.csv) if options.csv else _measured(options)
+    try:
+        fitted = fit_torque_model(
+            [s.current for s in samples],
+            [s.speed for s in samples],
+            [s.tension for s in samples],
+            options.radius,
+            str(options.csv or "force gauge"),
+        )
+        print(f"# {len(samples)} samples; data sheet: {MODELS[options.model].torque_per_ampere:.4f} N m/A")
+        print(f"torque_per_ampere_nm_a: [{fitted.torque_per_ampere:.5f}]")
+        print(f"friction_currents_a: [{fitted.friction_current:.5f}]")
+        print(f"tension_stddev_share: [{fitted.relative_stddev:.4f}]")
+    finally:
+        # Also what shows no model is worth a look, and a full disk costs the recording alone.
+        if options.record:
+            write_csv(options.record, samples)
     return DONE
 
 
@@ -158,22 +187,28 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser("calibrate_tension", TEXT)
     add_bus_options(arguments, required=False)
-    arguments.add_argument("--id", type=int, default=1, help="servo ID, default %(default)s")
+    arguments.add_argument(
+        "--id", type=number(0, 252, int), default=1, metavar="0..252", help="servo ID, default %(default)s"
+    )
     arguments.add_argument("--model", choices=sorted(MODELS), default="XL330-M288", help="default %(default)s")
     arguments.add_argument(
-        "--radius", type=float, default=0.010, metavar="M", help="spool radius, default %(default)s m"
+        "--radius", type=number(1e-3, 0.1), default=0.010, metavar="M", help="spool radius, default %(default)s m"
     )
     arguments.add_argument("--direction", type=int, choices=(-1, 1), default=1, help="+1: positive rotation pulls")
     arguments.add_argument("--gauge", default="", metavar="PORT", help="serial port of the force gauge")
     arguments.add_argument("--gauge-kind", choices=GAUGES, default="gcl2", help="default %(default)s")
     arguments.add_argument(
-        "--tension", type=float, default=15.0, metavar="N", help="turn round at, default %(default)s N"
+        "--tension", type=number(0.1, 500.0), default=15.0, metavar="N", help="turn round at, default %(default)s N"
     )
     arguments.add_argument(
-        "--travel", type=float, default=0.02, metavar="M", help="wind in at most, default %(default)s m"
+        "--travel", type=number(1e-3, 0.5), default=0.02, metavar="M", help="wind in at most, default %(default)s m"
     )
-    arguments.add_argument("--speed", type=float, default=0.003, metavar="M/S", help="default %(default)s m/s")
-    arguments.add_argument("--rounds", type=int, default=3, help="in and out, default %(default)s")
+    arguments.add_argument(
+        "--speed", type=number(5e-4, 0.1), default=0.003, metavar="M/S", help="default %(default)s m/s"
+    )
+    arguments.add_argument(
+        "--rounds", type=number(1, 100, int), default=3, metavar="N", help="in and out, default %(default)s"
+    )
     arguments.add_argument("--csv", type=Path, help="fit a recording instead of measuring")
     arguments.add_argument("--record", type=Path, help="write the samples to this file")
     return run(work, arguments, args)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from serial.tools import list_ports
 
-from softgrip_driver.commands.common import DONE, FAILED, parser, run
+from softgrip_driver.commands.common import DONE, FAILED, number, parser, run
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, HARDWARE_ERROR, MODEL_NAMES, HardwareError
 from softgrip_driver.errors import DriverError, PortLostError
@@ -86,7 +86,9 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments = parser("scan", TEXT)
     arguments.add_argument("--port", default="", help="only this port")
     arguments.add_argument("--baud", type=int, choices=sorted(BAUD_CODES), help="only this baud rate")
-    arguments.add_argument("--wait", type=float, default=0.5, metavar="S", help="for answers, default %(default)s s")
+    arguments.add_argument(
+        "--wait", type=number(0.01, 10.0), default=0.5, metavar="S", help="for answers, default %(default)s s"
+    )
     return run(work, arguments, args)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_driver.commands.common import DONE, FAILED, add_bus_options, parser, run
+from softgrip_driver.commands.common import DONE, FAILED, add_bus_options, number, parser, run
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.errors import DeviceNotFoundError
@@ -152,8 +152,12 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser("selftest", TEXT)
     add_bus_options(arguments)
-    arguments.add_argument("--seconds", type=float, default=5.0, help="how long, default %(default)s")
-    arguments.add_argument("--rate", type=float, default=100.0, help="wanted loop rate [Hz], default %(default)s")
+    arguments.add_argument(
+        "--seconds", type=number(0.1, 3600.0), default=5.0, metavar="S", help="how long, default %(default)s"
+    )
+    arguments.add_argument(
+        "--rate", type=number(1.0, 1000.0), default=100.0, metavar="HZ", help="wanted loop rate, default %(default)s"
+    )
     return run(work, arguments, args)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
 
 from softgrip_driver.commands.common import DONE, add_bus_options, parser, run
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceNotFoundError, NoReplyError
+from softgrip_driver.dynamixel.restart import restart
+from softgrip_driver.errors import ConfigurationError, CorruptReplyError, NoReplyError
 
 TEXT = """Set up one servo: its ID, its baud rate, no return delay. Torque is switched off first.
 
@@ -19,9 +19,6 @@ A new servo has ID 1 at 57600 baud. Connect one at a time:
     setup --port /dev/ttyUSB0 --baud 57600 --id 1 --new-id 3 --new-baud 1000000
 After an overload or another hardware error:
     setup --port /dev/ttyUSB0 --id 3 --reboot"""
-
-#: [s] for a servo to come back from a reboot
-REBOOT_TIME = 4.0
 
 
 def assign(bus: Bus, servo_id: int, new_id: int | None, new_baud: int | None) -> list[str]:
@@ -58,19 +55,17 @@ def assign(bus: Bus, servo_id: int, new_id: int | None, new_baud: int | None) ->
 
 
 def reboot(bus: Bus, servo_id: int) -> str:
-    """Reboot a servo and wait for it; raises DeviceNotFoundError when it does not come back."""
-    bus.reboot(servo_id)
-    deadline = time.monotonic() + REBOOT_TIME
-    while time.monotonic() < deadline:
-        try:
-            bus.ping(servo_id)
-        except (NoReplyError, CorruptReplyError):
-            continue
-        error = reg.HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, attempts=3))
-        return f"ID {servo_id} is back, hardware error: {error.name or 'none'}; home its tendon"
-    raise DeviceNotFoundError(
-        f"ID {servo_id}: expected it back within {REBOOT_TIME:.0f} s, found silence; switch its supply off and on"
-    )
+    """Reboot a servo, wait for it, and say how it is.
+
+    Raises:
+        NoReplyError: it does not answer at all.
+        DeviceNotFoundError: it does not come back.
+    """
+    bus.ping(servo_id, attempts=3)
+    for _ in restart(bus, servo_id):
+        pass
+    error = reg.HardwareError(bus.read(servo_id, reg.HARDWARE_ERROR, attempts=3))
+    return f"ID {servo_id} is back, hardware error: {error.name or 'none'}; home its tendon"
 
 
 def work(options: argparse.Namespace) -> int:

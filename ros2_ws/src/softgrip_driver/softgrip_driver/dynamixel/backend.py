@@ -12,7 +12,8 @@ from softgrip_driver.dynamixel.bringup import Servo, examine, identify, refuse, 
 from softgrip_driver.dynamixel.bus import Bus, Reply
 from softgrip_driver.dynamixel.live import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, Live, SlowRead
 from softgrip_driver.dynamixel.registers import HardwareError, Item
-from softgrip_driver.errors import CorruptReplyError, DeviceNotFoundError, DriverError, NoReplyError, PortLostError
+from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
+from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 
 #: names of the fault table for the bits of the hardware error status
@@ -50,8 +51,6 @@ class DynamixelBackend:
     #: [s] of it in a cycle: at 1 Mbaud 250 bytes, and no packet is longer than 1 kB
     DEAF_FROM, DEAF_TO = 1, 7
     PUSH_TIME = 2.5e-3
-    #: [s] for a reboot: 0.4 s were measured, the maker's own code waits 3 s
-    REBOOT_TIMEOUT = 4.0
 
     def __init__(
         self,
@@ -140,18 +139,14 @@ class DynamixelBackend:
     def restore(self, tendon: str) -> Iterator[None]:
         """Reboot a servo that has shut itself down and set it up again."""
         live = self._live[tendon]
-        servo_id = live.servo.servo_id
         live.powered = live.mark = None
-        # It may be booting already.
-        yield from self._until_it_answers(servo_id)
-        self.bus.reboot(servo_id)
-        yield from self._until_it_answers(servo_id)
+        yield from restart(self.bus, live.servo.servo_id)
         yield from self._set_up_again(live)
         live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
 
     def _set_up_again(self, live: Live) -> Iterator[None]:
         """Set up from the beginning until every transaction was answered; patience is for the steps, not for one."""
-        deadline = time.monotonic() + self.REBOOT_TIMEOUT
+        deadline = time.monotonic() + REBOOT_TIMEOUT
         while True:
             try:
                 for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom, attempts=1):
@@ -161,21 +156,6 @@ class DynamixelBackend:
                 if time.monotonic() > deadline:
                     raise
                 yield
-            else:
-                return
-
-    def _until_it_answers(self, servo_id: int) -> Iterator[None]:
-        deadline = time.monotonic() + self.REBOOT_TIMEOUT
-        while True:
-            yield
-            try:
-                self.bus.ping(servo_id)
-            except (NoReplyError, CorruptReplyError):
-                if time.monotonic() > deadline:
-                    raise DeviceNotFoundError(
-                        f"servo {servo_id}: expected it back within {self.REBOOT_TIMEOUT:.0f} s of its reboot, "
-                        "found silence; switch its supply off and on"
-                    ) from None
             else:
                 return
 

@@ -11,6 +11,9 @@ import numpy as np
 
 from softgrip_driver.errors import ConfigurationError
 
+#: share of the largest current over which the currents of a calibration must spread to show a slope
+LEAST_SPREAD = 0.3
+
 
 @dataclass(frozen=True)
 class Spool:
@@ -99,6 +102,12 @@ def fit_torque_model(
         raise ConfigurationError(
             f"torque model: expected at least 6 points, some winding in and some paying out, found {len(i)} points "
             f"({int((direction > 0).sum())} in, {int((direction < 0).sum())} out); repeat the calibration"
+        )
+    spread = max(float(np.ptp(i[direction == one])) for one in (1.0, -1.0))
+    if spread < LEAST_SPREAD * np.abs(i).max():
+        raise ConfigurationError(
+            "torque model: expected currents from a slack to a taut tendon in each direction, found a spread of only "
+            f"{spread:.3f} A up to {np.abs(i).max():.3f} A; wind in further, or to a higher tension"
         )
     design = np.column_stack((i, -direction))
     (slope, friction_force), _, rank, _ = np.linalg.lstsq(design, force, rcond=None)
