@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import signal
@@ -92,7 +93,8 @@ class Launched:
 
     def close(self) -> None:
         for process in self._processes():
-            os.kill(process, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):  # the end of one is the end of others
+                os.kill(process, signal.SIGKILL)
 
     def _read(self) -> None:
         assert self.process.stdout is not None
