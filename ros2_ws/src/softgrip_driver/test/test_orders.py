@@ -4,12 +4,16 @@
 Nobody answers orders to a group of servos, so the driver sees to them itself. A stage knows no tension limit.
 """
 
+from itertools import pairwise
+
 import pytest
 
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.errors import NoReplyError
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
+
+INDEX = {"slot": "index"}
 
 
 @pytest.fixture
@@ -65,6 +69,26 @@ def test_a_silent_servo_does_not_slow_the_others_down(bench):
     assert bench.until(lambda _: bench.drive("middle").fault == "no_reply")
     seen = bench.pass_time(1.0)
     assert len(seen) > 250
+
+
+@pytest.mark.parametrize("bench", [{"rate": 100.0}], indirect=True)
+@pytest.mark.parametrize(
+    ("cause", "arguments", "periods"),
+    [
+        ("servo_silent", INDEX, 1), ("wrong_baud", INDEX, 1), ("silent_reboot", INDEX, 1), ("overload", INDEX, 1),
+        ("alert", INDEX, 1), ("brown_out", {}, 1), ("bus_dead", {}, 1), ("crc_error", {}, 1), ("bus_unplugged", {}, 1),
+        ("bytes_delayed", {"delay_s": 0.1}, 2), ("bytes_lost", {"share": 0.01}, 2),
+        ("bytes_flipped", {"share": 0.01}, 2),
+    ],
+)  # fmt: skip
+def test_nothing_that_is_asked_keeps_the_loop_for_longer_than_its_period(bench, cause, arguments, periods):
+    """At the driver's own rate, from the cause until all is well; two periods where every question may go wrong."""
+    bench.hold_taut(8.0)
+    bench.cause(cause, **arguments)
+    seen = bench.pass_time(1.5)
+    bench.clear()
+    seen += bench.pass_time(1.0)
+    assert max(b.time - a.time for a, b in pairwise(seen)) < 0.010 * periods + 1e-6
 
 
 def test_servos_that_wait_for_the_rest_of_a_damaged_packet_are_woken(bench):
