@@ -146,6 +146,33 @@ def test_changing_the_id_answers_under_the_old_one(sdk):
     assert packets.ping(port, 3)[1] == TIMEOUT
 
 
+def test_a_secondary_id_is_obeyed_and_never_answered(sdk, servos):
+    """The example of the e-manual, "Secondary ID(12)"; the group writes are an assumption."""
+    port, packets = sdk
+
+    def leds():
+        return [servo.registers.get("led") for servo in servos]
+
+    for number in (1, 2, 3):
+        assert packets.write1ByteTxRx(port, number, 12, 3) == (OK, 0)
+    assert packets.write1ByteTxRx(port, 3, 65, 1) == (OK, 0), "one answer, that of the servo whose own ID it is"
+    assert leds() == [1, 1, 1]
+    for number in (1, 2, 3):
+        assert packets.write1ByteTxRx(port, number, 12, 100) == (OK, 0)
+    assert packets.write1ByteTxRx(port, 100, 65, 0)[0] == TIMEOUT
+    assert leds() == [0, 0, 0]
+    assert packets.ping(port, 100)[1] == TIMEOUT
+    assert packets.write1ByteTxRx(port, 100, 9, 7)[0] == TIMEOUT
+    assert [servo.registers.get("return_delay_time") for servo in servos] == [0, 0, 0], "the EEPROM is closed to it"
+    group = dynamixel_sdk.GroupSyncWrite(port, packets, 65, 1)
+    group.addParam(100, [1])
+    group.txPacket()
+    assert packets.read1ByteTxRx(port, 2, 65) == (1, OK, 0)
+    assert packets.write1ByteTxRx(port, 2, 12, 255) == (OK, 0)
+    assert packets.write1ByteTxRx(port, 100, 65, 0)[0] == TIMEOUT
+    assert leds() == [0, 1, 0]
+
+
 def test_reg_write_and_broadcast_action(sdk):
     multi_turn(sdk)
     port, packets = sdk

@@ -136,6 +136,36 @@ def test_homing_offset_is_added_and_not_turned_by_reverse(servo, read, write):
     assert read(servo, "present_position") == -1024 + 100
 
 
+def test_an_offset_beyond_a_quarter_turn_is_ignored_within_one_turn(servo, read, write):
+    write(servo, "homing_offset", -1024)
+    assert read(servo, "present_position") == -1024
+    write(servo, "homing_offset", 1025)
+    assert read(servo, "present_position") == 0
+    write(servo, "operating_mode", 4)
+    assert read(servo, "present_position") == 1025
+
+
+def test_a_backup_brings_the_gains_back_at_a_start_where_it_is_asked_to(servo, read, write):
+    """E-manual, "Backup and Restore": gains, profile and indirect addresses, no goal and no torque."""
+    for item, value in (("position_p_gain", 321), ("profile_velocity", 45), ("goal_pwm", 800), ("led", 1)):
+        assert write(servo, item, value) == 0
+    assert do(servo, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + bytes.fromhex("4354524C")).error == 0
+    factory = load_model(servo.model.name)
+    default = {item.name: item.default for item in factory.items}
+    do(servo, Instruction.REBOOT)
+    assert read(servo, "position_p_gain", 1.0) == default["position_p_gain"]
+    assert write(servo, "startup_configuration", 2) == 0
+    do(servo, Instruction.REBOOT)
+    assert (read(servo, "position_p_gain", 2.0), read(servo, "profile_velocity", 2.0)) == (321, 45)
+    assert (read(servo, "goal_pwm", 2.0), read(servo, "led", 2.0), read(servo, "torque_enable", 2.0)) == (885, 0, 0)
+
+
+def test_a_servo_may_come_up_with_torque(servo, read, write):
+    write(servo, "startup_configuration", 1)
+    do(servo, Instruction.REBOOT)
+    assert read(servo, "torque_enable", 1.0) == 1
+
+
 def test_reboot_answers_then_is_silent(servo, read, write):
     write(servo, "torque_enable", 1)
     assert do(servo, Instruction.REBOOT, now_s=5.0).error == 0

@@ -97,6 +97,7 @@ class DynamixelChain:
         chunks = []
         for servo in listening:
             if servo.device_id != packet.device_id:
+                servo.follow(packet, now_s)
                 continue
             may_answer = servo.answers(packet.instruction)
             delay_s = servo.return_delay_s
@@ -191,10 +192,10 @@ class DynamixelChain:
 
     @staticmethod
     def _group_write(writes: list[tuple[int, int, bytes]], listening: list[Servo], now_s: float) -> None:
-        by_id = {servo.device_id: servo for servo in listening}
         for device_id, address, data in writes:
-            if device_id in by_id:
-                by_id[device_id].write_for_host(address, data, now_s)
+            for servo in listening:
+                if servo.obeys(device_id, address):
+                    servo.write_for_host(address, data, now_s)
 
     @staticmethod
     def _status(servo: Servo, error: int, parameters: bytes, start_s: float) -> Chunk:

@@ -43,6 +43,11 @@ class Instructions:
         """The power was away: a registered write is gone, a backup is not."""
         self._registered = None
 
+    def restore_ram(self) -> None:
+        """Bring the volatile items of a backup back (Startup Configuration, RAM restore)."""
+        if self._backup is not None:
+            self._servo.registers.restore_ram(self._backup)
+
     def execute(self, packet: Packet, now_s: float) -> Reply:
         """Obey one instruction."""
         handlers: dict[int, Callable[[bytes, float], Reply]] = {

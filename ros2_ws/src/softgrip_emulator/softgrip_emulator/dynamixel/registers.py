@@ -16,6 +16,20 @@ _POSITION_MODE: Final = 3
 _GOALS: Final = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
 
 
+GAIN_ITEMS: Final = (
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+    "profile_acceleration",
+    "profile_velocity",
+)
+"""What a change of the mode resets, and a backup keeps of the RAM (e-manual, "Backup and Restore")."""
+
+
 class PresentValues(NamedTuple):
     """The read-only items from address 120 to 146, in their order, raw units."""
 
@@ -109,8 +123,15 @@ class Registers:
 
     def restore(self, snapshot: bytes) -> None:
         """Bring the writable EEPROM part of a snapshot back."""
+        self._restore(snapshot, lambda item: item.writable and item.address < EEPROM_END)
+
+    def restore_ram(self, snapshot: bytes) -> None:
+        """Bring back what of the RAM part a servo keeps in a backup."""
+        self._restore(snapshot, lambda item: item.name in GAIN_ITEMS or item.name.startswith("indirect_address"))
+
+    def _restore(self, snapshot: bytes, wanted: Callable[[Item], bool]) -> None:
         for item in self.model.items:
-            if item.writable and item.address < EEPROM_END:
+            if wanted(item):
                 self.put(item.name, int.from_bytes(snapshot[item.address : item.end], "little"))
 
     # -- the host's access -----------------------------------------------------------------------------------------

@@ -20,9 +20,10 @@ from softgrip_emulator.dynamixel.motion import (
     Motion,
 )
 from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
-from softgrip_emulator.dynamixel.registers import PresentValues, Registers, WriteRefusedError
+from softgrip_emulator.dynamixel.registers import GAIN_ITEMS, PresentValues, Registers, WriteRefusedError
 from softgrip_emulator.dynamixel.table import (
     BAUD_OF_REGISTER,
+    EEPROM_END,
     PULSES_PER_TURN,
     PWM_FULL_SCALE,
     VELOCITY_UNIT_RPM,
@@ -38,22 +39,15 @@ _TRIPPED: Final = -1
 """Bus Watchdog after it has tripped (e-manual)."""
 _OFF: Final = Drive()
 _REVERSE: Final = 0x01
+_NO_ID: Final = 253
+_FOLLOWED: Final = frozenset({Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION, Instruction.REBOOT})
 _TORQUE_ON_BY_GOAL: Final = 0x08
 _STARTUP_TORQUE_ON: Final = 0x01
+_STARTUP_RAM_RESTORE: Final = 0x02
+_SINGLE_TURN_OFFSET: Final = 1024
 _OVERLOAD_SHARE: Final = 0.75
 """Share of the stall current that the overload watch takes as too much for long (assumption, no data sheet)."""
 _OVERLOAD_TIME_S: Final = 2.5
-_GAIN_ITEMS: Final = (
-    "velocity_i_gain",
-    "velocity_p_gain",
-    "position_d_gain",
-    "position_i_gain",
-    "position_p_gain",
-    "feedforward_2nd_gain",
-    "feedforward_1st_gain",
-    "profile_acceleration",
-    "profile_velocity",
-)
 
 
 class HardwareError:
@@ -108,7 +102,7 @@ class _Settings(NamedTuple):
             overload_a=_OVERLOAD_SHARE * registers.model.motor.stall_current_a,
             watchdog=get("bus_watchdog"),
             direction=-1.0 if get("drive_mode") & _REVERSE else 1.0,
-            homing_offset=get("homing_offset"),
+            homing_offset=_homing_offset(registers),
         )
 
 
@@ -145,6 +139,21 @@ class Servo:
     def device_id(self) -> int:
         """ID on the bus."""
         return self.registers.get("id")
+
+    def obeys(self, device_id: int, address: int) -> bool:
+        """Whether a write to an ID concerns it: its own, or its Secondary ID, which opens the RAM only."""
+        return device_id == self.device_id or (self._shadows(device_id) and address >= EEPROM_END)
+
+    def _shadows(self, device_id: int) -> bool:
+        # An ID of its own has priority; 253 and above switch the Secondary ID off (e-manual, "Secondary ID(12)").
+        return device_id < _NO_ID and self.registers.get("secondary_id") == device_id != self.device_id
+
+    def follow(self, packet: Packet, now_s: float) -> None:
+        """Obey what is written to its Secondary ID, without an answer."""
+        writes = packet.instruction in {Instruction.WRITE, Instruction.REG_WRITE}
+        address = int.from_bytes(packet.parameters[:2], "little") if writes else EEPROM_END
+        if packet.instruction in _FOLLOWED and self._shadows(packet.device_id) and address >= EEPROM_END:
+            self.execute(packet, now_s)
 
     @property
     def baud(self) -> int:
@@ -242,7 +251,7 @@ class Servo:
 
     def _mode_changed(self) -> None:
         for item in self.model.items:
-            if item.name in _GAIN_ITEMS:
+            if item.name in GAIN_ITEMS:
                 self.registers.put(item.name, item.default)
         self.registers.put("goal_pwm", self.registers.get("pwm_limit"))
         self.registers.put("goal_current", self.registers.get("current_limit"))
@@ -259,6 +268,8 @@ class Servo:
         self._overload_s = 0.0
         self.forced_error_bits = 0
         self.registers.lose_power()
+        if self.registers.get("startup_configuration") & _STARTUP_RAM_RESTORE:
+            self._instructions.restore_ram()
         self.fold()
         self.registers.put("goal_position", round(self._present_pulses()))
         if self.registers.get("startup_configuration") & _STARTUP_TORQUE_ON:
@@ -351,6 +362,13 @@ class Servo:
                 temperature=max(0, min(255, round(shaft.temperature_c))),
             )
         )
+
+
+def _homing_offset(registers: Registers) -> int:
+    """The offset that counts: in mode 3 a value beyond +-1024 is ignored (e-manual, "Homing Offset(20)")."""
+    offset = registers.get("homing_offset")
+    ignored = registers.get("operating_mode") == Mode.POSITION and abs(offset) > _SINGLE_TURN_OFFSET
+    return 0 if ignored else offset
 
 
 def _within(value: int, bits: int) -> int:

@@ -107,6 +107,7 @@ class ServoModel:
     name: str
     number: int
     firmware: int
+    fast_sync_read_firmware: int
     items: tuple[Item, ...]
     indirect: tuple[IndirectBlock, ...]
     operating_modes: frozenset[int]
@@ -119,8 +120,8 @@ class ServoModel:
 
     @property
     def has_fast_sync_read(self) -> bool:
-        """Fast Sync and Bulk Read came with firmware 46 (X330) and 45 (X430)."""
-        return self.firmware >= 46
+        """Fast Sync and Bulk Read came with a later firmware."""
+        return self.firmware >= self.fast_sync_read_firmware
 
 
 def available_models() -> list[str]:
@@ -153,6 +154,7 @@ def load_model(name: str) -> ServoModel:
         name=own["name"],
         number=own["number"],
         firmware=own["firmware"],
+        fast_sync_read_firmware=own["fast_sync_read_firmware"],
         items=tuple(sorted(items, key=lambda item: item.address)),
         indirect=blocks,
         operating_modes=frozenset(own["operating_modes"]),
