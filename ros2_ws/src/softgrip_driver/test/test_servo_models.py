@@ -23,6 +23,7 @@ from softgrip_emulator.dynamixel.table import load_model
 
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
 TENDONS = ("index", "middle", "thumb")
+SYNC_READ, FAST_SYNC_READ = 0x82, 0x8A
 EMULATED = ["XL330-M288", "XC330-M288", "XM430-W350"]
 
 
@@ -189,6 +190,34 @@ def test_no_servo_is_changed_for_good_unless_all_are_there_and_well(two, spoil, 
         backend(**options).connect()
     assert lasting() == factory
     assert reports == []
+
+
+@pytest.mark.parametrize(
+    ("model", "firmwares", "instruction"),
+    [
+        ("XL330-M288", (46, 52), FAST_SYNC_READ),
+        ("XL330-M288", (45, 52), SYNC_READ),
+        ("XM430-W350", (45, 45), FAST_SYNC_READ),
+        ("XM430-W350", (44, 44), SYNC_READ),
+    ],
+)
+def test_the_group_is_read_the_fast_way_where_every_firmware_has_it(model, firmwares, instruction, tmp_path, world):
+    numbered = list(enumerate(firmwares, start=1))
+    devices = [EmulatedServo(replace(load_model(model), firmware=each), i, baud=1_000_000) for i, each in numbered]
+    chain, sent = DynamixelChain(devices), []
+    port = world.port(tmp_path / "servos", chain)
+    answer = chain.exchange
+    chain.exchange = lambda data, *rest: (sent.append(data[7]) if len(data) > 7 else None, answer(data, *rest))[1]
+    servos = [replace(servo_of(model), tendon=f"t{i}", servo_id=i) for i, _ in numbered]
+    backend = DynamixelBackend(Bus(str(tmp_path / "servos"), 1_000_000), servos)
+    backend.connect()
+    sent.clear()
+    assert set(backend.read()) == {"t1", "t2"}
+    assert [one for one in sent if one in {SYNC_READ, FAST_SYNC_READ}] == [instruction]
+    assert backend.counters.lost == 0
+    backend.disconnect()
+    port.close()
+    world.close()
 
 
 def test_a_servo_with_a_hardware_error_is_not_set_up(wired):
