@@ -374,3 +374,21 @@ def test_a_ramp_in_pieces_is_followed_as_one(spring_finger, reading):
         assert np.diff(goals).min() > -1e-9
         assert goals[20:180] == pytest.approx(line[20:180], abs=1e-3)
         assert np.diff(goals).max() < 1.5 * 0.023 * DT
+
+
+@pytest.mark.parametrize(("end", "speeds"), [(0.0345, (0.25, 0.0, 0.0)), (0.0005, (-0.25, 0.0, 0.0))])
+def test_a_curve_that_swings_out_between_its_points_stays_within_the_travel(spring_finger, reading, end, speeds):
+    """All its points lie within the travel; a cubic that begins at 250 mm/s leaves it by a centimetre and more."""
+    rig = Rig(lambda: spring_finger(stiffness=300.0), reading, names=("a",)).on()
+    rig.run(rig.move(0.015))
+    path = Trajectory.checked([0.1, 0.9, 1.4], [0.015, end, end], speeds, LIMITS.travel)
+    between = [path.length(t) for t in np.linspace(0.1, 0.9, 100)]
+    assert max(between) > LIMITS.travel + 0.01 or min(between) < -0.01
+    ticket, goals = rig.controller.follow({"a": path}, rig.now), []
+    while rig.controller.result(ticket)[0] is None:
+        rig.cycle()
+        goals.append(rig.drive()._m.setpoint)
+    assert rig.controller.result(ticket)[0] is Outcome.REACHED
+    assert min(goals) > -1e-9
+    assert max(goals) < LIMITS.travel + 1e-9
+    assert goals[-1] == pytest.approx(end, abs=1e-6)

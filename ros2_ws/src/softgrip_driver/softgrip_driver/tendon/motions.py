@@ -318,7 +318,8 @@ class Follow:
         """Track the interpolated length."""
         cap = min(self._limit, view.tension_cap)
         elapsed = view.now - self._started
-        target = self._trajectory.length(elapsed)
+        # Between points that lie within the travel a cubic may leave it.
+        target = max(0.0, min(self._limits.travel, self._trajectory.length(elapsed)))
         before = self._profile.position
         # Tracking must not lag behind a ramp: aim as far beyond the target as the profile needs to brake.
         self._profile.step(target, self._limits.speed, 4.0 * self._limits.acceleration, view.dt)
