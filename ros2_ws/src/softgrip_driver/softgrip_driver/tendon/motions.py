@@ -318,9 +318,9 @@ class Follow:
         """Track the interpolated length."""
         cap = min(self._limit, view.tension_cap)
         elapsed = view.now - self._started
-        # Between points that lie within the travel a cubic may leave it.
-        target = max(0.0, min(self._limits.travel, self._trajectory.length(elapsed)))
         before = self._profile.position
+        # Between points that lie within the travel a cubic may leave it; a slack finger may begin outside.
+        target = max(min(0.0, before), min(self._limits.travel, self._trajectory.length(elapsed)))
         # Tracking must not lag behind a ramp: aim as far beyond the target as the profile needs to brake.
         self._profile.step(target, self._limits.speed, 4.0 * self._limits.acceleration, view.dt)
         ahead = self._profile.position - view.length
