@@ -55,6 +55,8 @@ BACKENDS = ("dynamixel", *STAGES)
 STAGE_RATES = {"grbl": 10.0, "mark10": 20.0}
 #: a stage is this much faster than the fastest setpoint, so that it keeps up
 STAGE_HASTE = 1.2
+#: periods of the loop that the servos' bus watchdog lasts at least
+WATCHDOG_PERIODS = 2.0
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,11 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         raise ConfigurationError(f"parameter baud: expected one of {list(BAUD_CODES)}, found {values['baud']}")
     limits = _limits(values)
     on_bus = values["backend"] == "dynamixel"
+    if on_bus and 0.0 < values["bus_watchdog_s"] < WATCHDOG_PERIODS / values["loop_rate"]:
+        raise ConfigurationError(
+            f"parameter bus_watchdog_s: expected 0, or at least {WATCHDOG_PERIODS:g} periods of the loop of "
+            f"{values['loop_rate']:g} Hz, found {values['bus_watchdog_s']:g}; servos would stop between two orders"
+        )
     spools = [
         Spool(radius, direction)
         for radius, direction in zip(
@@ -202,6 +209,11 @@ def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, spool:
     if name not in MODELS:
         raise ConfigurationError(f"parameter servo_models: expected names out of {sorted(MODELS)}, found '{name}'")
     model = MODELS[name]
+    if limits.temperature_limit > model.temperature_limit:
+        raise ConfigurationError(
+            f"parameter {LIMIT_PARAMETERS['temperature_limit']}: expected at most the {model.temperature_limit:g} degC "
+            f"at which a {name} lets go of everything, found {limits.temperature_limit:g}"
+        )
     calibrated = own("torque_per_ampere_nm_a") > 0.0
     torque = TorqueModel(
         own("torque_per_ampere_nm_a") if calibrated else model.torque_per_ampere,

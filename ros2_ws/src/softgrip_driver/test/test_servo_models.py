@@ -145,6 +145,16 @@ def test_a_supply_that_sags_does_not_open_a_hand(wired):
     assert bus.read(1, reg.TORQUE_ENABLE) == 1
 
 
+def test_a_servo_that_would_let_go_before_it_is_too_warm_for_the_driver_is_corrected(wired):
+    """The driver reduces the tension 15 degC below the servo's limit, and stops 5 below; the e-manual's is the most."""
+    model, _, bus = wired
+    factory = bus.read(1, reg.TEMPERATURE_LIMIT)
+    bus.write(1, reg.TEMPERATURE_LIMIT, 50)
+    corrected = list(set_up(bus, servo_of(model), write_eeprom=True))
+    assert any(f"temperature limit is 50, needs {factory}" in text for text in corrected)
+    assert bus.read(1, reg.TEMPERATURE_LIMIT) == factory
+
+
 def test_settings_are_reported_and_left_alone_where_writing_is_not_allowed(wired):
     model, device, bus = wired
     with pytest.raises(ConfigurationError, match=r"return delay time is 250, needs 0;.*set write_eeprom"):

@@ -141,6 +141,8 @@ def wanted_eeprom(servo: Servo) -> dict[Item, int]:
         reg.DRIVE_MODE: 0,
         reg.OPERATING_MODE: int(servo.mode),
         reg.SECONDARY_ID: 255,
+        # The driver's own limit lies below it; at this one the servo lets go.
+        reg.TEMPERATURE_LIMIT: round(servo.model.temperature_limit),
         reg.STARTUP_CONFIGURATION: 0,
         reg.CURRENT_LIMIT: servo.current_limit_units,
         reg.SHUTDOWN: int(reg.SHUTDOWN_ERRORS),
