@@ -27,10 +27,6 @@ _ROUTER_DEADLINE_S = 4.0
 _LOOK_PERIOD_S = 0.002
 _FILE_DESCRIPTORS = 1024
 _INTERNET = (socket.AF_INET, socket.AF_INET6)
-_THREADS_VARIABLE = "ZENOH_RUNTIME"
-# The threads that receive also watch the sockets: a message has one thread less to pass, and wakes half as many. Each
-# may have to wait for Python; there are more than a cell has processes, so that Zenoh itself never has to.
-_THREADS = "(acc: (handover: rx), net: (handover: rx), rx: (worker_threads: 16))"
 
 _COMMON = {
     "timestamping/enabled": {"router": True, "peer": True, "client": True},
@@ -212,7 +208,6 @@ def open_session(domain: int, *, host: bool = True) -> tuple[zenoh.Session, Rout
     Raises:
         WireError: the configuration is refused, or something that is no Zenoh router answers on the port.
     """
-    os.environ.setdefault(_THREADS_VARIABLE, _THREADS)
     port = host_port(domain)
     keeper = RouterKeeper(port) if host and port is not None else None
     if keeper is not None:
