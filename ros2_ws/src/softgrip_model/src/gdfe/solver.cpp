@@ -14,9 +14,6 @@ constexpr double kGrowth = 4.0;
 // How often one step is halved when it leaves what the law has a value for.
 constexpr int kHalvings = 12;
 
-// Loops over fewer nodes or unknowns are one thread's.
-constexpr std::size_t kSharedFrom = 6000;
-
 Eigen::Map<const Eigen::VectorXd> first(const std::vector<double>& vector, std::size_t count) {
   return {vector.data(), static_cast<Eigen::Index>(count)};
 }
@@ -44,19 +41,6 @@ void Solver::add_followers(const Task& task) {
   }
 }
 
-void Solver::cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const {
-  const Cable& cable = cables_[index];
-  points.resize(cable.points.size());
-  for (std::size_t p = 0; p < points.size(); ++p) {
-    const CablePoint& point = cable.points[p];
-    points[p] = point.fixed;
-    for (std::size_t k = 0; k < point.nodes.size(); ++k) {
-      const double* node = position + kStride * static_cast<std::size_t>(point.nodes[k]);
-      points[p] += point.weights[k] * Eigen::Vector3d(node[0], node[1], node[2]);
-    }
-  }
-}
-
 // What the task gives on every node, as the iteration reads it. Held nodes are placed for good.
 void Solver::lay_out(const Task& task) {
   base_.assign(kStride * nodes_, 0.0);
@@ -72,12 +56,11 @@ void Solver::lay_out(const Task& task) {
   dead_load_squared_ = task.load.squaredNorm();
 }
 
-void Solver::expand(const std::vector<double>& state) {
+void Solver::expand(const std::vector<double>& state, std::size_t share) {
   if (alike_) {
     const std::vector<std::int32_t>& nodes = axes_[0].nodes;
     const double *x = state.data(), *y = x + nodes.size(), *z = y + nodes.size();
-#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes.size() > kSharedFrom)
-    for (std::size_t u = 0; u < nodes.size(); ++u) {
+    for (std::size_t u = begin_of(share, nodes.size()); u < begin_of(share + 1, nodes.size()); ++u) {
       const std::size_t at = kStride * static_cast<std::size_t>(nodes[u]);
       position_[at] = base_[at] + x[u];
       position_[at + 1] = base_[at + 1] + y[u];
@@ -89,38 +72,19 @@ void Solver::expand(const std::vector<double>& state) {
     const std::int32_t* dof = axes_[axis].dof.data();
     const double *base = base_.data() + axis, *displacement = state.data() + axes_[axis].offset;
     double* position = position_.data() + axis;
-#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes_ > kSharedFrom)
-    for (std::size_t i = 0; i < nodes_; ++i) position[kStride * i] = base[kStride * i] + (dof[i] >= 0 ? displacement[dof[i]] : 0.0);
-  }
-}
-
-void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
-  for (std::size_t c = 0; c < cables_.size(); ++c) {
-    CableWork& work = cable_work_[c];
-    cable_points(c, position_.data(), work.points);
-    const CableDrive& drive = task.drives[c];
-    work.state = drive.by_length ? pull_from_anchor(cables_[c], work.points, state[unknowns_ + c] / work.tension_scale)
-                                 : pull_from_actuator(cables_[c], work.points, drive.target);
-    for (std::size_t p = 0; p < work.points.size(); ++p) {
-      const CablePoint& point = cables_[c].points[p];
-      for (std::size_t k = 0; k < point.nodes.size(); ++k) {
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          force_[kStride * static_cast<std::size_t>(point.nodes[k]) + axis] -=
-              point.weights[k] * work.state.force[p][static_cast<Eigen::Index>(axis)];
-        }
-      }
+    for (std::size_t i = begin_of(share, nodes_); i < begin_of(share + 1, nodes_); ++i) {
+      position[kStride * i] = base[kStride * i] + (dof[i] >= 0 ? displacement[dof[i]] : 0.0);
     }
   }
 }
 
 // -g of every unknown.
-void Solver::gather(std::vector<double>& residual) const {
+void Solver::gather(std::vector<double>& residual, std::size_t share) const {
   const double *load = dead_load_.data(), *force = force_.data();
   if (alike_) {
     const std::vector<std::int32_t>& nodes = axes_[0].nodes;
     double *x = residual.data(), *y = x + nodes.size(), *z = y + nodes.size();
-#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && nodes.size() > kSharedFrom)
-    for (std::size_t u = 0; u < nodes.size(); ++u) {
+    for (std::size_t u = begin_of(share, nodes.size()); u < begin_of(share + 1, nodes.size()); ++u) {
       const std::size_t at = kStride * static_cast<std::size_t>(nodes[u]);
       x[u] = load[at] - force[at];
       y[u] = load[at + 1] - force[at + 1];
@@ -132,8 +96,7 @@ void Solver::gather(std::vector<double>& residual) const {
     const Axis& a = axes_[axis];
     double* out = residual.data() + a.offset;
     const auto size = static_cast<std::size_t>(a.inverse->size());
-#pragma omp parallel for num_threads(settings_.threads) schedule(static) if (settings_.threads > 1 && size > kSharedFrom)
-    for (std::size_t u = 0; u < size; ++u) {
+    for (std::size_t u = begin_of(share, size); u < begin_of(share + 1, size); ++u) {
       double sum = 0.0;
       for (std::int32_t k = a.first_node[u]; k < a.first_node[u + 1]; ++k) {
         const std::size_t at = kStride * static_cast<std::size_t>(a.nodes[k]) + axis;
@@ -144,9 +107,8 @@ void Solver::gather(std::vector<double>& residual) const {
   }
 }
 
-// Gathers -g into `residual` and returns |g on free unknowns| / |reactions|.
+// |g on free unknowns| / |reactions|; `residual`: -g.
 double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
-  gather(residual);
   double held = 0.0, loads = follower_squared_ + dead_load_squared_;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (const std::int32_t i : axes_[axis].held) {
@@ -179,47 +141,38 @@ void Solver::precondition(std::vector<double>& residual) {
   }
 }
 
-// Adds to the step what brings every driven cable to its length, and the tension that does it.
-void Solver::drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& step) {
-  for (std::size_t c = 0; c < cables_.size(); ++c) {
-    const CableDrive& drive = task.drives[c];
-    CableWork& work = cable_work_[c];
-    if (!drive.by_length) {
-      step[unknowns_ + c] = 0.0;
-      continue;
-    }
-    const double tension = state[unknowns_ + c] / work.tension_scale;
-    // force of a unit anchor tension; a slack cable has its direction at the friction law's floor
-    const double unit = std::max(tension, friction::kTensionFloor_N);
-    const CableState pull = tension >= friction::kTensionFloor_N ? work.state : pull_from_anchor(cables_[c], work.points, unit);
-    double gain = 0.0, moved = 0.0;
-    std::array<Eigen::VectorXd, 3> response;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const Axis& a = axes_[axis];
-      const auto column = static_cast<Eigen::Index>(axis);
-      response[axis] = Eigen::VectorXd::Zero(a.inverse->size());
-      for (std::size_t p = 0; p < work.points.size(); ++p) {
-        response[axis] += pull.force[p][column] / unit * a.point_columns->col(static_cast<Eigen::Index>(first_column_[c] + p));
+// Forces at the positions that place(share) leaves, less those of loads(); take(share) may read them all. Every thread has its
+// share; loads() is the first one's.
+template <class Place, class Loads, class Take>
+void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take) {
+  const auto threads = static_cast<std::size_t>(settings_.threads);
+  const std::size_t values = kStride * nodes_;
+#pragma omp parallel num_threads(settings_.threads) if (threads > 1)
+  {
+#pragma omp for schedule(static, 1)
+    for (std::size_t t = 0; t < threads; ++t) place(t);
+#pragma omp for schedule(static, 1)
+    for (std::size_t t = 0; t < threads; ++t) {
+      double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * values;
+      std::fill(force, force + values, 0.0);
+      if (t == 0) loads();
+      if (ogden_) {
+        ogden_->add_forces(position_.data(), force, ogden_strain_.data(), begin_of(t, blocks_.elements), begin_of(t + 1, blocks_.elements));
+      } else {
+        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, t, threads);
       }
-      for (std::size_t p = 0; p < work.points.size(); ++p) {
-        const CablePoint& point = cables_[c].points[p];
-        for (std::size_t k = 0; k < point.nodes.size(); ++k) {
-          const int dof = a.dof[static_cast<std::size_t>(point.nodes[k])];
-          if (dof < 0) continue;
-          const double slope = pull.slope[p][column] * point.weights[k];
-          gain += slope * response[axis](dof);
-          moved += slope * step[a.offset + static_cast<std::size_t>(dof)];
+    }
+    if (threads > 1) {
+#pragma omp for schedule(static, 1)
+      for (std::size_t t = 0; t < threads; ++t) {
+        for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
+          const double* share = shares_.data() + (other - 1) * values;
+          for (std::size_t i = begin_of(t, values); i < begin_of(t + 1, values); ++i) force_[i] += share[i];
         }
       }
     }
-    const double gap = work.rest_length - drive.target - (work.state.length + work.state.entry_length) - moved;
-    double change = gain < 0.0 ? gap / gain : 0.0;
-    change = std::max(change, -tension);
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const Axis& a = axes_[axis];
-      for (Eigen::Index i = 0; i < response[axis].size(); ++i) step[a.offset + static_cast<std::size_t>(i)] += change * response[axis](i);
-    }
-    step[unknowns_ + c] = change * work.tension_scale;
+#pragma omp for schedule(static, 1)
+    for (std::size_t t = 0; t < threads; ++t) take(t);
   }
 }
 
@@ -253,10 +206,12 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
   double last_norm = 0.0;
   int halvings = 0;
   for (int iteration = 0;; ++iteration) {
-    expand(state);
-    add_element_forces();
-    pull_cables(task, state);
-    add_followers(task);
+    sum_forces([&](std::size_t share) { expand(state, share); },
+               [&] {
+                 pull_cables(task, state);
+                 add_followers(task);
+               },
+               [&](std::size_t share) { gather(residual, share); });
     outcome.residual = out_of_balance(task, residual);
     outcome.length_error = 0.0;
     if (!contact_.empty() && std::isfinite(outcome.residual)) {
@@ -371,33 +326,6 @@ void Solver::place(const Nodes& displacement) {
   }
 }
 
-void Solver::add_element_forces() {
-  const auto threads = static_cast<std::size_t>(settings_.threads);
-  const std::size_t values = kStride * nodes_;
-#pragma omp parallel num_threads(settings_.threads) if (threads > 1)
-  {
-#pragma omp for schedule(static, 1)
-    for (std::size_t t = 0; t < threads; ++t) {
-      double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * values;
-      std::fill(force, force + values, 0.0);
-      if (ogden_) {
-        ogden_->add_forces(position_.data(), force, ogden_strain_.data(), t * blocks_.elements / threads,
-                           (t + 1) * blocks_.elements / threads);
-      } else {
-        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, t, threads);
-      }
-    }
-#pragma omp for schedule(static, 1)
-    for (std::size_t t = 0; t < threads; ++t) {
-      const std::size_t from = t * values / threads, to = (t + 1) * values / threads;
-      for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
-        const double* share = shares_.data() + (other - 1) * values;
-        for (std::size_t i = from; i < to; ++i) force_[i] += share[i];
-      }
-    }
-  }
-}
-
 double Solver::energy(const Nodes& displacement) {
   if (!ogden_) throw std::logic_error("only the rigorous law has an energy");
   place(displacement);
@@ -406,7 +334,8 @@ double Solver::energy(const Nodes& displacement) {
 
 Nodes Solver::internal_force(const Nodes& displacement) {
   place(displacement);
-  add_element_forces();
+  const auto nothing = [](std::size_t) {};
+  sum_forces(nothing, [] {}, nothing);
   Nodes force(static_cast<Eigen::Index>(nodes_), 3);
   for (std::size_t i = 0; i < nodes_; ++i) {
     for (std::size_t axis = 0; axis < 3; ++axis) force(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis)) = force_[kStride * i + axis];

@@ -130,7 +130,9 @@ class Solver {
   };
 
   void place(const Nodes& displacement);
-  void add_element_forces();
+  std::size_t begin_of(std::size_t share, std::size_t count) const { return share * count / static_cast<std::size_t>(settings_.threads); }
+  template <class Place, class Loads, class Take>
+  void sum_forces(const Place& place, const Loads& loads, const Take& take);
   void add_followers(const Task& task);
   void build_contact();
   void begin_contact(const Task& task);
@@ -139,10 +141,10 @@ class Solver {
   void build_point_columns();
   void list_nodes(Axis& axis) const;
   void lay_out(const Task& task);
-  void expand(const std::vector<double>& state);
+  void expand(const std::vector<double>& state, std::size_t share);
   void pull_cables(const Task& task, const std::vector<double>& state);
   void cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const;
-  void gather(std::vector<double>& residual) const;
+  void gather(std::vector<double>& residual, std::size_t share) const;
   double out_of_balance(const Task& task, std::vector<double>& residual);
   void precondition(std::vector<double>& residual);
   void drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& residual);
