@@ -19,6 +19,7 @@ from rclpy.action import ActionClient, ActionServer
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
+from rclpy.task import Future
 
 from softgrip_interfaces.msg import NodeTrace
 from softgrip_nodekit.stamps import to_time_message
@@ -125,7 +126,7 @@ class Doors(Protocol):
     def later(self, work: Callable[..., Any], *arguments: Any) -> None:
         """Run work in a step of its own, once the present one is over."""
 
-    async def resumed(self, name: str, future: Awaitable[Any]) -> Any:
+    async def resumed(self, name: str, future: Future) -> Any:
         """Wait for a future; what follows is a step of its own."""
 
 
@@ -280,7 +281,7 @@ class TracedDoors:
         else:
             executor.create_task(due)
 
-    async def resumed(self, name: str, future: Awaitable[Any]) -> Any:
+    async def resumed(self, name: str, future: Future) -> Any:
         """Wait, then begin a step."""
         result = await future
         self._log.begin(f"resumed {name}")

@@ -6,11 +6,12 @@ It is asked what it was asked, in the same order, with the same clocks, and all 
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Generator, Sequence
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.task import Future
 
 from softgrip_bag.comparison import Divergence, first_difference
 from softgrip_bag.nodes.steps import Messages, Step
@@ -27,6 +28,13 @@ class Diverged(Exception):  # noqa: N818  not an error: what the comparison foun
     def __init__(self, divergence: Divergence) -> None:
         super().__init__(str(divergence))
         self.divergence = divergence
+
+
+class _Pause:
+    """Gives control back once: rclpy lets nobody look at a future again that is not done yet."""
+
+    def __await__(self) -> Generator[None, None, None]:
+        yield
 
 
 class ReplayedDoors:
@@ -125,12 +133,13 @@ class ReplayedDoors:
         self._later.append(lambda: work(*arguments))
         self._entries["later"] = lambda _: self._later.pop(0)()
 
-    async def resumed(self, name: str, future: Awaitable[Any]) -> Any:
+    async def resumed(self, name: str, future: Future) -> Any:
         """Wait until the recorded step is there."""
-        self._awaited = name
-        result = await future
+        while not future.done():
+            self._awaited = name
+            await _Pause()
         self._enter(f"resumed {name}")
-        return result
+        return future.result()
 
     # -- taking the steps --------------------------------------------------------------------------------------
 
