@@ -55,6 +55,9 @@ BACKENDS = ("dynamixel", *STAGES)
 STAGE_RATES = {"grbl": 10.0, "mark10": 20.0}
 #: a stage is this much faster than the fastest setpoint, so that it keeps up
 STAGE_HASTE = 1.2
+#: share of the stall torque that a servo can hold until the driver backs off; from some three quarters on its own
+#: overload shutdown may be quicker
+LASTING_SHARE = 0.7
 #: periods of the loop that the servos' bus watchdog lasts at least
 WATCHDOG_PERIODS = 2.0
 
@@ -221,6 +224,13 @@ def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, spool:
         own("tension_stddev_share"),
         "calibrated" if calibrated else "data sheet",
     )
+    lasting = LASTING_SHARE * model.stall_torque / spool.radius
+    if limits.tension_soft > lasting:
+        raise ConfigurationError(
+            f"parameter {LIMIT_PARAMETERS['tension_soft']}: expected at most {lasting:.1f} N, {LASTING_SHARE:.0%} of a "
+            f"{name}'s stall on a spool of {spool.radius * 1e3:g} mm, found {limits.tension_soft:g}; with more it may "
+            "shut down within seconds and let go"
+        )
     return Servo(
         tendons[index],
         own("servo_ids"),

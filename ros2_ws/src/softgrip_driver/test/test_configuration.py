@@ -46,13 +46,16 @@ def test_a_stage_takes_one_tendon_and_a_gauge():
         ({"servo_ids": [1, 2]}, "expected one value, or one for each of"),
         ({"servo_models": ["XL320"]}, "expected names out of .*found 'XL320'"),
         ({"spool_radii_m": [0.0]}, "expected a radius between"),
-        ({"tension_soft_n": 50.0}, "expected tension_slack <= homing_tension <= tension_soft <= tension_hard"),
+        ({"tension_hard_n": 30.0}, "expected tension_slack <= homing_tension <= tension_soft <= tension_hard"),
         ({"homing_tension_n": 40.0}, "expected tension_slack <= homing_tension <= tension_soft <= tension_hard"),
         ({"speed_m_s": 0.0}, "expected a number above 0"),
         (
             {"servo_models": ["XM430-W350", "XL330-M288", "XM430-W350"], "temperature_limit_degc": 80.0},
             "temperature_limit_degc: expected at most the 70 degC .*found 80",
         ),
+        # 0.7 of 0.52 N m on 10 mm.
+        ({"tension_soft_n": 37.0}, r"tension_soft_n: expected at most 36\.4 N"),
+        ({"spool_radii_m": [0.012]}, r"tension_soft_n: expected at most 30\.3 N"),
         ({"loop_rate": 20.0}, "bus_watchdog_s: expected 0, or at least 2 periods"),
         (STAGE | {"tendons": ["a", "b"]}, "expected one with backend 'grbl'"),
         (STAGE | {"gauge_port": ""}, "without one nobody knows the tension"),

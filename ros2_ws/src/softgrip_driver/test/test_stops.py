@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softgrip_driver.dynamixel.registers import OperatingMode
-from softgrip_driver.tendon.gripper import Policies, StopPolicy
+from softgrip_driver.tendon.gripper import MoveMode, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome
 from softgrip_driver.tendon.trajectory import Trajectory
@@ -143,6 +143,30 @@ def test_a_servo_that_is_set_up_again_does_not_keep_the_others_waiting(holding):
     seen = holding.pass_time(3.0)
     assert max(b.time - a.time for a, b in pairwise(seen)) < 0.04
     assert not {d.fault for one in seen for d in one.drives[1:]} - {""}
+
+
+def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
+    """At the largest tension that may be asked for; (T / 20 N)^2 (1 - e^(-t / 20 s)) crosses 1 then."""
+    bench.hold_taut(0.0)
+    asked, lasting = TendonLimits().tension_soft, Policies().continuous_tension
+    outcome, reason = bench.run(bench.move([asked], 0.03, tendons=["index"], mode=MoveMode.TENSION))
+    assert outcome is Outcome.REACHED, reason
+    held = float(bench.plant.bank.tension_n[0])
+    began = bench.now()
+    assert bench.until(lambda _: any("backed off" in text for text in bench.drive("index").warnings), 12.0)
+    expected = -20.0 * np.log(1.0 - (lasting / held) ** 2)
+    assert bench.now() - began == pytest.approx(expected, abs=2.0)
+    assert held > 0.9 * asked
+    bench.pass_time(0.4)
+    tensions = []
+    bench.world.live(lambda _: tensions.append(float(bench.plant.bank.tension_n[0])))
+    bench.pass_time(1.5)
+    # What the gears' friction hides, and the error of the torque constant.
+    assert min(tensions) > 0.75 * 0.9 * lasting
+    assert max(tensions) < 1.3 * 0.9 * lasting
+    assert max(tensions) - min(tensions) < 0.5, "a finger that stands is at rest"
+    assert torque(bench) == [True] * 3
+    assert bench.drive("index").fault == ""
 
 
 @pytest.mark.parametrize("lost", ["order", "answer"])

@@ -37,6 +37,10 @@ REST_STEP_S: Final = 0.004
 """Step while nothing moves; the joints' implicit step and the motors are stable and exact enough there."""
 _REST_AFTER_S: Final = 0.3
 _REST_SPEED_RAD_S: Final = 1e-3
+_REST_CHANGE_N: Final = 0.3
+"""A tension that changes by more in one long step shows that the step is too long for this posture: the friction of a
+cable that was let off under a high tension turns to and fro in it."""
+_OTHER_POSTURE_M: Final = 2e-4
 _MAX_OFFSET_M: Final = 0.1
 _STEPS_AT_A_TIME: Final = 4
 _READING_CATCH_UP_S: Final = 0.006
@@ -125,7 +129,6 @@ class CellPlant:
         self._powered = [True] * len(self.servos)
         self._spool_radii_m = np.array([motor.spool_radius_m for motor in self.motors])
         self._disturbed = False
-        self._calm_s = 0.0
         self._rebuild(keep=())
 
     # -- what a person does ----------------------------------------------------------------------------------------
@@ -193,6 +196,7 @@ class CellPlant:
             self.bank.adopt(before, keep)
         self._base_slack = self.bank.slack_m.copy()
         self._calm_s = 0.0
+        self._restless_at_m: Array | None = None
 
     def index(self, slot: str) -> int:
         """Number of a slot.
@@ -249,7 +253,15 @@ class CellPlant:
             self._apply_disturbances()
             wound_m = self.wound_m()
             self.bank.step(wound_m, dt_s, self.grasp.load(self.bank, wound_m, dt_s))
-            self._calm_s = 0.0 if moving else self._calm_s + dt_s
+            if dt_s > STEP_S and np.abs(self.bank.tension_n - tensions_n).max() > _REST_CHANGE_N:
+                self._restless_at_m = wound_m
+            self._calm_s = 0.0 if moving or self._restless(wound_m) else self._calm_s + dt_s
+
+    def _restless(self, wound_m: Array) -> bool:
+        """Whether long steps are too long for the fingers as they stand."""
+        if self._restless_at_m is not None and np.abs(wound_m - self._restless_at_m).max() > _OTHER_POSTURE_M:
+            self._restless_at_m = None
+        return self._restless_at_m is not None
 
     def wound_m(self) -> Array:
         """Cable each spool has wound since its finger was mounted [m]."""
