@@ -4,6 +4,9 @@
 The shipped launch file on emulated hardware: the drives' loop, the camera and the tracker run, nothing is grasped. The
 emulated hardware is a process of its own and is left out of the sums: a real cell has none. Python's files are compiled
 beforehand, as after a first start: compiling them leaves megabytes behind in each process. Linux only (/proc).
+
+"Idles under 15 % of one core" is read both ways: "idle cell CPU" is that of all processes together, "idle cell CPU of
+the busiest node" that of each process.
 """
 
 from __future__ import annotations
