@@ -125,7 +125,7 @@ class SlowMachine:
             stamp = number / STATE_HZ
             before = len(self.solved)
             sample = TendonSample(round(1e9 * stamp), pulled_m(stamp), 0.0, 1.0)
-            shown = self.session.on_tendons(["index"], [sample])
+            shown = list(self.session.on_tendons(["index"], [sample]))
             iterations = sum(found.iterations for _, _, found in self.solved[before:])
             self.shown += [(stamp, one) for one in shown]
             self.now = max(self.now + self.seconds_an_iteration * iterations, (number + 1) / STATE_HZ)

@@ -9,7 +9,7 @@ coarser mesh serves for a while, and says so; the fine one gets its keyframes on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -127,7 +127,8 @@ class _Slot:
     _last: tuple[float, int] = (math.inf, 0)
     """Length and stamp of the shape before."""
     _advanced: int = 0
-    """Stamp at which the fine one last got a keyframe while the coarse one served."""
+    """Stamp at which the fine one last caught up."""
+    _has_time: bool = False
 
     def closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace, too_slow: str) -> Closing:
         """Return the one that serves at a length; the fine one comes back only when it has nothing to catch up on."""
@@ -142,14 +143,18 @@ class _Slot:
         elif not self.why and taking > _TOO_LONG:
             self.why = f"its next shape would take {taking:.1f} s"
         waited = 1e-9 * (stamp_ns - self._advanced) > _PATIENCE
-        if (still or (self.why and waited)) and not keyframes.covers(self._owed_mm):
-            self._advanced = stamp_ns
-            keyframes.advance()
+        self._has_time = still or (bool(self.why) and waited)
         if not self.why:
             return self.fine
         self._owed_mm = max(self._owed_mm, length)
         self.coarse = self.coarse or self.make_coarse()
         return self.coarse
+
+    def catch_up(self) -> None:
+        """Give the fine one a keyframe, where it is owed one and there is time."""
+        if self._has_time and not self.fine.keyframes.covers(self._owed_mm):
+            self._advanced = self._last[1]
+            self.fine.keyframes.advance()
 
 
 class ShapeSession:
@@ -226,18 +231,20 @@ class ShapeSession:
             self._friction = before
             raise
 
-    def on_tendons(self, names: Sequence[str], samples: Sequence[TendonSample]) -> list[Shown]:
-        """Return the shapes of a tendon state; none when its stamp falls into a period that has been served."""
+    def on_tendons(self, names: Sequence[str], samples: Sequence[TendonSample]) -> Iterator[Shown]:
+        """Yield the shapes of a tendon state; none when its stamp falls into a period that has been served.
+
+        What there is to catch up on is done when the last has been taken: it makes no shape late.
+        """
         if not samples or self._fingers.keys().isdisjoint(names):
             # What shows nothing leaves no trace: a replay knows only of the states that were shown.
-            return []
+            return
         if not self._slots.takes(samples[0].stamp):
-            return []
+            return
         stamp = samples[0].stamp
         self._pace.note(self._note_rate(stamp), sum(slot.fine.keyframes.solved for slot in self._made.values()))
         self._relief.note(stamp)
         marker_due = self._marker_slots.takes(stamp)
-        shown = []
         for name, sample in zip(names, samples, strict=True):
             finger = self._fingers.get(name)
             if finger is None:
@@ -247,20 +254,20 @@ class ShapeSession:
                 closing = finger.closing(1e3 * sample.pulled_length, stamp, self._pace, self._too_slow(stamp))
             shape = closing.shape(sample.pulled_length)
             reason = "; ".join(filter(None, (shape.reason, self._fewer(), self._coarser(finger))))
-            shown.append(
-                Shown(
-                    finger=name,
-                    mesh=closing.digest,
-                    faces=closing.faces,
-                    hexahedra=closing.hexahedra,
-                    shape=shape,
-                    rate_hz=self._rate,
-                    marker_due=marker_due,
-                    reason=reason,
-                    configuration=finger.fine.digest,
-                )
+            yield Shown(
+                finger=name,
+                mesh=closing.digest,
+                faces=closing.faces,
+                hexahedra=closing.hexahedra,
+                shape=shape,
+                rate_hz=self._rate,
+                marker_due=marker_due,
+                reason=reason,
+                configuration=finger.fine.digest,
             )
-        return shown
+        for name in names:
+            if name in self._fingers:
+                self._fingers[name].catch_up()
 
     def _fewer(self) -> str:
         if not self._rate < _COARSER * self._wanted_rate:
