@@ -245,3 +245,12 @@ def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monk
     truth = motor.ratings.torque_constant_nm_per_a * 0.010 / motor.spool_radius_m
     assert model.torque_per_ampere == pytest.approx(truth, rel=0.12)
     assert bench.plant.servos[0].registers.get("torque_enable") == 0
+
+
+def test_under_nohup_a_closed_terminal_ends_nothing():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        hang_up = lambda _: os.kill(os.getpid(), signal.SIGHUP) or common.DONE  # noqa: E731
+        assert common.run(hang_up, argparse.ArgumentParser(), []) == common.DONE
+    finally:
+        signal.signal(signal.SIGHUP, before)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 import time
@@ -45,6 +46,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         the process's exit code.
     """
     rclpy.init(args=list(args) if args is not None else None)
+    _end_with_the_terminal()
     node: Node | None = None
     executor: Any = MultiThreadedExecutor(num_threads=threads) if threads > 1 else SingleThreadedExecutor()
     code = 0
@@ -71,6 +73,12 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     finally:
         _leave(node, executor)
     return code
+
+
+def _end_with_the_terminal() -> None:
+    """Take a closed terminal for a kill, which rclpy cleans up after; under nohup it stays ignored."""
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
 
 
 def _refuse_unknown_parameters(node: Node) -> None:

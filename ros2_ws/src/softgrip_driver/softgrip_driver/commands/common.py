@@ -78,7 +78,8 @@ def _ended_once() -> Iterator[None]:
             signal.signal(one, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    before = {one: signal.signal(one, end) for one in _ENDS}
+    # Under nohup a closed terminal ends nothing.
+    before = {one: signal.signal(one, end) for one in _ENDS if signal.getsignal(one) is not signal.SIG_IGN}
     try:
         yield
     finally:

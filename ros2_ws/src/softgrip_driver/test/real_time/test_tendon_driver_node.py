@@ -112,6 +112,17 @@ def test_a_move_can_be_cancelled_and_holds(wire, start, peer):
     assert max(result.result.pulled_lengths) < 0.011
 
 
+@pytest.mark.parametrize("ends", [signal.SIGTERM, signal.SIGHUP])
+def test_a_kill_and_a_closed_terminal_let_go(wire, start, peer, ends):
+    process = start(f"port:={wire.bus.port.port_name}")
+    statuses = peer.hear(TendonStatusArray, "tendon/status", SENSOR)
+    peer.spin_until(lambda: statuses and all(one.state == TendonStatus.HOLDING for one in statuses[-1].tendons))
+    assert all(servo.registers.get("torque_enable") == 1 for servo in wire.plant.servos)
+    process.send_signal(ends)
+    assert process.wait(timeout=PATIENCE) == 0
+    assert all(servo.registers.get("torque_enable") == 0 for servo in wire.plant.servos)
+
+
 @pytest.mark.parametrize(
     ("parameter", "message"),
     [
