@@ -128,6 +128,27 @@ def test_precision_ordering_threads_and_memory_do_not_change_the_answer(settings
     np.testing.assert_allclose(other.displacement, usual.displacement, atol=1e-6)
 
 
+@pytest.mark.parametrize("shape", [(6, 6, 6), (30, 2, 2)], ids=["cube", "slender"])
+def test_every_elimination_order_undoes_the_same_matrix(shape):
+    mesh = bar(tuple(map(float, shape)), shape)
+    left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == shape[0])
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right)
+    prescribed = np.zeros_like(mesh.nodes)
+    prescribed[right, 0] = 0.1 * shape[0]
+    found = []
+    for ordering in (Ordering.AMD, Ordering.METIS, Ordering.AUTOMATIC):
+        for threads in (1, 2, 5):
+            settings = Settings(ordering=ordering, threads=threads, single_precision_factor=False)
+            solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=settings)
+            found.append(solver.solve(prescribed, tolerance=1e-10))
+            # plane after plane, each coupled in full with the next, is an order, too
+            plane = (shape[1] + 1) * (shape[2] + 1)
+            assert solver.matrix_entries <= (shape[0] - 1) * (plane * (plane + 1) // 2 + plane**2)
+    for one in found[1:]:
+        assert abs(one.iterations - found[0].iterations) <= 1  # a factor of something else would take others
+        np.testing.assert_allclose(one.displacement, found[0].displacement, atol=1e-8)
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_the_same_solve_gives_the_same_bits(threads):
     first, second = solved_bar(threads=threads), solved_bar(threads=threads)
