@@ -9,7 +9,9 @@ stay, and the nodes answer them anew.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -22,6 +24,7 @@ from pathlib import Path
 
 from softgrip_bag.excerpt import excerpt
 from softgrip_bag.facts import arithmetic
+from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.nodes.through import renewed
 from softgrip_bag.reader import RawMessage, read
 
@@ -32,6 +35,10 @@ SECOND = 1_000_000_000
 TENDONS = {"/tendon/state", "/cell/state", "/friction/active"}
 FINGERS = TENDONS | {"/finger/measured", "/finger/predicted", "/finger/residual"}
 CAMERA = "/camera/image_raw/compressed"
+
+
+#: The folders of an absolute path, in a parameter file or after `sqlite:///`.
+FOLDERS = re.compile(rb"(?:(?<=///)|(?<![\w/]))(?:/[\w.+-]+)+/(?=[\w.+-])")
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ def main() -> int:
             part = PARTS[name]
             shutil.rmtree(BAGS / name, ignore_errors=True)
             since, until = stretch(bag, part)
-            count = excerpt(bag, BAGS / name, part.topics, since, until)
+            count = excerpt(bag, BAGS / name, part.topics, since, until, edit=without_places)
             size = sum(file.stat().st_size for file in (BAGS / name).iterdir())
             sys.stdout.write(f"{name}: {count} messages, {size / 1e3:.0f} kB\n")
     return 0
@@ -100,8 +107,13 @@ def renew(name: str) -> None:
     if node is not None:
         excerpt(BAGS / name, BAGS / f"{name}.new", instead=renewed(BAGS / name, node))
         shutil.rmtree(BAGS / name)
-        excerpt(BAGS / f"{name}.new", BAGS / name)
+        excerpt(BAGS / f"{name}.new", BAGS / name, edit=without_places)
         shutil.rmtree(BAGS / f"{name}.new")
+
+
+def without_places(attachment: Attachment) -> Attachment:
+    """Take the folders of this computer out of a parameter file: a replay uses the attached files by their names."""
+    return dataclasses.replace(attachment, data=FOLDERS.sub(b"/cell/", attachment.data))
 
 
 def stretch(bag: Path, part: Part) -> tuple[int, int | None]:

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import RawMessage, attachments, facts, read, topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
@@ -23,6 +24,7 @@ def excerpt(
     since: int = 0,
     until: int | None = None,
     instead: Mapping[str, Sequence[RawMessage]] | None = None,
+    edit: Callable[[Attachment], Attachment] = lambda attachment: attachment,
 ) -> int:
     """Write a part of a bag; returns the number of messages.
 
@@ -35,6 +37,7 @@ def excerpt(
         since: [ns] by time of reception.
         until: [ns] by time of reception; None = the end.
         instead: topic -> messages in place of the recorded ones.
+        edit: gives what to carry in place of an attached file.
 
     Raises:
         BagError: no bag, no MCAP, or no room to write.
@@ -46,7 +49,7 @@ def excerpt(
     part = BagWriter(to, carried)
     try:
         for attachment in attachments(bag):
-            part.attach(attachment)
+            part.attach(edit(attachment))
         for topic in chosen:
             offers = tuple(OfferedQos.from_map(offer) for offer in topic.qos)
             part.add_topic(Topic(topic.name, topic.type_name, topic.type_hash, topic.schema, offers))
