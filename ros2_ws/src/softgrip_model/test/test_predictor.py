@@ -200,7 +200,7 @@ def test_residuals_do_not_depend_on_the_order_of_frames_and_swaps(profiles: dict
         step = {
             "frame": lambda: session.on_measured(8, [seen]),
             "swap": lambda: session.set_mounted({"index": "power"}),
-            "grasp": lambda: session.set_free(6, free=False),
+            "grasp": lambda: session.set_free(False),
         }
         found = session.on_tendons([TendonSample(5, 0.01, 0.0, 3.0)], ["index"])
         for name in order.split():
@@ -214,16 +214,16 @@ def test_residuals_do_not_depend_on_the_order_of_frames_and_swaps(profiles: dict
 
 def test_what_is_predicted_names_whether_the_fingers_were_free(profiles: dict[str, Profile]) -> None:
     session = Session(profiles, {"index": "power"}, WearSettings())
-    before = session.in_use(5).digest
-    session.set_free(10, free=False)
-    assert session.in_use(9).digest == before != session.in_use(10).digest
-    session.set_free(20, free=True)
-    assert session.in_use(20).digest == before
+    before = session.in_use.digest
+    session.set_free(False)
+    assert session.in_use.digest != before
+    session.set_free(True)
+    assert session.in_use.digest == before
 
 
 def test_a_late_sample_does_not_change_what_was_in_use(profiles: dict[str, Profile]) -> None:
     session, timeline = Session(profiles, {"index": "power"}, WearSettings()), Timeline(span=100)
-    first, second = session.in_use(0), replace_free(session.in_use(0))
+    first, second = session.in_use, replace_free(session.in_use)
     timeline.note(10, first)
     timeline.note(20, second)
     timeline.note(15, first)

@@ -135,17 +135,18 @@ def test_soft_strips_mean_a_worn_finger(closings: Closings) -> None:
 def test_closings_on_an_object_do_not_count(closings: Closings) -> None:
     closings.run(6, 1.0, 1.0)
     before = closings.residuals[-1]
-    closings.session.set_free(closings.stamp, free=False)
+    closings.session.set_free(False)
     closings.run(12, 1.5, 0.6)
     after = closings.residuals[-1]
     assert (after.cusum_friction, after.cusum_stiffness) == (before.cusum_friction, before.cusum_stiffness)
 
 
-def test_what_the_cell_does_counts_from_its_stamp_on(closings: Closings) -> None:
-    """cell/state comes by another way than the tendons' state: a grasp that begins later spoils no earlier closing."""
+def test_a_grasp_that_is_heard_of_spoils_no_earlier_closing(closings: Closings) -> None:
+    """A frame comes later than the tendon samples about it; it is judged by what was so at its time."""
     closings.run(6, 1.0, 1.0)
-    closings.session.set_free(closings.stamp + 10_000 * MILLISECOND, free=False)
     closings.run(6, 1.25, 1.0)
+    closings.session.set_free(False)
+    closings.run(6, 1.0, 0.5)
     assert closings.residuals[-1].verdict is Verdict.RECALIBRATE
 
 

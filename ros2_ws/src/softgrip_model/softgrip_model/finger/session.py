@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -62,7 +61,7 @@ class Session:
         self._wear = wear
         self._frictions: dict[str, ActiveFriction] = {}
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
-        self._free: deque[tuple[int, bool]] = deque(maxlen=100)
+        self._free = True
         self._timeline = Timeline()
         self._adopt(Configuration(self._profiles, mounted, None))
 
@@ -81,18 +80,19 @@ class Session:
         if dict(mounted) != self.configuration.mounted:
             self._adopt(Configuration(self._profiles, mounted, self.configuration.friction))
 
-    def set_free(self, stamp: int, free: bool) -> None:
-        """Take note that from this stamp [ns] on the fingers move free of objects, or not."""
-        self._free.append((stamp, free))
+    def set_free(self, free: bool) -> None:
+        """Take note that from now on the fingers move free of objects, or not."""
+        self._free = free
 
-    def in_use(self, stamp: int) -> InUse:
-        """Return what a tendon sample that comes now with a stamp [ns] is predicted and judged with."""
-        return InUse(self.configuration, self._monitors, self._is_free(stamp))
+    @property
+    def in_use(self) -> InUse:
+        """What a tendon sample that comes now is predicted and judged with."""
+        return InUse(self.configuration, self._monitors, self._free)
 
     def on_tendons(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Residual]:
         """Take the tendons' state at one stamp; return the residuals that became known by it."""
         for sample in tendons[:1]:
-            self._timeline.note(sample.stamp, self.in_use(sample.stamp))
+            self._timeline.note(sample.stamp, self.in_use)
         pairs = [
             pair
             for name, sample in zip(names, tendons, strict=True)
@@ -157,12 +157,6 @@ class Session:
 
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())
-
-    def _is_free(self, stamp: int) -> bool:
-        for since, free in reversed(self._free):
-            if since <= stamp:
-                return free
-        return True
 
     def _residuals(self, pairs: Sequence[tuple[TendonSample, MeasuredFinger]]) -> list[Residual]:
         residuals = []

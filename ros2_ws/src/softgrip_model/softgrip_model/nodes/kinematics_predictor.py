@@ -107,7 +107,7 @@ class KinematicsPredictor(Node):
             return
         predictions = self._session.predict(samples, names)
         if predictions:
-            in_use = self._session.in_use(samples[0].stamp)
+            in_use = self._session.in_use
             self._predicted.publish(
                 convert.predicted_message(message.header, predictions, in_use.configuration.friction_id, in_use.digest)
             )
@@ -135,7 +135,7 @@ class KinematicsPredictor(Node):
         self.get_logger().info(f"friction model {friction.id}")
 
     def _on_cell(self, message: CellState) -> None:
-        self._session.set_free(convert.nanoseconds(message.header.stamp), free=convert.is_free(message))
+        self._session.set_free(convert.is_free(message))
         mounted = convert.mounted_profiles(message)
         try:
             self._session.set_mounted(mounted)
