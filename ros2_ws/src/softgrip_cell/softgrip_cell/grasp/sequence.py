@@ -25,8 +25,8 @@ FORCE_MARGIN: Final = 0.85
 FOLLOW_M: Final = 0.001
 GIVING_WAY_S: Final = 3.0
 
-#: So long both sides have to have lost their force: two samples, as the fall of many before shows it too [s].
-COLLAPSED_S: Final = 0.005
+#: In so many samples both sides have to have lost their force: the fall over many before shows it too.
+COLLAPSED_RUN: Final = 2
 
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
@@ -224,7 +224,7 @@ class GraspSequence:
 
     def _let_go(self, now_ns: int) -> int | None:
         """Return since when nothing is held any more, once that is sure."""
-        collapsed_ns = self._began("collapsed", self._grip.collapsed(), now_ns, COLLAPSED_S)
+        collapsed_ns = self._began("collapsed", self._grip.collapsed(), now_ns, samples=COLLAPSED_RUN)
         began_ns = self._began("let go", not self._grip.holding(), now_ns, self._settings.slip_s)
         if collapsed_ns is None and self._phase is Phase.LIFT and self._grip.leans():
             return None
@@ -264,23 +264,25 @@ class GraspSequence:
                 return self._end(Outcome.TENDON_FAULT, reason, began_ns)
         return None
 
-    def _began(self, what: str, condition: bool, now_ns: int, wait_s: float | None = None) -> int | None:
+    def _began(
+        self, what: str, condition: bool, now_ns: int, wait_s: float = 0.0, samples: int | None = None
+    ) -> int | None:
         """Follow a condition; return the stamp of the first sample of its run once the run is long enough.
 
         Args:
             what: name of the condition.
             condition: whether it holds now.
             now_ns: stamp of the sample.
-            wait_s: how long it has to hold [s]; None: for as many samples as the settings say.
+            wait_s: how long it has to hold at least [s].
+            samples: in how many samples it has to hold at least; None: in as many as the settings say.
         """
         if not condition:
             self._runs.pop(what, None)
             return None
         run = self._runs.setdefault(what, [])
         run.append(now_ns)
-        if wait_s is None:
-            return run[0] if len(run) >= self._settings.run else None
-        return run[0] if now_ns - run[0] >= wait_s * NANOSECONDS else None
+        enough = len(run) >= (samples or self._settings.run) and now_ns - run[0] >= wait_s * NANOSECONDS
+        return run[0] if enough else None
 
     # --- commands --------------------------------------------------------------------------------------------------
 
