@@ -77,7 +77,7 @@ def test_two_cells_on_one_machine_do_not_see_each_other(launch: Launch, tmp_path
     for cell in cells:
         cell.wait_for(UP, 30.0)
     for cell in cells:
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 45.0
         while (names := cell.ask("node", "list").split()).count("/emulated_cell") != 1:
             assert time.monotonic() < deadline, names
         assert len(names) == len(set(names))
