@@ -15,6 +15,7 @@ from softgrip_driver.tendon.trajectory import Trajectory
 HELD = 8.0
 #: instruction of the protocol
 REBOOT = 0x08
+TORQUE_ADDRESS = 64
 CAUSES = {
     "servo_silent": ({"slot": "index"}, "no answer from index"),
     "bus_unplugged": ({}, "nothing could be switched off"),
@@ -193,6 +194,23 @@ def test_a_servo_that_restarts_without_a_word_after_an_overload_takes_hold_again
     assert torque(holding) == [True] * 3
     assert len(reboots) == (2 if lost == "order" else 1)
     assert holding.drive("index").fault == "overload"
+
+
+def test_an_overload_whose_torque_is_seen_off_before_its_alert_is_no_restart(holding):
+    """It happens between the group's answer and the torque's, which is read in its turn."""
+    deliver, waiting = holding.bus_wire.exchange, [True]
+
+    def exchange(data, now_s, baud):
+        if waiting and data[:8] == bytes.fromhex("ff ff fd 00 01 07 00 02") and data[8] == TORQUE_ADDRESS:
+            waiting.clear()
+            holding.cause("overload", slot="index")
+        return deliver(data, now_s, baud)
+
+    holding.bus_wire.exchange = exchange
+    assert holding.until(lambda _: holding.drive("index").fault, 1.0)
+    assert holding.drive("index").fault == "overload"
+    # Only an overload is taken hold of again.
+    assert holding.until(lambda _: torque(holding) == [True] * 3, 3.0), holding.drive("index").fault_reason
 
 
 @pytest.mark.parametrize(("end", "streamed"), [(0.001, False), (0.010, False), (0.001, True)])

@@ -266,10 +266,12 @@ class DynamixelBackend:
         if live.watchdog_tripped:
             faults += ("bus_watchdog",)
             live.watchdog_tripped = False
+        # A servo that is in error has a reason for being without torque; until it is known, nobody says "restarted".
+        powered = None if live.alert and not live.hardware_error else live.powered
         return DriveReading(
             time.monotonic(), position, velocity, max(0.0, pull), stddev, pull, current,
             live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
-            live.powered, live.mark, faults, "", live.hardware_error,
+            powered, live.mark, faults, "", live.hardware_error,
         )  # fmt: skip
 
     def _missed(self, live: Live, now: float) -> None:
