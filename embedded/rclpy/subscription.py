@@ -102,7 +102,8 @@ class Subscription(Endpoint):
         if waiting == queue.maxlen:
             self._lost(1)
         queue.append((sample.payload, data, time.time_ns()))
-        if not waiting:
+        # The executor may have emptied the queue in between: then it does not look for this one.
+        if not waiting or len(queue) == 1:
             self._node._rcl_ready(self)
 
     def _accept(self, gid: bytes) -> bool:

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import collections
 import importlib
 import threading
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,8 +18,11 @@ from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+
+from embedded_ros import wire
 
 Make = Callable[..., Node]
 Spin = Callable[..., bool]
@@ -73,6 +78,35 @@ def test_shutdown_ends_a_spin_and_publishing(make_node: Make, context: Context) 
         executor.spin()
     with pytest.raises(RCLError, match="context is invalid"):
         publisher.publish(String())
+
+
+def test_a_message_that_comes_while_the_one_before_is_taken_is_run_at_once(
+    make_node: Make, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between a look at the queue and its filling the executor may empty it: nobody else says that there is more."""
+
+    class EmptiedMeanwhile(collections.deque[Any]):
+        def append(self, item: Any) -> None:
+            self.clear()
+            super().append(item)
+
+    node, heard = make_node("n"), []
+    subscription = node.create_subscription(String, "t", lambda message: heard.append(message.data), 10)
+    said: list[Any] = []
+    monkeypatch.setattr(node, "_rcl_ready", said.append)
+    sample = SimpleNamespace(
+        attachment=SimpleNamespace(to_bytes=lambda: wire.encode_attachment(1, 2, bytes(16))),
+        payload=SimpleNamespace(to_bytes=lambda: serialize_message(String(data="x"))),
+    )
+    subscription._queue = EmptiedMeanwhile(["being taken"], maxlen=10)
+    subscription._on_sample(sample)
+    assert said == [subscription]
+    monkeypatch.undo()
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    executor.spin_once(timeout_sec=1.0)
+    executor.remove_node(node)
+    assert heard == ["x"]
 
 
 def test_what_is_not_there_is_refused_by_name(make_node: Make) -> None:
