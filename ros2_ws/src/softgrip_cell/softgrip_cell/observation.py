@@ -104,3 +104,31 @@ class Pairing:
             stamp_ns, sample = self._samples.popitem(last=False)
             if stamp_ns == free.stamp_ns:
                 return Pair(sample, free)
+
+
+class Silence:
+    """Whether a sender went quiet, by looks at a steady pace.
+
+    A clock would take the listener's own pause (a busy computer, a slow disk) for the sender's silence: what was sent
+    meanwhile still waits to be taken. Looks that were missed are not made up for, so that a pause is one look at most.
+
+    Args:
+        looks: in so many looks in a row nothing was heard.
+    """
+
+    def __init__(self, looks: int) -> None:
+        self._limit = looks
+        self._looks = looks
+
+    @property
+    def reached(self) -> bool:
+        """Whether the sender is quiet; true before it was heard first."""
+        return self._looks >= self._limit
+
+    def hear(self) -> None:
+        """Take note of a message."""
+        self._looks = 0
+
+    def look(self) -> None:
+        """Let one period pass."""
+        self._looks += 1

@@ -36,18 +36,37 @@ class Tally:
 
 @dataclass(frozen=True)
 class SuccessEstimate:
-    """Probability that a grasp holds.
+    """Probability that a grasp holds: a Beta distribution.
 
     Attributes:
-        mean: posterior mean [0..1].
-        low, high: equal-tailed 95 % credible interval [0..1].
+        a, b: its parameters.
         grasps: counted grasps behind it.
     """
 
-    mean: float
-    low: float
-    high: float
+    a: float
+    b: float
     grasps: int
+
+    @property
+    def mean(self) -> float:
+        """Posterior mean [0..1]."""
+        return self.a / (self.a + self.b)
+
+    @property
+    def low(self) -> float:
+        """Lower end of the equal-tailed 95 % credible interval [0..1]."""
+        return self._quantile(0.025)
+
+    @property
+    def high(self) -> float:
+        """Upper end of the equal-tailed 95 % credible interval [0..1]."""
+        return self._quantile(0.975)
+
+    def _quantile(self, share: float) -> float:
+        # 30 MB and a third of a second that a plan has and a grasp has not.
+        from scipy.special import betaincinv  # noqa: PLC0415
+
+        return float(betaincinv(self.a, self.b, share))
 
     @property
     def mark(self) -> TableMark:
@@ -59,15 +78,10 @@ class SuccessEstimate:
 
 def estimate(mark: TableMark | None, tally: Tally = Tally()) -> SuccessEstimate:
     """Combine a mark (None: never tried) with counted grasps by Bayes' rule for a rate (Beta-binomial)."""
-    from scipy.special import betaincinv  # noqa: PLC0415  30 MB that only a plan needs
-
     weight = 0.0 if mark is None else MARK_WEIGHT
     rate = 0.0 if mark is None else MARK_RATE[mark]
-    a = JEFFREYS + weight * rate + tally.gripped
-    b = JEFFREYS + weight * (1.0 - rate) + tally.failed
     return SuccessEstimate(
-        mean=a / (a + b),
-        low=float(betaincinv(a, b, 0.025)),
-        high=float(betaincinv(a, b, 0.975)),
+        a=JEFFREYS + weight * rate + tally.gripped,
+        b=JEFFREYS + weight * (1.0 - rate) + tally.failed,
         grasps=tally.gripped + tally.failed,
     )

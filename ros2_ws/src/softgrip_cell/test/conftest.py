@@ -79,6 +79,7 @@ class Bench:
             self.commands.append(command)
             if isinstance(command, Open):
                 self.pulled_m = [0.0, 0.0, 0.0]
+                self._goal = Close((), (), 0.0, 0.0)
                 self._tension_n.clear()
             elif isinstance(command, Close):
                 self._goal = command

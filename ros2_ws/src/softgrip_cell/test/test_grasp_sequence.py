@@ -11,7 +11,7 @@ import pytest
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Outcome, Phase, Press
-from softgrip_cell.observation import SeenTip, TendonFault, TendonSample
+from softgrip_cell.observation import SeenTip, TendonFault
 
 SETTINGS = GraspSettings(lift_window_s=1.0)
 EVERYWHERE = (0.008, 0.009, 0.0085)
@@ -249,13 +249,41 @@ def test_silence_of_the_predictor_ends_the_grasp(task, bench) -> None:
     made = bench()
     made.obey(sequence.start())
     sequence.observe(made.pair())
-    sample = made.pair().sample
-    assert sequence.observe_sample(sample).verdict is None
-    late = TendonSample(sample.stamp_ns + 300_000_000, sample.pulled_m, sample.tension_n)
-    step = sequence.observe_sample(late)
-    assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.ABORTED
-    assert "finger/predicted" in step.verdict.reason
+    steps = [sequence.observe_sample(made.pair().sample) for _ in range(52)]  # 0.255 s from the first to the last
+    assert [step.verdict for step in steps[:51]] == [None] * 51
+    assert steps[51].verdict is not None
+    assert steps[51].verdict.outcome is Outcome.ABORTED
+    assert "finger/predicted for every tendon/state, found none for 0.2" in steps[51].verdict.reason
+
+
+def test_a_predictor_that_lags_is_as_bad_as_a_silent_one(task, bench) -> None:
+    sequence = GraspSequence(task(), SETTINGS)
+    made = bench()
+    made.obey(sequence.start())
+    pairs = [made.pair() for _ in range(200)]
+    sequence.observe(pairs[0])
+    verdicts = []
+    for i in range(1, 150):
+        verdicts.append(sequence.observe_sample(pairs[i].sample).verdict)
+        sequence.observe(pairs[i // 2])  # half as fast as the samples come
+    ended = next(i for i, verdict in enumerate(verdicts, start=1) if verdict)
+    assert (ended - (ended - 1) // 2) * 0.005 == pytest.approx(0.25, abs=0.011)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_pause_in_the_samples_is_no_silence_of_the_predictor(task, bench, lost) -> None:
+    """The manager was held up, or the bus was; the prediction of the last sample before may have got lost."""
+    sequence = GraspSequence(task(), SETTINGS)
+    made = bench()
+    made.obey(sequence.start())
+    sequence.observe(made.pair())
+    if lost:
+        assert sequence.observe_sample(made.pair().sample).verdict is None
+    made.now_ns += 1_500_000_000
+    pair = made.pair()
+    assert sequence.observe_sample(pair.sample).verdict is None
+    assert sequence.observe(pair).verdict is None
+    assert sequence.observe_sample(made.pair().sample).verdict is None
 
 
 def test_the_same_trace_gives_the_same_verdict_to_the_last_bit(run, task, bench) -> None:

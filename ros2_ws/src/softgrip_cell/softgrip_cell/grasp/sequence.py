@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -28,6 +29,9 @@ GIVING_WAY_S: Final = 3.0
 #: In so many samples both sides have to have lost their force: the fall over many before shows it too.
 COLLAPSED_RUN: Final = 2
 
+#: So many samples in a row have to lack it: what was sent in a pause passes in a rush, and much of it is dropped.
+STALE_RUN: Final = 10
+
 #: A closing may take this many times its path over its speed, plus START_S, before it counts as stuck.
 CLOSING_PATIENCE: Final = 2.0
 START_S: Final = 2.0
@@ -48,6 +52,7 @@ class GraspSequence:
         self._leaning = Leaning(task.slots, task.references, settings)
         self._phase = Phase.APPROACH
         self._last_ns: int | None = None
+        self._unpaired_ns: deque[int] = deque()  # stamps of samples that wait for their prediction
         self._phase_since_ns = 0
         self._closing = list(range(len(task.slots)))
         self._pressing = Pressing(task, settings, self._reader)
@@ -77,6 +82,8 @@ class GraspSequence:
         if self._last_ns is None:
             self._phase_since_ns = now_ns
         self._last_ns = now_ns
+        while self._unpaired_ns and self._unpaired_ns[0] <= now_ns:
+            self._unpaired_ns.popleft()
         self._leaning.predict(pair)
         self._grip.look(now_ns, self._reader.read(pair, self._pressing.slots), self._leaning.slots(now_ns))
         lost = self._lost_tendon(now_ns)
@@ -97,12 +104,18 @@ class GraspSequence:
 
     def observe_sample(self, sample: TendonSample) -> Step:
         """Take a tendon sample that has no prediction yet; too long without one ends the grasp."""
-        if self._phase is Phase.DONE or self._last_ns is None:
+        if self._phase is Phase.DONE or self._last_ns is None or sample.stamp_ns <= self._last_ns:
             return Step(self._phase)
-        gap_s = (sample.stamp_ns - self._last_ns) / NANOSECONDS
-        if gap_s <= self._settings.stale_s:
+        stale_ns = self._settings.stale_s * NANOSECONDS
+        waiting = self._unpaired_ns
+        # While no samples came, or none were taken in, there was nothing to predict; the wait begins with the next one.
+        if waiting and sample.stamp_ns - waiting[-1] > stale_ns:
+            waiting.clear()
+        waiting.append(sample.stamp_ns)
+        gap_ns = sample.stamp_ns - waiting[0]
+        if gap_ns <= stale_ns or len(waiting) < STALE_RUN:
             return Step(self._phase)
-        reason = f"expected a finger/predicted for every tendon/state, found none for {gap_s:.2f} s"
+        reason = f"expected a finger/predicted for every tendon/state, found none for {gap_ns / NANOSECONDS:.2f} s"
         return self._end(Outcome.ABORTED, reason, sample.stamp_ns)
 
     def closing_ended(self) -> None:

@@ -32,7 +32,7 @@ class GraspSettings:
         press_speed_m_per_s: pulled length per second once both sides touch and only force is missing [m/s].
         settle_s: after both sides touched, how long the fingers may take until they stand and press [s].
         lift_window_s: how long the hold is watched after lifting (thesis 4.3.3: 5 s) [s].
-        stale_s: longest gap between paired samples [s].
+        stale_s: longest run of samples without a prediction [s].
         open_m: pulled length below which a finger counts as open [m].
         reach_m: distance to the end of the path that counts as there [m].
         tension_limit_n: largest tension that is ever asked of the driver [N].

@@ -22,7 +22,7 @@ from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.nodes.grasp_server import GraspServer
 from softgrip_cell.nodes.parameters import PARAMETERS, check_settings, grasp_settings
 from softgrip_cell.nodes.swap_server import SwapServer
-from softgrip_cell.observation import Pair, Pairing
+from softgrip_cell.observation import Pair, Pairing, Silence
 from softgrip_cell.passports import SHIPPED as SHIPPED_PASSPORTS
 from softgrip_cell.passports import read_passports
 from softgrip_cell.planner import Order
@@ -44,8 +44,9 @@ from softgrip_nodekit import (
 #: Who the audit names for what the node does by itself.
 WHO = "grasp_mix_manager"
 
-#: Silence of the driver after which it counts as gone [s].
+#: Silence of the driver after which it counts as gone, and how often that is looked at [s].
 SILENCE_S = 1.0
+LOOK_S = 0.1
 
 #: After its start the driver may take so long before its silence is an error [s].
 START_S = 10.0
@@ -67,7 +68,7 @@ class GraspMixManager(Node):
             )
         self._grasp_settings: GraspSettings = grasp_settings(values)
         self._status: TendonStatusArray | None = None
-        self._status_at_s = self._state_at_s = float("-inf")
+        self._status_silence, self._state_silence = (Silence(round(SILENCE_S / LOOK_S)) for _ in range(2))
         self._friction: FrictionModel | None = None
         self._pairing = Pairing()
         self._published: Any = None
@@ -96,7 +97,7 @@ class GraspMixManager(Node):
         self._doors.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
         self._doors.subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
         self._doors.subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
-        self._doors.timer(0.1, self._watch)
+        self._doors.timer(LOOK_S, self._watch)
         self._publish_state()
 
     def close(self) -> None:
@@ -141,7 +142,7 @@ class GraspMixManager(Node):
                 "tendons", Health.ERROR, f"tendon/state: expected numbers for {expected}, found others"
             )
             return
-        self._state_at_s = self._doors.monotonic_s()
+        self._state_silence.hear()
         self._cell.observe_sample(sample, 2.0 * self._grasp_settings.open_m)
         self._grasp.observe_sample(sample)
         self._swap.observe_sample(sample)
@@ -168,7 +169,8 @@ class GraspMixManager(Node):
             self._publish_state()
 
     def _on_tendon_status(self, message: TendonStatusArray) -> None:
-        self._status, self._status_at_s = message, self._doors.monotonic_s()
+        self._status = message
+        self._status_silence.hear()
         faults = convert.tendon_faults(message, self._slots)
         self._grasp.observe_faults(faults, convert.nanoseconds(message.header.stamp))
         self._swap.observe_faults(faults)
@@ -178,7 +180,7 @@ class GraspMixManager(Node):
         self._friction = message
 
     def _update_driver(self) -> None:
-        fresh = self._doors.monotonic_s() - min(self._status_at_s, self._state_at_s) < SILENCE_S
+        fresh = not (self._status_silence.reached or self._state_silence.reached)
         facts: DriverFacts = convert.driver_facts(self._status, self._slots, fresh=fresh)
         self._cell.update_driver(facts)
         self._publish_state()
@@ -189,10 +191,12 @@ class GraspMixManager(Node):
             self._to_release = False
             self._driver.release(self._released_after_restart)
         self._swap.watch_clock()
+        self._status_silence.look()
+        self._state_silence.look()
         self._update_driver()
         if self._status is None and self._doors.monotonic_s() - self._started_at_s < START_S:
             self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
-        elif self._doors.monotonic_s() - self._state_at_s > SILENCE_S:
+        elif self._state_silence.reached:
             self._grasp.abort(f"expected tendon/state, found none for {SILENCE_S:g} s")
             self._diagnostics.set("tendons", Health.ERROR, "no tendon/state; start or check tendon_driver")
         else:

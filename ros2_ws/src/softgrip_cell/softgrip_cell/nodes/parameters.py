@@ -44,7 +44,7 @@ PARAMETERS = ParameterTable(
         "slip_share", _GRASP.slip_share, "share of the contact threshold below which a hold is lost", "", 0.1, 1.0
     ),
     Parameter("witness_m", _GRASP.witness_m, "so far short of its end a finger met something", "m", 0.0003, 0.005),
-    Parameter("stale_s", _GRASP.stale_s, "longest gap between predicted samples in a grasp", "s", 0.02, 5.0),
+    Parameter("stale_s", _GRASP.stale_s, "longest run of samples without a prediction in a grasp", "s", 0.02, 5.0),
     Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
     Parameter("check_length_m", _CHECK.length_m, "pulled length of the check after a swap", "m", 0.005, 0.060),

@@ -51,6 +51,7 @@ class ScriptedDriver(Node):
         self.profile = "power"
         self.fault = ""
         self.estop = False
+        self.quiet = False
         self.released = 0
         self.blocked: set[str] = set()
         self._gates: list[Future] = []
@@ -130,6 +131,8 @@ class ScriptedDriver(Node):
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
         if max(targets) == 0.0:
+            if "open" in self.blocked:
+                await self._blocked()
             self.bench.obey(Step(Phase.APPROACH, (Open(),)))
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
@@ -144,6 +147,8 @@ class ScriptedDriver(Node):
         return MoveTendon.Result(outcome=outcome)
 
     def _tick(self) -> None:
+        if self.quiet:
+            return
         self.bench.now_ns = self.get_clock().now().nanoseconds - 5_000_000
         pair = self.bench.pair()
         stamp = to_time_message(pair.sample.stamp_ns)

@@ -72,14 +72,24 @@ def test_kill_9_in_a_grasp_lets_nobody_grasp_before_the_fingers_were_opened(cell
     cell.start("lift_window_s:=30.0")
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
     cell.driver.bench.contact_m = (0.004, 0.004, 0.004)
+    if phase == "approach":  # the fingers stand closed, and do not open in time
+        cell.driver.bench.pulled_m = [0.01, 0.01, 0.01]
+        cell.driver.blocked = {"open"}
     reached = threading.Event()
     client = ActionClient(cell.node, Grasp, "cell/grasp")
     cell.until(client.server_is_ready, 10.0, "cell/grasp")
-    client.send_goal_async(
-        Grasp.Goal(product="orange", confirm_lift=True),
-        feedback_callback=lambda message: reached.set() if message.feedback.phase == phase else None,
-    )
-    assert reached.wait(10.0)
+    phases = []
+
+    def on_feedback(message: Any) -> None:
+        phases.append(message.feedback.phase)
+        if message.feedback.phase == phase:
+            reached.set()
+
+    goal = client.send_goal_async(Grasp.Goal(product="orange", confirm_lift=True), feedback_callback=on_feedback)
+    if not reached.wait(10.0):
+        result = goal.result() and goal.result().get_result_async()
+        cell.until(lambda: result is None or result.done(), 10.0, f"a result of the grasp, which told {phases}")
+        pytest.fail(f"the grasp told {phases} and ended with {result and result.result()}")
     released = cell.driver.released
     cell.stop(signal.SIGKILL)
 

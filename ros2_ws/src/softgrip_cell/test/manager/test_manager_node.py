@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
@@ -197,6 +198,32 @@ def test_a_fault_in_a_grasp_ends_it_as_a_tendon_fault_and_a_cancel_as_aborted(ce
     answer = cell.wait(handle.get_result_async(), 5.0, "a result")
     assert GRASP_OUTCOMES[answer.result.outcome] == "ABORTED"
     assert "cancelled by the client; the fingers stay where they are" in answer.result.reason
+
+
+def test_a_driver_that_falls_silent_ends_the_grasp_and_a_manager_that_was_held_up_goes_on(cell: Any) -> None:
+    """Its own pause is no silence of others: what was sent meanwhile still waits for it."""
+    cell.start("lift_window_s:=2.0")
+    assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
+    cell.driver.bench.contact_m = (0.008, 0.009, 0.0085)
+
+    def hold_up(phase: str) -> None:
+        if phase == "lift":
+            cell.process.send_signal(signal.SIGSTOP)
+            threading.Timer(1.4, cell.process.send_signal, [signal.SIGCONT]).start()
+
+    held = cell.controller.grasp("orange", on_phase=hold_up)
+    assert GRASP_OUTCOMES[held.outcome] == "GRIPPED", held.reason
+    assert held.duration > 1.4
+    cell.controller.release()
+    cell.state(lambda s: s.mode == CellState.IDLE, "mode idle after release")
+
+    def fall_silent(phase: str) -> None:
+        cell.driver.quiet = phase == "lift"
+
+    lost = cell.controller.grasp("orange", on_phase=fall_silent)
+    assert GRASP_OUTCOMES[lost.outcome] == "ABORTED"
+    assert "expected tendon/state, found none for 1 s" in lost.reason
+    cell.state(lambda s: s.mode == CellState.UNKNOWN, "mode unknown")
 
 
 def test_a_cancelled_swap_states_its_safe_condition(cell: Any) -> None:
