@@ -6,6 +6,7 @@ Run after a table has changed: ``python tools/parameters.py``. tests/validation/
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import sys
 from pathlib import Path
@@ -77,6 +78,7 @@ def files() -> dict[Path, str]:
 
 def main() -> int:
     """Write the files."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for path, content in files().items():
         path.write_text(content)
         print(path.relative_to(CONFIG.parents[3]))

@@ -103,8 +103,8 @@ SLOW_CYCLE, SLOW = 0.1, 0.3
 BOTH_STAGES = [
     Row("stand_silent", "no_reply", reason="nothing heard for", safe_within=SLOW),
     Row("stand_reply_cut", "no_reply", reason="nothing heard for", safe_within=SLOW),
-    # The setpoint first gets 3 mm ahead at 3 mm/s, then nothing moves for a second. Lag, its anchor and its end are each
-    # seen up to a cycle late, in a reading that is up to a cycle old.
+    # The setpoint first gets 3 mm ahead at 3 mm/s, then nothing moves for a second. Lag, its anchor and its end are
+    # each seen up to a cycle late, in a reading that is up to a cycle old.
     Row("stage_jammed", "stalled", reason="look for a jam", recovery="command", safe_within=2.0 + 4 * SLOW_CYCLE),
     Row("unplugged", "port_lost", arguments=(STAGE_PORT,), reason="plug", recovery="home", safe_within=SLOW),
     Row("gauge_silent", "gauge_lost", reason="check power", safe_within=2 * SLOW),

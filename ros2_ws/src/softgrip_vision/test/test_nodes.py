@@ -156,6 +156,32 @@ def test_from_stream_to_joint_angles(
     assert cv2.imdecode(np.frombuffer(watcher.overlays[0].data, np.uint8), cv2.IMREAD_COLOR).shape == (720, 1280, 3)
 
 
+def test_the_first_frame_waits_for_those_who_want_all_of_them(
+    watcher: Watcher, jpeg: bytes, serve: Callable[..., str], part: Callable[[bytes, str | None], bytes]
+) -> None:
+    """With one that never comes the wait has its end."""
+    now = time.time()
+    stream = serve([part(jpeg, f"{now + i:.6f}") for i in range(3)])
+    late = watcher.start("camera", source=stream, wait_for_subscribers=3, subscribers_wait_s=0.2)
+    assert watcher.until(lambda: bool(watcher.images))
+    late.send_signal(signal.SIGINT)
+    said = late.communicate(timeout=10)[1]
+    assert "expected 3 subscribers of /camera/image_raw/compressed, found 1; starting without" in said
+
+    end = time.monotonic() + 0.5
+    watcher.until(lambda: time.monotonic() > end)
+    watcher.images.clear()
+    watcher.start("camera", source=stream, wait_for_subscribers=2, subscribers_wait_s=60.0)
+    assert watcher.until(lambda: watcher.count_publishers("camera/image_raw/compressed") == 2)  # the test's own is one
+    end = time.monotonic() + 1.0
+    watcher.until(lambda: time.monotonic() > end)
+    assert not watcher.images
+    second: list[CompressedImage] = []
+    watcher.create_subscription(CompressedImage, "camera/image_raw/compressed", second.append, SENSOR)
+    assert watcher.until(lambda: bool(watcher.images and second))
+    assert second[0].header.stamp == watcher.images[0].header.stamp
+
+
 def test_bad_frames_are_named_and_nothing_is_measured(watcher: Watcher, calibration_file: Path, jpeg: bytes) -> None:
     watcher.start("marker_tracker", calibration_file=calibration_file)
     assert watcher.until(lambda: watcher.compressed.get_subscription_count() >= 2)

@@ -41,13 +41,14 @@ PARAMETERS = ParameterTable(
     Parameter("height", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("fps", 0.0, "asked of a device, or of an image folder; 0: their choice", "Hz", 0.0, 1000.0),
     Parameter(
-        "settle_s",
-        0.5,
-        "between announcing the topics and the first frame: a recorder finds them first, and what it records is whole",
-        "s",
-        0.0,
-        10.0,
+        "wait_for_subscribers",
+        0,
+        "the first frame waits for so many: a bag that lacks it cannot show what the tracker made of it",
+        "",
+        0,
+        20,
     ),
+    Parameter("subscribers_wait_s", 5.0, "longest wait for them", "s", 0.0, 60.0),
     Parameter("timeout_s", 2.0, "a stream without data for so long is reconnected", "s", 0.1, 60.0),
     Parameter("reconnect_delay_s", 0.5, "between attempts to connect", "s", 0.05, 60.0),
     Parameter("repeat", False, "start a file or folder again at its end"),
@@ -59,6 +60,9 @@ PARAMETERS = ParameterTable(
 OPENCV_ERRORS = 2
 #: [s] between looks at the health of the capture.
 HEALTH_PERIOD = 0.5
+#: [s] between looks at who subscribes. The middleware knows of a subscription a little before samples reach it.
+SUBSCRIBERS_PERIOD = 0.05
+SUBSCRIBERS_LOOKS = 3
 
 
 class CameraNode(Node):
@@ -80,7 +84,9 @@ class CameraNode(Node):
         self._size_problem = ""
         self._watch = FrameWatch()
         self._capture = self._make_capture()
-        self._settling = self.create_timer(max(self._values["settle_s"], 1e-3), self._begin)
+        self._subscribers_wait_s = 0.0
+        self._subscribed_looks = 0
+        self._waiting = self.create_timer(SUBSCRIBERS_PERIOD, self._await_subscribers)
         self.create_timer(HEALTH_PERIOD, self._report)
 
     def _load_calibration(self) -> calibration.Calibration | None:
@@ -107,8 +113,18 @@ class CameraNode(Node):
         except VisionError as error:
             raise StartupError(f"parameter 'source': {error}") from error
 
-    def _begin(self) -> None:
-        self._settling.cancel()
+    def _await_subscribers(self) -> None:
+        expected, found = self._values["wait_for_subscribers"], self._compressed.get_subscription_count()
+        self._subscribers_wait_s += SUBSCRIBERS_PERIOD
+        self._subscribed_looks = self._subscribed_looks + 1 if found >= expected else 0
+        late = self._subscribers_wait_s >= self._values["subscribers_wait_s"]
+        if expected and self._subscribed_looks < SUBSCRIBERS_LOOKS and not late:
+            return
+        if found < expected:
+            self.get_logger().warning(
+                f"expected {expected} subscribers of {self._compressed.topic_name}, found {found}; starting without"
+            )
+        self._waiting.cancel()
         self._capture.start()
 
     def _publish_ready(self) -> None:
