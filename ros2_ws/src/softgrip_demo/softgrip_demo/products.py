@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 from softgrip_cell.catalogue_file import read_catalogue
@@ -12,15 +13,17 @@ from softgrip_demo.errors import ShiftError
 from softgrip_model import profile
 from softgrip_model.profile import FingerDesign
 
+_catalogue = cache(read_catalogue)
+
 
 def product_names() -> list[str]:
     """Return the products of Tables 4.1 and 4.2."""
-    return list(read_catalogue().products)
+    return list(_catalogue().products)
 
 
 def expected_outcome(product: str, finger_set: str) -> str:
     """Return what Table 4.2 says: "success", "partial" or "failure"."""
-    return str(read_catalogue().products[product].marks[finger_set])
+    return str(_catalogue().products[product].marks[finger_set])
 
 
 def serials_of(finger_set: str, slots: Sequence[str], copy: int = 0) -> list[str]:

@@ -70,3 +70,33 @@ def test_drives_that_stay_at_fault_are_given_up():
     link.call.side_effect = ShiftError("tendon/home refused")
     with pytest.raises(ShiftError, match="the driver has a fault"):
         Operator(link, MagicMock(), Cell(*["the driver has a fault: x"] * 9), SLOTS).swap("pinch")
+
+
+def rig(*reasons):
+    """A link whose rig ends plans with these reasons, "" for success; keeps whether each was a resumed one."""
+    left, resumed = list(reasons), []
+
+    def act(_kind, _name, goal, **_):
+        resumed.append(bool(goal.resume))
+        reason = left.pop(0)
+        return SimpleNamespace(outcome=int(bool(reason)), SUCCEEDED=0, reason=reason)
+
+    return MagicMock(act=act), resumed
+
+
+def test_a_plan_that_broke_off_is_resumed():
+    broken = "point 4 of 9 failed 3 times, last: x; put it right and resume the plan"
+    link, resumed = rig(broken, broken, "")
+    assert Operator(link, MagicMock(), Cell(), SLOTS).calibrate(1e-4, 1e-3).outcome == 0
+    assert resumed == [False, True, True]
+    link, resumed = rig(*[broken] * 9)
+    with pytest.raises(ShiftError, match="point 4 of 9 failed"):
+        Operator(link, MagicMock(), Cell(), SLOTS).calibrate(1e-4, 1e-3)
+    assert len(resumed) == 4
+
+
+def test_what_cannot_be_resumed_is_given_up_at_once():
+    link, resumed = rig("expected a law of matte, ..., found x", "")
+    with pytest.raises(ShiftError, match="expected a law"):
+        Operator(link, MagicMock(), Cell(), SLOTS).calibrate(1e-4, 1e-3)
+    assert resumed == [False]

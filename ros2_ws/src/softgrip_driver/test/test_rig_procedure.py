@@ -140,6 +140,18 @@ def test_a_passing_fault_costs_one_attempt(bench, fault, arguments, reason):
     assert bench.hands.asked()[1].instruction.startswith("Again (")
 
 
+def test_too_few_readings_of_a_slide_are_answered_with_a_slower_pull(bench):
+    """A gauge (or a busy computer) that gives one reading a second: 19 of the 18 s of a stroke at 40 mm/min."""
+    bench.procedure(pull=PullSettings(sample_period=1.0, stall_time=10.0)).run(CORNERS)
+    first, *others = (p for p in bench.hands.points if p.index == 0)
+    assert first.slide.verdict is Verdict.REPEAT
+    assert first.slide.reason == "expected at least 25 readings of a slide, found 19: pull slower"
+    assert first.speed == pytest.approx(40e-3 / 60.0)
+    assert [p.speed for p in others] == pytest.approx([20e-3 / 60.0, 10e-3 / 60.0][: len(others)])
+    assert others[-1].slide.verdict is Verdict.ACCEPTED
+    assert bench.hands.asked()[1].instruction.startswith("Again (expected at least 25 readings")
+
+
 def test_a_wrong_angle_below_a_smaller_one_is_noticed_at_once(bench):
     def before(step):
         bench.rig.clear()

@@ -19,6 +19,8 @@ from softgrip_interfaces.action import CalibrateFriction, MoveTendon
 #: The same fingers are seated so often before they are laid aside: a cable can be hooked in badly.
 SEATINGS: Final = 2
 TRIES: Final = 4
+#: What the rig says of a plan whose accepted points are kept.
+RESUMABLE: Final = "resume the plan"
 
 #: Says that a swap was refused for a fault of the drives, not of the fingers.
 DRIVER_FAULT: Final = "the driver has a fault"
@@ -66,10 +68,15 @@ class Operator:
             surface_radius=surface_radius,
             activate=True,
         )
-        result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
-        if result.outcome != result.SUCCEEDED:
-            raise ShiftError(f"friction calibration failed: {result.reason}")
-        return result
+        for _ in range(TRIES):
+            result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
+            if result.outcome == result.SUCCEEDED:
+                return result
+            self._log.warning(f"rig: {result.reason}")
+            if RESUMABLE not in result.reason:
+                break
+            goal.resume = True
+        raise ShiftError(f"friction calibration failed: {result.reason}")
 
     def swap(self, finger_set: str) -> None:
         """Have a set mounted; fingers that the check refuses are laid aside and the next ones taken.

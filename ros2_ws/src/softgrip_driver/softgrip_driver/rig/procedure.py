@@ -201,16 +201,18 @@ class Procedure:
 
     def _measure(self, journal: Journal, index: int, points: dict[int, Point]) -> Slide:
         point, total = points[index], len(points)
-        why = ""
+        pull, why = self._settings.pull, ""
         for attempt in range(1, self._settings.attempts + 1):
             again = f"Again ({why}): " if why else ""
             self._operator.confirmed(Step(Phase.SET_UP, index, total, point, again + _instruction(point)))
-            slide = self._attempt(index, total, point)
+            slide = self._attempt(index, total, point, pull)
             if slide.verdict is Verdict.ACCEPTED:
                 doubt = self._doubt(journal, point, slide) if attempt == 1 else ""
                 if doubt:
                     slide = dataclasses.replace(slide, verdict=Verdict.REPEAT, reason=doubt)
-            self._operator.judged(JudgedPoint(journal.plan_id, index, point, slide, self._settings.pull.speed))
+            self._operator.judged(JudgedPoint(journal.plan_id, index, point, slide, pull.speed))
+            if slide.sparse:
+                pull = dataclasses.replace(pull, speed=0.5 * pull.speed, return_speed=0.5 * pull.return_speed)
             if slide.verdict is Verdict.ACCEPTED:
                 journal.accept(Measured(index, point.angle, point.load, slide.tension_low, slide.tension_high))
                 text = f"{point}: T1/T2 = {slide.ratio:.3f}"
@@ -223,13 +225,13 @@ class Procedure:
             "put it right and resume the plan"
         )
 
-    def _attempt(self, index: int, total: int, point: Point) -> Slide:
+    def _attempt(self, index: int, total: int, point: Point, pull: PullSettings) -> Slide:
         """Pull once. What a panel or a wire did wrong costs the attempt, not the plan."""
         self._operator.tell(Step(Phase.CHECKING, index, total, point, "checking the weight at rest, then pulling"))
         try:
             self._stage.zero()
             self._operator.tell(Step(Phase.PULLING, index, total, point, "pulling"))
-            trace = record_pull(self._stage, self._gauge, self._settings.pull, self._clock, self._operator.sampled)
+            trace = record_pull(self._stage, self._gauge, pull, self._clock, self._operator.sampled)
         except (UnitChangedError, CorruptReplyError, NoReplyError) as error:
             return _unmeasured(point, str(error))
         return analyse(

@@ -61,6 +61,7 @@ class Slide:
         stddev: [N] within the window, drift removed. stick_slip: [N] peak to peak. drift: [N/m] over travel.
         window_start, window_end: [m].
         verdict, reason: may it be used.
+        sparse: there were too few readings to tell; a slower pull gives more.
     """
 
     tension_low: float
@@ -72,6 +73,7 @@ class Slide:
     window_end: float
     verdict: Verdict
     reason: str
+    sparse: bool = False
 
     @property
     def ratio(self) -> float:
@@ -109,8 +111,11 @@ def analyse(
     settings = settings or SlideSettings()
     window = _steady_window(trace.pull, settings)
     travel, tension = trace.pull.travel[window], trace.pull.tension[window]
+    if len(trace.pull) < settings.fewest_samples:
+        return _unjudged(load * GRAVITY, _too_few(len(trace.pull), settings), sparse=True)
     if len(tension) < 3 or np.ptp(travel) <= 0.0:
-        return _without_window(load * GRAVITY)
+        reason = "no steady sliding found: the force did not settle; lengthen the stroke or check the cable"
+        return _unjudged(load * GRAVITY, reason)
     mean = float(tension.mean())
     slope = float(np.polyfit(travel - travel.mean(), tension, 1)[0])
     residual = tension - mean - slope * (travel - travel.mean())
@@ -130,14 +135,18 @@ def analyse(
     for check in _CHECKS:
         found = check(evidence)
         if found is not None:
-            return dataclasses.replace(slide, verdict=found[0], reason=found[1])
+            sparse = check is _read_often_enough
+            return dataclasses.replace(slide, verdict=found[0], reason=found[1], sparse=sparse)
     return slide
 
 
-def _without_window(tension_low: float) -> Slide:
+def _unjudged(tension_low: float, reason: str, *, sparse: bool = False) -> Slide:
     nan = math.nan
-    reason = "no steady sliding found: the force did not settle; lengthen the stroke or check the cable"
-    return Slide(tension_low, nan, nan, nan, nan, nan, nan, Verdict.REPEAT, reason)
+    return Slide(tension_low, nan, nan, nan, nan, nan, nan, Verdict.REPEAT, reason, sparse)
+
+
+def _too_few(found: int, settings: SlideSettings) -> str:
+    return f"expected at least {settings.fewest_samples} readings of a slide, found {found}: pull slower"
 
 
 def _steady_window(pull: Stroke, settings: SlideSettings) -> slice:
@@ -184,13 +193,19 @@ def _static_load(e: _Evidence) -> _Found:
     )
 
 
+def _read_often_enough(e: _Evidence) -> _Found:
+    if len(e.tension) >= e.settings.fewest_samples:
+        return None
+    return Verdict.REPEAT, _too_few(len(e.tension), e.settings)
+
+
 def _window_long_enough(e: _Evidence) -> _Found:
     length = e.slide.window_end - e.slide.window_start
-    if length >= e.settings.shortest_window and len(e.tension) >= e.settings.fewest_samples:
+    if length >= e.settings.shortest_window:
         return None
     return Verdict.REPEAT, (
-        f"expected {e.settings.shortest_window * 1e3:g} mm of steady sliding, found {length * 1e3:.1f} mm with "
-        f"{len(e.tension)} samples; lengthen the stroke or check the cable"
+        f"expected {e.settings.shortest_window * 1e3:g} mm of steady sliding, found {length * 1e3:.1f} mm; "
+        "lengthen the stroke or check the cable"
     )
 
 
@@ -241,6 +256,7 @@ def _believable(e: _Evidence) -> _Found:
 _CHECKS: tuple[Callable[[_Evidence], _Found], ...] = (
     _stuck,
     _static_load,
+    _read_often_enough,
     _window_long_enough,
     _steady,
     _sliding_load,
