@@ -2,8 +2,9 @@
 """Make the recorded bags of this folder anew: one session of the emulated cell, through the shipped launch file.
 
 ``python tests/replay/make_bags.py``, on a machine with nothing else to do. The excerpts carry what the replayed nodes
-read and what they said. After a deliberate change of what a node computes ``--renew`` is enough: the recorded inputs
-stay, and the nodes answer them anew.
+read and what they said. The grasps with every outcome come from a scripted bench: ``--bench --parts grasps``. After a
+deliberate change of what a node computes ``--renew`` is enough: the recorded inputs stay, and the nodes answer them
+anew.
 """
 
 from __future__ import annotations
@@ -79,6 +80,7 @@ def main() -> int:
     """Record a session, or take a bag, and cut the excerpts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bag", type=Path, help="cut a bag that is there already")
+    parser.add_argument("--bench", action="store_true", help="record the manager on the bench of test_manager_live.py")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated cell")
     parser.add_argument("--pace", choices=("full", "half"), default="full", help="half: on a slow computer")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="only these")
@@ -90,7 +92,12 @@ def main() -> int:
             renew(name)
         return 0
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-bags-") as folder:
-        bag = options.bag or record(Path(folder), options.seed, options.pace)
+        if options.bench:
+            from test_manager_live import record as record_bench  # noqa: PLC0415  needs pytest
+
+            bag = record_bench(Path(folder))
+        else:
+            bag = options.bag or record(Path(folder), options.seed, options.pace)
         for name in options.parts:
             part = PARTS[name]
             shutil.rmtree(BAGS / name, ignore_errors=True)

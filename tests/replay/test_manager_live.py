@@ -57,7 +57,11 @@ def until(condition: Callable[[], object], expected: str) -> None:
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the bag of a manager that was asked everything."""
-    folder = tmp_path_factory.mktemp("live")
+    return record(tmp_path_factory.mktemp("live"))
+
+
+def record(folder: Path) -> Path:
+    """Have a manager do all of `work` beside a recorder; return the bag (make_bags.py ships it)."""
     manager = load("manager/conftest")
     patch = pytest.MonkeyPatch()
     patch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))

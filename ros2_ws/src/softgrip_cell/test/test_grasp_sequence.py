@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -254,6 +255,22 @@ def test_silence_of_the_predictor_ends_the_grasp(task, bench) -> None:
     assert steps[51].verdict is not None
     assert steps[51].verdict.outcome is Outcome.ABORTED
     assert "finger/predicted for every tendon/state, found none for 0.2" in steps[51].verdict.reason
+
+
+def test_a_touch_is_told_once_and_not_with_every_sample(task, bench) -> None:
+    """A sample whose prediction is still on its way says nothing new: who shows the touch would flicker."""
+    sequence = GraspSequence(task("egg", confirm_lift=True), SETTINGS)
+    made = bench(contact_m=EVERYWHERE, seed=3)
+    made.obey(sequence.start())
+    told = []
+    for _ in range(400):
+        pair = made.pair()
+        for step in (sequence.observe_sample(pair.sample), sequence.observe(pair)):
+            made.obey(step)
+            told.append(step.contact)
+    assert any(told)
+    changes = sum(one != other for one, other in itertools.pairwise(told))
+    assert changes <= 8  # noise at the threshold
 
 
 def test_a_predictor_that_lags_is_as_bad_as_a_silent_one(task, bench) -> None:

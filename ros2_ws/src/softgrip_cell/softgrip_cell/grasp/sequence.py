@@ -75,7 +75,7 @@ class GraspSequence:
         """Take one tendon sample with its prediction."""
         now_ns = pair.sample.stamp_ns
         if self._phase is Phase.DONE or (self._last_ns is not None and now_ns <= self._last_ns):
-            return Step(self._phase)
+            return self._unchanged
         objection = self._objection(pair)
         if objection:
             return self._end(Outcome.ABORTED, f"the free motion cannot be predicted: {objection}", now_ns)
@@ -96,7 +96,7 @@ class GraspSequence:
             Phase.LIFT: self._lift,
         }[self._phase]
         step = handler(now_ns)
-        return replace(step, contact=any(reading.touching for reading in self._readings))
+        return replace(step, contact=self._touching)
 
     def see(self, tip: SeenTip) -> None:
         """Take a fingertip that the camera has seen; the next sample is judged with it."""
@@ -105,7 +105,7 @@ class GraspSequence:
     def observe_sample(self, sample: TendonSample) -> Step:
         """Take a tendon sample that has no prediction yet; too long without one ends the grasp."""
         if self._phase is Phase.DONE or self._last_ns is None or sample.stamp_ns <= self._last_ns:
-            return Step(self._phase)
+            return self._unchanged
         stale_ns = self._settings.stale_s * NANOSECONDS
         waiting = self._unpaired_ns
         # While no samples came, or none were taken in, there was nothing to predict; the wait begins with the next one.
@@ -114,7 +114,7 @@ class GraspSequence:
         waiting.append(sample.stamp_ns)
         gap_ns = sample.stamp_ns - waiting[0]
         if gap_ns <= stale_ns or len(waiting) < STALE_RUN:
-            return Step(self._phase)
+            return self._unchanged
         reason = f"expected a finger/predicted for every tendon/state, found none for {gap_ns / NANOSECONDS:.2f} s"
         return self._end(Outcome.ABORTED, reason, sample.stamp_ns)
 
@@ -338,6 +338,15 @@ class GraspSequence:
         return (self._pressing.keep(rest, self._readings, now_ns),) if rest else ()
 
     # --- bookkeeping -----------------------------------------------------------------------------------------------
+
+    @property
+    def _touching(self) -> bool:
+        return any(reading.touching for reading in self._readings)
+
+    @property
+    def _unchanged(self) -> Step:
+        """Nothing to do, and nothing new to say."""
+        return Step(self._phase, contact=self._touching)
 
     @property
     def _readings(self) -> tuple[Reading, ...]:
