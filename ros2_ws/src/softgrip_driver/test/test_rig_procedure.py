@@ -10,7 +10,7 @@ from softgrip_driver.errors import NoReplyError, RefusedError
 from softgrip_driver.rig.errors import JournalError, LimitError, SaturatedError, StageStalledError, StoppedError
 from softgrip_driver.rig.journal import Journal, Measured, Request
 from softgrip_driver.rig.procedure import Phase, PlanFailedError, Settings
-from softgrip_driver.rig.pull import PullSettings
+from softgrip_driver.rig.pull import PullSettings, record_pull
 from softgrip_driver.rig.slide import Verdict
 from softgrip_model.friction.record import Verdict as ModelVerdict
 
@@ -150,6 +150,47 @@ def test_too_few_readings_of_a_slide_are_answered_with_a_slower_pull(bench):
     assert [p.speed for p in others] == pytest.approx([20e-3 / 60.0, 10e-3 / 60.0][: len(others)])
     assert others[-1].slide.verdict is Verdict.ACCEPTED
     assert bench.hands.asked()[1].instruction.startswith("Again (expected at least 25 readings")
+
+
+class SlowStarter:
+    """Stage, gauge and clock in one: after a command it stands for some readings, each of them late."""
+
+    def __init__(self, stands_for):
+        self.time, self.place, self.target = 0.0, 0.0, 0.0
+        self.stands_for, self.left = stands_for, 0
+
+    def now(self):
+        return self.time
+
+    def wait(self, _):
+        self.time += 2.0
+        return False
+
+    def start(self, target, _):
+        self.left, self.target = self.stands_for, target
+
+    def travel(self):
+        if self.left:
+            self.left -= 1
+        else:
+            self.place += min(1e-3, max(-1e-3, self.target - self.place))
+        return self.place
+
+    def tension(self):
+        return 2.0
+
+    def stop(self):
+        self.left = 0
+
+
+def test_a_stage_that_was_looked_at_late_has_not_stalled():
+    """Two seconds between readings are more than a stage may stand still, but a busy computer's and not the stage's."""
+    settings = PullSettings(stall_time=1.5)
+    late = SlowStarter(9)
+    assert record_pull(late, late, settings, late, lambda _: None).pull.travel[-1] == pytest.approx(12e-3)
+    jammed = SlowStarter(11)
+    with pytest.raises(StageStalledError, match="check for a jam"):
+        record_pull(jammed, jammed, settings, jammed, lambda _: None)
 
 
 def test_a_wrong_angle_below_a_smaller_one_is_noticed_at_once(bench):

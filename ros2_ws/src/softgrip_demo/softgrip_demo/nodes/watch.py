@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, JointState
 
 from softgrip_demo.alignment import Instant, Measured
@@ -25,23 +27,42 @@ class Gathered:
     frames: list[tuple[float, bytes]] = field(default_factory=list)
 
 
+#: Tensions from before ``begin`` that the first predictions after it may belong to.
+EARLIER_TENSIONS = 50
+
+
 class Watch:
-    """Subscribes to the watched finger; gathers while ``gathering`` is set."""
+    """Subscribes to the watched finger; gathers between ``begin`` and ``end``, and reads nothing in between."""
 
     def __init__(self, node: Node, finger: str) -> None:
         self.finger = finger
         self.seen: set[str] = set()
         self._gathered: Gathered | None = None
         self._film = False
-        self._tensions: deque[tuple[float, float]] = deque(maxlen=4000)
-        node.create_subscription(JointState, "tendon/state", self._on_tendon, SENSOR)
-        node.create_subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
-        node.create_subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
-        node.create_subscription(PredictedShape, "shape/predicted", self._on_shape, SENSOR)
-        node.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_frame, SENSOR)
+        self._earlier: deque[bytes] = deque(maxlen=EARLIER_TENSIONS)
+        self._tensions: list[tuple[float, float]] = []
+        for kind, topic, gather in (
+            (FingerStates, "finger/measured", self._on_measured),
+            (FingerStates, "finger/predicted", self._on_predicted),
+            (PredictedShape, "shape/predicted", self._on_shape),
+            (CompressedImage, "camera/image_raw/compressed", self._on_frame),
+        ):
+            node.create_subscription(kind, topic, self._reader(kind, topic, gather), SENSOR, raw=True)
+        node.create_subscription(JointState, "tendon/state", self._on_tendon, SENSOR, raw=True)
+
+    def _reader(self, kind: Any, topic: str, gather: Callable[[Gathered, Any], None]) -> Callable[[bytes], None]:
+        def received(data: bytes) -> None:
+            self.seen.add(topic)
+            if self._gathered is not None and (kind is not CompressedImage or self._film):
+                gather(self._gathered, deserialize_message(data, kind))
+
+        return received
 
     def begin(self, *, film: bool = False) -> None:
         """Start gathering; with ``film`` camera frames too."""
+        self._tensions.clear()
+        for data in self._earlier:
+            self._take_tension(data)
         self._gathered, self._film = Gathered(), film
 
     def end(self) -> Gathered:
@@ -55,29 +76,29 @@ class Watch:
         """What was seen so far, empty when nothing is being gathered."""
         return self._gathered or Gathered()
 
-    def _on_tendon(self, message: JointState) -> None:
+    def _on_tendon(self, data: bytes) -> None:
         self.seen.add("tendon/state")
+        self._earlier.append(data)
+        if self._gathered is not None:
+            self._take_tension(data)
+
+    def _take_tension(self, data: bytes) -> None:
+        message = deserialize_message(data, JointState)
         if self.finger in message.name:
             tension = message.effort[list(message.name).index(self.finger)]
             self._tensions.append((seconds(message.header.stamp), tension))
 
-    def _on_measured(self, message: FingerStates) -> None:
-        self.seen.add("finger/measured")
-        if self._gathered is None:
-            return
+    def _on_measured(self, gathered: Gathered, message: FingerStates) -> None:
         stamp = seconds(message.header.stamp)
-        self._gathered.measured += [
+        gathered.measured += [
             Measured(stamp, tuple(state.joint_angles), (state.tip.x, state.tip.y))
             for state in message.fingers
             if state.finger == self.finger and state.validity != state.FAILED
         ]
 
-    def _on_predicted(self, message: FingerStates) -> None:
-        self.seen.add("finger/predicted")
-        if self._gathered is None:
-            return
+    def _on_predicted(self, gathered: Gathered, message: FingerStates) -> None:
         stamp = seconds(message.header.stamp)
-        self._gathered.predicted += [
+        gathered.predicted += [
             Instant(
                 stamp=stamp,
                 pulled_length=state.pulled_length,
@@ -90,15 +111,12 @@ class Watch:
             if state.finger == self.finger and state.validity != state.FAILED
         ]
 
-    def _on_shape(self, message: PredictedShape) -> None:
-        self.seen.add("shape/predicted")
-        if self._gathered is not None and message.finger == self.finger:
-            self._gathered.shapes.append(message)
+    def _on_shape(self, gathered: Gathered, message: PredictedShape) -> None:
+        if message.finger == self.finger:
+            gathered.shapes.append(message)
 
-    def _on_frame(self, message: CompressedImage) -> None:
-        self.seen.add("camera/image_raw/compressed")
-        if self._gathered is not None and self._film:
-            self._gathered.frames.append((seconds(message.header.stamp), bytes(message.data)))
+    def _on_frame(self, gathered: Gathered, message: CompressedImage) -> None:
+        gathered.frames.append((seconds(message.header.stamp), bytes(message.data)))
 
     def _tension_at(self, stamp: float) -> float:
         for at, tension in reversed(self._tensions):

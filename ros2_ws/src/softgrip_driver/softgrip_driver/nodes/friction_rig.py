@@ -27,7 +27,7 @@ from softgrip_driver.nodes.rig_parameters import PARAMETERS, make_bench, measure
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.clock import ScaledClock
 from softgrip_driver.rig.errors import StoppedError
-from softgrip_driver.rig.procedure import JudgedPoint, Operator, Outcome, Procedure, Step
+from softgrip_driver.rig.procedure import JudgedPoint, Operator, Outcome, PlanFailedError, Procedure, Step
 from softgrip_driver.rig.pull import Sample
 from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
 from softgrip_driver.rig.slide import Verdict
@@ -43,6 +43,7 @@ from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, Sta
 _IDLE_PERIOD = 0.5
 #: Folder of the plans' records, within that of the models.
 _PLANS = "plans"
+_KEPT = "accepted points are kept: resume the plan to go on"
 
 
 class FrictionRig(LifecycleNode):
@@ -156,11 +157,12 @@ class FrictionRig(LifecycleNode):
             result.outcome = CalibrateFriction.Result.SUCCEEDED
         except StoppedError as error:
             result.outcome = CalibrateFriction.Result.CANCELLED
-            result.reason = f"{error}; accepted points are kept: resume the plan to go on"
+            result.reason = f"{error}; {_KEPT}"
             self.announce(goal_handle.canceled if goal_handle.is_cancel_requested else goal_handle.abort)
         except (DriverError, FrictionError) as error:
             result.outcome = CalibrateFriction.Result.FAILED
-            result.reason = "; ".join([str(error), *getattr(error, "__notes__", [])])
+            kept = [_KEPT] if session.accepted and not isinstance(error, PlanFailedError) else []
+            result.reason = "; ".join([str(error), *getattr(error, "__notes__", []), *kept])
             self._diagnostics.set("plan", Health.ERROR, result.reason)
             goal_handle.abort()
         except OSError as error:

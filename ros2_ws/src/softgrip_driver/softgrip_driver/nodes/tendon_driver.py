@@ -38,7 +38,7 @@ from softgrip_nodekit import RELIABLE, SENSOR, Diagnostics, StartupError, run, t
 #: [s] for every drive to answer for the first time
 FIRST_READING = 2.0
 #: [s] between feedback messages of a move
-FEEDBACK_PERIOD = 0.05
+FEEDBACK_PERIOD = 0.1
 #: [s] between looks at the health
 HEALTH_PERIOD = 0.5
 #: [s] a move may take beyond the time its way needs
@@ -332,8 +332,8 @@ class TendonDriver(LifecycleNode):
         """Wait for the end of a request, cycle by cycle; with an action's handle also give feedback and heed cancel."""
         deadline = time.monotonic() + timeout
         sequence, feedback_due, cancelled = 0, 0.0, False
+        outcome, reason = loop.call(lambda controller, _: controller.result(ticket))
         while True:
-            outcome, reason = loop.call(lambda controller, _: controller.result(ticket))
             if outcome is not None:
                 return (Outcome.CANCELLED, "cancelled; it holds where it is") if cancelled else (outcome, reason)
             now = time.monotonic()
@@ -343,13 +343,16 @@ class TendonDriver(LifecycleNode):
             if handle is not None and handle.is_cancel_requested and not cancelled:
                 cancelled = True
                 loop.call(lambda controller, at: controller.cancel(ticket, at))
+            snapshots = loop.since(sequence, 0.5)
+            if not snapshots:  # raises where the loop has ended
+                outcome, reason = loop.call(lambda controller, _: controller.result(ticket))
                 continue
-            for snapshot in loop.since(sequence, 0.5):
-                sequence = snapshot.sequence
-                if handle is not None and snapshot.time >= feedback_due:
-                    feedback_due = snapshot.time + FEEDBACK_PERIOD
-                    drives = [drive for drive in snapshot.drives if drive.tendon in ticket.jobs]
-                    handle.publish_feedback(convert.to_move_feedback(drives))
+            sequence = snapshots[-1].sequence
+            outcome, reason = ticket.result(snapshots[-1].drives)
+            if handle is not None and outcome is None and snapshots[-1].time >= feedback_due:
+                feedback_due = snapshots[-1].time + FEEDBACK_PERIOD
+                drives = [drive for drive in snapshots[-1].drives if drive.tendon in ticket.jobs]
+                handle.publish_feedback(convert.to_move_feedback(drives))
 
     def _with_loop(self, action: Any) -> tuple[bool, str]:
         loop = self._loop

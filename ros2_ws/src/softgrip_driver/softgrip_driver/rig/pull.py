@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 #: [m] how near to its target the stage must come.
 _ARRIVED = 0.03e-3
+#: So many readings in a row at the same place: fewer are a pause of the computer, which no stage can help.
+_STALL_READINGS = 10
 #: [m] travel against the asked direction that is no jitter of the encoder.
 _WRONG_WAY = 0.1e-3
 
@@ -151,10 +153,11 @@ class _Recorder:
         direction = 1.0 if target > begin else -1.0
         self._stage.start(target, speed)
         samples: list[Sample] = []
-        furthest, progressed = begin, self._clock.now()
+        furthest, progressed, readings = begin, self._clock.now(), 0
         while True:
             sample = self._sample(self._stage.travel())
             samples.append(sample)
+            readings += 1
             if (sample.travel - begin) * direction < -_WRONG_WAY:
                 raise LimitError(
                     f"stage: expected travel to {'grow' if direction > 0 else 'shrink'}, found it at "
@@ -163,8 +166,8 @@ class _Recorder:
             if abs(sample.travel - target) <= _ARRIVED:
                 return _stroke(samples)
             if (sample.travel - furthest) * direction > _ARRIVED:
-                furthest, progressed = sample.travel, sample.time
-            elif sample.time - progressed > self._settings.stall_time:
+                furthest, progressed, readings = sample.travel, sample.time, 0
+            elif sample.time - progressed > self._settings.stall_time and readings >= _STALL_READINGS:
                 raise StageStalledError(
                     f"stage: expected it on its way to {target * 1e3:.2f} mm, found it standing at "
                     f"{sample.travel * 1e3:.2f} mm for {sample.time - progressed:.1f} s; "

@@ -94,6 +94,7 @@ class Drive:
         base = DriveSnapshot(
             self.tendon, self.state, self.homed, fault=m.fault, fault_reason=m.fault_reason,
             outcome=m.outcome, reason=m.reason, lost_replies=m.lost, warnings=tuple(m.warnings.values()),
+            job=m.job,
         )  # fmt: skip
         r = m.reading
         if r is None:
@@ -120,9 +121,9 @@ class Drive:
         return self._m.job
 
     @property
-    def outcome(self) -> tuple[Outcome | None, str]:
-        """Outcome of the last motion asked for, with the reason."""
-        return self._m.outcome, self._m.reason
+    def outcome(self) -> Outcome | None:
+        """Outcome of the last motion asked for."""
+        return self._m.outcome
 
     # --- requests --------------------------------------------------------------------------------------------------
 

@@ -79,7 +79,7 @@ class MoveRequest:
 
 @dataclass(frozen=True)
 class Ticket:
-    """A request that runs; `GripperController.result` tells how it goes.
+    """A request that runs.
 
     Attributes:
         jobs: number of the drive's motion by tendon.
@@ -88,6 +88,32 @@ class Ticket:
 
     jobs: Mapping[str, int]
     refusal: str = ""
+
+    def result(self, drives: Sequence[DriveSnapshot]) -> tuple[Outcome | None, str]:
+        """Return its outcome over all its tendons as snapshots of the drives show it; None while it runs."""
+        if self.refusal:
+            return Outcome.REFUSED, self.refusal
+        ends: dict[str, tuple[Outcome | None, str]] = {}
+        for drive in drives:
+            job = self.jobs.get(drive.tendon)
+            if job is None:
+                continue
+            if drive.job == job:
+                ends[drive.tendon] = drive.outcome, drive.reason
+            elif drive.job > job:
+                ends[drive.tendon] = Outcome.CANCELLED, "replaced by a newer command"
+            else:  # the snapshot is older than the request
+                ends[drive.tendon] = None, ""
+        # The worst tells: a fault of one tendon ends the whole move.
+        for outcome in (Outcome.FAULT, Outcome.CANCELLED):
+            reasons = [f"{name}: {reason}" for name, (end, reason) in ends.items() if end is outcome]
+            if reasons:
+                return outcome, "; ".join(reasons)
+        if any(end is None for end, _ in ends.values()):
+            return None, ""
+        limited = any(end is Outcome.TENSION_LIMIT for end, _ in ends.values())
+        text = "; ".join(f"{name}: {reason}" for name, (_, reason) in ends.items())
+        return (Outcome.TENSION_LIMIT if limited else Outcome.REACHED), text
 
 
 class GripperController:
@@ -164,28 +190,12 @@ class GripperController:
         """Stop what still runs of a request and hold."""
         for name, job in ticket.jobs.items():
             drive = self.drives[name]
-            if drive.job == job and drive.outcome[0] is None:
+            if drive.job == job and drive.outcome is None:
                 self._begin(name, partial(_hold_here, limits=drive.limits), now)
 
     def result(self, ticket: Ticket) -> tuple[Outcome | None, str]:
         """Return the outcome of a request over all its tendons, None while it runs."""
-        if ticket.refusal:
-            return Outcome.REFUSED, ticket.refusal
-        ends: dict[str, tuple[Outcome | None, str]] = {}
-        for name, job in ticket.jobs.items():
-            drive = self.drives[name]
-            replaced = drive.job != job
-            ends[name] = (Outcome.CANCELLED, "replaced by a newer command") if replaced else drive.outcome
-        # The worst tells: a fault of one tendon ends the whole move.
-        for outcome in (Outcome.FAULT, Outcome.CANCELLED):
-            reasons = [f"{name}: {reason}" for name, (end, reason) in ends.items() if end is outcome]
-            if reasons:
-                return outcome, "; ".join(reasons)
-        if any(end is None for end, _ in ends.values()):
-            return None, ""
-        limited = any(end is Outcome.TENSION_LIMIT for end, _ in ends.values())
-        text = "; ".join(f"{name}: {reason}" for name, (_, reason) in ends.items())
-        return (Outcome.TENSION_LIMIT if limited else Outcome.REACHED), text
+        return ticket.result(self.snapshots())
 
     def stop_emergency(self) -> dict[str, DriveActions]:
         """Stop now; stays until `reset`."""

@@ -110,7 +110,9 @@ class BusLoop:
         self._backend = backend
         self._controller = controller
         self._rate = rate
-        self._changed = threading.Condition()
+        # Requests wake the loop, cycles wake those who watch: one for both would wake everybody for each.
+        lock = threading.Lock()
+        self._wanted, self._changed = threading.Condition(lock), threading.Condition(lock)
         self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._history: deque[LoopSnapshot] = deque(maxlen=history)
         self._restores: dict[str, Iterator[None]] = {}
@@ -132,9 +134,9 @@ class BusLoop:
 
     def stop(self, timeout: float = 2.0) -> None:
         """Let go of every tendon and end the thread."""
-        with self._changed:
+        with self._wanted:
             self._stopping = True
-            self._changed.notify_all()
+            self._wanted.notify_all()
         if self._thread is not None:
             self._thread.join(timeout)
 
@@ -148,9 +150,9 @@ class BusLoop:
         if not self.running:
             raise DriverError("the bus loop does not run; configure and activate the driver")
         future: Future[Result] = Future()
-        with self._changed:
+        with self._wanted:
             self._requests.append((lambda: request(self._controller, time.monotonic()), future))
-            self._changed.notify_all()
+            self._wanted.notify_all()
         return future.result(timeout)
 
     def power(self, *, on: bool, timeout: float = 2.0) -> None:
@@ -227,9 +229,9 @@ class BusLoop:
     def _serve_until(self, due: float) -> None:
         """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
         while True:
-            with self._changed:
+            with self._wanted:
                 if not self._requests and not self._stopping:
-                    self._changed.wait(max(0.0, due - time.monotonic()))
+                    self._wanted.wait(max(0.0, due - time.monotonic()))
                 request = self._requests.popleft() if self._requests else None
             if request is None:
                 if self._stopping or time.monotonic() >= due:

@@ -14,7 +14,8 @@ from softgrip_driver.tendon.motions import DriveState, Outcome
 class DriveSnapshot:
     """What one drive is and does, for whoever watches.
 
-    Lengths [m] are pulled lengths; NaN until something was read. ``outcome`` and ``reason`` are the last motion's.
+    Lengths [m] are pulled lengths; NaN until something was read. ``job`` counts the motions that were asked for;
+    ``outcome`` and ``reason`` are the last one's.
     """
 
     tendon: str
@@ -35,6 +36,7 @@ class DriveSnapshot:
     lost_replies: int = 0
     time: float = 0.0
     warnings: tuple[str, ...] = ()
+    job: int = 0
 
 
 @dataclass
