@@ -25,7 +25,7 @@ class Finger:
         excess: [m/s] of that speed.
         pauses_at: [m] where the bus pauses once and the drive stands.
         taut: [m] where the tendon becomes taut.
-        reversed_n: [N] of reversed current up to a length of 0, though it has its speed: a goal came late, and it had run.
+        reversed_n: [N] of reversed current up to a length of 0, though it has its speed: it had run after a late goal.
     """
 
     def __init__(self, excess=0.0, pauses_at=None, taut=TAUT, reversed_n=0.0):
