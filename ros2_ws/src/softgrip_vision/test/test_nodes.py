@@ -162,24 +162,27 @@ def test_the_first_frame_waits_for_those_who_want_all_of_them(
     """With one that never comes the wait has its end."""
     now = time.time()
     stream = serve([part(jpeg, f"{now + i:.6f}") for i in range(3)])
-    late = watcher.start("camera", source=stream, wait_for_subscribers=3, subscribers_wait_s=0.2)
+    late = watcher.start("camera", source=stream, wait_for="watcher,nobody", wait_limit_s=0.2)
     assert watcher.until(lambda: bool(watcher.images))
     late.send_signal(signal.SIGINT)
     said = late.communicate(timeout=10)[1]
-    assert "expected 3 subscribers of /camera/image_raw/compressed, found 1; starting without" in said
+    assert "expected a subscription of nobody to /camera/image_raw/compressed within 0.2 s, found none" in said
 
     end = time.monotonic() + 0.5
     watcher.until(lambda: time.monotonic() > end)
     watcher.images.clear()
-    watcher.start("camera", source=stream, wait_for_subscribers=2, subscribers_wait_s=60.0)
+    watcher.start("camera", source=stream, wait_for="'watcher, second'", wait_limit_s=60.0)
     assert watcher.until(lambda: watcher.count_publishers("camera/image_raw/compressed") == 2)  # the test's own is one
     end = time.monotonic() + 1.0
     watcher.until(lambda: time.monotonic() > end)
     assert not watcher.images
     second: list[CompressedImage] = []
-    watcher.create_subscription(CompressedImage, "camera/image_raw/compressed", second.append, SENSOR)
+    node = Node("second")
+    watcher.executor_.add_node(node)
+    node.create_subscription(CompressedImage, "camera/image_raw/compressed", second.append, SENSOR)
     assert watcher.until(lambda: bool(watcher.images and second))
     assert second[0].header.stamp == watcher.images[0].header.stamp
+    node.destroy_node()
 
 
 def test_bad_frames_are_named_and_nothing_is_measured(watcher: Watcher, calibration_file: Path, jpeg: bytes) -> None:

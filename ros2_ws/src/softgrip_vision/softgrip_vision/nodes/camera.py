@@ -41,14 +41,12 @@ PARAMETERS = ParameterTable(
     Parameter("height", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("fps", 0.0, "asked of a device, or of an image folder; 0: their choice", "Hz", 0.0, 1000.0),
     Parameter(
-        "wait_for_subscribers",
-        0,
-        "the first frame waits for so many: a bag that lacks it cannot show what the tracker made of it",
+        "wait_for",
         "",
-        0,
-        20,
+        "nodes, separated by commas, that must subscribe before the first frame: a bag that lacks frames cannot show "
+        "what the tracker made of them",
     ),
-    Parameter("subscribers_wait_s", 5.0, "longest wait for them", "s", 0.0, 60.0),
+    Parameter("wait_limit_s", 5.0, "longest wait for them", "s", 0.0, 60.0),
     Parameter("timeout_s", 2.0, "a stream without data for so long is reconnected", "s", 0.1, 60.0),
     Parameter("reconnect_delay_s", 0.5, "between attempts to connect", "s", 0.05, 60.0),
     Parameter("repeat", False, "start a file or folder again at its end"),
@@ -61,8 +59,8 @@ OPENCV_ERRORS = 2
 #: [s] between looks at the health of the capture.
 HEALTH_PERIOD = 0.5
 #: [s] between looks at who subscribes. The middleware knows of a subscription a little before samples reach it.
-SUBSCRIBERS_PERIOD = 0.05
-SUBSCRIBERS_LOOKS = 3
+LISTENERS_PERIOD = 0.05
+LISTENERS_LOOKS = 3
 
 
 class CameraNode(Node):
@@ -84,9 +82,10 @@ class CameraNode(Node):
         self._size_problem = ""
         self._watch = FrameWatch()
         self._capture = self._make_capture()
-        self._subscribers_wait_s = 0.0
-        self._subscribed_looks = 0
-        self._waiting = self.create_timer(SUBSCRIBERS_PERIOD, self._await_subscribers)
+        self._expected = {name.strip() for name in self._values["wait_for"].split(",")} - {""}
+        self._waited_s = 0.0
+        self._complete_looks = 0
+        self._waiting = self.create_timer(LISTENERS_PERIOD, self._await_listeners)
         self.create_timer(HEALTH_PERIOD, self._report)
 
     def _load_calibration(self) -> calibration.Calibration | None:
@@ -113,19 +112,23 @@ class CameraNode(Node):
         except VisionError as error:
             raise StartupError(f"parameter 'source': {error}") from error
 
-    def _await_subscribers(self) -> None:
-        expected, found = self._values["wait_for_subscribers"], self._compressed.get_subscription_count()
-        self._subscribers_wait_s += SUBSCRIBERS_PERIOD
-        self._subscribed_looks = self._subscribed_looks + 1 if found >= expected else 0
-        late = self._subscribers_wait_s >= self._values["subscribers_wait_s"]
-        if expected and self._subscribed_looks < SUBSCRIBERS_LOOKS and not late:
+    def _await_listeners(self) -> None:
+        self._waited_s += LISTENERS_PERIOD
+        missing = self._expected - self._listeners() if self._expected else set()
+        self._complete_looks = 0 if missing else self._complete_looks + 1
+        late = self._waited_s >= self._values["wait_limit_s"]
+        if self._expected and self._complete_looks < LISTENERS_LOOKS and not late:
             return
-        if found < expected:
+        if missing:
             self.get_logger().warning(
-                f"expected {expected} subscribers of {self._compressed.topic_name}, found {found}; starting without"
+                f"expected a subscription of {', '.join(sorted(missing))} to {self._compressed.topic_name} within "
+                f"{self._values['wait_limit_s']:g} s, found none; starting without"
             )
         self._waiting.cancel()
         self._capture.start()
+
+    def _listeners(self) -> set[str]:
+        return {info.node_name for info in self.get_subscriptions_info_by_topic(self._compressed.topic_name)}
 
     def _publish_ready(self) -> None:
         while (frame := self._capture.take()) is not None:
