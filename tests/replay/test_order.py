@@ -61,12 +61,10 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
         for number, frame in enumerate(frames):
             if number in news:
                 node.feed(news[number])
-            for topic, output in node.feed(frame):
-                if topic in RESULTS:
+            for output in node.feed(frame):
+                if (topic := output.topic) in RESULTS:
                     received = frame.received + 2 * LATE
-                    results[topic].append(
-                        RawMessage(topic, types[topic], received, received, bytes(serialize_message(output)))
-                    )
+                    results[topic].append(RawMessage(topic, types[topic], received, received, output.data))
     configurations = [deserialize_message(raw.data, FingerMarkers).configuration for raw in results["/finger/markers"]]
     for number, profile, _ in told:
         assert (configurations[number] == configurations[number - 1]) is (profile is NOBODY)

@@ -8,7 +8,7 @@ outputs depend on the messages fed in and on nothing else.
 from __future__ import annotations
 
 import importlib
-from collections import defaultdict
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
@@ -19,14 +19,27 @@ from softgrip_bag.reader import RawMessage
 INFRASTRUCTURE = {"/rosout", "/parameter_events"}
 
 
+@dataclass(frozen=True)
+class Output:
+    """What a node published, in the wire's form: float32 fields are only there what they were recorded as."""
+
+    topic: str
+    kind: Any
+    data: bytes
+
+    @property
+    def message(self) -> Any:
+        """The message, read back."""
+        return deserialize_message(self.data, self.kind)
+
+
 class _CapturingPublisher:
-    def __init__(self, topic: str, sink: dict[str, list[Any]]) -> None:
+    def __init__(self, topic: str, sink: list[Output]) -> None:
         self.topic_name = topic
         self._sink = sink
 
     def publish(self, message: Any) -> None:
-        # through the wire's form and back: float32 fields are only there what they were recorded as
-        self._sink[self.topic_name].append(deserialize_message(serialize_message(message), type(message)))
+        self._sink.append(Output(self.topic_name, type(message), bytes(serialize_message(message))))
 
     def get_subscription_count(self) -> int:
         return 1
@@ -51,7 +64,7 @@ class ReplayedNode:
     def __init__(self, class_path: str, **options: Any) -> None:
         module, _, class_name = class_path.partition(":")
         base = getattr(importlib.import_module(module), class_name)
-        sink: dict[str, list[Any]] = defaultdict(list)
+        sink: list[Output] = []
 
         class Captured(base):  # type: ignore[misc, valid-type]  # the class is chosen at run time
             def create_publisher(self, msg_type: Any, topic: str, qos: Any, **options: Any) -> Any:
@@ -72,15 +85,15 @@ class ReplayedNode:
         """Topics that the node subscribes to."""
         return set(self._callbacks)
 
-    def feed(self, message: RawMessage) -> list[tuple[str, Any]]:
-        """Call the node's callback with one recorded message; returns what it published (topic, message)."""
+    def feed(self, message: RawMessage) -> list[Output]:
+        """Call the node's callback with one recorded message; returns what it published."""
         callback, message_type = self._callbacks[message.topic]
         callback(deserialize_message(message.data, message_type))
         return self.published()
 
-    def published(self) -> list[tuple[str, Any]]:
-        """Return what the node published since the last time (topic, message)."""
-        published = [(topic, output) for topic, outputs in self._sink.items() for output in outputs]
+    def published(self) -> list[Output]:
+        """Return what the node published since the last time."""
+        published = self._sink.copy()
         self._sink.clear()
         return published
 

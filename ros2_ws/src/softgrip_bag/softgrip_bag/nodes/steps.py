@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +20,10 @@ from softgrip_bag.reader import RawMessage, latched_topics, read
 #: [ns] how much later, or earlier, than the node the recorder may have received a message.
 _SLACK = 5_000_000_000
 
+
+#: Bytes of CDR before the message; the second one says whether it is little endian.
+_ENCAPSULATION = 4
+_STAMP = (struct.Struct(">iI"), struct.Struct("<iI"))
 
 #: Steps that are what the node said, not what it was told.
 _SAID = ("answered ", "feedback ", "finished ", "succeeded ", "aborted ", "canceled ", "called ", "sent ", "withdrawn ")
@@ -132,3 +138,16 @@ def stamp_of(message: Any) -> int:
     """Return header.stamp [ns]."""
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def stamp_in(data: bytes, kind: Any) -> int:
+    """Return header.stamp [ns] of a message in the wire's form; where the header comes first nothing else is read."""
+    if not _begins_with_header(kind):
+        return stamp_of(deserialize_message(data, kind))
+    seconds, nanoseconds = _STAMP[data[1] & 1].unpack_from(data, _ENCAPSULATION)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+@functools.cache
+def _begins_with_header(kind: Any) -> bool:
+    return next(iter(kind.get_fields_and_field_types().items()), None) == ("header", "std_msgs/Header")

@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import NOT_COMPARED, Divergence, Result, first_difference
 from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.captured import INFRASTRUCTURE, ReplayedNode
+from softgrip_bag.nodes.captured import INFRASTRUCTURE, Output, ReplayedNode
 from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
-from softgrip_bag.nodes.steps import Messages, MissingMessageError, Step, runs, stamp_of
+from softgrip_bag.nodes.steps import Messages, MissingMessageError, Step, runs, stamp_in, stamp_of
 from softgrip_bag.nodes.trees import tree
 from softgrip_bag.nodes.types import check_definition, message_class
 from softgrip_bag.reader import RawMessage, latched_topics, read, topic_summaries, topic_types
@@ -119,14 +119,14 @@ def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str
         recorded = restore(bag, f"/{name}", Path(folder))
         replayed, start, _ = _feed(bag, NODES[name], types, [*recorded, *ros_arguments])
     keys = _Keys()
-    by_key = {topic: {keys.of(topic, message): message for message in outputs} for topic, outputs in replayed.items()}
+    by_key = {topic: {keys.of(topic, o.data, o.kind): o for o in outputs} for topic, outputs in replayed.items()}
     keys = _Keys()
     found: dict[str, list[RawMessage]] = {topic: [] for topic in by_key}
     for raw in read(bag, set(by_key)):
-        key = keys.of(raw.topic, deserialize_message(raw.data, message_class(raw.type_name)))
+        key = keys.of(raw.topic, raw.data, message_class(raw.type_name))
         output = by_key[raw.topic].get(key)
         if output is not None and key[0] >= start:
-            found[raw.topic].append(replace(raw, data=serialize_message(output)))
+            found[raw.topic].append(replace(raw, data=output.data))
     return found
 
 
@@ -139,7 +139,7 @@ def _checked_types(bag: Path) -> dict[str, str]:
 
 def _feed(
     bag: Path, replayable: Replayable, types: Mapping[str, str], ros_arguments: Sequence[str]
-) -> tuple[dict[str, list[Any]], int, set[int]]:
+) -> tuple[dict[str, list[Output]], int, set[int]]:
     """Return topic -> results, the stamp from which on they are complete, and the stamps of all that was fed [ns]."""
     driver = next((topic for topic in replayable.drivers if topic in types), None)
     if driver is None:
@@ -207,10 +207,10 @@ def _check_run(
             doors[0].run()
         except MissingMessageError:
             end, without_input = doors[0].now_ns() - 1, doors[0].untold
-        outputs: dict[str, list[Any]] = defaultdict(list)
-        for topic, message in replayed.published():
-            if topic in types and topic not in NOT_RESULTS:
-                outputs[topic].append(message)
+        outputs: dict[str, list[Output]] = defaultdict(list)
+        for output in replayed.published():
+            if output.topic in types and output.topic not in NOT_RESULTS:
+                outputs[output.topic].append(output)
         found = _compare(bag, outputs, types, steps[0].wall, {step.wall for step in steps}, tolerance, end)
         return Result(doors[0].compared + found.compared, found.divergence, without_input)
     except Diverged as found_difference:
@@ -243,13 +243,13 @@ class _Replay:
         self._results = results
         self._fed: list[RawMessage] = []  # latched; one that changes nothing leaves what an earlier did
         self._pending: dict[str, list[RawMessage]] = {}
-        self._outputs: dict[str, list[Any]] = defaultdict(list)
+        self._outputs: dict[str, list[Output]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
         self._probe: ReplayedNode | None = None  # has heard what the node has
         self.start = 0  # [ns] stamp of the first recorded result of the driving stream
         self.stamps: set[int] = set()  # [ns] of every message that was fed
 
-    def run(self, types: Mapping[str, str]) -> dict[str, list[Any]]:
+    def run(self, types: Mapping[str, str]) -> dict[str, list[Output]]:
         """Feed everything; returns topic -> messages."""
         topics = self._node.inputs & set(types)
         latched = latched_topics(self._bag) & topics
@@ -258,7 +258,7 @@ class _Replay:
             self._pending[message.topic].append(message)
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
-                stamp = stamp_of(deserialize_message(message.data, message_class(message.type_name)))
+                stamp = stamp_in(message.data, message_class(message.type_name))
                 configuration = self._results.get(stamp)
                 if configuration is None:
                     continue  # this one never reached the node, or the node had nothing to say about it
@@ -309,12 +309,12 @@ class _Replay:
     ) -> bool:
         for one in latched:
             probe.feed(one)
-        return any(_configuration(output) == configuration for _, output in probe.feed(message))
+        return any(_configuration(output.message) == configuration for output in probe.feed(message))
 
     def _take(self, message: RawMessage) -> None:
-        self.stamps.add(stamp_of(deserialize_message(message.data, message_class(message.type_name))))
-        for topic, output in self._node.feed(message):
-            self._outputs[topic].append(output)
+        self.stamps.add(stamp_in(message.data, message_class(message.type_name)))
+        for output in self._node.feed(message):
+            self._outputs[output.topic].append(output)
 
 
 def _results(bag: Path, topic: str, types: Mapping[str, str]) -> dict[int, tuple[str, ...]]:
@@ -333,7 +333,7 @@ def _configuration(message: Any) -> tuple[str, ...]:
 
 def _compare(
     bag: Path,
-    replayed: Mapping[str, list[Any]],
+    replayed: Mapping[str, list[Output]],
     types: Mapping[str, str],
     start: int,
     fed: AbstractSet[int],
@@ -346,12 +346,12 @@ def _compare(
     message of a best-effort stream that the node got, there is nothing to compute that output from.
     """
     keys = _Keys()
-    by_key = {topic: {keys.of(topic, message): message for message in messages} for topic, messages in replayed.items()}
+    by_key = {topic: {keys.of(topic, o.data, o.kind): o for o in outputs} for topic, outputs in replayed.items()}
     keys = _Keys()
     compared = without_input = 0
     for raw in read(bag, set(by_key)):
-        recorded = deserialize_message(raw.data, message_class(raw.type_name))
-        key = keys.of(raw.topic, recorded)
+        kind = message_class(raw.type_name)
+        key = keys.of(raw.topic, raw.data, kind)
         if key[0] < start or (end is not None and key[0] > end):
             continue
         output = by_key[raw.topic].get(key)
@@ -362,10 +362,11 @@ def _compare(
         if output is None:
             difference = Divergence(raw.topic, key[0], "(message)", "published", "not published")
             return Result(compared, difference, without_input)
-        if serialize_message(output) == raw.data:
+        if output.data == raw.data:
             continue  # the same bytes say the same
         skip = NOT_COMPARED.get(types[raw.topic], frozenset())
-        found = first_difference(tree(recorded), tree(output), skip, tolerance=tolerance)
+        recorded = deserialize_message(raw.data, kind)
+        found = first_difference(tree(recorded), tree(output.message), skip, tolerance=tolerance)
         if found:
             return Result(compared, Divergence(raw.topic, key[0], *found), without_input)
     return Result(compared, None, without_input)
@@ -377,7 +378,8 @@ class _Keys:
     def __init__(self) -> None:
         self._seen: Counter[tuple[str, int, str]] = Counter()
 
-    def of(self, topic: str, message: Any) -> tuple[int, str, int]:
-        stamp, finger = stamp_of(message), getattr(message, "finger", "")
+    def of(self, topic: str, data: bytes, kind: Any) -> tuple[int, str, int]:
+        finger = str(deserialize_message(data, kind).finger) if "finger" in kind.get_fields_and_field_types() else ""
+        stamp = stamp_in(data, kind)
         self._seen[topic, stamp, finger] += 1
         return stamp, finger, self._seen[topic, stamp, finger]
