@@ -41,15 +41,17 @@ PINCH, POWER, NOBODY = "pinch", "power", ""
 
 
 @pytest.mark.parametrize(
-    "told",
+    ("told", "lag"),
     [
-        [(7, PINCH, LATE)],
-        [(2, PINCH, -LATE), (4, NOBODY, -LATE), (7, POWER, LATE)],
-        [(2, PINCH, LATE), (3, POWER, LATE), (7, NOBODY, LATE), (8, PINCH, LATE)],
+        ([(7, PINCH, LATE)], 0),
+        ([(2, PINCH, -LATE), (4, NOBODY, -LATE), (7, POWER, LATE)], 0),
+        ([(2, PINCH, LATE), (3, POWER, LATE), (7, NOBODY, LATE), (8, PINCH, LATE)], 0),
+        # frames come to the recorder a second after they were taken, news at once
+        ([(2, PINCH, LATE), (5, POWER, LATE), (6, PINCH, LATE)], 1_000_000_000),
     ],
 )
 def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
-    told: list[tuple[int, str, int]], tmp_path: Path
+    told: list[tuple[int, str, int]], lag: int, tmp_path: Path
 ) -> None:
     """The tracker hears before a frame what sits in the slot, the recorder some time after (or before) that frame."""
     frames = list(read(FRAMES, {CAMERA}))
@@ -68,7 +70,8 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
     configurations = [deserialize_message(raw.data, FingerMarkers).configuration for raw in results["/finger/markers"]]
     for number, profile, _ in told:
         assert (configurations[number] == configurations[number - 1]) is (profile is NOBODY)
-    excerpt(FRAMES, tmp_path / "bag", instead={**results, CELL: list(news.values())})
+    late = [replace(frame, received=frame.received + lag) for frame in frames]
+    excerpt(FRAMES, tmp_path / "bag", instead={**results, CAMERA: late, CELL: list(news.values())})
     found = check(tmp_path / "bag", "marker_tracker")
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
@@ -77,4 +80,4 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
 def cell_state(like: RawMessage, profile: str, received: int) -> RawMessage:
     state = MountedFinger.VERIFIED if profile else MountedFinger.UNKNOWN
     message = CellState(mounted=[MountedFinger(finger="index", profile=profile, state=state)])
-    return replace(like, received=received, data=bytes(serialize_message(message)))
+    return replace(like, received=received, published=received, data=bytes(serialize_message(message)))

@@ -75,8 +75,8 @@ NODES = {
 NOT_RESULTS = {*INFRASTRUCTURE, "/diagnostics"}
 #: Fields that name the configuration a result was computed with.
 CONFIGURATION_FIELDS = ("friction_model", "configuration")
-#: [ns] a latched message may have reached the node this much earlier than the recorder.
-EARLIER = 2_000_000_000
+#: [ns] a node may be this much behind: what it works on was published so long before a latched message that it knows.
+BEHIND = 2_000_000_000
 
 
 def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance: float = 0.0) -> Result:
@@ -254,7 +254,7 @@ class _Replay:
         topics = self._node.inputs & set(types)
         latched = latched_topics(self._bag) & topics
         self._pending = {topic: [] for topic in sorted(latched)}
-        for message in read(self._bag, latched):
+        for message in sorted(read(self._bag, latched), key=lambda message: message.published):
             self._pending[message.topic].append(message)
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
@@ -268,11 +268,14 @@ class _Replay:
         return self._outputs
 
     def _configure(self, message: RawMessage, configuration: tuple[str, ...]) -> None:
-        """Feed the latched messages that had reached the node before it worked on ``message``."""
-        arrived = self._waiting(message.received)
+        """Feed the latched messages that had reached the node before it worked on ``message``.
+
+        What was published before it most likely had. When the recorder received either says little: it may lag, too.
+        """
+        arrived = self._waiting(message.published)
         if configuration == self._last and not any(arrived.values()):
             return
-        possible = self._waiting(message.received + EARLIER)
+        possible = self._waiting(message.published + BEHIND)
         choices = [
             dict(zip(possible, counts, strict=True))
             for counts in itertools.product(*(range(most + 1) for most in possible.values()))
@@ -289,11 +292,11 @@ class _Replay:
         self._last = configuration
 
     def _waiting(self, until: int) -> dict[str, int]:
-        return {topic: sum(1 for m in waiting if m.received <= until) for topic, waiting in self._pending.items()}
+        return {topic: sum(1 for m in waiting if m.published <= until) for topic, waiting in self._pending.items()}
 
     def _first(self, counts: Mapping[str, int]) -> list[RawMessage]:
         first = [message for topic, count in counts.items() for message in self._pending[topic][:count]]
-        return sorted(first, key=lambda message: message.received)
+        return sorted(first, key=lambda message: message.published)
 
     def _explains(self, candidates: Sequence[RawMessage], message: RawMessage, configuration: tuple[str, ...]) -> bool:
         # The one that was tried last goes on from there. What it has heard it cannot forget: its no says nothing.
