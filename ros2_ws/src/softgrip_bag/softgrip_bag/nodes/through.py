@@ -144,7 +144,7 @@ def _feed(
     driver = next((topic for topic in replayable.drivers if topic in types), None)
     if driver is None:
         raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
-    rclpy.init(args=["--ros-args", "--log-level", "warn", *ros_arguments])
+    rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "warn", *ros_arguments])
     nodes: list[ReplayedNode] = []
     try:
 
@@ -192,7 +192,7 @@ def _check_run(
     """Have a node take the steps of one run again."""
     topics = {step.name.removeprefix("topic ") for step in steps if step.name.startswith("topic ")}
     messages = Messages(bag, topics)
-    rclpy.init(args=["--ros-args", "--log-level", "fatal", *ros_arguments])
+    rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "fatal", *ros_arguments])
     doors: list[ReplayedDoors] = []
     replayed: ReplayedNode | None = None
 
