@@ -45,7 +45,10 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     Returns:
         the process's exit code.
     """
-    rclpy.init(args=list(args) if args is not None else None)
+    try:
+        rclpy.init(args=list(args) if args is not None else None)
+    except Exception as error:  # noqa: BLE001  rcl's words for arguments and parameter files, in several classes
+        return _cannot_start(getattr(factory, "__name__", "node"), error)
     _end_with_the_terminal()
     node: Node | None = None
     executor: Any = MultiThreadedExecutor(num_threads=threads) if threads > 1 else SingleThreadedExecutor()
@@ -63,9 +66,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StartupError as error:
-        name = node.get_name() if node is not None else getattr(factory, "__name__", "node")
-        print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
-        code = CANNOT_START
+        code = _cannot_start(node.get_name() if node is not None else getattr(factory, "__name__", "node"), error)
     except Exception:
         if not _is_told_to_stop():
             raise
@@ -73,6 +74,11 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     finally:
         _leave(node, executor)
     return code
+
+
+def _cannot_start(name: str, error: Exception) -> int:
+    print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
+    return CANNOT_START
 
 
 def _end_with_the_terminal() -> None:

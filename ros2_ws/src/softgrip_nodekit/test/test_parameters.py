@@ -4,6 +4,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from pathlib import Path
 from collections.abc import Iterator
 from typing import Any
 
@@ -125,3 +126,14 @@ def test_a_parameter_that_the_node_does_not_have_ends_it_with_its_name() -> None
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
     assert "cannot start: unknown parameter 'raet'; meter has rate, " in ended.stderr
+
+
+def test_a_parameter_file_that_is_none_ends_it_with_file_and_line(tmp_path: Path) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text("meter:\n  ros__parameters:\n    rate: [1.0,\n")
+    command = [sys.executable, "-c", NODE, "--ros-args", "--params-file", str(file)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert "cannot start: " in ended.stderr
+    assert str(file) in ended.stderr
+    assert "Traceback" not in ended.stderr
