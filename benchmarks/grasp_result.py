@@ -236,7 +236,7 @@ def _share(values: np.ndarray, share: int) -> str:
 
 def main() -> None:
     """Run all trials on two processes and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0, help="added to the seeds of the emulated cells")
     options = parser.parse_args()
     jobs = [(seed + options.seed, finger_set) for seed, finger_set in CELLS]

@@ -20,7 +20,7 @@ LONGEST = 600.0  # [s] for one script
 
 def main() -> int:
     """Run the scripts; the exit code is 1 when one of them failed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="file for the JSON lines; the picture goes beside it")
     parser.add_argument("scripts", nargs="*", help="names of scripts; none = all")
     arguments = parser.parse_args()

@@ -56,7 +56,7 @@ def grasps(seed: int, finger_set: str) -> dict[str, tuple[str, bool]]:
 
 def main() -> None:
     """Run all and print the claim."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="emulated cells")
     parser.add_argument("--write", action="store_true", help="keep the result for the demo's report")
     options = parser.parse_args()

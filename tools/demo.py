@@ -30,7 +30,7 @@ SHOWN = re.compile(
 
 def main() -> int:
     """Run the launch file, then the report; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder for record, bag and report; an earlier shift's is emptied first")
     parser.add_argument("--seed", type=int, default=1, help="seed of the emulated cell")
     parser.add_argument("--cross-check", action="store_true", help="grasp every product with every finger set")

@@ -52,7 +52,7 @@ def fuzz_with_atheris(target: ModuleType, seconds: float, seed: int) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("end", choices=ENDS, help="of the wires")
     parser.add_argument("--seconds", type=float, default=30.0, help="how long")
     parser.add_argument("--streams", type=int, default=0, help="how many instead, at random")

@@ -78,7 +78,7 @@ def files() -> dict[Path, str]:
 
 def main() -> int:
     """Write the files."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     for path, content in files().items():
         path.write_text(content)
         print(path.relative_to(CONFIG.parents[3]))

@@ -78,7 +78,7 @@ NODES = {"closings": "kinematics_predictor", "shapes": "gdfe_simulator", "frames
 
 def main() -> int:
     """Record a session, or take a bag, and cut the excerpts."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bag", type=Path, help="cut a bag that is there already")
     parser.add_argument("--bench", action="store_true", help="record the manager on the bench of test_manager_live.py")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated cell")

@@ -51,7 +51,7 @@ def grasp(profiles: Mapping[str, Profile], finger_set: str, product: str, tensio
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("profiles", type=Path, help="folder of finger profiles, e.g. softgrip_bringup/profiles")
     parser.add_argument("--tensions", type=float, nargs="+", default=[8.0, 14.0, 20.0], metavar="N", help="[N]")
     parser.add_argument("--products", nargs="+", choices=sorted(products()), default=list(products()), metavar="NAME")
