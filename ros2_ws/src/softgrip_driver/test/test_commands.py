@@ -206,8 +206,18 @@ def test_a_recording_that_cannot_be_kept_is_refused_before_the_measurement(tmp_p
     assert "choose another --record" in capsys.readouterr().err
 
 
+@pytest.fixture
+def signals():
+    """Signals as a terminal leaves them: a background job's or nohup's are ignored."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+    before = {one: signal.signal(one, handler) for one, handler in usual.items()}
+    yield usual
+    for one, handler in before.items():
+        signal.signal(one, handler)
+
+
 @pytest.mark.parametrize("ends", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_command_that_is_ended_leaves_things_safe_and_no_second_signal_cuts_in(ends):
+def test_a_command_that_is_ended_leaves_things_safe_and_no_second_signal_cuts_in(ends, signals):
     """Ctrl-C, kill, the terminal closed; the default of the latter two is to end at once, with the servo pulling."""
     steps = []
 
@@ -220,10 +230,9 @@ def test_a_command_that_is_ended_leaves_things_safe_and_no_second_signal_cuts_in
             os.kill(os.getpid(), signal.SIGTERM)
             steps.append("let go")
 
-    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     assert common.run(work, argparse.ArgumentParser(), []) == common.FAILED
     assert steps == ["let go"]
-    assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+    assert {one: signal.getsignal(one) for one in signals} == signals
 
 
 def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monkeypatch, tmp_path):
