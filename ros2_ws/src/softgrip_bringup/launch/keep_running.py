@@ -33,7 +33,7 @@ class Keeper:
     def __init__(self, command: list[str]) -> None:
         self._command = command
         self._child: subprocess.Popen[bytes] | None = None
-        self._stopping = False
+        self._ended_by: int | None = None  # signal
         self._restarts: collections.deque[float] = collections.deque(maxlen=MOST_RESTARTS)
 
     def run(self) -> int:
@@ -45,7 +45,7 @@ class Keeper:
             code = self._run_once()
             early = code > 0 and time.monotonic() - started < STARTED_AFTER
             refused = code in {0, CANNOT_START} or early
-            if self._stopping or refused:
+            if self._ended_by is not None or refused:
                 return code if code >= 0 else 128 - code
             how = f"ended with exit code {code}" if code >= 0 else f"was killed by {signal.Signals(-code).name}"
             if self._too_often():
@@ -53,19 +53,19 @@ class Keeper:
                 return 1
             self._say(f"{how}; starting it again")
             time.sleep(PAUSE)
-            if self._stopping:
+            if self._ended_by is not None:
                 return 0
 
     def _run_once(self) -> int:
         # A group of its own: a signal to ours, such as Ctrl-C in a terminal, reaches it once, through us.
         self._child = subprocess.Popen(self._command, process_group=0, preexec_fn=_end_with_parent)  # noqa: PLW1509
-        if self._stopping:  # the signal came before there was a child to pass it to
-            self._child.send_signal(signal.SIGINT)
+        if self._ended_by is not None:  # the signal came before there was a child to pass it to
+            self._child.send_signal(self._ended_by)
         return self._child.wait()
 
     def _pass_on(self, number: int, frame: FrameType | None) -> None:
         del frame
-        self._stopping = True
+        self._ended_by = number
         if self._child is not None:
             self._child.send_signal(number)
 
