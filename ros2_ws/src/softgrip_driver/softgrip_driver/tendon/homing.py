@@ -107,10 +107,9 @@ class Homing:
             self._samples.clear()
         run_up = view.length <= self._stood_at + self.RUN_UP
         self._steady = not run_up and (self._steady or view.speed <= self.TOO_FAST * limits.homing_speed)
-        # At the limit the device holds the current constant: such samples say nothing about the rise. Nor does a
-        # reversed current, by which a drive brakes itself: no tendon pushes.
+        # At the limit the device holds the current constant: such samples say nothing about the rise.
         if self._steady and view.speed > self.STANDING and view.pull < self.SATURATED * tension:
-            self._samples.append((view.length, max(0.0, view.pull)))
+            self._samples.append((view.length, view.pull))
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
         if not taut:
             self._taut_since = None
