@@ -25,10 +25,11 @@ class Finger:
         excess: [m/s] of that speed.
         pauses_at: [m] where the bus pauses once and the drive stands.
         taut: [m] where the tendon becomes taut.
+        gears: [N] that is read while nothing pulls.
     """
 
-    def __init__(self, excess=0.0, pauses_at=None, taut=TAUT):
-        self._excess, self._pauses_at, self._taut = excess, pauses_at, taut
+    def __init__(self, excess=0.0, pauses_at=None, taut=TAUT, gears=GEARS):
+        self._excess, self._pauses_at, self._taut, self._gears = excess, pauses_at, taut, gears
         self._paused = 0
         self._going_since = None
         self._asked = 0.0
@@ -39,16 +40,16 @@ class Finger:
         letting_out, self._asked = asked < self._asked, asked
         if letting_out or asked == self.length:
             self._going_since = None
-            return self._shown(now, min(0.0, (asked - self.length) / PERIOD), GEARS)
+            return self._shown(now, min(0.0, (asked - self.length) / PERIOD), self._gears)
         self._going_since = self.length if self._going_since is None else self._going_since
         if self._pauses_at is not None and self.length >= self._pauses_at and self._paused < 10:
             self._paused += 1
             self._going_since = self.length
-            return self._shown(now, 0.0, GEARS)
+            return self._shown(now, 0.0, self._gears)
         gone = self.length - self._going_since - Homing.RUN_UP
         decay = np.exp(-max(0.0, gone) / 0.0015)
         braking = -2.0 * decay if self._excess and gone >= 0.0 else 0.0
-        pull = STIFFNESS * max(0.0, self.length - self._taut) + GEARS + braking
+        pull = STIFFNESS * max(0.0, self.length - self._taut) + self._gears + braking
         if pull >= LIMITS.homing_tension:
             self._going_since = None
             return self._shown(now, 0.0, LIMITS.homing_tension)
@@ -74,6 +75,12 @@ def home(finger):
 @pytest.mark.parametrize("excess", [0.0, 0.008])
 def test_a_drive_that_turned_round_too_fast_is_not_taken_for_one_that_pulls(excess):
     assert home(Finger(excess)) == pytest.approx(TAUT, abs=3e-4)
+
+
+@pytest.mark.parametrize("gears", [-0.6, -0.2, 0.3])
+def test_what_is_read_while_nothing_pulls_does_not_move_the_zero(gears):
+    """A current near nothing is read as a little pull, or as a little push: the knee is where it begins to change."""
+    assert home(Finger(gears=gears)) == pytest.approx(TAUT, abs=3e-4)
 
 
 @pytest.mark.parametrize("pauses_at", [-0.004, -0.0006, 0.0, 0.0009, 0.0012, 0.0030])
