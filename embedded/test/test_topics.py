@@ -15,6 +15,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64, String
 
+from embedded_ros import wire
+
 Make = Callable[..., Node]
 Spin = Callable[..., bool]
 
@@ -155,3 +157,30 @@ def test_incompatible_qos_delivers_nothing_and_names_the_policy(
     text = capfd.readouterr().err
     said = f"offering incompatible QoS. No messages will be received from it. Last incompatible policy: {policy}"
     assert text.count(f"New publisher discovered on topic 't', {said}") == 1
+
+
+def test_threads_that_publish_at_once_do_so_in_the_order_of_their_numbers(
+    make_node: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A message that overtakes another makes a receiver count that other as lost."""
+    publisher = make_node("n").create_publisher(String, "t", 10)
+    put: list[int] = []
+    begun = threading.Event()
+
+    class Wire:
+        def put(self, _payload: bytes, attachment: bytes) -> None:
+            if not begun.is_set():
+                begun.set()
+                time.sleep(0.1)
+            put.append(wire.decode_attachment(attachment)[0])
+
+        def undeclare(self) -> None:
+            """Nothing was declared."""
+
+    monkeypatch.setattr(publisher, "_publisher", Wire())
+    first = threading.Thread(target=publisher.publish, args=[String()])
+    first.start()
+    assert begun.wait(5.0)
+    publisher.publish(String())
+    first.join()
+    assert put == [1, 2]

@@ -77,6 +77,16 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
     assert found.compared == sum(len(raws) for raws in results.values())
 
 
+@pytest.mark.parametrize("unheard", [1, 4])
+def test_a_node_that_answered_before_the_recorder_found_its_topic(unheard: int, tmp_path: Path) -> None:
+    """The tracker remembers what it saw: that it had seen earlier frames shows in its first recorded answer."""
+    results = {topic: list(read(FRAMES, {topic}))[unheard:] for topic in RESULTS}
+    excerpt(FRAMES, tmp_path / "bag", instead=results)
+    found = check(tmp_path / "bag", "marker_tracker")
+    assert found.divergence is None, str(found.divergence)
+    assert found.compared == sum(len(raws) for raws in results.values())
+
+
 def cell_state(like: RawMessage, profile: str, received: int) -> RawMessage:
     state = MountedFinger.VERIFIED if profile else MountedFinger.UNKNOWN
     message = CellState(mounted=[MountedFinger(finger="index", profile=profile, state=state)])

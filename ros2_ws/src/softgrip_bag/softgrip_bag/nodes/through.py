@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import tempfile
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
@@ -77,6 +77,8 @@ NOT_RESULTS = {*INFRASTRUCTURE, "/diagnostics"}
 CONFIGURATION_FIELDS = ("friction_model", "configuration")
 #: [ns] a node may be this much behind: what it works on was published so long before a latched message that it knows.
 BEHIND = 2_000_000_000
+#: So many messages before the first recorded answer the node may have answered before the recorder found its topic.
+EARLY = 60
 
 
 def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance: float = 0.0) -> Result:
@@ -152,7 +154,7 @@ def _feed(
             nodes.append(ReplayedNode(replayable.class_path))
             return nodes[-1]
 
-        replay = _Replay(bag, make, driver, _results(bag, replayable.result, types))
+        replay = _Replay(bag, make, driver, replayable.result, _results(bag, replayable.result, types))
         replayed = replay.run(types)
         results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
         return results, replay.start, replay.stamps
@@ -230,16 +232,23 @@ class _Replay:
         bag: to read.
         make: a node as it is before it has heard anything.
         driver: topic of the driving stream.
+        result: topic of what the node says to it.
         results: stamp of each recorded result [ns] -> configuration it was computed with.
     """
 
     def __init__(
-        self, bag: Path, make: Callable[[], ReplayedNode], driver: str, results: Mapping[int, tuple[str, ...]]
+        self,
+        bag: Path,
+        make: Callable[[], ReplayedNode],
+        driver: str,
+        result: str,
+        results: Mapping[int, tuple[str, ...]],
     ) -> None:
         self._bag = bag
         self._make = make
         self._node = make()
         self._driver = driver
+        self._result = result
         self._results = results
         self._fed: list[RawMessage] = []  # latched; one that changes nothing leaves what an earlier did
         self._pending: dict[str, list[RawMessage]] = {}
@@ -256,16 +265,36 @@ class _Replay:
         self._pending = {topic: [] for topic in sorted(latched)}
         for message in sorted(read(self._bag, latched), key=lambda message: message.published):
             self._pending[message.topic].append(message)
+        early: deque[RawMessage] = deque(maxlen=EARLY)
         for message in read(self._bag, topics - latched):
             if message.topic == self._driver:
                 stamp = stamp_in(message.data, message_class(message.type_name))
                 configuration = self._results.get(stamp)
                 if configuration is None:
-                    continue  # this one never reached the node, or the node had nothing to say about it
-                self.start = self.start or stamp
+                    # this one never reached the node, the node had nothing to say about it, or nobody recorded that yet
+                    if not self.start:
+                        early.append(message)
+                    continue
                 self._configure(message, configuration)
+                if not self.start:
+                    self.start = stamp
+                    self._catch_up(list(early), message)
             self._take(message)
         return self._outputs
+
+    def _catch_up(self, early: Sequence[RawMessage], message: RawMessage) -> None:
+        """Feed what the node had worked on before the recorder heard its first answer: as much as explains that one."""
+        answers = read(self._bag, {self._result})
+        recorded = next(raw for raw in answers if stamp_in(raw.data, message_class(raw.type_name)) == self.start)
+        for count in range(len(early) + 1):
+            begun = early[len(early) - count :]
+            probe = self._make()
+            for one in [*self._fed, *begun]:
+                probe.feed(one)
+            if any(output.topic == self._result and output.data == recorded.data for output in probe.feed(message)):
+                for one in begun:
+                    self._node.feed(one)
+                return
 
     def _configure(self, message: RawMessage, configuration: tuple[str, ...]) -> None:
         """Feed the latched messages that had reached the node before it worked on ``message``.
