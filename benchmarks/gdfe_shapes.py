@@ -16,7 +16,7 @@ from pathlib import Path
 import rclpy
 from _claim import claim, spread
 
-from softgrip_bag.nodes.through import ReplayedNode
+from softgrip_bag.nodes.captured import ReplayedNode
 from softgrip_bag.reader import read
 
 BAG = Path(__file__).resolve().parents[1] / "tests" / "replay" / "bags" / "closings"
@@ -37,7 +37,7 @@ def session() -> tuple[float, float, int, float]:
         said = node.feed(message)
         spent = time.process_time() - before
         total, longest = total + spent, max(longest, spent)
-        shapes += sum(topic == "/shape/predicted" for topic, _ in said)
+        shapes += sum(output.topic == "/shape/predicted" for output in said)
     node.close()
     return total, longest, shapes, 1e-9 * (received[-1] - received[0])
 
