@@ -7,7 +7,8 @@ Finished files are read through their index; files that were cut off give all th
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Iterator
+import heapq
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -78,6 +79,24 @@ def read(bag: Path, topics: Collection[str] | None = None) -> Iterator[RawMessag
             yield from _indexed(path, wanted)
         else:
             yield from sorted(_salvaged(path, wanted), key=lambda message: message.received)
+
+
+def as_published(messages: Iterable[RawMessage], lag: int = 30_000_000_000) -> Iterator[RawMessage]:
+    """Yield messages, given in order of reception, in order of publication.
+
+    A recorder that falls behind takes its topics in turns, and one of them may be seconds later than another.
+
+    Args:
+        messages: in order of reception.
+        lag: [ns] a message received later than this after its publication keeps the place that it came in.
+    """
+    waiting: list[tuple[int, int, RawMessage]] = []
+    for number, message in enumerate(messages):
+        heapq.heappush(waiting, (message.published, number, message))
+        while waiting and waiting[0][0] < message.received - lag:
+            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]
 
 
 def topic_summaries(bag: Path) -> list[TopicSummary]:

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from softgrip_bag.nodes.captured import Output, ReplayedNode
 from softgrip_bag.nodes.steps import stamp_in, stamp_of
 from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, latched_topics, read
+from softgrip_bag.reader import RawMessage, as_published, latched_topics, read
 
 #: Fields that name the configuration a result was computed with.
 CONFIGURATION_FIELDS = ("friction_model", "configuration")
@@ -65,7 +65,7 @@ class Feeding:
         for message in sorted(read(self._bag, latched), key=lambda message: message.published):
             self._pending[message.topic].append(message)
         early: deque[RawMessage] = deque(maxlen=EARLY)
-        for message in read(self._bag, topics - latched):
+        for message in as_published(read(self._bag, topics - latched)):
             if message.topic == self._driver:
                 stamp = stamp_in(message.data, message_class(message.type_name))
                 configuration = self._results.get(stamp)

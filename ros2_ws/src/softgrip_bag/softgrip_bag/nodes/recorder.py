@@ -46,7 +46,7 @@ PARAMETERS = ParameterTable(
     Parameter("record_on_start", True, "start recording when the node starts"),
     Parameter("repair_on_start", True, "finish bags under root that an earlier recorder could not"),
     Parameter("discovery_period", 0.1, "time between looks for new topics", "s", 0.02, 10.0),
-    Parameter("queue_depth", 1000, "messages that a topic may wait in the middleware", "", 1, 100000),
+    Parameter("queue_depth", 50000, "messages that a topic may wait in the middleware", "", 1, 1000000),
     Parameter("queue_mb", 256, "messages that may wait for the disk", "MB", 1, 65536),
     Parameter("split_size_mb", 0, "a bag goes on in another file beyond this size; 0 = never", "MB", 0, 1000000),
     Parameter("split_time_s", 0.0, "a bag goes on in another file after this time; 0 = never", "s", 0.0, 1e6),
@@ -69,6 +69,8 @@ _MB = 1_000_000
 _SWITCH_INTERVAL = 0.0005
 #: [s] longest wait for the thread that writes.
 _SPLIT_LIMIT = 30.0
+#: [s] after its publication that a message may be taken without a warning.
+_LATE = 2.0
 
 
 def _diagnosed(message: DiagnosticArray) -> dict[str, str]:
@@ -102,6 +104,7 @@ class Recorder(Node):
         self._snapshot_thread: threading.Thread | None = None
         self._losses = LossCounter()
         self._lost_before: Counter[str] = Counter()
+        self._behind = 0.0  # [s] the latest message since the last report
         self._facts = {"softgrip_machine": facts.machine(), "softgrip_software": facts.software()}
         self._carried: dict[str, Attachment] = {}
         self._topics: dict[str, Topic] = {}
@@ -263,6 +266,7 @@ class Recorder(Node):
 
     def _report(self) -> None:
         bag = self._bag
+        behind, self._behind = self._behind, 0.0
         if bag is None:
             self._diagnostics.set("bag", Health.WARN, "not recording; call recorder/start")
             return
@@ -270,6 +274,7 @@ class Recorder(Node):
             "messages": bag.accepted,
             "dropped": self._dropped(bag),
             "waiting_peak_bytes": bag.peak_bytes,
+            "behind_s": round(behind, 3),
             "nodes_with_parameters": self._snapshot_of_parameters.nodes,
             "files_not_found": "; ".join(self._snapshot_of_parameters.missing),
         }
@@ -280,6 +285,9 @@ class Recorder(Node):
         elif values["dropped"]:
             worst = (self._lost() + bag.dropped).most_common(3)
             said = f"{values['dropped']} messages dropped: " + ", ".join(f"{topic} {n}" for topic, n in worst)
+            self._diagnostics.set("bag", Health.WARN, said, values)
+        elif behind > _LATE:
+            said = f"messages are taken {behind:.1f} s after they were sent: this computer is too busy; give it less to do"
             self._diagnostics.set("bag", Health.WARN, said, values)
         else:
             self._diagnostics.set("bag", Health.OK, f"recording {bag.folder}", values)
@@ -322,6 +330,8 @@ class Recorder(Node):
             publisher = info.get("publisher_gid")
             if publisher is not None or single:
                 self._losses.see(name, info["publication_sequence_number"], publisher)
+            if not latched:
+                self._behind = max(self._behind, 1e-9 * (received - message.published))
             self._ring.add(message, latched=latched)
             if faults is not None:
                 self._fault_watch.see(faults(deserialize_message(data, cls)), time.monotonic())
