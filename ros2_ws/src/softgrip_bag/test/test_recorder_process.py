@@ -130,8 +130,12 @@ def test_services_and_what_the_bag_carries(
     snapshot = call(talker, SnapshotRecording, "recorder/snapshot", SnapshotRecording.Request())
     assert snapshot.success, snapshot.message
     assert texts(Path(snapshot.path))
+    for _ in range(3000):
+        number += 1
+        output.publish(String(data=str(number)))
     stopped = call(talker, StopRecording, "recorder/stop", StopRecording.Request())
     assert stopped.success, stopped.message
+    assert texts(bag)[-3000:] == list(range(number - 2999, number + 1))  # all that was sent before the stop
     assert not is_broken(bag)
     assert stopped.messages == len(list(read(bag)))
     assert {"softgrip_machine", "softgrip_software", "softgrip_dropped"} <= facts(bag).keys()

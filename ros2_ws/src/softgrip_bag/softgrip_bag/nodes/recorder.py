@@ -19,11 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from softgrip_bag import facts
+from softgrip_bag.draining import Drain
 from softgrip_bag.errors import BagError
 from softgrip_bag.faults import FaultWatch
 from softgrip_bag.losses import LossCounter
@@ -69,6 +72,8 @@ _MB = 1_000_000
 _SWITCH_INTERVAL = 0.0005
 #: [s] longest wait for the thread that writes.
 _SPLIT_LIMIT = 30.0
+#: [s] longest wait, when a recording is stopped, for what was sent before.
+_DRAIN_LIMIT = 20.0
 #: [s] after its publication that a message may be taken without a warning.
 _LATE = 2.0
 
@@ -105,6 +110,8 @@ class Recorder(Node):
         self._losses = LossCounter()
         self._lost_before: Counter[str] = Counter()
         self._behind = 0.0  # [s] the latest message since the last report
+        self._drain: Drain | None = None
+        self._drained: Future = Future()
         self._facts = {"softgrip_machine": facts.machine(), "softgrip_software": facts.software()}
         self._carried: dict[str, Attachment] = {}
         self._topics: dict[str, Topic] = {}
@@ -114,7 +121,9 @@ class Recorder(Node):
         self._snapshot_of_parameters = ParameterSnapshot(self, self._attach)
         self._snapshot_of_parameters.add_own(self._values)
         self.create_service(StartRecording, "recorder/start", self._on_start)
-        self.create_service(StopRecording, "recorder/stop", self._on_stop)
+        # it waits while the other callbacks go on
+        own = MutuallyExclusiveCallbackGroup()
+        self.create_service(StopRecording, "recorder/stop", self._on_stop, callback_group=own)
         self.create_service(SplitRecording, "recorder/split", self._on_split)
         self.create_service(SnapshotRecording, "recorder/snapshot", self._on_snapshot)
         if self._values["record_on_start"]:
@@ -178,11 +187,14 @@ class Recorder(Node):
             response.message = str(error)
         return response
 
-    def _on_stop(self, _: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
-        if self._bag is None:
-            response.message = "expected a running recording, found none"
-            return response
+    async def _on_stop(self, _: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
         bag = self._bag
+        if bag is None or self._drain is not None:
+            response.message = "expected a running recording, found " + ("none" if bag is None else "one being stopped")
+            return response
+        asked = time.time_ns()
+        self._drain, self._drained = Drain(asked, asked + int(1e9 * _DRAIN_LIMIT)), Future()
+        await self._drained
         self.close()
         response.path = str(bag.folder)
         response.messages = bag.accepted
@@ -263,6 +275,9 @@ class Recorder(Node):
         self._snapshot_of_parameters.look()
         self._snapshot_of_fault()
         self._report()
+        if self._drain is not None and self._drain.look(time.time_ns()):
+            self._drain = None
+            self._drained.set_result(None)
 
     def _report(self) -> None:
         bag = self._bag
@@ -287,7 +302,7 @@ class Recorder(Node):
             said = f"{values['dropped']} messages dropped: " + ", ".join(f"{topic} {n}" for topic, n in worst)
             self._diagnostics.set("bag", Health.WARN, said, values)
         elif behind > _LATE:
-            said = f"messages are taken {behind:.1f} s after they were sent: this computer is too busy; give it less to do"
+            said = f"messages are taken {behind:.1f} s after they were sent: this computer is too busy for the cell"
             self._diagnostics.set("bag", Health.WARN, said, values)
         else:
             self._diagnostics.set("bag", Health.OK, f"recording {bag.folder}", values)
@@ -330,6 +345,8 @@ class Recorder(Node):
             publisher = info.get("publisher_gid")
             if publisher is not None or single:
                 self._losses.see(name, info["publication_sequence_number"], publisher)
+            if self._drain is not None:
+                self._drain.see(message.published)
             if not latched:
                 self._behind = max(self._behind, 1e-9 * (received - message.published))
             self._ring.add(message, latched=latched)
