@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from softgrip_emulator.camera.apart import CameraApart, CameraSettings
-from softgrip_emulator.camera.camera import Look
-from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
-from softgrip_emulator.camera.scene import Pose
+from softgrip_emulator.camera.apart import CameraApart
+from softgrip_emulator.camera.look import CameraSettings, Look, Pose
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.errors import EmulatorError
@@ -115,9 +113,8 @@ class EmulatedCell:
         self.bus_wire = FaultyWire(self.chain, seed)
         self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)
         self._settings = camera or CameraSettings()
-        self._optics = draw_optics(self._settings.width, self._settings.height, seed)
         timed = replace(self._settings, fps=self._settings.fps * time_scale)
-        self.camera = CameraApart(timed, self._optics, seed, self._look)
+        self.camera = CameraApart(timed, seed, SEEN_SLOT, self._look)
         self.faults = FaultBoard(self)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live, name="plant", daemon=True)
@@ -130,16 +127,13 @@ class EmulatedCell:
         """
         try:
             self.wire_dir.mkdir(parents=True, exist_ok=True)
-            write_calibration(
-                self.wire_dir / "camera_calibration.yaml", calibrated(self._optics, self.seed), SEEN_SLOT, self.seed
-            )
             self.bus_port.start()
             self.rig.open_ports(self.wire_dir)
         except OSError as error:
             self.close()
             raise EmulatorError(f"wire folder {self.wire_dir}: expected to make ports in it, found: {error}") from error
         try:
-            self.camera.open(self.wire_dir / "camera.url")
+            self.camera.open(self.wire_dir / "camera.url", self.wire_dir / "camera_calibration.yaml")
         except OSError as error:
             self.close()
             raise EmulatorError(

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from softgrip_emulator.camera.apart import CameraApart, CameraSettings
-from softgrip_emulator.camera.camera import Camera, CameraFaults, Look
+from softgrip_emulator.camera.apart import CameraApart
+from softgrip_emulator.camera.camera import Camera
+from softgrip_emulator.camera.look import CameraFaults, CameraSettings, Look, Pose
 from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
-from softgrip_emulator.camera.scene import Light, Pose, Scene
+from softgrip_emulator.camera.scene import Light, Scene
 from softgrip_emulator.camera.stream import FrameBoard, StreamServer
 
 LINKS_M = (0.045, 0.027, 0.023)
@@ -199,14 +200,16 @@ def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_pat
     stamps = iter(range(1, 1000))
     apart = CameraApart(
         CameraSettings(320, 240, fps=60.0),
-        draw_optics(320, 240, seed=1),
         1,
+        "index",
         lambda: Look(pose_of((10, 0, 0)), pose_of((10, 0, 0)), float(next(stamps))),
     )
-    apart.open(tmp_path / "camera.url")
+    apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
     rows = list(parts((tmp_path / "camera.url").read_text().strip(), 3))
     assert [stamp for stamp, _ in rows] == sorted({stamp for stamp, _ in rows})
     assert cv2.imdecode(np.frombuffer(rows[0][1], np.uint8), cv2.IMREAD_COLOR).shape == (240, 320, 3)
+    write_calibration(tmp_path / "expected.yaml", calibrated(draw_optics(320, 240, seed=1), 1), "index", 1)
+    assert (tmp_path / "calibration.yaml").read_bytes() == (tmp_path / "expected.yaml").read_bytes()
     assert apart.running
     process = apart._process
     apart.close()
@@ -216,8 +219,8 @@ def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_pat
 
 def test_a_camera_that_is_killed_is_noticed(tmp_path, until):
     pose = pose_of((10, 0, 0))
-    apart = CameraApart(CameraSettings(320, 240), draw_optics(320, 240, seed=1), 1, lambda: Look(pose, pose, 0.0))
-    apart.open(tmp_path / "camera.url")
+    apart = CameraApart(CameraSettings(320, 240), 1, "index", lambda: Look(pose, pose, 0.0))
+    apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
     apart._process.kill()
     assert until(lambda: not apart.running)
     apart.close()

@@ -8,7 +8,7 @@ import dynamixel_sdk
 import numpy as np
 import pytest
 
-from softgrip_emulator.camera.apart import CameraSettings
+from softgrip_emulator.camera.look import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import BUS_FAULTS, CAMERA_FAULTS, random_plan, read_plan

@@ -5,45 +5,19 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import cv2
 
-from softgrip_emulator.camera.scene import Light, Pose, Scene
+from softgrip_emulator.camera.scene import Light, Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from softgrip_emulator.camera.look import Look
     from softgrip_emulator.camera.stream import FrameBoard
 
 _IDLE_LOOK_S: Final = 0.05
-
-
-@dataclass
-class CameraFaults:
-    """What goes wrong with the camera; neutral by default."""
-
-    frozen: bool = False
-    drop_share: float = 0.0
-    gain: float = 1.0
-
-
-@dataclass(frozen=True)
-class Look:
-    """What there is to see in one exposure.
-
-    Attributes:
-        pose: of the finger at the end of the exposure.
-        before: at its beginning.
-        stamp_s: seconds since the epoch.
-        faults: of the camera.
-    """
-
-    pose: Pose
-    before: Pose
-    stamp_s: float
-    faults: CameraFaults = field(default_factory=CameraFaults)
 
 
 class Camera:

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 
+from softgrip_emulator.camera.look import Pose
 from softgrip_emulator.camera.optics import BASE_MARKER_M, MARKER_DIAMETER_M, Optics
 
 if TYPE_CHECKING:
@@ -47,23 +48,6 @@ class Light:
     gain: float = 1.0
     noise: float = 2.0
     """Standard deviation of the sensor noise [grey levels]."""
-
-
-@dataclass(frozen=True)
-class Pose:
-    """The finger as the camera sees it at one instant.
-
-    Attributes:
-        joints_m: (n + 1, 2) joints and tip in the finger's base frame [m].
-        headings_rad: (n,) direction of each link [rad], 0 = straight, growing as it closes.
-        body_height_m: depth of the body on the closing side.
-        product_m: (m, 2) outline of what is behind the finger; m = 0 for nothing.
-    """
-
-    joints_m: Array
-    headings_rad: Array
-    body_height_m: float = 0.012
-    product_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 class Scene:

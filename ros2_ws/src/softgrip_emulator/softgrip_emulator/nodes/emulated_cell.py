@@ -8,13 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from softgrip_emulator.camera.apart import CameraSettings
+from softgrip_emulator.camera.look import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
 from softgrip_emulator.errors import EmulatorError
@@ -244,7 +243,6 @@ def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
     # The bus must answer within fractions of a millisecond while the plant computes.
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
-    cv2.setNumThreads(1)  # pictures are small: on a busy machine waiting for helpers takes longer than the work
     sys.exit(run(EmulatedCellNode, args))
 
 
