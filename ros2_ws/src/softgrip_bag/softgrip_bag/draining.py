@@ -20,10 +20,12 @@ class Drain:
         self._limit = limit
         self._quiet = 0
 
-    def see(self, published: int) -> None:
-        """Take note of when a message was sent [ns] that was just taken."""
-        if published < self._moment:
+    def see(self, published: int) -> bool:
+        """Take note of when a message was sent [ns] that was just taken; return whether that was before the moment."""
+        before = published < self._moment
+        if before:
             self._quiet = 0
+        return before
 
     def look(self, now: int) -> bool:
         """Return whether nothing from before the moment is on its way any more; now in [ns]."""

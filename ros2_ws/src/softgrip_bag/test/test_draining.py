@@ -21,7 +21,8 @@ def test_it_goes_on_while_something_sent_before_still_comes() -> None:
 def test_one_quiet_look_is_not_enough() -> None:
     drain = Drain(moment=100, limit=10_000)
     assert not drain.look(now=101)
-    drain.see(99)
+    assert drain.see(99)
+    assert not drain.see(100)  # belongs to the recording no more
     assert [drain.look(now=102) for _ in range(3)] == [False, False, True]
 
 

@@ -345,14 +345,14 @@ class Recorder(Node):
             publisher = info.get("publisher_gid")
             if publisher is not None or single:
                 self._losses.see(name, info["publication_sequence_number"], publisher)
-            if self._drain is not None:
-                self._drain.see(message.published)
             if not latched:
                 self._behind = max(self._behind, 1e-9 * (received - message.published))
             self._ring.add(message, latched=latched)
             if faults is not None:
                 self._fault_watch.see(faults(deserialize_message(data, cls)), time.monotonic())
-            if self._bag is not None:
+            # a recording ends on all topics at once, so that nothing in it follows from what is not
+            wanted = self._drain is None or self._drain.see(message.published)
+            if self._bag is not None and wanted:
                 self._bag.put(name, received, message.published, data)
 
         qos = matching(topic.qos, self._values["queue_depth"])
