@@ -6,6 +6,7 @@ Node-level code: it imports rclpy, and only modules under a package's ``nodes/``
 
 from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
@@ -27,7 +28,9 @@ __all__ = [
     "SentGoal",
     "StartupError",
     "TracedDoors",
+    "make_executor",
     "run",
     "seconds",
     "to_time_message",
+    "with_message_info",
 ]

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
 from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.executor import make_executor
 
 #: Exit code of a process that could not start.
 CANNOT_START = 2
@@ -51,11 +52,12 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         return _cannot_start(getattr(factory, "__name__", "node"), error)
     _end_with_the_terminal()
     node: Node | None = None
-    executor: Any = MultiThreadedExecutor(num_threads=threads) if threads > 1 else SingleThreadedExecutor()
+    executor: Any = None
     code = 0
     try:
         node = factory()
         _refuse_unknown_parameters(node)
+        executor = make_executor(node, threads)
         executor.add_node(node)
         if isinstance(node, LifecycleNode) and _autostart(node):
             _bring_up(node)
@@ -131,7 +133,8 @@ def _leave(node: Node | None, executor: Any) -> None:
         if close is not None:
             close()
     finally:
-        executor.shutdown(timeout_sec=2.0)
+        if executor is not None:
+            executor.shutdown(timeout_sec=2.0)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

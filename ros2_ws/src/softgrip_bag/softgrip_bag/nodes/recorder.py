@@ -41,7 +41,7 @@ from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import Attachment, BagWriter, Limits, Topic
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
-from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run, with_message_info
 
 PARAMETERS = ParameterTable(
     Parameter("root", "out/bags", "folder for bags that are started without a path"),
@@ -356,7 +356,7 @@ class Recorder(Node):
                 self._bag.put(name, received, message.published, data)
 
         qos = matching(topic.qos, self._values["queue_depth"])
-        self.create_subscription(cls, name, on_message, qos, raw=True)
+        self.create_subscription(cls, name, with_message_info(on_message), qos, raw=True)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from softgrip_cell.errors import CellError
@@ -34,7 +34,7 @@ from softgrip_demo.nodes.watch import Watch
 from softgrip_demo.products import expected_outcome, finger_design, product_names
 from softgrip_demo.record import Closing, Frame, FrictionResult, GraspResult, ShiftRecord, Stage
 from softgrip_interfaces.srv import StopRecording
-from softgrip_nodekit import Parameter, ParameterTable, StartupError
+from softgrip_nodekit import Parameter, ParameterTable, StartupError, make_executor
 from softgrip_vision import calibration as vision
 from softgrip_vision.calibration import PlaneMap
 
@@ -219,7 +219,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run one shift; exit code 0 when it reached its end."""
     rclpy.init(args=list(args) if args is not None else None)
     node = Node("shift")
-    executor = SingleThreadedExecutor()
+    executor = make_executor(node)
     executor.add_node(node)
     hands = Hands()
     try:

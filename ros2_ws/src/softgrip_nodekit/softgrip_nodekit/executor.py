@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What runs a node's callbacks.
+
+rclpy's ordinary executor looks through everything a node has for each callback, and takes one message of each topic in
+turn; for a node that hears thirty topics that is more work than the callbacks. Its events executor is told by the
+middleware what is ready.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable
+from importlib import metadata
+from typing import Any
+
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+
+#: rclpy whose events executor waits for services that are coroutines, too.
+_EVENTS_SINCE = (7, 1, 11)
+
+
+def make_executor(node: Node, threads: int = 1) -> Any:
+    """Return an executor for a node that is complete; it is not added yet."""
+    if threads > 1:
+        return MultiThreadedExecutor(num_threads=threads)
+    # The embedded rclpy has one kind of executor, which is told, too. For guard conditions the other cannot wait.
+    if _rclpy_version() < _EVENTS_SINCE or list(node.guards):
+        return SingleThreadedExecutor()
+    return importlib.import_module("rclpy.experimental").EventsExecutor()
+
+
+def with_message_info(callback: Callable[[Any, dict[str, Any]], None]) -> Callable[[Any, dict[str, Any]], None]:
+    """Return a subscription's callback of message and message info that every executor can call.
+
+    The events executor hands both over as one tuple; rclpy tells by the signature whether a callback wants them.
+    """
+
+    def taken(*arguments: Any) -> None:
+        message, info = arguments if len(arguments) > 1 else arguments[0]
+        callback(message, info)
+
+    taken.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
+    return taken
+
+
+def _rclpy_version() -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in metadata.version("rclpy").split(".")[:3])
+    except (metadata.PackageNotFoundError, ValueError):
+        return ()
