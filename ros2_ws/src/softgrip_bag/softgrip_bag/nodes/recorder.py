@@ -176,7 +176,7 @@ class Recorder(Node):
         return folder
 
     def _on_start(self, request: StartRecording.Request, response: StartRecording.Response) -> StartRecording.Response:
-        if self._bag is not None and self._recording:
+        if self._bag is not None and (self._recording or self._drain is not None):
             response.message = f"expected no running recording, found {self._bag.folder}; stop it first"
             return response
         self.close()
