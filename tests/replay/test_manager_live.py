@@ -153,4 +153,4 @@ def test_what_follows_a_message_that_the_recorder_did_not_get_is_counted_as_not_
     excerpt(bag, tmp_path / "cut", {TRACE, "/cell/state"}, 0, last)
     result = check(tmp_path / "cut", NODE)
     assert result.divergence is None
-    assert result.without_input > 80
+    assert result.without_input > 10 * result.compared  # it says how little was left to compare
