@@ -13,11 +13,18 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 import timeit
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-#: `capacity` that a shift at full pace needs.
+#: `capacity` that a shift at full pace needs, and the share of their time that the processors may be away.
 FULL_PACE = 2.0
+AWAY = 0.05
+#: [s] how long that is looked at, on at most so many processors, and what counts as away.
+LOOK = 0.7
+LOOKED_AT = 4
+GAP = 0.001
 
 #: The log of all processes; a folder that holds one is an earlier shift's and may be emptied.
 LOG = "log.txt"
@@ -39,13 +46,15 @@ def main() -> int:
         choices=["auto", "full", "half"],
         default="auto",
         help="half: camera at 12 frames/s, rig at 20 instead of 60 times its speed, fingers half as fast; "
-        "auto: full where this computer is fast enough for the emulated cell in real time",
+        "auto: full where this computer is fast and free enough for the emulated cell in real time",
     )
     arguments = parser.parse_args()
     if arguments.pace == "auto":
-        arguments.pace = "full" if capacity() >= FULL_PACE else "half"
+        arguments.pace = "full" if capacity() >= FULL_PACE and away() <= AWAY else "half"
         if arguments.pace == "half":
-            print("this computer is too slow for the emulated cell in real time: the shift goes at half pace")
+            print(
+                "this computer is too slow or too busy for the emulated cell in real time: the shift goes at half pace"
+            )
     if arguments.out.is_dir() and any(arguments.out.iterdir()) and not (arguments.out / LOG).exists():
         print(f"{arguments.out} holds files of something else; name a new or empty folder", file=sys.stderr)
         return 2
@@ -66,6 +75,25 @@ def capacity() -> float:
     """Return what the processors of this computer do together: steps of a plain loop [1/s], in 1e7."""
     seconds = min(timeit.repeat("for i in range(1000000): total += i", "total = 0", number=1, repeat=5))
     return (os.cpu_count() or 1) * 0.1 / seconds
+
+
+def away() -> float:
+    """Return the share of time in which this computer's processors work for somebody else while all are wanted."""
+    workers = min(os.cpu_count() or 1, LOOKED_AT)
+    with ProcessPoolExecutor(workers) as pool:
+        return sum(pool.map(_lost, [LOOK] * workers)) / (workers * LOOK)
+
+
+def _lost(duration: float) -> float:
+    """Work without a pause; return the sum of the gaps in it [s]."""
+    last = time.perf_counter()
+    end = last + duration
+    lost = 0.0
+    while last < end:
+        now = time.perf_counter()
+        lost += now - last if now - last > GAP else 0.0
+        last = now
+    return lost
 
 
 def run_cell(arguments: argparse.Namespace) -> int:
