@@ -59,6 +59,8 @@ class Homing:
     #: [m] of slack that has to be seen before the knee, else it is looked for again from further out, so many times
     LEAST_SLACK = 1e-3
     AGAIN = 2
+    #: times the speed of homing that it lets out with, at most
+    SLACKENING = 2.0
 
     state = DriveState.HOMING
     winding_in = False
@@ -66,6 +68,8 @@ class Homing:
 
     def __init__(self, view: View, limits: TendonLimits) -> None:
         self._limits = limits
+        # no faster than it needs to be: a goal that comes late is a jerk, the greater the faster
+        self._slackening_speed = min(limits.release_speed, self.SLACKENING * limits.homing_speed)
         self._started = view.now
         self._start = view.length
         self._phase = _Phase.LET_OUT
@@ -90,7 +94,7 @@ class Homing:
 
     def _let_out(self, view: View) -> Step:
         end = self._start - self._limits.slack_travel
-        self._profile.step(end, self._limits.release_speed, self._limits.acceleration, view.dt)
+        self._profile.step(end, self._slackening_speed, self._limits.acceleration, view.dt)
         if self._profile.position == end:
             self._phase = _Phase.TAKE_UP
             self._stood_at = end
@@ -143,7 +147,7 @@ class Homing:
     def _go_to_zero(self, view: View) -> Step:
         assert self.zero is not None
         limits = self._limits
-        self._profile.step(self.zero, limits.release_speed, limits.acceleration, view.dt)
+        self._profile.step(self.zero, self._slackening_speed, limits.acceleration, view.dt)
         if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
             return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
         return Step(self._profile.position, limits.tension_hold)
