@@ -20,6 +20,7 @@ from softgrip_bag.reader import RawMessage, read
 from softgrip_interfaces.msg import CellState, FingerMarkers, MountedFinger
 
 FRAMES = Path(__file__).resolve().parent / "bags" / "frames"
+CLOSINGS = FRAMES.parent / "closings"
 CAMERA, CELL = "/camera/image_raw/compressed", "/cell/state"
 RESULTS = ("/finger/markers", "/finger/measured")
 LATE = 20_000_000  # [ns] that the recorder got the news after the frame that was measured with it
@@ -85,6 +86,15 @@ def test_a_node_that_answered_before_the_recorder_found_its_topic(unheard: int, 
     found = check(tmp_path / "bag", "marker_tracker")
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
+
+
+def test_a_recorder_that_took_one_topic_seconds_after_the_others(tmp_path: Path) -> None:
+    """The predictor keeps tendon samples for 2 s: fed as they were received, the frames would meet none."""
+    late = [replace(raw, received=raw.received + 5_000_000_000) for raw in read(CLOSINGS, {"/finger/measured"})]
+    excerpt(CLOSINGS, tmp_path / "bag", instead={"/finger/measured": late})
+    found, as_it_was = check(tmp_path / "bag", "kinematics_predictor"), check(CLOSINGS, "kinematics_predictor")
+    assert found.divergence is None, str(found.divergence)
+    assert found.compared == as_it_was.compared
 
 
 def cell_state(like: RawMessage, profile: str, received: int) -> RawMessage:

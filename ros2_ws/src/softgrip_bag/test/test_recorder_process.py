@@ -111,6 +111,8 @@ def test_services_and_what_the_bag_carries(
     calibration.write_text("a: 1\n")
     talker.declare_parameter("calibration_file", str(calibration))
     output = talker.create_publisher(String, "count", 100)
+    beat = talker.create_publisher(String, "beat", 100)
+    talker.create_timer(0.01, lambda: beat.publish(String(data="goes on")))
     bag = tmp_path / "bag"
     process = recorder(bag)
     number = 0
@@ -135,6 +137,9 @@ def test_services_and_what_the_bag_carries(
         output.publish(String(data=str(number)))
     stopped = call(talker, StopRecording, "recorder/stop", StopRecording.Request())
     assert stopped.success, stopped.message
+    answered = time.time_ns()
+    # nothing that was sent after it, though it waited for half a second
+    assert [m.published for m in read(bag, {"/beat"})][-1] < answered - 400_000_000
     assert texts(bag)[-3000:] == list(range(number - 2999, number + 1))  # all that was sent before the stop
     assert not is_broken(bag)
     assert stopped.messages == len(list(read(bag)))
