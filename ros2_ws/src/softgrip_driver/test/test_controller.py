@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, StopPolicy
-from softgrip_driver.tendon.homing import knee
+from softgrip_driver.tendon.homing import Sample, knee
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome
 from softgrip_driver.tendon.trajectory import Trajectory
@@ -163,11 +163,12 @@ def test_the_knee_of_a_hinge_is_found_in_noise():
     rng = np.random.default_rng(2)
     lengths = np.linspace(0.0, 0.012, 240)
     forces = 0.4 + 1100.0 * np.maximum(0.0, lengths - 0.0107) + rng.normal(0.0, 0.1, 240)
-    assert knee(list(zip(lengths, forces, strict=True)), 0.012) == pytest.approx(0.0107, abs=3e-4)
+    samples = [Sample(x, 0.0, f) for x, f in zip(lengths, forces, strict=True)]
+    assert knee(samples, 0.012) == pytest.approx(0.0107, abs=3e-4)
 
 
 def test_too_few_samples_show_no_knee():
-    assert knee([(0.001 * i, 0.1 * i) for i in range(7)], 0.007) is None
+    assert knee([Sample(0.001 * i, 0.0, 0.1 * i) for i in range(11)], 0.011) is None
 
 
 def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(rig):

@@ -2,13 +2,13 @@
 """Homing as the one motion it is, with what the drive reports written by hand."""
 
 import dataclasses
+import random
 
-import numpy as np
 import pytest
 
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import View
+from softgrip_driver.tendon.motions import Step, View
 
 LIMITS = TendonLimits(homing_speed=0.014, release_speed=0.03)
 PERIOD = 0.01  # [s]
@@ -18,65 +18,68 @@ TAUT = 0.002  # [m]
 
 
 class Finger:
-    """A drive that follows what homing asks of it, but winds in with a speed of its own.
+    """A drive that a spring pulls back once it has wound in so far: a mass, a controller of its position, a limit.
 
-    Where it gets going it is too fast for a while, as a servo that lags behind its goal; braking it takes a negative
-    current, from the end of the run-up on and over 1.5 mm.
+    m a = F - c v - k max(0, x - taut), where F = kp (goal - x) - kd v within the limit is what the current shows.
 
     Args:
-        excess: [m/s] of that speed.
-        pauses_at: [m] where the bus pauses once and the drive stands.
+        damping: of the controller, as a share of the critical one: below 1 it overshoots where it gets going.
+        pauses_at: [m] where the bus pauses once: for that time the drive has an old goal and is not read.
+        pauses_for: [s].
+        away: how long it pauses before each period besides [s].
         taut: [m] where the tendon becomes taut.
         gears: [N] that is read while nothing pulls.
     """
 
-    def __init__(self, excess=0.0, pauses_at=None, taut=TAUT, gears=GEARS):
-        self._excess, self._pauses_at, self._taut, self._gears = excess, pauses_at, taut, gears
-        self._paused = 0
-        self._going_since = None
-        self._asked = 0.0
-        self.length = self.furthest_out = 0.0
+    MASS = 1.5  # [kg] of a spool of 10 mm radius on gears of 288:1
+    FREQUENCY = 60.0  # [rad/s]
+    FRICTION = 20.0  # [N s/m]
+    STEP = 0.001  # [s]
 
-    def view(self, now, asked):
-        """What the drive shows after it has been asked for a length [m]."""
-        letting_out, self._asked = asked < self._asked, asked
-        if letting_out or asked == self.length:
-            self._going_since = None
-            return self._shown(now, min(0.0, (asked - self.length) / PERIOD), self._gears)
-        self._going_since = self.length if self._going_since is None else self._going_since
-        if self._pauses_at is not None and self.length >= self._pauses_at and self._paused < 10:
-            self._paused += 1
-            self._going_since = self.length
-            return self._shown(now, 0.0, self._gears)
-        gone = self.length - self._going_since - Homing.RUN_UP
-        decay = np.exp(-max(0.0, gone) / 0.0015)
-        braking = -2.0 * decay if self._excess and gone >= 0.0 else 0.0
-        pull = STIFFNESS * max(0.0, self.length - self._taut) + self._gears + braking
-        if pull >= LIMITS.homing_tension:
-            self._going_since = None
-            return self._shown(now, 0.0, LIMITS.homing_tension)
-        return self._shown(now, LIMITS.homing_speed + self._excess * decay, pull)
+    def __init__(self, damping=1.0, pauses_at=None, pauses_for=0.1, taut=TAUT, gears=GEARS, away=None):
+        self._damping, self._taut, self._gears = damping, taut, gears
+        self._pauses_at, self._pauses_for, self._away = pauses_at, pauses_for, away or (lambda: 0.0)
+        self.length = self.speed = self.force = self.furthest_out = self.now = 0.0
 
-    def _shown(self, now, speed, pull):
-        view = View(now, PERIOD, self.length, speed, max(0.0, pull), pull, 45.0)
-        self.length += speed * PERIOD
+    def view(self, asked):
+        """What the drive shows a period after it has been asked for a length [m] and a limit [N]."""
+        letting_out = asked.length < self.length
+        pauses = self._pauses_at is not None and not letting_out and self.length >= self._pauses_at
+        if pauses:
+            self._pauses_at = None
+        period = PERIOD + pauses * self._pauses_for + self._away()
+        self.now += period
+        before = self.speed
+        for _ in range(round(period / self.STEP)):
+            self._live(asked)
         self.furthest_out = min(self.furthest_out, self.length)
-        return view
+        pull = self.force + self._gears
+        late = min(period, 2.0 * PERIOD)
+        faster = (self.speed - before) / period
+        return View(self.now, late, self.length, self.speed, max(0.0, pull), pull, 45.0, acceleration=faster)
+
+    def _live(self, asked):
+        damping = 2.0 * self._damping * self.MASS * self.FREQUENCY
+        force = self.MASS * self.FREQUENCY**2 * (asked.length - self.length) - damping * self.speed
+        # the device limits its current, which is what is read
+        self.force = min(max(force, -asked.tension_limit - self._gears), asked.tension_limit - self._gears)
+        held = self.FRICTION * self.speed + STIFFNESS * max(0.0, self.length - self._taut)
+        self.speed += (self.force - held) / self.MASS * self.STEP
+        self.length += self.speed * self.STEP
 
 
-def home(finger):
-    now, asked = 0.0, 0.0
-    homing = Homing(finger.view(now, asked), LIMITS)
+def home(finger, limits=LIMITS):
+    step = Step(0.0, limits.tension_hold)
+    homing = Homing(finger.view(step), limits)
     while homing.zero is None:
-        now += PERIOD
-        assert now < LIMITS.homing_timeout
-        asked = homing.step(finger.view(now, asked)).length
+        assert finger.now < limits.homing_timeout
+        step = homing.step(finger.view(step))
     return homing.zero
 
 
-@pytest.mark.parametrize("excess", [0.0, 0.008])
-def test_a_drive_that_turned_round_too_fast_is_not_taken_for_one_that_pulls(excess):
-    assert home(Finger(excess)) == pytest.approx(TAUT, abs=3e-4)
+@pytest.mark.parametrize("damping", [1.0, 0.3, 0.15])
+def test_a_drive_that_overshoots_where_it_turns_round_is_not_taken_for_one_that_pulls(damping):
+    assert home(Finger(damping)) == pytest.approx(TAUT, abs=4e-4)
 
 
 @pytest.mark.parametrize("gears", [-0.6, -0.2, 0.3])
@@ -85,13 +88,25 @@ def test_what_is_read_while_nothing_pulls_does_not_move_the_zero(gears):
     assert home(Finger(gears=gears)) == pytest.approx(TAUT, abs=3e-4)
 
 
-@pytest.mark.parametrize("pauses_at", [-0.004, -0.0006, 0.0, 0.0009, 0.0012, 0.0030])
-def test_a_bus_that_pauses_on_the_way_does_not_move_the_zero(pauses_at):
-    """After the pause the drive catches up and is braked; where too little slack is left to see, it begins again."""
-    assert home(Finger(0.008, pauses_at)) == pytest.approx(TAUT, abs=5e-4)
+@pytest.mark.parametrize("damping", [1.0, 0.3])
+@pytest.mark.parametrize("pauses_for", [0.02, 0.1])
+@pytest.mark.parametrize("pauses_at", [-0.004, -0.0006, 0.0, 0.0009, 0.0012, 0.0017, 0.0025])
+def test_a_bus_that_pauses_on_the_way_does_not_move_the_zero(pauses_at, pauses_for, damping):
+    """The drive stands meanwhile, catches up and is braked; where too little is left to see, it begins again."""
+    assert home(Finger(damping, pauses_at, pauses_for)) == pytest.approx(TAUT, abs=5e-4)
 
 
-@pytest.mark.parametrize(("seen", "again"), [(0.0003, True), (0.0008, True), (0.0012, False), (0.0040, False)])
+@pytest.mark.parametrize("share", [0.1, 0.3])
+@pytest.mark.parametrize("seed", range(10))
+def test_a_computer_that_is_taken_away_again_and_again_does_not_move_the_zero(share, seed):
+    """10 to 35 ms at a time, as a hypervisor does that has promised its processors to others as well."""
+    rng = random.Random(seed)
+    often = share * PERIOD / 0.0225
+    finger = Finger(0.5, away=lambda: rng.uniform(0.010, 0.035) if rng.random() < often else 0.0)
+    assert home(finger) == pytest.approx(TAUT, abs=5e-4)
+
+
+@pytest.mark.parametrize(("seen", "again"), [(0.0003, True), (0.0006, True), (0.0012, False), (0.0040, False)])
 def test_it_looks_again_from_further_out_where_it_saw_less_than_a_millimetre_of_slack(seen, again):
     """A finger that stood wound in: letting out by the slack's travel leaves little to see behind the run-up.
 
@@ -109,10 +124,10 @@ def test_letting_out_is_as_quick_as_a_release_but_not_quicker_than_twice_the_hom
     """Only the winding in is measured; 8 mm at up to 28 mm/s and the time to get up to speed."""
     limits = dataclasses.replace(LIMITS, release_speed=release_speed)
     finger = Finger()
-    homing = Homing(finger.view(0.0, 0.0), limits)
-    asked, count = 0.0, 0
-    while asked > -LIMITS.slack_travel:
-        count += 1
-        asked = homing.step(finger.view(count * PERIOD, asked)).length
+    step = Step(0.0, limits.tension_hold)
+    homing = Homing(finger.view(step), limits)
+    began = finger.now
+    while step.length > -LIMITS.slack_travel:
+        step = homing.step(finger.view(step))
     least = LIMITS.slack_travel / speed
-    assert least < count * PERIOD < least + 2.0 * speed / LIMITS.acceleration
+    assert least < finger.now - began < least + 2.0 * speed / LIMITS.acceleration

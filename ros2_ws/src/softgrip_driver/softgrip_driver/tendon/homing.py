@@ -3,12 +3,14 @@
 
 Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
 the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
-Only the winding in is slow: it is what is measured; letting out goes at the speed of a release.
+A drive that was held up, by a computer or a bus that paused, has to get going again: the force that its inertia takes
+is fitted together with the knee.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 from enum import Enum, auto
 
 import numpy as np
@@ -19,15 +21,25 @@ from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
 from softgrip_driver.tendon.profile import SpeedProfile
 
 #: fewest samples for a knee
-MIN_SAMPLES = 8
+MIN_SAMPLES = 12
 #: [m] resolution of the knee
 KNEE_STEP = 1e-4
-#: times the median residual that makes a sample an outlier
-OUTLIER = 3.0
-#: share of the force's range by which the round of a real knee may differ from a sharp one
-ROUND = 0.15
+#: residuals beyond so many standard deviations (by the median) count less, in so many rounds
+OUTLIER = 1.5
+ROUNDS = 4
+#: [N] a residual that is usual at least: a count of the current
+USUAL = 0.05
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a drive showed while it wound in: length [m], acceleration [m/s^2], force [N]."""
+
+    length: float
+    acceleration: float
+    force: float
 
 
 class _Phase(Enum):
@@ -52,12 +64,13 @@ class Homing:
     SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
     RUN_UP = 2e-3
-    #: times the speed of homing: a drive that turned round faster is being slowed down, which looks like a force
-    TOO_FAST = 1.08
-    #: times the speed of homing below which a drive that nothing holds was held up, by a bus that paused
-    HELD_UP = 0.5
-    #: [m] of slack that has to be seen before the knee, else it is looked for again from further out, so many times
+    #: what the samples have to show: [m] of slack, and samples on either side of the knee; [m] from it to the nearest
+    #: ones; the share of the way from the slack's force to the homing tension that they rise. Else it is looked for
+    #: again from further out, so many times
     LEAST_SLACK = 1e-3
+    LEAST_SAMPLES = 3
+    NEAR = 7e-4
+    RISEN = 0.5
     AGAIN = 2
     #: times the speed of homing that it lets out with, at most
     SLACKENING = 2.0
@@ -75,10 +88,9 @@ class Homing:
         self._phase = _Phase.LET_OUT
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
-        self._steady = False
         self._stood_at = view.length
         self._again = self.AGAIN
-        self._samples: list[tuple[float, float]] = []
+        self._samples: list[Sample] = []
         self.zero: float | None = None
 
     def step(self, view: View) -> Step:
@@ -106,14 +118,7 @@ class Homing:
         end = self._start - limits.slack_travel + limits.homing_travel
         if self._profile.position - view.length < limits.lead:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
-        if view.speed < self.HELD_UP * limits.homing_speed and view.pull < self.TAUT * tension:
-            self._stood_at = view.length
-            self._samples.clear()
-        run_up = view.length <= self._stood_at + self.RUN_UP
-        self._steady = not run_up and (self._steady or view.speed <= self.TOO_FAST * limits.homing_speed)
-        # At the limit the device holds the current constant: such samples say nothing about the rise.
-        if self._steady and view.speed > self.STANDING and view.pull < self.SATURATED * tension:
-            self._samples.append((view.length, view.pull))
+        self._sample(view)
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
         if not taut:
             self._taut_since = None
@@ -127,12 +132,29 @@ class Homing:
             )
         return Step(self._profile.position, tension)
 
+    def _sample(self, view: View) -> None:
+        if view.length <= self._stood_at + self.RUN_UP:
+            return
+        # At the limit the device holds the current constant: such samples say nothing about the rise.
+        if view.speed > self.STANDING and view.pull < self.SATURATED * self._limits.homing_tension:
+            self._samples.append(Sample(view.length, view.acceleration, view.pull))
+
+    def _shows(self, found: float) -> bool:
+        """Whether the samples show a knee there: slack before it, samples on either side, a rise behind it."""
+        lengths = np.array([sample.length for sample in self._samples])
+        forces = np.array([sample.force for sample in self._samples])
+        slack, rise = lengths < found, lengths >= found
+        if min(slack.sum(), rise.sum()) < self.LEAST_SAMPLES or found - lengths.min() < self.LEAST_SLACK:
+            return False
+        usual = float(np.median(forces[slack]))
+        risen = float(forces[rise].max()) >= usual + self.RISEN * (self._limits.homing_tension - usual)
+        return risen and max(found - lengths[slack].max(), lengths[rise].min() - found) <= self.NEAR
+
     def _taut(self, view: View) -> Step:
-        """Take the knee for the zero; where little slack was seen before it, begin again from further out."""
+        """Take the knee for the zero; where the samples do not show it, begin again from further out."""
         found = knee(self._samples, view.length)
         self._profile = SpeedProfile(view.length)
-        seen = found is not None and found - self._samples[0][0] >= self.LEAST_SLACK
-        if seen:
+        if found is not None and self._shows(found):
             self.zero = found
             self._phase = _Phase.GO_TO_ZERO
         elif self._again == 0:
@@ -156,36 +178,58 @@ class Homing:
         return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")
 
 
-def knee(samples: Sequence[tuple[float, float]], end: float) -> float | None:
-    """Return the length [m] at which a force begins to rise: F = b + s max(0, x - x0), least squares over b, s and x0.
+def knee(samples: Sequence[Sample], end: float) -> float | None:
+    """Return the length [m] at which a force begins to rise: F = b + m a + s max(0, x - x0), s > 0.
 
-    Fitted twice: the second time without the samples that stand out from the first fit (a jerk of the motor, a late
-    reading).
+    Least squares over b, m, s and x0, where samples that stand out (a jerk of the motor, a late reading) count less:
+    weights of Huber.
 
     Args:
-        samples: (length [m], force [N]) while winding in at a steady speed.
+        samples: while winding in.
         end: [m] where the drive stood in the end.
 
     Returns:
-        x0, or None where the samples are too few to show one.
+        x0, or None where the samples are too few to show one or show none.
     """
     if len(samples) < MIN_SAMPLES:
         return None
-    x, force = np.array(samples).T
-    x0, residuals = _hinge(x, force, end)
-    usual = max(OUTLIER * float(np.median(np.abs(residuals))), ROUND * float(np.ptp(force)))
-    kept = np.abs(residuals) <= usual
-    return _hinge(x[kept], force[kept], end)[0] if kept.sum() >= MIN_SAMPLES else x0
+    x, acceleration, force = np.array([astuple(sample) for sample in samples]).T
+    others = np.column_stack([np.ones_like(x), acceleration])
+    others /= np.maximum(np.abs(others).max(axis=0), 1e-9)
+    places = np.arange(x.min(), end, KNEE_STEP)
+    rises = np.maximum(0.0, x[:, None] - places)
+    weights = np.ones_like(x)
+    for _ in range(ROUNDS):
+        found = _hinge(others, rises, force, np.sqrt(weights))
+        if found is None:
+            return None
+        best, residuals = found
+        usual = OUTLIER * (1.4826 * float(np.median(np.abs(residuals))) + USUAL)
+        weights = np.minimum(1.0, usual / np.maximum(np.abs(residuals), 1e-12))
+    return float(places[best])
 
 
-def _hinge(x: Array, force: Array, end: float) -> tuple[float, Array]:
-    """Return the best x0 on a grid, and the residuals there."""
-    best, best_residuals = end, force - force.mean()
-    for x0 in np.arange(x.min(), end, KNEE_STEP):
-        rise = np.maximum(0.0, x - x0)
-        centred = rise - rise.mean()
-        slope = float(centred @ force) / max(float(centred @ centred), 1e-18)
-        residuals = force - force.mean() - slope * centred
-        if slope > 0.0 and residuals @ residuals < best_residuals @ best_residuals:
-            best, best_residuals = float(x0), residuals
-    return best, best_residuals
+def _hinge(others: Array, rises: Array, force: Array, scale: Array) -> tuple[int, Array] | None:
+    """Return which of the rises fits best with a slope above 0, and the residuals [N] of that fit.
+
+    Args:
+        others: (N, 2) what the force may contain besides.
+        rises: (N, places) the candidates.
+        force: (N,) [N].
+        scale: (N,) square roots of the weights.
+    """
+    # of what varies only: an ideal drive is never held up
+    directions, sizes, _ = np.linalg.svd(others * scale[:, None], full_matrices=False)
+    basis = directions[:, sizes > 1e-6 * sizes[0]]
+
+    def rest(columns: Array) -> Array:
+        return np.asarray(columns - basis @ (basis.T @ columns))
+
+    left, candidates = rest(force * scale), rest(rises * scale[:, None])
+    squares = np.maximum(np.sum(candidates**2, axis=0), 1e-18)
+    slopes = candidates.T @ left / squares
+    gains = np.where(slopes > 0.0, slopes**2 * squares, -np.inf)
+    best = int(np.argmax(gains))
+    if not np.isfinite(gains[best]):
+        return None
+    return best, (left - slopes[best] * candidates[:, best]) / scale
