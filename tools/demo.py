@@ -15,12 +15,13 @@ import subprocess
 import sys
 import time
 import timeit
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 #: `capacity` that a shift at full pace needs, and the share of their time that the processors may be away.
 FULL_PACE = 2.0
-AWAY = 0.03
+AWAY = 0.1
 #: [s] how long that is looked at, on at most so many processors, and what counts as away.
 LOOK = 0.7
 LOOKED_AT = 4
@@ -50,7 +51,7 @@ def main() -> int:
     )
     arguments = parser.parse_args()
     if arguments.pace == "auto":
-        arguments.pace = "full" if capacity() >= FULL_PACE and away() <= AWAY else "half"
+        arguments.pace = pace(capacity(), away())
         if arguments.pace == "half":
             print(
                 "this computer is too slow or too busy for the emulated cell in real time: the shift goes at half pace"
@@ -71,6 +72,11 @@ def main() -> int:
     return subprocess.run(["ros2", "run", "softgrip_demo", "report", str(arguments.out)], check=False).returncode
 
 
+def pace(steps: float, lost: float) -> str:
+    """Return the pace at which a shift is sound where the processors do so many `steps` and so much time is `lost`."""
+    return "full" if steps >= FULL_PACE and lost <= AWAY else "half"
+
+
 def capacity() -> float:
     """Return what the processors of this computer do together: steps of a plain loop [1/s], in 1e7."""
     seconds = min(timeit.repeat("for i in range(1000000): total += i", "total = 0", number=1, repeat=5))
@@ -81,19 +87,19 @@ def away() -> float:
     """Return the share of time in which this computer's processors work for somebody else while all are wanted."""
     workers = min(os.cpu_count() or 1, LOOKED_AT)
     with ProcessPoolExecutor(workers) as pool:
-        return sum(pool.map(_lost, [LOOK] * workers)) / (workers * LOOK)
+        return sum(pool.map(lost, [LOOK] * workers)) / (workers * LOOK)
 
 
-def _lost(duration: float) -> float:
+def lost(duration: float, clock: Callable[[], float] = time.perf_counter) -> float:
     """Work without a pause; return the sum of the gaps in it [s]."""
-    last = time.perf_counter()
+    last = clock()
     end = last + duration
-    lost = 0.0
+    gaps = 0.0
     while last < end:
-        now = time.perf_counter()
-        lost += now - last if now - last > GAP else 0.0
+        now = clock()
+        gaps += now - last if now - last > GAP else 0.0
         last = now
-    return lost
+    return gaps
 
 
 def run_cell(arguments: argparse.Namespace) -> int:

@@ -119,7 +119,7 @@ class Bench(RunningLoop):
         self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
         self.plant.now_s = world.clock.now_s()
         self.bus_wire = FaultyWire(
-            DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up), seed
+            DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to), seed
         )
         self.bus_port = world.port(folder / "servos", self.bus_wire)
         table = MODELS[model]

@@ -109,7 +109,7 @@ class EmulatedCell:
         if gauge_on:
             index = self.plant.index(gauge_on)
             self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
-        self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.catch_up)
+        self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)
         self._settings = camera or CameraSettings()

@@ -69,9 +69,9 @@ class Homing:
     #: again from further out, so many times
     LEAST_SLACK = 1e-3
     LEAST_SAMPLES = 3
-    NEAR = 7e-4
+    NEAR = 1e-3
     RISEN = 0.5
-    AGAIN = 2
+    AGAIN = 3
     #: times the speed of homing that it lets out with, at most
     SLACKENING = 2.0
 
