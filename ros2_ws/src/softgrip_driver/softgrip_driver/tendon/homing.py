@@ -4,7 +4,7 @@
 Let out until slack, then wind in slowly against a small tension until the drive stands. Force over length is flat while
 the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
 A drive that was held up, by a computer or a bus that paused, has to get going again: the force that its inertia takes
-is fitted together with the knee.
+is fitted together with the knee, as is the friction that a taut tendon overcomes at once.
 """
 
 from __future__ import annotations
@@ -179,10 +179,10 @@ class Homing:
 
 
 def knee(samples: Sequence[Sample], end: float) -> float | None:
-    """Return the length [m] at which a force begins to rise: F = b + m a + s max(0, x - x0), s > 0.
+    """Return the length [m] at which a tendon begins to pull: F = b + m a, from x0 on F = b + m a + c + s (x - x0).
 
-    Least squares over b, m, s and x0, where samples that stand out (a jerk of the motor, a late reading) count less:
-    weights of Huber.
+    Least squares over b, m, c >= 0 (friction that is overcome at once), s > 0 and x0, where samples that stand out (a
+    jerk of the motor, a late reading) count less: weights of Huber.
 
     Args:
         samples: while winding in.
@@ -194,13 +194,12 @@ def knee(samples: Sequence[Sample], end: float) -> float | None:
     if len(samples) < MIN_SAMPLES:
         return None
     x, acceleration, force = np.array([astuple(sample) for sample in samples]).T
-    others = np.column_stack([np.ones_like(x), acceleration])
-    others /= np.maximum(np.abs(others).max(axis=0), 1e-9)
+    slack = np.column_stack([np.ones_like(x), acceleration])
+    slack /= np.maximum(np.abs(slack).max(axis=0), 1e-9)
     places = np.arange(x.min(), end, KNEE_STEP)
-    rises = np.maximum(0.0, x[:, None] - places)
     weights = np.ones_like(x)
     for _ in range(ROUNDS):
-        found = _hinge(others, rises, force, np.sqrt(weights))
+        found = _best_place(places, x, slack, force, np.sqrt(weights))
         if found is None:
             return None
         best, residuals = found
@@ -209,27 +208,37 @@ def knee(samples: Sequence[Sample], end: float) -> float | None:
     return float(places[best])
 
 
-def _hinge(others: Array, rises: Array, force: Array, scale: Array) -> tuple[int, Array] | None:
-    """Return which of the rises fits best with a slope above 0, and the residuals [N] of that fit.
+def _best_place(places: Array, x: Array, slack: Array, force: Array, scale: Array) -> tuple[int, Array] | None:
+    """Return which place fits best as the knee, and the residuals [N] there.
 
     Args:
-        others: (N, 2) what the force may contain besides.
-        rises: (N, places) the candidates.
+        places: (M,) candidates [m].
+        x: (N,) lengths [m].
+        slack: (N, 2) what the force may contain everywhere.
         force: (N,) [N].
         scale: (N,) square roots of the weights.
     """
     # of what varies only: an ideal drive is never held up
-    directions, sizes, _ = np.linalg.svd(others * scale[:, None], full_matrices=False)
+    directions, sizes, _ = np.linalg.svd(slack * scale[:, None], full_matrices=False)
     basis = directions[:, sizes > 1e-6 * sizes[0]]
 
     def rest(columns: Array) -> Array:
-        return np.asarray(columns - basis @ (basis.T @ columns))
+        weighted = (columns.T * scale).T
+        return np.asarray(weighted - basis @ (basis.T @ weighted))
 
-    left, candidates = rest(force * scale), rest(rises * scale[:, None])
-    squares = np.maximum(np.sum(candidates**2, axis=0), 1e-18)
-    slopes = candidates.T @ left / squares
-    gains = np.where(slopes > 0.0, slopes**2 * squares, -np.inf)
+    beyond = x[:, None] - places
+    left, rises, steps = rest(force), rest(np.maximum(0.0, beyond)), rest(np.where(beyond > 0.0, 1.0, 0.0))
+    rr, ss, rs = (rises * rises).sum(axis=0), (steps * steps).sum(axis=0), (rises * steps).sum(axis=0)
+    rf, sf = rises.T @ left, steps.T @ left
+    both = rr * ss - rs**2
+    solvable = both > 1e-9 * rr * ss
+    both = np.where(solvable, both, 1.0)
+    height, slope = (sf * rr - rf * rs) / both, (rf * ss - sf * rs) / both
+    stepped = solvable & (height > 0.0) & (slope > 0.0)
+    height = np.where(stepped, height, 0.0)
+    slope = np.where(stepped, slope, rf / np.maximum(rr, 1e-18))
+    gains = np.where(slope > 0.0, height * sf + slope * rf, -np.inf)
     best = int(np.argmax(gains))
     if not np.isfinite(gains[best]):
         return None
-    return best, (left - slopes[best] * candidates[:, best]) / scale
+    return best, (left - slope[best] * rises[:, best] - height[best] * steps[:, best]) / scale
