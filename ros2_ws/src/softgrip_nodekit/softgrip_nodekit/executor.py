@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable
-from importlib import metadata
 from typing import Any
 
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
@@ -25,10 +24,15 @@ def make_executor(node: Node, threads: int = 1) -> Any:
     """Return an executor for a node that is complete; it is not added yet."""
     if threads > 1:
         return MultiThreadedExecutor(num_threads=threads)
-    # The embedded rclpy has one kind of executor, which is told, too. For guard conditions the other cannot wait.
+    # The embedded rclpy has one kind of executor, which is told, too, and refuses to have the other.
+    try:
+        experimental = importlib.import_module("rclpy.experimental")
+    except (ModuleNotFoundError, NotImplementedError):
+        return SingleThreadedExecutor()
+    # That one cannot wait for guard conditions.
     if _rclpy_version() < _EVENTS_SINCE or list(node.guards):
         return SingleThreadedExecutor()
-    return importlib.import_module("rclpy.experimental").EventsExecutor()
+    return experimental.EventsExecutor()
 
 
 def with_message_info(callback: Callable[[Any, dict[str, Any]], None]) -> Callable[[Any, dict[str, Any]], None]:
@@ -46,6 +50,9 @@ def with_message_info(callback: Callable[[Any, dict[str, Any]], None]) -> Callab
 
 
 def _rclpy_version() -> tuple[int, ...]:
+    # 3 MB and 30 ms that only a real rclpy is worth
+    from importlib import metadata  # noqa: PLC0415
+
     try:
         return tuple(int(part) for part in metadata.version("rclpy").split(".")[:3])
     except (metadata.PackageNotFoundError, ValueError):

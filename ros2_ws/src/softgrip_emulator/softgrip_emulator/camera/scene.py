@@ -57,18 +57,16 @@ class Scene:
         self.optics = optics
         self._rng = np.random.default_rng([seed, 0x5343])
         self._bench = self._paint_bench()
-        self._noise = [
-            self._rng.normal(0.0, 1.0, (optics.height + 64, optics.width + 64, 3)).astype(np.float32)
-            for _ in range(_NOISE_BANK)
-        ]
+        # Where the noise begins in the stream of random numbers: at another level it is drawn again, not kept.
+        self._noise_begins = self._rng.bit_generator.state
+        self._noise_level = Light().noise
+        self._noise_tiles = self._draw_noise(self._rng, self._noise_level)
         # Only the window round the finger differs from the bench, and only while the finger moves.
         self._soft_bench = _soften(self._bench)
         self._canvas = self._bench.copy()
         self._soft = self._soft_bench.copy()
         self._window = (slice(0, 0), slice(0, 0))
         self._drawn: Array | None = None
-        self._noise_level = -1.0
-        self._noise_tiles: list[NDArray[np.int8]] = []
         # Markers are glued by hand.
         self._glue_m = self._rng.normal(0.0, 0.15e-3, (16, 2))
 
@@ -213,10 +211,21 @@ class Scene:
         image *= (1.12 - 0.28 * (u * u + v * v))[:, :, None].astype(np.float32)
         return np.clip(image, 0, 255).astype(np.uint8)
 
+    def _draw_noise(self, random: np.random.Generator, level: float) -> list[NDArray[np.int8]]:
+        """Tiles somewhat larger than a frame; a frame gets a random part of one of them."""
+        tiles = np.empty((_NOISE_BANK, self.optics.height + 64, self.optics.width + 64, 3), np.int8)
+        for tile in tiles:
+            for row in tile:
+                draw = random.normal(0.0, 1.0, row.shape).astype(np.float32)
+                row[:] = np.clip(np.rint(draw * level), -127, 127)
+        return list(tiles)
+
     def _with_noise(self, image: Image, level: float) -> Image:
         if level != self._noise_level:
+            again = np.random.default_rng()
+            again.bit_generator.state = self._noise_begins
             self._noise_level = level
-            self._noise_tiles = [np.clip(np.rint(tile * level), -127, 127).astype(np.int8) for tile in self._noise]
+            self._noise_tiles = self._draw_noise(again, level)
         tile = self._noise_tiles[int(self._rng.integers(len(self._noise_tiles)))]
         dv, du = self._rng.integers(0, 64, 2)
         patch = tile[dv : dv + image.shape[0], du : du + image.shape[1]]
