@@ -66,6 +66,8 @@ class TendonDriver(LifecycleNode):
         self._keeper: ZeroKeeper | None = None
         self._publishing: threading.Thread | None = None
         self._active = False
+        #: moves that have begun, until somebody waits for their end
+        self._begun: dict[bytes, Ticket | str] = {}
         diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
         self._health = HealthReport(diagnostics, self._configuration.loop_rate)
         self._state_publisher = self.create_publisher(JointState, "tendon/state", SENSOR)
@@ -76,6 +78,8 @@ class TendonDriver(LifecycleNode):
         # Homing, release and moves wait for the hardware: they may overlap each other and must never delay an estop.
         waiting = ReentrantCallbackGroup()
         urgent = MutuallyExclusiveCallbackGroup()
+        # Moves begin in the order in which they were sent: of two in a row the second is the one that holds.
+        orders = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "tendon/home", self._on_home, callback_group=waiting)
         self.create_service(Trigger, "tendon/release", self._on_release, callback_group=waiting)
         self.create_service(Trigger, "estop", self._on_estop, callback_group=urgent)
@@ -89,8 +93,9 @@ class TendonDriver(LifecycleNode):
             "tendon/move",
             execute_callback=self._execute_move,
             goal_callback=self._on_goal,
+            handle_accepted_callback=self._begin_move,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=waiting,
+            callback_group=orders,
         )
 
     # --- lifecycle -------------------------------------------------------------------------------------------------
@@ -299,17 +304,30 @@ class TendonDriver(LifecycleNode):
         del goal
         return GoalResponse.ACCEPT
 
-    def _execute_move(self, handle: ServerGoalHandle) -> MoveTendon.Result:
-        loop = self._loop
-        if loop is None or not self._active:
-            return self._end(handle, Outcome.REFUSED, "the driver is not active", ())
+    def _begin_move(self, handle: ServerGoalHandle) -> None:
+        self._begun[bytes(handle.goal_id.uuid)] = self._ticket_or_refusal(handle.request)
+        handle.execute()
+
+    def _ticket_or_refusal(self, goal: MoveTendon.Goal) -> Ticket | str:
+        if self._loop is None or not self._active:
+            return "the driver is not active"
         try:
-            request = convert.from_move_goal(handle.request)
-            ticket = loop.call(lambda controller, now: controller.move(request, now))
-            outcome, reason = self._wait(loop, ticket, self._move_timeout(request.speed), handle)
+            request = convert.from_move_goal(goal)
+            return self._loop.call(lambda controller, now: controller.move(request, now))
+        except (DriverError, TimeoutError) as error:
+            return str(error) or repr(error)
+
+    def _execute_move(self, handle: ServerGoalHandle) -> MoveTendon.Result:
+        """Wait for the end of a move that has begun."""
+        begun, loop = self._begun.pop(bytes(handle.goal_id.uuid)), self._loop
+        if isinstance(begun, str) or loop is None:
+            refusal = begun if isinstance(begun, str) else "the driver is not active"
+            return self._end(handle, Outcome.REFUSED, refusal, ())
+        try:
+            outcome, reason = self._wait(loop, begun, self._move_timeout(handle.request.speed), handle)
         except (DriverError, TimeoutError) as error:
             return self._end(handle, Outcome.REFUSED, str(error), ())
-        return self._end(handle, outcome, reason, tuple(ticket.jobs))
+        return self._end(handle, outcome, reason, tuple(begun.jobs))
 
     def _end(
         self, handle: ServerGoalHandle, outcome: Outcome, reason: str, tendons: Sequence[str]

@@ -2,15 +2,20 @@
 """tendon_driver as a process on emulated servos: its topics, services, action, and every way out."""
 
 import signal
+import threading
 
 import pytest
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
+from rclpy.action.server import ServerGoalHandle
+from rclpy.executors import MultiThreadedExecutor
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from softgrip_driver.errors import DriverError
+from softgrip_driver.nodes.tendon_driver import TendonDriver
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
 from softgrip_nodekit import RELIABLE, SENSOR
@@ -142,3 +147,53 @@ def test_what_keeps_it_from_starting_is_said(wire, start, parameter, message):
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert message in errors
+
+
+class ToldLoop:
+    """Stands in for the bus: notes what is asked of it."""
+
+    snapshot = None
+
+    def __init__(self):
+        self.asked = []
+
+    def call(self, request):
+        request(self, 0.0)
+        raise DriverError("noted")
+
+    def move(self, request, _now):
+        self.asked.append(tuple(request.targets))
+
+
+def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch):
+    """Whatever thread comes first to wait for its end: the first move's is held up here."""
+    at_once = ServerGoalHandle.execute
+    held_up = []
+
+    def execute(handle, *arguments):
+        if not held_up:
+            held_up.append(threading.Timer(0.2, at_once, (handle, *arguments)))
+            held_up[0].start()
+        else:
+            at_once(handle, *arguments)
+
+    monkeypatch.setattr(ServerGoalHandle, "execute", execute)
+    driver = TendonDriver()
+    driver._loop, driver._active = ToldLoop(), True
+    executor = MultiThreadedExecutor(num_threads=4)
+    executor.add_node(driver)
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
+    try:
+        client = ActionClient(peer.node, MoveTendon, "tendon/move")
+        assert client.wait_for_server(timeout_sec=PATIENCE)
+        goals = [MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[target]) for target in (0.0, 0.012)]
+        handles = [peer.wait(sent) for sent in [client.send_goal_async(goal) for goal in goals]]
+        results = [peer.wait(handle.get_result_async()).result for handle in handles]
+        assert driver._loop.asked == [(0.0,), (0.012,)]
+        assert [result.reason for result in results] == ["noted", "noted"]
+    finally:
+        driver._loop = None
+        executor.shutdown()
+        spinning.join(5.0)
+        driver.destroy_node()
