@@ -4,9 +4,10 @@
 import dataclasses
 import random
 
+import numpy as np
 import pytest
 
-from softgrip_driver.tendon.homing import Homing
+from softgrip_driver.tendon.homing import Homing, Sample, knee
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import Step, View
 
@@ -106,6 +107,19 @@ def test_a_computer_that_is_taken_away_again_and_again_does_not_move_the_zero(sh
     assert home(finger) == pytest.approx(TAUT, abs=5e-4)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_braking_after_the_start_is_not_the_step_of_a_taut_tendon(friction):
+    """A long slack of which the first 2 mm are braked; in the end the device's limit, where the drive gets slower."""
+    inertia, limit = 10.0, 1.5  # [kg], [N]
+    lengths = np.arange(-6e-3, 7e-3, 1.4e-4)
+    braking = -1.2 * np.clip((-4.4e-3 - lengths) / 4e-4, 0.0, 1.0)
+    taut = np.where(lengths > 3.4e-3, friction + 900.0 * (lengths - 3.4e-3), 0.0)
+    wanted = -1.0 + braking + taut + np.random.default_rng(1).normal(0.0, 0.05, lengths.size)
+    forces = np.minimum(wanted, limit)
+    samples = [Sample(*each) for each in zip(lengths, (forces - wanted) / inertia, forces, strict=True)]
+    assert knee(samples, 7e-3) == pytest.approx(3.4e-3, abs=3e-4)
+
+
 @pytest.mark.parametrize(("seen", "again"), [(0.0003, True), (0.0005, True), (0.0012, False), (0.0040, False)])
 def test_it_looks_again_from_further_out_where_it_saw_less_than_a_millimetre_of_slack(seen, again):
     """A finger that stood wound in: letting out by the slack's travel leaves little to see behind the run-up.
@@ -113,7 +127,7 @@ def test_it_looks_again_from_further_out_where_it_saw_less_than_a_millimetre_of_
     What it saw is where it was taut, less where it began to wind in and what it takes to get going.
     """
     began = -LIMITS.slack_travel
-    taut = began + Homing.RUN_UP + LIMITS.homing_speed * PERIOD + seen
+    taut = began + Homing.RUN_UP + LIMITS.homing_speed * (PERIOD + Homing.EVEN_FOR) + seen
     finger = Finger(taut=taut)
     assert home(finger) == pytest.approx(taut, abs=5e-4)
     assert bool(finger.furthest_out < began - 1e-3) == again

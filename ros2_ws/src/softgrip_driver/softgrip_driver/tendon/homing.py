@@ -22,8 +22,10 @@ from softgrip_driver.tendon.profile import SpeedProfile
 
 #: fewest samples for a knee
 MIN_SAMPLES = 12
-#: [m] resolution of the knee
+#: [m] resolution of the knee, and how far before and behind the knee without a step it may lie with one
 KNEE_STEP = 1e-4
+STEP_BEFORE = 3e-4
+STEP_BEHIND = 1.5e-3
 #: residuals beyond so many standard deviations (by the median) count less, in so many rounds
 OUTLIER = 1.5
 ROUNDS = 4
@@ -60,10 +62,11 @@ class Homing:
     STANDING = 1e-3
     #: share of the homing tension that counts as there
     TAUT = 0.7
-    #: share of the homing tension from which the device's own limit may act
-    SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
     RUN_UP = 2e-3
+    #: a drive that turned round is being braked until its speed has been within so much [m/s] for so long [s]
+    EVEN = 1e-3
+    EVEN_FOR = 0.05
     #: what the samples have to show: [m] of slack, and samples on either side of the knee; [m] from it to the nearest
     #: ones; the share of the way from the slack's force to the homing tension that they rise. Else it is looked for
     #: again from further out, so many times
@@ -89,6 +92,8 @@ class Homing:
         self._profile = SpeedProfile(view.length)
         self._taut_since: float | None = None
         self._stood_at = view.length
+        self._even_since: float | None = None
+        self._steady = False
         self._again = self.AGAIN
         self._samples: list[Sample] = []
         self.zero: float | None = None
@@ -134,9 +139,16 @@ class Homing:
 
     def _sample(self, view: View) -> None:
         if view.length <= self._stood_at + self.RUN_UP:
+            self._even_since, self._steady = None, False
+        elif abs(view.speed - self._limits.homing_speed) > self.EVEN:
+            self._even_since = None
+        elif self._even_since is None:
+            self._even_since = view.now
+        self._steady = self._steady or (self._even_since is not None and view.now - self._even_since >= self.EVEN_FOR)
+        if not self._steady:
             return
-        # At the limit the device holds the current constant: such samples say nothing about the rise.
-        if view.speed > self.STANDING and view.pull < self.SATURATED * self._limits.homing_tension:
+        # At the device's limit the force is constant, and what the tendon takes of it makes the drive slower.
+        if view.speed > self.STANDING:
             self._samples.append(Sample(view.length, view.acceleration, view.pull))
 
     def _shows(self, found: float) -> bool:
@@ -196,10 +208,20 @@ def knee(samples: Sequence[Sample], end: float) -> float | None:
     x, acceleration, force = np.array([astuple(sample) for sample in samples]).T
     slack = np.column_stack([np.ones_like(x), acceleration])
     slack /= np.maximum(np.abs(slack).max(axis=0), 1e-9)
-    places = np.arange(x.min(), end, KNEE_STEP)
+    everywhere = np.arange(x.min(), end, KNEE_STEP)
+    # What is braked after the run-up looks like a step, too: the step is looked for where the rise begins.
+    rough = _knee_among(everywhere, x, slack, force, stepped=False)
+    if rough is None:
+        return None
+    near = everywhere[(everywhere >= rough - STEP_BEFORE) & (everywhere <= rough + STEP_BEHIND)]
+    return _knee_among(near, x, slack, force, stepped=True)
+
+
+def _knee_among(places: Array, x: Array, slack: Array, force: Array, *, stepped: bool) -> float | None:
+    """Return the best of the places [m], outliers weighed down in rounds."""
     weights = np.ones_like(x)
     for _ in range(ROUNDS):
-        found = _best_place(places, x, slack, force, np.sqrt(weights))
+        found = _best_place(places, x, slack, force, np.sqrt(weights), stepped=stepped)
         if found is None:
             return None
         best, residuals = found
@@ -208,7 +230,9 @@ def knee(samples: Sequence[Sample], end: float) -> float | None:
     return float(places[best])
 
 
-def _best_place(places: Array, x: Array, slack: Array, force: Array, scale: Array) -> tuple[int, Array] | None:
+def _best_place(
+    places: Array, x: Array, slack: Array, force: Array, scale: Array, *, stepped: bool
+) -> tuple[int, Array] | None:
     """Return which place fits best as the knee, and the residuals [N] there.
 
     Args:
@@ -217,6 +241,7 @@ def _best_place(places: Array, x: Array, slack: Array, force: Array, scale: Arra
         slack: (N, 2) what the force may contain everywhere.
         force: (N,) [N].
         scale: (N,) square roots of the weights.
+        stepped: whether the force may step up at the knee.
     """
     # of what varies only: an ideal drive is never held up
     directions, sizes, _ = np.linalg.svd(slack * scale[:, None], full_matrices=False)
@@ -234,9 +259,9 @@ def _best_place(places: Array, x: Array, slack: Array, force: Array, scale: Arra
     solvable = both > 1e-9 * rr * ss
     both = np.where(solvable, both, 1.0)
     height, slope = (sf * rr - rf * rs) / both, (rf * ss - sf * rs) / both
-    stepped = solvable & (height > 0.0) & (slope > 0.0)
-    height = np.where(stepped, height, 0.0)
-    slope = np.where(stepped, slope, rf / np.maximum(rr, 1e-18))
+    with_step = solvable & (height > 0.0) & (slope > 0.0) & stepped
+    height = np.where(with_step, height, 0.0)
+    slope = np.where(with_step, slope, rf / np.maximum(rr, 1e-18))
     gains = np.where(slope > 0.0, height * sf + slope * rf, -np.inf)
     best = int(np.argmax(gains))
     if not np.isfinite(gains[best]):
