@@ -62,6 +62,8 @@ class Homing:
     STANDING = 1e-3
     #: share of the homing tension that counts as there
     TAUT = 0.7
+    #: share of the homing tension from which the device's own limit may act
+    SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
     RUN_UP = 2e-3
     #: a drive that turned round is being braked until its speed has been within so much [m/s] for so long [s]
@@ -147,8 +149,8 @@ class Homing:
         self._steady = self._steady or (self._even_since is not None and view.now - self._even_since >= self.EVEN_FOR)
         if not self._steady:
             return
-        # At the device's limit the force is constant, and what the tendon takes of it makes the drive slower.
-        if view.speed > self.STANDING:
+        # At the limit the device holds the current constant: such samples say nothing about the rise.
+        if view.speed > self.STANDING and view.pull < self.SATURATED * self._limits.homing_tension:
             self._samples.append(Sample(view.length, view.acceleration, view.pull))
 
     def _shows(self, found: float) -> bool:
