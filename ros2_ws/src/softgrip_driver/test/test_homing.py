@@ -2,6 +2,7 @@
 """Homing as the one motion it is, with what the drive reports written by hand."""
 
 import dataclasses
+import math
 import random
 
 import pytest
@@ -28,6 +29,7 @@ class Finger:
         pauses_for: [s].
         frequency: of the controller [rad/s].
         braking: [N] that is read less while it is more than a tenth too fast.
+        teeth: how much harder and easier the gears turn in each millimetre [N].
         away: how long it pauses before each period besides [s].
         taut: [m] where the tendon becomes taut.
         gears: [N] that is read while nothing pulls.
@@ -46,9 +48,10 @@ class Finger:
         gears=GEARS,
         frequency=60.0,
         braking=0.0,
+        teeth=0.0,
         away=None,
     ):
-        self._frequency = frequency
+        self._frequency, self._teeth = frequency, teeth
         self._damping, self._taut, self._gears, self._braking = damping, taut, gears, braking
         self._pauses_at, self._pauses_for, self._away = pauses_at, pauses_for, away or (lambda: 0.0)
         self.length = self.speed = self.force = self.furthest_out = self.now = 0.0
@@ -76,6 +79,7 @@ class Finger:
         # the device limits its current, which is what is read
         self.force = min(max(force, -asked.tension_limit - self._gears), asked.tension_limit - self._gears)
         held = self.FRICTION * self.speed + STIFFNESS * max(0.0, self.length - self._taut)
+        held += self._teeth * math.sin(2.0 * math.pi * self.length / 1e-3)
         self.speed += (self.force - held) / self.MASS * self.STEP
         self.length += self.speed * self.STEP
 
@@ -92,6 +96,12 @@ def home(finger, limits=LIMITS):
 @pytest.mark.parametrize("damping", [1.0, 0.3, 0.15])
 def test_a_drive_that_overshoots_where_it_turns_round_is_not_taken_for_one_that_pulls(damping):
     assert home(Finger(damping)) == pytest.approx(TAUT, abs=4e-4)
+
+
+@pytest.mark.parametrize("teeth", [0.1, 0.25])
+def test_a_drive_that_never_goes_evenly_finds_its_zero(teeth):
+    """Gears of which each tooth is felt: the speed goes up and down by 0.5 and by 1.2 mm/s."""
+    assert home(Finger(teeth=teeth)) == pytest.approx(TAUT, abs=7e-4)
 
 
 @pytest.mark.parametrize("gears", [-0.6, -0.2, 0.3])

@@ -66,9 +66,11 @@ class Homing:
     SATURATED = 0.9
     #: [m] of winding in that are left out, while the motor gets up to speed
     RUN_UP = 2e-3
-    #: a drive that turned round is being braked until its speed has been within so much [m/s] for so long [s]
+    #: a drive that turned round is being braked until its speed has been within so much [m/s] for so long [s], or until
+    #: it has gone so far [m]: there are drives that never go more evenly
     EVEN = 1e-3
     EVEN_FOR = 0.05
+    EVEN_BY = 5e-3
     #: what the samples have to show: [m] of slack, and samples on either side of the knee; [m] from it to the nearest
     #: ones; the share of the way from the slack's force to the homing tension that they rise. Else it is looked for
     #: again from further out, so many times
@@ -140,13 +142,15 @@ class Homing:
         return Step(self._profile.position, tension)
 
     def _sample(self, view: View) -> None:
-        if view.length <= self._stood_at + self.RUN_UP:
+        gone = view.length - self._stood_at
+        if gone <= self.RUN_UP:
             self._even_since, self._steady = None, False
         elif abs(view.speed - self._limits.homing_speed) > self.EVEN:
             self._even_since = None
         elif self._even_since is None:
             self._even_since = view.now
-        self._steady = self._steady or (self._even_since is not None and view.now - self._even_since >= self.EVEN_FOR)
+        even = self._even_since is not None and view.now - self._even_since >= self.EVEN_FOR
+        self._steady = self._steady or even or gone > self.EVEN_BY
         if not self._steady:
             return
         # At the limit the device holds the current constant: such samples say nothing about the rise.
