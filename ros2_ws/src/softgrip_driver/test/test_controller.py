@@ -168,7 +168,7 @@ def test_the_knee_of_a_hinge_is_found_in_noise():
 
 
 def test_too_few_samples_show_no_knee():
-    assert knee([Sample(0.001 * i, 0.0, 0.1 * i) for i in range(11)], 0.011) is None
+    assert knee([Sample(0.001 * i, 0.0, 0.1 * i) for i in range(7)], 0.007) is None
 
 
 def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(rig):

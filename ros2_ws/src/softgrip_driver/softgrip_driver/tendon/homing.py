@@ -21,7 +21,7 @@ from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
 from softgrip_driver.tendon.profile import SpeedProfile
 
 #: fewest samples for a knee
-MIN_SAMPLES = 12
+MIN_SAMPLES = 8
 #: [m] resolution of the knee, and how far before and behind the knee without a step it may lie with one
 KNEE_STEP = 1e-4
 STEP_BEFORE = 3e-4
@@ -179,7 +179,7 @@ class Homing:
             return self._failed(view, "the force does not show where the tendon becomes taut")
         else:
             self._again -= 1
-            self._start = min(self._start, view.length if found is None else found)
+            self._start = min(self._start, view.length - self._limits.slack_travel / 2.0 if found is None else found)
             self._taut_since, self._phase = None, _Phase.LET_OUT
             self._samples.clear()
         return Step(view.length, self._limits.homing_tension)
