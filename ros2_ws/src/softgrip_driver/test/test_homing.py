@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from softgrip_driver.tendon.homing import Homing
+from softgrip_driver.tendon.homing import Homing, Sample, _Phase, knee
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import Step, View
 
@@ -159,3 +159,82 @@ def test_letting_out_is_as_quick_as_a_release_but_not_quicker_than_twice_the_hom
         step = homing.step(finger.view(step))
     least = LIMITS.slack_travel / speed
     assert least < finger.now - began < least + 2.0 * speed / LIMITS.acceleration
+
+
+def wound_in(taut, end, friction=0.0, rise=700.0, braking=0.0, jerk=0.0):
+    """Samples of a drive at 14 mm/s and 100 Hz, every 0.14 mm: F = -1 N, and from `taut` on friction and a rise."""
+    noise = random.Random(1)
+    lengths = [-6e-3 + 1.4e-4 * number for number in range(math.ceil((end + 6e-3) / 1.4e-4))]
+    samples = []
+    for number, length in enumerate(lengths):
+        pulled = friction + rise * (length - taut) if length > taut else 0.0
+        # braked for 2 mm after the turn, the last 0.4 of them less and less
+        braked = braking * min(1.0, max(0.0, (-4e-3 - length) / 4e-4))
+        jerked = jerk if 20 <= number < 26 else 0.0
+        samples.append(Sample(length, 0.0, -1.0 + pulled - braked + jerked + noise.gauss(0.0, 0.05)))
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("end", "what"),
+    [
+        (4.4e-3, {}),
+        (4.4e-3, {"friction": 1.0, "rise": 400.0}),
+        (4.4e-3, {"rise": 600.0, "jerk": 2.5}),
+        (4.6e-3, {"friction": 0.3, "braking": 0.6}),
+        (4.6e-3, {"friction": 0.6, "braking": 0.8}),
+        (4.6e-3, {"friction": 1.0, "braking": 1.0}),
+    ],
+    ids=["rise", "friction", "jerk", "little braking", "braking", "much braking"],
+)
+def test_the_knee_is_where_the_tendon_begins_to_pull(end, what):
+    taut = 3.4e-3 if "braking" in what else 2e-3
+    assert knee(wound_in(taut, end, **what), end) == pytest.approx(taut, abs=3e-4)
+
+
+def seen(kept):
+    homing = Homing(Finger().view(Step(0.0, 1.0)), LIMITS)
+    homing._samples = [sample for sample in wound_in(2e-3, 5e-3) if kept(sample.length)]
+    return homing._shows(2e-3)
+
+
+@pytest.mark.parametrize(
+    ("kept", "shows"),
+    [
+        (lambda _: True, True),
+        (lambda x: x > 1.2e-3, False),
+        (lambda x: x < 0.8e-3 or x > 2.1e-3, False),
+        (lambda x: x < 1.9e-3 or x > 3.2e-3, False),
+        (lambda x: x < 2.8e-3, False),
+        (lambda x: x < 2.0e-3, False),
+    ],
+    ids=["all", "little slack", "gap before", "gap behind", "rise too short", "no rise"],
+)
+def test_what_samples_have_to_show_of_a_knee(kept, shows):
+    assert bool(seen(kept)) == shows
+
+
+def test_too_few_samples_send_it_further_out():
+    """A drive that stands taut at once, wherever it winds in, lets out further the second time."""
+    now, length, goals = 0.0, 0.0, []
+    homing = Homing(View(now, PERIOD, length, 0.0, 0.0, 0.0, 45.0), LIMITS)
+    while homing._again == Homing.AGAIN or goals[-1] <= goals[-2]:
+        now += PERIOD
+        taut = homing._phase is not _Phase.LET_OUT
+        tension = LIMITS.homing_tension if taut else 0.0
+        goals.append(homing.step(View(now, PERIOD, length, 0.0, tension, tension, 45.0)).length)
+        length = length if taut else goals[-1]
+        assert now < LIMITS.homing_timeout
+    assert min(goals) == pytest.approx(-2.5 * LIMITS.slack_travel, abs=1e-4)
+
+
+def test_what_the_device_limits_is_not_listened_to():
+    """The force is constant there, and the tendon's rise goes on."""
+    finger, step = Finger(), Step(0.0, LIMITS.tension_hold)
+    homing, shown = Homing(finger.view(step), LIMITS), []
+    while homing.zero is None:
+        view = finger.view(step)
+        shown.append(view.pull)
+        step = homing.step(view)
+    assert max(shown) == pytest.approx(LIMITS.homing_tension)
+    assert max(sample.force for sample in homing._samples) < 0.95 * LIMITS.homing_tension

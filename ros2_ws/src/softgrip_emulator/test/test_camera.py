@@ -99,6 +99,15 @@ def test_noise_differs_from_frame_to_frame_and_an_empty_slot_shows_no_finger():
     assert len(green_centres(first)) == 1
 
 
+def test_another_level_of_noise_is_the_same_noise_louder():
+    scene = Scene(draw_optics(320, 240, seed=1), seed=1)
+    loud, usual = ([tile.astype(float) for tile in scene._draw_noise(scene._again(), level)] for level in (8.0, 2.0))
+    assert np.abs(loud[-1] / 4.0 - usual[-1]).max() <= 0.63  # both are rounded
+    assert all((tile == kept).all() for tile, kept in zip(usual, scene._noise_tiles, strict=True))
+    scene.render(Pose(np.zeros((0, 2)), np.zeros(0)), light=Light(noise=8.0))
+    assert all((tile == kept).all() for tile, kept in zip(loud, scene._noise_tiles, strict=True))
+
+
 @pytest.fixture
 def stream(tmp_path):
     board = FrameBoard()

@@ -10,6 +10,7 @@ import pytest
 
 from softgrip_emulator.camera.look import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
+from softgrip_emulator.dynamixel.packets import Instruction, encode
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import BUS_FAULTS, CAMERA_FAULTS, random_plan, read_plan
 from softgrip_emulator.wire.pty import host_baud
@@ -363,3 +364,13 @@ def test_the_stream_of_a_cell_can_be_read(cell):
 def test_host_baud_of_something_else_is_unknown(tmp_path):
     with (tmp_path / "file").open("wb") as file:
         assert host_baud(file.fileno()) is None
+
+
+@pytest.mark.parametrize(("away_s", "lost_s"), [(0.010, 0.0), (0.090, 0.0), (0.300, 0.3)])
+def test_a_servo_that_is_asked_after_a_pause_answers_with_what_is(profiles, tmp_path, away_s, lost_s):
+    """Nobody else brings this plant up to date; what is too long to make up for is left out, and counted."""
+    plant = (cell := EmulatedCell(profiles, tmp_path / "wires")).plant
+    asked_s = plant.now_s + away_s
+    cell.chain.exchange(encode(1, Instruction.PING), asked_s, 57600)
+    assert plant.now_s == pytest.approx(asked_s, abs=0.0041)
+    assert plant.lost_time_s == pytest.approx(lost_s, abs=0.0041)

@@ -211,6 +211,12 @@ class Scene:
         image *= (1.12 - 0.28 * (u * u + v * v))[:, :, None].astype(np.float32)
         return np.clip(image, 0, 255).astype(np.uint8)
 
+    def _again(self) -> np.random.Generator:
+        """The random numbers from where the noise began."""
+        random = np.random.default_rng()
+        random.bit_generator.state = self._noise_begins
+        return random
+
     def _draw_noise(self, random: np.random.Generator, level: float) -> list[NDArray[np.int8]]:
         """Tiles somewhat larger than a frame; a frame gets a random part of one of them."""
         tiles = np.empty((_NOISE_BANK, self.optics.height + 64, self.optics.width + 64, 3), np.int8)
@@ -222,10 +228,8 @@ class Scene:
 
     def _with_noise(self, image: Image, level: float) -> Image:
         if level != self._noise_level:
-            again = np.random.default_rng()
-            again.bit_generator.state = self._noise_begins
             self._noise_level = level
-            self._noise_tiles = self._draw_noise(again, level)
+            self._noise_tiles = self._draw_noise(self._again(), level)
         tile = self._noise_tiles[int(self._rng.integers(len(self._noise_tiles)))]
         dv, du = self._rng.integers(0, 64, 2)
         patch = tile[dv : dv + image.shape[0], du : du + image.shape[1]]
