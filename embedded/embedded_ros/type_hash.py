@@ -3,9 +3,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from typing import TYPE_CHECKING, Any
+
+# hashlib would load OpenSSL, 3.5 MB in each process, for the same function.
+try:
+    from _sha256 import sha256
+except ImportError:
+    try:
+        from _sha2 import sha256  # Python 3.12 and later
+    except ImportError:
+        from hashlib import sha256
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,4 +74,5 @@ def full_description(text: MessageText, lookup: Callable[[str], MessageText]) ->
 
 def type_hash(text: MessageText, lookup: Callable[[str], MessageText]) -> str:
     """Return ``RIHS01_<sha256>`` of a type."""
-    return "RIHS01_" + hashlib.sha256(json.dumps(full_description(text, lookup)).encode()).hexdigest()
+    digest: str = sha256(json.dumps(full_description(text, lookup)).encode()).hexdigest()
+    return "RIHS01_" + digest

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -150,6 +151,31 @@ def test_a_source_that_starts_again_is_paired_again() -> None:
         matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
     ((sample, _),) = matcher.add_measured(15 * MILLISECOND, "seen again")
     assert sample.pulled_length == pytest.approx(0.0015)
+
+
+class Seen:
+    """A measurement whose end can be watched."""
+
+
+def test_measurements_of_a_silent_tendon_are_let_go() -> None:
+    """A tendon without a zero says no length for hours, and the camera sees on."""
+    matcher: Matcher[Seen] = Matcher()
+    matcher.add_tendon(TendonSample(0, 0.0, 0.0, 0.0))
+    kept: weakref.WeakSet[Seen] = weakref.WeakSet()
+    for t in range(1, 1000):
+        seen = Seen()
+        kept.add(seen)
+        assert matcher.add_measured(t * 50 * MILLISECOND, seen) == []
+    assert len(kept) == 41  # two seconds at 20 Hz, both ends
+
+
+def test_measurements_that_begin_anew_are_paired_though_the_tendon_was_silent() -> None:
+    matcher: Matcher[str] = Matcher()
+    for t in range(100, 200):
+        matcher.add_measured(t * 50 * MILLISECOND, "of the time before")
+    matcher.add_measured(15 * MILLISECOND, "seen")
+    pairs = [pair for t in range(5) for pair in matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 0.0, 0.0, 0.0))]
+    assert [measured for _, measured in pairs] == ["seen"]
 
 
 def test_velocity_that_nobody_gives_comes_from_the_lengths() -> None:

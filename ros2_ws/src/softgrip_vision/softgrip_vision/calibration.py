@@ -33,7 +33,6 @@ top left pixel. Fingers seen from behind simply have a homography of the other h
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,6 +44,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from softgrip_model.digest import text_digest
 from softgrip_vision.errors import CalibrationError
 
 SCHEMA = 1
@@ -210,7 +210,7 @@ def load(path: Path | str) -> Calibration:
     if not isinstance(document, dict):
         raise CalibrationError(f"{path}: expected a camera calibration (YAML mapping), found {type(document).__name__}")
     try:
-        return _parse(document, hashlib.sha256(text.encode()).hexdigest()[:16])
+        return _parse(document, text_digest(text))
     except (CalibrationError, KeyError, TypeError, ValueError) as error:
         missing = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
         raise CalibrationError(f"{path}: {missing}; see softgrip_vision/calibration.py for the layout") from error

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from softgrip_model.digest import text_digest
 from softgrip_vision.calibration import Calibration
 from softgrip_vision.colour import Image
 from softgrip_vision.errors import FrameError, LayoutError
@@ -82,7 +82,7 @@ class Tracker:
         """Digest of all that the numbers depend on besides the frames: calibration, fingers, chains, options."""
         layouts = [tracker.layout for tracker in self._trackers.values()]
         text = repr((self.calibration.digest, self.fingers, layouts, self.profiles_text, self.options))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return text_digest(text)
 
     def set_options(self, options: TrackerOptions) -> None:
         """Change what a user may set, live."""

@@ -16,13 +16,13 @@ from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 
-#: names of the fault table for the bits of the hardware error status
+#: names of the fault table for the bits of the hardware error status; plain integers, for this is asked in every cycle
 _FAULT_NAMES = {
-    HardwareError.INPUT_VOLTAGE: "input_voltage",
-    HardwareError.OVERHEATING: "overheated",
-    HardwareError.MOTOR_ENCODER: "encoder_fault",
-    HardwareError.ELECTRICAL_SHOCK: "electrical_shock",
-    HardwareError.OVERLOAD: "overload",
+    HardwareError.INPUT_VOLTAGE.value: "input_voltage",
+    HardwareError.OVERHEATING.value: "overheated",
+    HardwareError.MOTOR_ENCODER.value: "encoder_fault",
+    HardwareError.ELECTRICAL_SHOCK.value: "electrical_shock",
+    HardwareError.OVERLOAD.value: "overload",
 }
 
 #: current, velocity, position in one block: 126 .. 135

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from typing import Any
 
 from softgrip_driver.faults import FAULTS, Reaction, Recovery
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
@@ -91,18 +91,16 @@ class Drive:
     def snapshot(self) -> DriveSnapshot:
         """Return the present state as a value."""
         m = self._m
-        base = DriveSnapshot(
+        r = m.reading
+        measured: dict[str, Any] = {} if r is None else {
+            "length": r.position - m.frame, "speed": r.velocity, "tension": m.tension,
+            "tension_stddev": r.tension_stddev, "current": r.current, "temperature": r.temperature,
+            "voltage": r.voltage, "hardware_error": r.hardware_error, "time": r.time,
+        }  # fmt: skip
+        return DriveSnapshot(
             self.tendon, self.state, self.homed, fault=m.fault, fault_reason=m.fault_reason,
             outcome=m.outcome, reason=m.reason, lost_replies=m.lost, warnings=tuple(m.warnings.values()),
-            job=m.job,
-        )  # fmt: skip
-        r = m.reading
-        if r is None:
-            return base
-        return replace(
-            base, length=r.position - m.frame, speed=r.velocity, tension=m.tension, tension_stddev=r.tension_stddev,
-            current=r.current, temperature=r.temperature, voltage=r.voltage, hardware_error=r.hardware_error,
-            time=r.time,
+            job=m.job, **measured,
         )  # fmt: skip
 
     @property

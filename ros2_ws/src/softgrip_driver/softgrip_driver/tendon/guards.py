@@ -137,6 +137,8 @@ class BreakGuard:
         # A slow loop needs longer to see as many samples.
         self._window = max(self.WINDOW, 1.5 * self.FEWEST * period)
         self._recent: deque[_Pull] = deque()
+        self._furthest = -math.inf
+        """[m] No recent one is further in."""
         self._vanished_at: float | None = None
         self._last: float | None = None
         self._clock = 0.0
@@ -188,13 +190,17 @@ class BreakGuard:
             self._vanished_at = self._clock
         elif abs(acceleration) < STEADY_ACCELERATION:
             self._recent.append(_Pull(self._clock, tension, length))
+            self._furthest = max(self._furthest, length)
         return False
 
     def _forget_what_was_further_in(self, length: float) -> None:
-        if any(pull.length > length + self.RETREAT for pull in self._recent):
-            self._recent = deque(pull for pull in self._recent if pull.length <= length + self.RETREAT)
-            if not self._recent:
-                self._vanished_at = None
+        if self._furthest <= length + self.RETREAT:
+            return
+        before = len(self._recent)
+        self._recent = deque(pull for pull in self._recent if pull.length <= length + self.RETREAT)
+        self._furthest = max((pull.length for pull in self._recent), default=-math.inf)
+        if before and not self._recent:
+            self._vanished_at = None
 
     @property
     def suspects(self) -> bool:

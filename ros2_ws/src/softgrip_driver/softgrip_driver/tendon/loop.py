@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any, TypeVar
 
 from softgrip_driver.errors import DriverError, PortLostError
@@ -184,7 +185,8 @@ class BusLoop:
         """Wait up to ``timeout`` [s] for cycles after a sequence number and return them, oldest first."""
         with self._changed:
             self._changed.wait_for(lambda: self._newer(sequence) or not self.running, timeout)
-            return [one for one in self._history if one.sequence > sequence]
+            newest_first = takewhile(lambda one: one.sequence > sequence, reversed(self._history))
+            return list(newest_first)[::-1]
 
     def _newer(self, sequence: int) -> bool:
         return bool(self._history) and self._history[-1].sequence > sequence

@@ -8,11 +8,11 @@ was predicted with, whatever has come in meanwhile, and a replay comes to the sa
 
 from __future__ import annotations
 
-import hashlib
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from softgrip_model.digest import text_digest
 from softgrip_model.finger.predictor import Configuration
 from softgrip_model.finger.wear import WearMonitor
 
@@ -29,7 +29,7 @@ class InUse:
     def digest(self) -> str:
         """Name of everything here but the friction and the monitors."""
         digest = self.configuration.digest
-        return digest if self.free else hashlib.sha256(f"{digest};not free".encode()).hexdigest()[:16]
+        return digest if self.free else text_digest(f"{digest};not free")
 
     def holds(self, slot: str, profile: str) -> bool:
         """Whether a slot holds a finger of a profile; empty: of any."""

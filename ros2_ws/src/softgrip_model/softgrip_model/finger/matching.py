@@ -61,13 +61,17 @@ class Matcher(Generic[Measured]):
 
     def add_measured(self, stamp: int, measured: Measured) -> list[tuple[TendonSample, Measured]]:
         """Take a measurement [ns]; return the pairs that are complete, oldest first."""
+        if self._waiting and self._waiting[-1][0] - stamp > self._span:
+            self._waiting.clear()  # time only goes back so far when a source restarts
         self._waiting.append((stamp, measured))
         self._waiting.sort(key=lambda item: item[0])
+        # The tendon may have fallen silent (no zero, a lost bus) while the camera sees on.
+        while self._waiting[-1][0] - self._waiting[0][0] > self._span:
+            self._waiting.pop(0)
         return self._complete()
 
     def _complete(self) -> list[tuple[TendonSample, Measured]]:
         if not self._samples:
-            self._waiting = self._waiting[-100:]
             return []
         newest = self._samples[-1].stamp
         ready = [item for item in self._waiting if item[0] <= newest]

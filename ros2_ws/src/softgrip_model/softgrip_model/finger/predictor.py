@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_model.digest import text_digest
 from softgrip_model.finger.design import Finger
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Kernel, Solution, Status, reason
@@ -128,7 +128,7 @@ class Configuration:
             self.fingers[slot] = Finger.from_profile(profile, slot)
             self._own[slot] = assumed_friction(profile)
             parts.append(f"{slot}={profile_id}:{digest(profile)}")
-        self.digest = hashlib.sha256(";".join(parts).encode()).hexdigest()[:16]
+        self.digest = text_digest(";".join(parts))
         """Changes when anything but the friction does."""
         self._kernels: dict[tuple[str, ...], Kernel] = {}
 

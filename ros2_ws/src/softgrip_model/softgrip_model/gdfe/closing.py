@@ -9,7 +9,6 @@ was before. Mesh and factored matrix know nothing of friction: closings of one f
 
 from __future__ import annotations
 
-import hashlib
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_model.digest import text_digest
 from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
 from softgrip_model.gdfe.cable import Cable, Drive
@@ -183,7 +183,7 @@ class Closing:
         if friction is not None:
             text += f":{friction.id}:{friction.law}"
         text += self.body.changes
-        self.digest = hashlib.sha256((self.finger_mesh.mesh.digest + text).encode()).hexdigest()[:16]
+        self.digest = text_digest(self.finger_mesh.mesh.digest + text)
         self.keyframes = Keyframes(
             self.settings.keyframe_mm,
             self.settings.travel_mm,

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
 import json
 import math
 from dataclasses import dataclass
+
+from softgrip_model.digest import text_digest
 
 SCHEMA = 1
 MAX_JOINTS = 6
@@ -122,7 +123,7 @@ class Profile:
 def digest(profile: Profile) -> str:
     """Sixteen hex digits that change when anything in the profile does."""
     text = json.dumps(dataclasses.asdict(profile), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return text_digest(text)
 
 
 def problems(profile: Profile) -> list[str]:
