@@ -30,12 +30,12 @@ from softgrip_driver.dynamixel.registers import ID, MODELS, PRESENT_CURRENT
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.loop import BusLoop
-from softgrip_driver.tendon.realtime import claim_processor
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import Servo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.wire.pty import PtyPort
+from softgrip_nodekit import claim_processor
 
 BAUD = 3_000_000
 SERVOS = 4
@@ -85,9 +85,10 @@ def run_driver(link: str, rate: float, *, silent: bool = False) -> tuple[float, 
         backend.bus.write(SERVOS, ID, 99)
     limits = TendonLimits()
     controller = GripperController({servo.tendon: limits for servo in servos}, Policies())
-    loop = BusLoop(backend, controller, rate, history=int(FLAT_OUT * SECONDS * 2), realtime_priority=PRIORITY)
+    loop = BusLoop(backend, controller, rate, history=int(FLAT_OUT * SECONDS * 2))
     try:
-        loop.start()
+        with ThreadPoolExecutor(1, initializer=claim_processor, initargs=(PRIORITY,)) as thread:
+            thread.submit(loop.start).result()  # its thread inherits the priority
         answering = SERVOS - 1 if silent else SERVOS
         assert loop.wait_for(lambda seen: sum(d.time > 0.0 for d in seen.drives) == answering, 3.0) is not None
         loop.power(on=True)

@@ -85,7 +85,6 @@ class DriverConfiguration:
         grippers: by tendon, the gripper it belongs to.
         policies: of the whole gripper.
         loop_rate: [Hz]
-        realtime_priority: of the loop's thread.
         bus_watchdog: [s]
         write_eeprom: correct persistent settings.
         zero_file: None keeps no zeros.
@@ -102,7 +101,6 @@ class DriverConfiguration:
     grippers: Mapping[str, str]
     policies: Policies
     loop_rate: float
-    realtime_priority: int
     bus_watchdog: float
     write_eeprom: bool
     zero_file: Path | None
@@ -166,7 +164,6 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
             continuous_tension=values["continuous_tension_n"],
         ),
         loop_rate=values["loop_rate"],
-        realtime_priority=values["realtime_priority"],
         bus_watchdog=values["bus_watchdog_s"],
         write_eeprom=values["write_eeprom"],
         zero_file=Path(values["zero_file"]).expanduser() if values["zero_file"] else None,

@@ -8,6 +8,7 @@ from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import StartupError
 from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.parameters import Parameter, ParameterTable
+from softgrip_nodekit.priority import Rank, claim_processor, realtime_parameter
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
@@ -25,10 +26,13 @@ __all__ = [
     "Health",
     "Parameter",
     "ParameterTable",
+    "Rank",
     "SentGoal",
     "StartupError",
     "TracedDoors",
+    "claim_processor",
     "make_executor",
+    "realtime_parameter",
     "run",
     "seconds",
     "to_time_message",

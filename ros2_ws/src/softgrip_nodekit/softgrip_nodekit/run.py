@@ -19,6 +19,7 @@ from rclpy.node import Node
 
 from softgrip_nodekit.errors import StartupError
 from softgrip_nodekit.executor import make_executor
+from softgrip_nodekit.priority import REALTIME_PRIORITY, claim_processor, own_threads
 
 #: Exit code of a process that could not start.
 CANNOT_START = 2
@@ -34,6 +35,7 @@ _QOS_OVERRIDES = "qos_overrides."
 def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
     """Run a node until it is told to stop, and leave cleanly.
 
+    A node with a `realtime_parameter` gets its threads scheduled by it, and the log says whether the system allowed it.
     A lifecycle node whose parameter ``autostart`` is true is configured and activated first; where that fails the
     process ends with code 2, so that a launch file can bring the cell down. A node may have a method ``close()``: it is
     called on every exit path, before the node is destroyed, and leaves hardware safe.
@@ -57,6 +59,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     try:
         node = factory()
         _refuse_unknown_parameters(node)
+        _claim_processor(node)
         executor = make_executor(node, threads)
         executor.add_node(node)
         if isinstance(node, LifecycleNode) and _autostart(node):
@@ -96,6 +99,11 @@ def _refuse_unknown_parameters(node: Node) -> None:
     if unknown:
         known = ", ".join(sorted(node.list_parameters([], 0).names))
         raise StartupError(f"unknown parameter {', '.join(map(repr, unknown))}; {node.get_name()} has {known}")
+
+
+def _claim_processor(node: Node) -> None:
+    if node.has_parameter(REALTIME_PRIORITY):
+        node.get_logger().info(claim_processor(int(node.get_parameter(REALTIME_PRIORITY).value), own_threads()))
 
 
 def _is_told_to_stop() -> bool:

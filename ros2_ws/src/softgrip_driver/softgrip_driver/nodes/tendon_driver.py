@@ -113,12 +113,7 @@ class TendonDriver(LifecycleNode):
             self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
             for warning in identity.warnings:
                 self.get_logger().warning(f"tendon '{identity.tendon}': {warning}")
-        loop = BusLoop(
-            backend,
-            configuration.controller(),
-            configuration.loop_rate,
-            realtime_priority=configuration.realtime_priority,
-        )
+        loop = BusLoop(backend, configuration.controller(), configuration.loop_rate)
         loop.start()
         self._backend, self._loop = backend, loop
         self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
@@ -127,7 +122,7 @@ class TendonDriver(LifecycleNode):
             return self._failed("a device that answered at first gives no readings; check cable and supply")
         self._publishing = threading.Thread(target=self._publish_cycles, args=(loop,), name="publish", daemon=True)
         self._publishing.start()
-        self.get_logger().info(f"bus loop: {configuration.loop_rate:g} Hz, {loop.scheduling}")
+        self.get_logger().info(f"bus loop: {configuration.loop_rate:g} Hz")
         # What there is by now stays: a full collection of it would stop the bus thread for milliseconds.
         gc.collect()
         gc.freeze()

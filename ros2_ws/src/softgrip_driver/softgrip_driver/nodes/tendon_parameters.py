@@ -9,7 +9,7 @@ from softgrip_driver.configuration import BACKENDS, LIMIT_PARAMETERS
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
 from softgrip_driver.rig.build import GAUGES
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_nodekit import Parameter, ParameterTable
+from softgrip_nodekit import Parameter, ParameterTable, Rank, realtime_parameter
 
 _LIMIT_TEXTS: dict[str, tuple[str, str, float, float]] = {
     "travel": ("longest pulled length", "m", 0.001, 1.0),
@@ -56,9 +56,7 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; sign: that of pulling", "1/N"),
     Parameter("loop_rate", 100.0, "of the control loop; a stage takes 10 to 20", "Hz", 2.0, 500.0),
-    Parameter(
-        "realtime_priority", 20, "of the loop's thread where the system allows it; 0 = as any other thread", "", 0, 99
-    ),
+    realtime_parameter(Rank.DRIVES),
     Parameter("bus_watchdog_s", 0.08, "silence after which a servo stops by itself; 0 = off", "s", 0.0, 2.54),
     Parameter("write_eeprom", True, "correct persistent settings of the servos that differ; false = refuse to start"),
     Parameter("operating_mode", 5, "5 current-based position, 4 extended position", choices=(4, 5)),

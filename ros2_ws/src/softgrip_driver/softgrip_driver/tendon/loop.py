@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 from softgrip_driver.errors import DriverError, PortLostError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
 from softgrip_driver.tendon.gripper import GripperController
-from softgrip_driver.tendon.realtime import claim_processor
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 
 Result = TypeVar("Result")
@@ -93,7 +92,6 @@ class BusLoop:
         controller: its drives are the backend's tendons.
         rate: [Hz]
         history: cycles kept for `since`.
-        realtime_priority: of the thread; see realtime.py.
     """
 
     #: [s] between attempts to reopen a lost port
@@ -106,7 +104,6 @@ class BusLoop:
         controller: GripperController,
         rate: float,
         history: int = 256,
-        realtime_priority: int = 0,
     ) -> None:
         self._backend = backend
         self._controller = controller
@@ -121,9 +118,6 @@ class BusLoop:
         self._port_lost = ""
         self._reopen_at = 0.0
         self._thread: threading.Thread | None = None
-        self._realtime_priority = realtime_priority
-        #: how its thread is scheduled, in words; empty until it runs
-        self.scheduling = ""
         self.failure: BaseException | None = None
 
     # --- from any thread -------------------------------------------------------------------------------------------
@@ -206,7 +200,6 @@ class BusLoop:
     # --- the thread ------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        self.scheduling = claim_processor(self._realtime_priority)
         pace = _Pace(self._rate)
         statistics = (0.0, 0.0)
         sequence = 0

@@ -29,7 +29,9 @@ from softgrip_nodekit import (
     Health,
     Parameter,
     ParameterTable,
+    Rank,
     StartupError,
+    realtime_parameter,
     run,
     to_time_message,
 )
@@ -71,6 +73,7 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("fault_plan", "", "YAML file with faults at times or at random; empty = none"),
     Parameter("truth_rate", 30.0, "of emulator/truth", "Hz", 0.1, 200.0),
+    realtime_parameter(Rank.EMULATED_HARDWARE),
 )
 
 

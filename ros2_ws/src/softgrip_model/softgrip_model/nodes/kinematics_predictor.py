@@ -25,7 +25,18 @@ from softgrip_model.finger.wear import Verdict, WearSettings
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.nodes import convert
 from softgrip_model.profile import Profile, ProfileError, load_directory
-from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+from softgrip_nodekit import (
+    LATCHED,
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    Rank,
+    StartupError,
+    realtime_parameter,
+    run,
+)
 
 _WEAR = WearSettings()
 
@@ -40,6 +51,7 @@ PARAMETERS = ParameterTable(
         "cusum_allowance", _WEAR.allowance, "shift per closing that is let pass (standard deviations)", "", 0.0, 5.0
     ),
     Parameter("cusum_limit", _WEAR.limit, "decision limit (standard deviations)", "", 1.0, 50.0),
+    realtime_parameter(Rank.PREDICTION),
 )
 
 _HEALTH = {

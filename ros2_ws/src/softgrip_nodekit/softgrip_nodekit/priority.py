@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real-time priority for a node's process: on a busy computer the scheduler alone makes most of its delays."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from enum import IntEnum
+from pathlib import Path
+
+from softgrip_nodekit.parameters import Parameter
+
+#: Name of the parameter by which `run` gives a node's process its priority.
+REALTIME_PRIORITY = "realtime_priority"
+
+
+class Rank(IntEnum):
+    """Who comes before whom in a cell, as SCHED_FIFO priorities (sched(7)).
+
+    Only what works for a millisecond at a time has one. The kernel's workers that carry a serial port's bytes are
+    ordinary: a tracker in front of them, busy with a frame, would hold up the bus.
+    """
+
+    EMULATED_HARDWARE = 25
+    """real hardware waits for nobody"""
+    DRIVES = 20
+    PREDICTION = 18
+
+
+def realtime_parameter(rank: Rank) -> Parameter:
+    """Return the row of a node's parameter table by which `run` gives its process a priority."""
+    return Parameter(
+        REALTIME_PRIORITY, int(rank), "of the node's threads where the system allows it; 0 = as any other", "", 0, 99
+    )
+
+
+def own_threads() -> list[int]:
+    """Return the threads of this process; the calling one alone where the system does not tell."""
+    try:
+        return [int(entry.name) for entry in Path("/proc/self/task").iterdir()]
+    except OSError:
+        return [0]
+
+
+def claim_processor(priority: int, threads: Iterable[int] = (0,)) -> str:
+    """Put threads in front of all ordinary ones (SCHED_FIFO), where that is allowed; those they start inherit it.
+
+    A thread so put must wait for something again and again: ordinary ones do not interrupt it.
+
+    Args:
+        priority: 1..99 as sched(7); 0 leaves everything as it is.
+        threads: of this process; 0 is the calling one.
+
+    Returns:
+        How they are scheduled, in words, with what to do where it was not allowed.
+    """
+    if priority == 0:
+        return "ordinary priority"
+    try:
+        for thread in threads:
+            with suppress(ProcessLookupError):  # it has ended meanwhile
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError:
+        return (
+            f"ordinary priority: real-time priority {priority} is not allowed; allow it with a line "
+            "'@dialout - rtprio 50' in /etc/security/limits.d/, and log in again"
+        )
+    except (OSError, AttributeError) as error:
+        return f"ordinary priority: this system gives no real-time priority ({error})"
+    return f"real-time priority {priority}"

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who comes first on a busy computer. What changes the scheduling does so in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import pytest
+
+from softgrip_nodekit import Rank, claim_processor
+
+ALL_THREADS = """
+import os, sys, threading
+import rclpy
+from rclpy.node import Node
+from softgrip_nodekit import ParameterTable, Rank, realtime_parameter, run
+from softgrip_nodekit.priority import own_threads
+
+TABLE = ParameterTable(realtime_parameter(Rank.PREDICTION))
+
+class Hasty(Node):
+    def __init__(self):
+        super().__init__("hasty")
+        TABLE.declare(self)
+        threading.Thread(target=threading.Event().wait, daemon=True).start()  # as the middleware's: there before
+        self.create_timer(0.01, self.tell)
+
+    def tell(self):
+        later = threading.Thread(target=threading.Event().wait, daemon=True)
+        later.start()
+        print(len(own_threads()), sorted({(os.sched_getscheduler(t), os.sched_getparam(t).sched_priority)
+              for t in own_threads()}), flush=True)
+        rclpy.shutdown()
+
+sys.exit(run(Hasty, sys.argv[1:]))
+"""
+
+
+def allowed() -> bool:
+    """Whether this system gives a process of ours real-time priority."""
+    trial = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
+    return subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False).returncode == 0
+
+
+def scheduled(*arguments: str) -> str:
+    """Return how a node's threads are scheduled."""
+    command = [sys.executable, "-c", ALL_THREADS, "--ros-args", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    count, _, how = done.stdout.partition(" ")
+    assert int(count) >= 3
+    return how.strip()
+
+
+def test_every_thread_of_a_node_has_its_rank() -> None:
+    if not allowed():
+        pytest.skip("no right to real-time priority here")
+    assert scheduled() == f"[({os.SCHED_FIFO}, {int(Rank.PREDICTION)})]"
+
+
+def test_a_node_told_so_stays_ordinary() -> None:
+    assert scheduled("-p", "realtime_priority:=0") == f"[({os.SCHED_OTHER}, 0)]"
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [(PermissionError(), "/etc/security/limits.d/"), (OSError("none here"), "none here")],
+)
+def test_without_the_right_it_says_how_to_give_it(monkeypatch: pytest.MonkeyPatch, error: Exception, says: str) -> None:
+    def refuse(*_: Any) -> NoReturn:
+        raise error
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    told = claim_processor(20)
+    assert told.startswith("ordinary priority")
+    assert says in told
+
+
+def test_a_thread_that_has_ended_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[int] = []
+
+    def give(thread: int, *_: Any) -> None:
+        if thread == 1:
+            raise ProcessLookupError
+        given.append(thread)
+
+    monkeypatch.setattr(os, "sched_setscheduler", give)
+    assert claim_processor(20, [1, 2]) == "real-time priority 20"
+    assert given == [2]
+
+
+def test_ranks_are_in_the_order_of_haste() -> None:
+    order: Callable[[Rank], int] = int
+    assert sorted(Rank, key=order, reverse=True) == [Rank.EMULATED_HARDWARE, Rank.DRIVES, Rank.PREDICTION]
