@@ -80,7 +80,7 @@ class McapStream:
         self._channels: list[Channel] = []
         self._counts: dict[int, int] = {}
         self._first, self._last = 0, 0  # [ns]
-        self._chunks: list[ChunkIndex] = []
+        self._chunks: list[bytes] = []  # their indexes as they will be written: a sixth of the memory
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         sink.write(MAGIC + _bytes(Header("ros2", "softgrip_bag")))
@@ -162,31 +162,33 @@ class McapStream:
         offsets, indexes = _message_indexes(chunk, start + length)
         self._sink.write(indexes)
         self._note(chunk, offsets)
-        self._chunks.append(
-            ChunkIndex(
-                message_start_time=chunk.first,
-                message_end_time=chunk.last,
-                chunk_start_offset=start,
-                chunk_length=length,
-                message_index_offsets=offsets,
-                message_index_length=len(indexes),
-                compression="zstd",
-                compressed_size=len(compressed),
-                uncompressed_size=len(content),
-            )
+        index = ChunkIndex(
+            message_start_time=chunk.first,
+            message_end_time=chunk.last,
+            chunk_start_offset=start,
+            chunk_length=length,
+            message_index_offsets=offsets,
+            message_index_length=len(indexes),
+            compression="zstd",
+            compressed_size=len(compressed),
+            uncompressed_size=len(content),
         )
+        self._chunks.append(_bytes(index))
 
     def finish(self) -> None:
         """Write what is left, the summary and the end."""
         self.end_chunk()
         self._put(DataEnd(0))
-        start = self._sink.tell()
-        summary = RecordBuilder()
-        offsets = [_group(summary, start, opcode, records) for opcode, records in self._summary() if records]
-        at = start + summary.count
-        for offset in offsets:
-            offset.write(summary)
-        data = bytes(summary.end())  # type: ignore[no-untyped-call]  # the library has no types
+        at = start = self._sink.tell()
+        groups: list[bytes] = []
+        offsets: list[bytes] = []
+        for opcode, records in self._summary():
+            if records:
+                group = b"".join(records)
+                groups.append(group)
+                offsets.append(_bytes(SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(group))))
+                at += len(group)
+        data = b"".join(groups + offsets)
         head = struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, at)
         footer = Footer(summary_start=start, summary_offset_start=at, summary_crc=zlib.crc32(head, zlib.crc32(data)))
         self._sink.write(data + _bytes(footer) + MAGIC)
@@ -202,7 +204,7 @@ class McapStream:
         for channel in channels:
             self._counts[channel] += len(chunk.index[channel]) // 2
 
-    def _summary(self) -> list[tuple[Opcode, list[McapRecord]]]:
+    def _summary(self) -> list[tuple[Opcode, list[bytes]]]:
         statistics = Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
@@ -215,12 +217,12 @@ class McapStream:
             schema_count=len(self._schemas),
         )
         return [
-            (Opcode.SCHEMA, [*self._schemas]),
-            (Opcode.CHANNEL, [*self._channels]),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, [*self._chunks]),
-            (Opcode.ATTACHMENT_INDEX, [*self._attachments]),
-            (Opcode.METADATA_INDEX, [*self._metadata]),
+            (Opcode.SCHEMA, [_bytes(schema) for schema in self._schemas]),
+            (Opcode.CHANNEL, [_bytes(channel) for channel in self._channels]),
+            (Opcode.STATISTICS, [_bytes(statistics)]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.ATTACHMENT_INDEX, [_bytes(attachment) for attachment in self._attachments]),
+            (Opcode.METADATA_INDEX, [_bytes(metadata) for metadata in self._metadata]),
         ]
 
 
@@ -242,10 +244,3 @@ def _message_indexes(chunk: _ChunkInProgress, start: int) -> tuple[dict[int, int
         records.append(record)
         at += len(record)
     return offsets, b"".join(records)
-
-
-def _group(summary: RecordBuilder, start: int, opcode: Opcode, records: list[McapRecord]) -> SummaryOffset:
-    begin = summary.count
-    for record in records:
-        record.write(summary)
-    return SummaryOffset(group_opcode=opcode, group_start=start + begin, group_length=summary.count - begin)
