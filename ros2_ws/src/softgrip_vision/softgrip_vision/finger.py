@@ -24,6 +24,7 @@ from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
 from softgrip_vision.looks import MOST_AREA, BodySide, Looks, alike, colours_at, sharp_area, surrounds_of
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
 from softgrip_vision.search import FoundChain, find_chain, search_spots
 from softgrip_vision.sightings import Candidate, Seen, Sighting, candidates_of, locate, threshold_quality
@@ -58,23 +59,6 @@ LINK_TOLERANCE = (0.5e-3, 0.02)
 LINK_SLACK = 1.25
 #: [rad/s] faster than this no joint moves; between two sightings of a marker that comes back.
 FASTEST_JOINT = 12.0
-
-
-@dataclass(frozen=True)
-class TrackerOptions:
-    """What a user may set.
-
-    Attributes:
-        threshold_share: 0..1 of the markers' height in the signal at which a pixel counts as marker.
-        placement_stddev_m: [m] how exactly the markers sit where the layout says.
-        largest_angle_stddev: [rad] a pose less certain than that is not given out.
-        patience: [s] markers may be hidden so long before the finger is searched for anew.
-    """
-
-    threshold_share: float = 0.4
-    placement_stddev_m: float = 5e-5
-    largest_angle_stddev: float = math.radians(2.0)
-    patience: float = 0.7
 
 
 @dataclass

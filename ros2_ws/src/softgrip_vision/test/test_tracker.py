@@ -16,12 +16,13 @@ from softgrip_vision.chain import ChainGeometry
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
 from softgrip_vision.finger import FingerTracker
 from softgrip_vision.layout import ChainLayout, FingerSetup, parse_region
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.search import find_chain
 from softgrip_vision.spots import Spot
 from softgrip_vision.synthetic import Conditions, Occluder, Scene, make_calibration
-from softgrip_vision.tracker import Tracker, TrackerOptions
+from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))
 FPS = 30.0
