@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from softgrip_model import profile
+from softgrip_model.digest import text_digest
 from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.profile import PathPoint, Profile, ProfileError
@@ -134,6 +135,10 @@ def test_an_unsound_profile_is_not_written(power: Profile, tmp_path: Path) -> No
     with pytest.raises(ProfileError, match="cannot be used"):
         profile.save(dataclasses.replace(power, fingers=()), tmp_path / "power.yaml")
     assert not (tmp_path / "power.yaml").exists()
+
+
+def test_names_of_what_a_number_depends_on_are_sha256() -> None:
+    assert text_digest("abc") == "ba7816bf8f01cfea"  # FIPS 180-4, example of one block
 
 
 def test_unknown_slot(power: Profile) -> None:
