@@ -112,11 +112,11 @@ def test_tension_that_vanished_because_the_drive_gave_way_is_no_break(retreat, f
     assert any(guard.step(0.3 + t, 0.0, 0.01 - retreat) for t in steps(0.2)) is found
 
 
-def test_a_drive_that_gives_way_again_and_again_breaks_nothing():
+def test_a_drive_that_gives_way_steadily_breaks_nothing():
+    """At 4 mm/s the last samples that lie no further in are too few to be missed."""
     guard = BreakGuard(LIMITS, DT)
-    for number, length in enumerate((0.01, 0.0095, 0.009)):
-        assert not any(guard.step(0.3 * number + t, 8.0, length) for t in steps(0.3))
-    assert not any(guard.step(0.9 + t, 0.0, 0.0085) for t in steps(0.2))
+    assert not any(guard.step(t, 8.0, 0.01 - 0.004 * t) for t in steps(0.3))
+    assert not any(guard.step(0.3 + t, 0.0, 0.01 - 0.004 * 0.3) for t in steps(0.2))
 
 
 def test_no_more_can_vanish_than_the_drive_may_pull():
