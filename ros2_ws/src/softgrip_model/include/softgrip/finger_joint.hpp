@@ -6,14 +6,17 @@
 #include <cmath>
 
 #include "softgrip/finger_design.hpp"
+#include "softgrip/lanes.hpp"
 
 namespace softgrip::finger {
 
 // Sine and cosine of an angle.
-struct Direction {
-  double rad, sine, cosine;
-  explicit Direction(double angle) : rad(angle), sine(std::sin(angle)), cosine(std::cos(angle)) {}
+template <typename Real>
+struct DirectionOf {
+  Real rad, sine, cosine;
+  explicit DirectionOf(const Real& angle) : rad(angle) { sine_cosine(angle, sine, cosine); }
 };
+using Direction = DirectionOf<double>;
 
 // A turn by so little that short series give its sine and cosine to full precision.
 struct SmallTurn {
@@ -51,14 +54,16 @@ class Turning {
 
 // Half the angle w between a groove's flanks as its closed forms need it, with the angle of the span against the
 // perpendicular of the groove's bisector: atan((rb - ra) cos / ((ra + rb) sin)).
-struct HalfAngle {
-  Direction half;
-  double lean_rad;
+template <typename Real>
+struct HalfAngleOf {
+  DirectionOf<Real> half;
+  Real lean_rad;
 
-  HalfAngle(double half_rad, double ra, double rb)
-      : half(half_rad), lean_rad(std::atan((rb - ra) * half.cosine / ((ra + rb) * half.sine))) {}
-  HalfAngle(const Direction& direction, double lean) : half(direction), lean_rad(lean) {}
+  HalfAngleOf(const Real& half_rad, double ra, double rb)
+      : half(half_rad), lean_rad(arctan(Real((rb - ra) * half.cosine), Real((ra + rb) * half.sine))) {}
+  HalfAngleOf(const DirectionOf<Real>& direction, const Real& lean) : half(direction), lean_rad(lean) {}
 };
+using HalfAngle = HalfAngleOf<double>;
 
 // The same for one angle after another. The span's vector (sum sin, difference cos) turns with the half angle.
 class TurningHalfAngle {
@@ -81,31 +86,42 @@ class TurningHalfAngle {
   HalfAngle kept_{Direction(HUGE_VAL), 0.0};
 };
 
+// The same for lanes: each worked out in full, which their functions make cheap.
+struct EachHalfAngle {
+  template <typename Real>
+  HalfAngleOf<Real> at(const Real& half_rad, double ra, double rb) const {
+    return {half_rad, ra, rb};
+  }
+};
+
 // The free span across a groove whose flanks make the angle w = opening - q; ra, rb = distance of entry and exit from
 // the apex. From the triangle apex-entry-exit: law of cosines for the span, law of tangents for its direction.
-struct Groove {
-  double span_mm;        // c
-  double arm_mm;         // -dc/dq = ra rb sin w / c
-  double d_arm;          // d arm / dq
-  double direction_rad;  // of the span in the proximal link's frame
-  double d_direction;    // d / dq
-  double sin_w, cos_w;
+template <typename Real>
+struct GrooveOf {
+  Real span_mm;        // c
+  Real arm_mm;         // -dc/dq = ra rb sin w / c
+  Real d_arm;          // d arm / dq
+  Real direction_rad;  // of the span in the proximal link's frame
+  Real d_direction;    // d / dq
+  Real sin_w, cos_w;
 
-  Groove(double opening_rad, double q, double ra, double rb)
-      : Groove(HalfAngle(0.5 * (opening_rad - q), ra, rb), q, ra, rb) {}
+  GrooveOf(double opening_rad, const Real& q, double ra, double rb)
+      : GrooveOf(HalfAngleOf<Real>(0.5 * (opening_rad - q), ra, rb), q, ra, rb) {}
 
-  Groove(const HalfAngle& w, double q, double ra, double rb) {
-    const double sum_s = (ra + rb) * w.half.sine, difference_c = (rb - ra) * w.half.cosine;
+  GrooveOf(const HalfAngleOf<Real>& w, const Real& q, double ra, double rb) {
+    const Real sum_s = (ra + rb) * w.half.sine, difference_c = (rb - ra) * w.half.cosine;
     sin_w = 2.0 * w.half.sine * w.half.cosine;
     cos_w = 1.0 - 2.0 * w.half.sine * w.half.sine;
-    span_mm = std::sqrt(sum_s * sum_s + difference_c * difference_c);
-    const double per_span = 1.0 / span_mm;
+    span_mm = sqrt(Real(sum_s * sum_s + difference_c * difference_c));
+    const Real per_span = 1.0 / span_mm;
     arm_mm = ra * rb * sin_w * per_span;
     d_arm = (arm_mm * arm_mm - ra * rb * cos_w) * per_span;
     direction_rad = -0.5 * q - w.lean_rad;
     d_direction = -0.5 - 0.5 * (rb * rb - ra * ra) * per_span * per_span;
   }
 };
+
+using Groove = GrooveOf<double>;
 
 // Derivatives of a groove's quantities to the two routing distances.
 struct GrooveRouting {
@@ -122,10 +138,12 @@ struct GrooveRouting {
   }
 };
 
-struct Moment {
-  double value_Nmm = 0.0;
-  double d_angle = 0.0;
+template <typename Real>
+struct MomentOf {
+  Real value_Nmm{};
+  Real d_angle{};
 };
+using Moment = MomentOf<double>;
 
 // Bending moment of a strip, curvature k = q/l, half thickness H. The laws that are polynomials in q are
 // M = m1 q + m2 q|q| + m3 q^3; the neutral-axis law solves a cubic for the shift of the axis.
@@ -146,11 +164,16 @@ class Strip {
   }
 
   double initial_stiffness() const { return linear_; }
-  double surface_strain(double q) const { return std::abs(q) * strain_per_angle_; }
 
-  Moment at(double q) const {
+  template <typename Real>
+  Real surface_strain(const Real& q) const {
+    return abs(q) * strain_per_angle_;
+  }
+
+  template <typename Real>
+  MomentOf<Real> at(const Real& q) const {
     if (material_.law == MomentLaw::NeutralAxis) return neutral_axis(q);
-    const double size = std::abs(q);
+    const Real size = abs(q);
     return {q * (linear_ + size * (quadratic_ + size * cubic_)),
             linear_ + size * (2.0 * quadratic_ + size * 3.0 * cubic_)};
   }
@@ -168,22 +191,23 @@ class Strip {
  private:
   // Stress s(e) = a e^3/3 + b e^2/2 + c e with e = t - shift, t = k y in [-x, x], x = k H. No axial force gives
   // (a/3) shift^3 - (b/2) shift^2 + (c + a x^2/3) shift - b x^2/6 = 0; its slope is E(-shift) + a x^2/3 > 0.
-  Moment neutral_axis(double q) const {
+  template <typename Real>
+  MomentOf<Real> neutral_axis(const Real& q) const {
     const double a = material_.quadratic_MPa, b = material_.linear_MPa, c = material_.constant_MPa;
-    const double k = q / length_, x = k * half_, x2 = x * x;
-    double shift = b * x2 / (6.0 * (c + a * x2 / 3.0));
-    double slope = c;
+    const Real k = q / length_, x = k * half_, x2 = x * x;
+    Real shift = b * x2 / (6.0 * (c + a * x2 / 3.0));
+    Real slope = Real{} + c;
     for (int i = 0; i < 20; ++i) {
-      const double value = ((a / 3.0 * shift - b / 2.0) * shift + c + a * x2 / 3.0) * shift - b * x2 / 6.0;
+      const Real value = ((a / 3.0 * shift - b / 2.0) * shift + c + a * x2 / 3.0) * shift - b * x2 / 6.0;
       slope = (a * shift - b) * shift + c + a * x2 / 3.0;
-      const double step = value / slope;
+      const Real step = value / slope;
       shift -= step;
-      if (std::abs(step) < 1e-15) break;
+      if (all(abs(step) < 1e-15)) break;
     }
-    const double d_shift = (b / 3.0 * x - 2.0 * a / 3.0 * x * shift) / slope;  // d shift / dx
+    const Real d_shift = (b / 3.0 * x - 2.0 * a / 3.0 * x * shift) / slope;  // d shift / dx
     const double factor = width_ * half_ * half_;  // w/k^2 x^3 = w H^2 x
-    const double bracket = 2.0 * a * x2 / 15.0 + 2.0 / 3.0 * (a * shift - b) * shift + 2.0 / 3.0 * c;
-    const double d_bracket = 4.0 * a * x / 15.0 + 2.0 / 3.0 * (2.0 * a * shift - b) * d_shift;
+    const Real bracket = 2.0 * a * x2 / 15.0 + 2.0 / 3.0 * (a * shift - b) * shift + 2.0 / 3.0 * c;
+    const Real d_bracket = 4.0 * a * x / 15.0 + 2.0 / 3.0 * (2.0 * a * shift - b) * d_shift;
     return {factor * x * bracket, factor * (bracket + x * d_bracket) * half_ / length_};
   }
 
@@ -193,12 +217,13 @@ class Strip {
 };
 
 // Moment of the groove's stop: smooth (twice) where it starts, infinite where the flanks meet.
-inline Moment stop_moment(const Stop& stop, double opening_rad, double q) {
-  const double beyond = q - opening_rad + stop.margin_rad;
-  if (stop.moment_Nmm == 0.0 || beyond <= 0.0) return {};
-  const double z = beyond / stop.margin_rad;
-  const double per_gap = 1.0 / (1.0 - z);
-  const double value = stop.moment_Nmm * z * z * z * per_gap;
+template <typename Real>
+inline MomentOf<Real> stop_moment(const Stop& stop, double opening_rad, const Real& q) {
+  const Real beyond = q - opening_rad + stop.margin_rad;
+  if (stop.moment_Nmm == 0.0 || all(beyond <= 0.0)) return {};
+  const Real z = larger(Real{}, beyond) / stop.margin_rad;
+  const Real per_gap = 1.0 / (1.0 - z);
+  const Real value = stop.moment_Nmm * z * z * z * per_gap;
   return {value, stop.moment_Nmm * z * z * (3.0 - 2.0 * z) * per_gap * per_gap / stop.margin_rad};
 }
 

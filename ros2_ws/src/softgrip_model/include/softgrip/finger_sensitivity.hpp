@@ -17,18 +17,20 @@ inline int sensitivity_columns(int joints, friction::Law law) {
   return 3 * joints + friction::coefficient_count(law) + 2;
 }
 
-struct Tip {
-  double x_mm = 0.0, y_mm = 0.0;
+template <typename Real>
+struct TipOf {
+  Real x_mm{}, y_mm{};
 };
+using Tip = TipOf<double>;
 
 // In the base frame: x along the straight finger from joint 0, closing towards -y. `directions` gives the links' directions.
-template <typename Directions>
-Tip tip_of(const Design& d, const PerJoint<double>& angle_rad, Directions&& directions) {
-  Tip tip;
-  double heading = 0.0;
+template <typename Real, typename Directions>
+TipOf<Real> tip_of(const Design& d, const PerJoint<Real>& angle_rad, Directions&& directions) {
+  TipOf<Real> tip;
+  Real heading{};
   for (int j = 0; j < d.joints; ++j) {
     heading += angle_rad[j];
-    const Direction link = directions(j, heading);
+    const DirectionOf<Real> link = directions(j, heading);
     tip.x_mm += d.link_mm[j] * link.cosine;
     tip.y_mm -= d.link_mm[j] * link.sine;
   }

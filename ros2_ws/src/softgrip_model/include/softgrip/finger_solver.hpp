@@ -75,7 +75,8 @@ inline Equilibrium solve(const Finger& finger, Control control, double target) {
   return found;
 }
 
-// Equilibria along growing targets, each started where the last five lead: then one Newton step suffices.
+// Equilibria along growing targets, each started where the last six lead: then one Newton step suffices, or two for lanes
+// of targets solved together.
 class March {
  public:
   explicit March(const Finger& finger, Control control) : finger_(finger), control_(control) {}
@@ -94,29 +95,50 @@ class March {
     return found;
   }
 
+  // As many of the next targets as `found` has lanes, together; false where they are better asked for one by one.
+  template <typename Real>
+  bool to(const double* targets, EquilibriumOf<Real>& found) {
+    constexpr int kNext = kLanes<Real>;
+    if (known_ < kPoints || detail::unsolvable(finger_, control_, targets[kNext - 1]) != kOk) return false;
+    Real target, log_target;
+    double before = last_target_;
+    for (int i = 0; i < kNext; before = targets[i++]) {
+      if (!(targets[i] > before)) return false;
+      target[i] = targets[i];
+      log_target[i] = std::log(targets[i]);
+    }
+    const Real& wanted = control_ == Control::Tension ? log_target : target;
+    if (!newton_lanes(finger_, ahead(target, log_target), control_, wanted, found)) return false;
+    for (int i = std::max(0, kNext - kPoints); i < kNext; ++i) remember(target[i], log_target[i], lane_of(found.state, i));
+    return true;
+  }
+
  private:
-  static constexpr int kPoints = 5;
+  static constexpr int kPoints = 6;
 
   // Lagrange extrapolation over u = ln(target) of angle/target and ln(tension/target): down to the straight finger these
   // are smooth in u, while angle and ln(tension) are not polynomials in the target.
-  State ahead(double target, double u) const {
+  template <typename Real>
+  StateOf<Real> ahead(const Real& target, const Real& u) const {
     const int n = finger_.design.joints;
-    State x;
+    StateOf<Real> x;
     x.log_tip_tension = u;
     for (int i = 0; i < known_; ++i) {
-      double numerator = 1.0, denominator = 1.0;
+      Real numerator = Real{} + 1.0;
+      double denominator = 1.0;
       for (int k = 0; k < known_; ++k) {
         if (k == i) continue;
         numerator *= u - log_target_[k];
         denominator *= log_target_[i] - log_target_[k];
       }
-      const double weight = numerator / denominator, angle_weight = weight * target;
+      const Real weight = numerator * (1.0 / denominator), angle_weight = weight * target;
       for (int j = 0; j < n; ++j) x.angle_rad[j] += angle_weight * state_[i].angle_rad[j];
       x.log_tip_tension += weight * state_[i].log_tip_tension;
     }
     for (int j = 0; j < n; ++j) {
       const double shut = finger_.design.opening_rad[j];
-      if (x.angle_rad[j] >= shut) x.angle_rad[j] = 0.2 * last_target_ * state_[newest_].angle_rad[j] + 0.8 * shut;
+      const double nearly = 0.2 * last_target_ * state_[newest_].angle_rad[j] + 0.8 * shut;
+      x.angle_rad[j] = x.angle_rad[j] >= shut ? Real{} + nearly : x.angle_rad[j];
     }
     return x;
   }

@@ -10,6 +10,8 @@
 #include <cstdint>
 #include <limits>
 
+#include "softgrip/lanes.hpp"
+
 namespace softgrip::friction {
 
 // Eq 3.7, Eq 3.8, Eq 3.9.
@@ -37,7 +39,10 @@ inline constexpr double kLogTensionFloor = -4.605170185988091;
 struct Range {
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
-  bool holds(double value) const { return value >= low && value <= high; }
+  template <typename Real>
+  MaskOf<Real> holds(const Real& value) const {
+    return (value >= low) & (value <= high);
+  }
 };
 
 // Coefficients by law. Capstan: {mu}. Heap: {alpha, n}. Matte: {alpha, n, epsilon, lambda}; lambda as it stands in
@@ -56,17 +61,20 @@ struct Model {
   Range tension_N;   // calibrated, of T2
 };
 
-struct Evaluation {
-  double log_ratio;            // ln Rf
-  double d_angle;              // d ln Rf / d theta [1/rad]
-  double d_log_tension;        // d ln Rf / d ln T2
+// Lanes have no status: one without a value is NaN or infinite.
+template <typename Real>
+struct EvaluationOf {
+  Real log_ratio;              // ln Rf
+  Real d_angle;                // d ln Rf / d theta [1/rad]
+  Real d_log_tension;          // d ln Rf / d ln T2
   Coefficients d_coefficients; // d ln Rf / d coefficient, zero where the law has none
   std::uint8_t status;
-  double power_ratio = 1.0;    // Rf^-(1-n); takes (r/T)^(1-n) past the bend
+  Real power_ratio = Real{} + 1.0;  // Rf^-(1-n); takes (r/T)^(1-n) past the bend
 
   double ratio() const { return std::exp(log_ratio); }
   bool has_value() const { return (status & (kBlowUp | kInvalid)) == 0; }
 };
+using Evaluation = EvaluationOf<double>;
 
 // ln(1+K)/K to full precision, regular at K = 0: the rounding of 1+K cancels (Kahan), and log is quicker than log1p.
 inline double log1p_over(double k) {
@@ -74,23 +82,31 @@ inline double log1p_over(double k) {
   return rounded == 1.0 ? 1.0 - 0.5 * k : std::log(rounded) * (1.0 / (rounded - 1.0));  // both at once, unlike a quotient
 }
 
+template <typename Real>
+inline Real log1p_over(Real k) {
+  for (int i = 0; i < kLanes<Real>; ++i) k[i] = log1p_over(k[i]);
+  return k;
+}
+
 // Bends have small K and small surface terms; for these, short series are as exact as the library's functions and quicker.
 inline constexpr double kSmall = 0.125;
 
 // log1p_over by 2/(2+K) (1 + z/3 + z^2/5 + ...), z = (K/(2+K))^2.
-inline double quick_log1p_over(double k) {
-  if (!(std::abs(k) < kSmall)) return log1p_over(k);
-  const double per_sum = 1.0 / (2.0 + k), s = k * per_sum, z = s * s, z2 = z * z;
-  const double far = 1.0 / 9 + z * (1.0 / 11) + z2 * (1.0 / 13);
+template <typename Real>
+inline Real quick_log1p_over(const Real& k) {
+  if (!all(abs(k) < kSmall)) return log1p_over(k);
+  const Real per_sum = 1.0 / (2.0 + k), s = k * per_sum, z = s * s, z2 = z * z;
+  const Real far = 1.0 / 9 + z * (1.0 / 11) + z2 * (1.0 / 13);
   return 2.0 * per_sum * (1.0 + z * (1.0 / 3) + z2 * (1.0 / 5 + z * (1.0 / 7) + z2 * far));
 }
 
-inline double quick_exp(double x) {
-  if (!(std::abs(x) < kSmall)) return std::exp(x);
-  const double x2 = x * x, x4 = x2 * x2;
-  const double low = 1.0 + x + x2 * (1.0 / 2 + x * (1.0 / 6));
-  const double middle = 1.0 / 24 + x * (1.0 / 120) + x2 * (1.0 / 720 + x * (1.0 / 5040));
-  const double high = 1.0 / 40320 + x * (1.0 / 362880) + x2 * (1.0 / 3628800);
+template <typename Real>
+inline Real quick_exp(const Real& x) {
+  if (!all(abs(x) < kSmall)) return exp(x);
+  const Real x2 = x * x, x4 = x2 * x2;
+  const Real low = 1.0 + x + x2 * (1.0 / 2 + x * (1.0 / 6));
+  const Real middle = 1.0 / 24 + x * (1.0 / 120) + x2 * (1.0 / 720 + x * (1.0 / 5040));
+  const Real high = 1.0 / 40320 + x * (1.0 / 362880) + x2 * (1.0 / 3628800);
   return low + x4 * (middle + x4 * high);
 }
 
@@ -145,18 +161,20 @@ struct Prepared {
 
 // A tension as kernels carry it past one bend after another: ln T and (r/T)^(1-n), each led on without the other, so that
 // the logarithm and the exponential of a bend are worked out side by side.
-struct Tension {
-  double log;
-  double power;
+template <typename Real>
+struct TensionOf {
+  Real log;
+  Real power;
 
-  Tension(const Prepared& prepared, double log_tension)
-      : log(log_tension), power(std::exp(prepared.exponent * (prepared.log_radius - log_tension))) {}
+  TensionOf(const Prepared& prepared, const Real& log_tension)
+      : log(log_tension), power(exp(prepared.exponent * (prepared.log_radius - log_tension))) {}
 
-  Tension before(const Evaluation& bend) const { return {log + bend.log_ratio, power * bend.power_ratio}; }
+  TensionOf before(const EvaluationOf<Real>& bend) const { return {log + bend.log_ratio, power * bend.power_ratio}; }
 
  private:
-  Tension(double log_tension, double power_) : log(log_tension), power(power_) {}
+  TensionOf(const Real& log_tension, const Real& power_) : log(log_tension), power(power_) {}
 };
+using Tension = TensionOf<double>;
 
 // Which derivatives an evaluation fills in; the coefficients' cost a second logarithm.
 enum class Slopes { State, All };
@@ -164,19 +182,22 @@ enum class Slopes { State, All };
 namespace detail {
 
 // Eq 3.8 as mu_e theta = G ln(1+K)/K, with G = alpha (r/T2)^m theta, K = sign m G, m = 1-n.
-template <Slopes slopes>
-inline bool add_cable_term(const Prepared& prepared, double angle_rad, const Tension& low, Evaluation& out) {
+template <Slopes slopes, typename Real>
+inline bool add_cable_term(const Prepared& prepared, const Real& angle_rad, const TensionOf<Real>& low,
+                           EvaluationOf<Real>& out) {
   const Model& model = prepared.model;
   const double alpha = model.coefficients[0], m = prepared.exponent;
-  const double g = alpha * low.power * angle_rad;
+  const Real g = alpha * low.power * angle_rad;
   const double sign = k_sign(model.k_reading);
-  const double k = sign * m * g;
-  if (k <= -1.0) return false;
-  const double gain = 1.0 / (1.0 + k);
+  const Real k = sign * m * g;
+  if constexpr (kLanes<Real> == 1) {
+    if (k <= -1.0) return false;
+  }
+  const Real gain = 1.0 / (1.0 + k);
   out.log_ratio = g * (slopes == Slopes::State ? quick_log1p_over(k) : log1p_over(k));
   out.d_angle = alpha * low.power * gain;
   out.d_log_tension = -m * g * gain;
-  out.power_ratio = sign < 0.0 ? 1.0 + k : sign > 0.0 ? gain : std::exp(-m * g);
+  out.power_ratio = sign < 0.0 ? 1.0 + k : sign > 0.0 ? gain : exp(-m * g);
   if constexpr (slopes == Slopes::All) {
     const double log_radius_over_tension = prepared.log_radius - low.log;
     out.d_coefficients[0] = low.power * angle_rad * gain;
@@ -186,21 +207,43 @@ inline bool add_cable_term(const Prepared& prepared, double angle_rad, const Ten
 }
 
 // The term that Eq 3.9 adds: max(0, epsilon - lambda ln T2).
-inline void add_surface_term(const Prepared& prepared, double log_tension, Evaluation& out) {
+template <typename Real>
+inline void add_surface_term(const Prepared& prepared, const Real& log_tension, EvaluationOf<Real>& out) {
   const double lambda = prepared.model.coefficients[3];
-  const double surface = prepared.model.coefficients[2] - lambda * log_tension;
-  if (surface < 0.0) {
-    out.status |= kSurfaceClamped;
-    return;
+  Real surface = prepared.model.coefficients[2] - lambda * log_tension;
+  if constexpr (kLanes<Real> == 1) {
+    if (surface < 0.0) {
+      out.status |= kSurfaceClamped;
+      return;
+    }
+    out.d_log_tension -= lambda;
+    out.d_coefficients[2] = 1.0;
+    out.d_coefficients[3] = -log_tension;
+  } else {
+    out.d_log_tension -= surface < 0.0 ? Real{} : Real{} + lambda;
+    surface = larger(Real{}, surface);
   }
   out.log_ratio += surface;
-  out.d_log_tension -= lambda;
   out.power_ratio *= quick_exp(-prepared.exponent * surface);
-  out.d_coefficients[2] = 1.0;
-  out.d_coefficients[3] = -log_tension;
 }
 
 }  // namespace detail
+
+// ln Rf and its slopes in lanes; below the tension's floor a lane is NaN, so that it is looked at alone.
+template <typename Real>
+inline EvaluationOf<Real> lanes_at(const Prepared& prepared, const Real& angle_rad, const TensionOf<Real>& low) {
+  const Model& model = prepared.model;
+  EvaluationOf<Real> out{Real{}, Real{}, Real{}, {}, kOk};
+  if (model.law == Law::Capstan) {
+    out.log_ratio = model.coefficients[0] * angle_rad;
+    out.d_angle = Real{} + model.coefficients[0];
+    return out;
+  }
+  detail::add_cable_term<Slopes::State>(prepared, angle_rad, low, out);
+  if (model.law == Law::Matte) detail::add_surface_term(prepared, low.log, out);
+  out.log_ratio = low.log < kLogTensionFloor ? Real{} + std::numeric_limits<double>::quiet_NaN() : out.log_ratio;
+  return out;
+}
 
 // ln Rf and its derivatives at one wrap angle and low tension (ln T2 = -infinity is T2 = 0). Says nothing about
 // calibrated ranges.

@@ -53,6 +53,21 @@ HWY_INLINE void chunk_products(const double* change, const double* residual, con
   }
 }
 
+HWY_INLINE double squared_norm(const double* values, std::size_t count) {
+  const Wide d;
+  const std::size_t lanes = hn::Lanes(d);
+  V sum = hn::Zero(d), also = hn::Zero(d);
+  std::size_t i = 0;
+  for (; i + 2 * lanes <= count; i += 2 * lanes) {
+    const V x = hn::LoadU(d, values + i), y = hn::LoadU(d, values + i + lanes);
+    sum = hn::MulAdd(x, x, sum);
+    also = hn::MulAdd(y, y, also);
+  }
+  double square = hn::GetLane(hn::SumOfLanes(d, sum + also));
+  for (; i < count; ++i) square += values[i] * values[i];
+  return square;
+}
+
 void Store(const StorePass& pass, std::size_t first, std::size_t last) {
   HWY_ALIGN double change[kChunk];
   for (std::size_t from = first; from < last; from += kChunk) {
@@ -67,6 +82,7 @@ void Store(const StorePass& pass, std::size_t first, std::size_t last) {
       pass.last_residual[from + i] = residual[i];
       pass.last_point[from + i] = pass.point[from + i];
     }
+    *pass.squared += squared_norm(residual, count);
     int k = 0;
     for (; k + 4 <= pass.count; k += 4) {
       chunk_products<4>(change, residual, pass.columns + k, from, count, pass.with_change + k, pass.with_residual + k);
@@ -102,6 +118,7 @@ void Combine(const CombinePass& pass, std::size_t first, std::size_t last) {
     int k = 0;
     for (; k + 5 <= pass.count; k += 5) chunk_combine<5>(pass.columns + k, pass.weight + k, from, count, pass.step);
     for (; k < pass.count; ++k) chunk_combine<1>(pass.columns + k, pass.weight + k, from, count, pass.step);
+    for (std::size_t i = from; pass.point != nullptr && i < from + count; ++i) pass.point[i] += pass.step[i];
   }
 }
 

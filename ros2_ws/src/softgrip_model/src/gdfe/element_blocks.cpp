@@ -30,7 +30,8 @@ bool is_box(const Element& element, const Eigen::Matrix<double, 7, 3>& gradient)
 
 }  // namespace
 
-ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials)
+ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials,
+                             const std::vector<double>& place)
     : elements(all.size()), blocks((all.size() + kBlock - 1) / kBlock) {
   const Eigen::Matrix<double, 8, 7> pattern = patterns();
   std::vector<Eigen::Matrix<double, 7, 3>> gradients;
@@ -41,6 +42,9 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
   }
   std::vector<std::int32_t> order(elements);
   std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+    return place[static_cast<std::size_t>(a)] < place[static_cast<std::size_t>(b)];
+  });
   const auto others = std::stable_partition(order.begin(), order.end(), [&](std::int32_t e) { return box[static_cast<std::size_t>(e)] != 0; });
   const auto boxes = static_cast<std::size_t>(others - order.begin());
   box_blocks = boxes == elements ? blocks : boxes / kBlock;
@@ -87,6 +91,12 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
       for (int l = k; l < 4; ++l) put(hourglass_stiffness, other, 10, row++, weight * s(k, l));
     }
   }
+}
+
+std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlocks& elements, std::size_t share, std::size_t shares) {
+  const std::size_t boxes = elements.box_blocks, others = elements.blocks - boxes;
+  return {{{share * boxes / shares, (share + 1) * boxes / shares},
+           {boxes + share * others / shares, boxes + (share + 1) * others / shares}}};
 }
 
 std::size_t ElementBlocks::bytes() const {

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 
 #include "src/gdfe/ordering.hpp"
@@ -77,6 +78,21 @@ std::vector<int> dealt(const std::vector<int>& subtrees, const std::vector<doubl
   return owner;
 }
 
+// Threads numbered by where their subtrees are on average: elsewhere the first thread has the first unknowns, too.
+void number_by_place(std::vector<int>& owner, const std::vector<int>& subtrees, const std::vector<double>& work, int threads) {
+  std::vector<double> place(static_cast<std::size_t>(threads), 0.0), load(place);
+  for (std::size_t k = 0; k < subtrees.size(); ++k) {
+    place[owner[k]] += work[subtrees[k]] * subtrees[k];
+    load[owner[k]] += work[subtrees[k]];
+  }
+  std::vector<int> order(static_cast<std::size_t>(threads)), number(order);
+  std::iota(order.begin(), order.end(), 0);
+  const auto mean = [&](int t) { return load[t] > 0.0 ? place[t] / load[t] : std::numeric_limits<double>::infinity(); };
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return mean(a) < mean(b); });
+  for (int k = 0; k < threads; ++k) number[order[k]] = k;
+  for (int& thread : owner) thread = number[thread];
+}
+
 // Panels of the elimination tree -> independent subtrees for each thread, and what is left above them.
 template <class T>
 Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
@@ -116,7 +132,8 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
     above += own_work(store.panels[p]);
     candidates.insert(candidates.end(), children[p].begin(), children[p].end());
   }
-  const std::vector<int> dealt_to = dealt(best, work, threads, load);
+  std::vector<int> dealt_to = dealt(best, work, threads, load);
+  number_by_place(dealt_to, best, work, threads);
   std::vector<int> owner(count, -1);
   for (std::size_t k = 0; k < best.size(); ++k) owner[best[k]] = dealt_to[k];
   Schedule schedule;

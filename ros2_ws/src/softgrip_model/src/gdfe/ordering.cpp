@@ -143,7 +143,9 @@ Indices least_fill(const SparseMatrix& matrix, bool metis) {
 std::vector<int> elimination_order(const SparseMatrix& matrix, bool metis) {
   Indices order = least_fill(matrix, metis);
   Tree tree = elimination_tree(matrix, order);
-  const std::vector<Indices> levels = levels_from(matrix, levels_from(matrix, 0).back().front());
+  const int one_end = levels_from(matrix, 0).back().front();
+  // from the opposite end: unknowns keep their direction, and threads the half of the mesh that is theirs elsewhere
+  const std::vector<Indices> levels = levels_from(matrix, levels_from(matrix, one_end).back().front());
   if (entries_by_levels(levels) <= kLevelsWorth * std::accumulate(tree.count.begin(), tree.count.end(), static_cast<double>(order.size()))) {
     order = towards_middle(levels, order.size());
     tree = elimination_tree(matrix, order);

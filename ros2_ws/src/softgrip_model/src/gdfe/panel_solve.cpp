@@ -157,24 +157,31 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
   const Schedule& schedule = store.schedule;
   const int threads = static_cast<int>(schedule.panels.size());
   const std::size_t stride = panel_work_size(static_cast<int>(size), static_cast<int>(max_below));
-  // right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them
-  double scale[count], inverse[count];
-  for (int k = 0; k < count; ++k) {
-    const double largest = largest_magnitude(columns[k], size);
-    scale[k] = largest > 0.0 ? largest : 1.0;
-    inverse[k] = 1.0 / scale[k];
-  }
-  const auto load = [&](Work<T>& work, std::int32_t i, bool own) {
-    T* to = work.x + kAbreast * static_cast<std::size_t>(i);
-    for (int k = 0; k < kAbreast; ++k) to[k] = k < count && own ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
-  };
-  const auto store_back = [&](const Work<T>& work, std::int32_t i) {
-    const T* from = work.x + kAbreast * static_cast<std::size_t>(i);
-    for (int k = 0; k < count; ++k) columns[k][i] = scale[k] * static_cast<double>(from[k]);
-  };
+  std::vector<double> largest(static_cast<std::size_t>(threads * count));
+  const auto begin_of = [&](int t) { return size * static_cast<std::size_t>(t) / static_cast<std::size_t>(threads); };
   Work<T> first(base, size, max_below);
 #pragma omp parallel num_threads(threads) if (threads > 1)
   {
+#pragma omp for schedule(static, 1)
+    for (int t = 0; t < threads; ++t) {
+      for (int k = 0; k < count; ++k) largest[t * count + k] = largest_magnitude(columns[k] + begin_of(t), begin_of(t + 1) - begin_of(t));
+    }
+    // right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them
+    double scale[count], inverse[count];
+    for (int k = 0; k < count; ++k) {
+      scale[k] = 0.0;
+      for (int t = 0; t < threads; ++t) scale[k] = std::max(scale[k], largest[t * count + k]);
+      if (!(scale[k] > 0.0)) scale[k] = 1.0;
+      inverse[k] = 1.0 / scale[k];
+    }
+    const auto load = [&](Work<T>& work, std::int32_t i, bool own) {
+      T* to = work.x + kAbreast * static_cast<std::size_t>(i);
+      for (int k = 0; k < kAbreast; ++k) to[k] = k < count && own ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
+    };
+    const auto store_back = [&](const Work<T>& work, std::int32_t i) {
+      const T* from = work.x + kAbreast * static_cast<std::size_t>(i);
+      for (int k = 0; k < count; ++k) columns[k][i] = scale[k] * static_cast<double>(from[k]);
+    };
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
       Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
@@ -197,17 +204,15 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
       Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
-      if (t > 0) {
-        for (const std::int32_t i : schedule.top_columns) {
-          const std::size_t at = kAbreast * static_cast<std::size_t>(i);
-          std::copy(first.x + at, first.x + at + kAbreast, work.x + at);
-        }
+      for (const std::int32_t i : schedule.top_columns) {
+        const std::size_t at = kAbreast * static_cast<std::size_t>(i);
+        if (t > 0) std::copy(first.x + at, first.x + at + kAbreast, work.x + at);
+        if (t == 0) store_back(first, i);
       }
       backward<count>(store, schedule.panels[t], work);
       for (const std::int32_t i : schedule.columns[t]) store_back(work, i);
     }
   }
-  for (const std::int32_t i : schedule.top_columns) store_back(first, i);
 }
 
 template <class T>

@@ -3,13 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 namespace softgrip::gdfe {
 namespace {
-
-// A residual that grows this much between two iterations shows a history that no longer fits.
-constexpr double kGrowth = 4.0;
 
 // How often one step is halved when it leaves what the law has a value for.
 constexpr int kHalvings = 12;
@@ -78,8 +76,9 @@ void Solver::expand(const std::vector<double>& state, std::size_t share) {
   }
 }
 
-// -g of every unknown.
-void Solver::gather(std::vector<double>& residual, std::size_t share) const {
+// -g of a share of the unknowns, and its square.
+void Solver::gather(std::vector<double>& residual, std::size_t share) {
+  double square = 0.0;
   const double *load = dead_load_.data(), *force = force_.data();
   if (alike_) {
     const std::vector<std::int32_t>& nodes = axes_[0].nodes;
@@ -89,7 +88,9 @@ void Solver::gather(std::vector<double>& residual, std::size_t share) const {
       x[u] = load[at] - force[at];
       y[u] = load[at + 1] - force[at + 1];
       z[u] = load[at + 2] - force[at + 2];
+      square += x[u] * x[u] + y[u] * y[u] + z[u] * z[u];
     }
+    free_squared_[share] = square;
     return;
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -103,8 +104,10 @@ void Solver::gather(std::vector<double>& residual, std::size_t share) const {
         sum += load[at] - force[at];
       }
       out[u] = sum;
+      square += sum * sum;
     }
   }
+  free_squared_[share] = square;
 }
 
 // |g on free unknowns| / |reactions|; `residual`: -g.
@@ -120,7 +123,7 @@ double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
   for (const CableWork& work : cable_work_) {
     for (const Eigen::Vector3d& force : work.state.force) loads += force.squaredNorm();
   }
-  const double free = first(residual, unknowns_).squaredNorm();
+  const double free = std::accumulate(free_squared_.begin(), free_squared_.end(), 0.0);
   // an unloaded mesh at rest is in balance
   const double floor = std::max(task.force_floor, 1e-12 * weight_scale_);
   balance_scale_ = std::max({std::sqrt(held), std::sqrt(loads), floor});
@@ -150,11 +153,14 @@ void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take
 #pragma omp parallel num_threads(settings_.threads) if (threads > 1)
   {
 #pragma omp for schedule(static, 1)
-    for (std::size_t t = 0; t < threads; ++t) place(t);
+    for (std::size_t t = 0; t < threads; ++t) {
+      place(t);
+      std::fill(force_.data() + begin_of(t, values), force_.data() + begin_of(t + 1, values), 0.0);
+    }
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
       double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * values;
-      std::fill(force, force + values, 0.0);
+      if (t > 0) std::fill(force + reached_[t].first, force + reached_[t].second, 0.0);
       if (t == 0) loads();
       if (ogden_) {
         ogden_->add_forces(position_.data(), force, ogden_strain_.data(), begin_of(t, blocks_.elements), begin_of(t + 1, blocks_.elements));
@@ -167,7 +173,8 @@ void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take
       for (std::size_t t = 0; t < threads; ++t) {
         for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
           const double* share = shares_.data() + (other - 1) * values;
-          for (std::size_t i = begin_of(t, values); i < begin_of(t + 1, values); ++i) force_[i] += share[i];
+          const std::size_t last = std::min(begin_of(t + 1, values), reached_[other].second);
+          for (std::size_t i = std::max(begin_of(t, values), reached_[other].first); i < last; ++i) force_[i] += share[i];
         }
       }
     }
@@ -203,7 +210,6 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
   Anderson& accelerate = *accelerate_;
   accelerate.forget();
   Outcome outcome;
-  double last_norm = 0.0;
   int halvings = 0;
   for (int iteration = 0;; ++iteration) {
     sum_forces([&](std::size_t share) { expand(state, share); },
@@ -249,17 +255,15 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
       precondition(residual);
       drive_lengths(task, state, residual);
     }
-    const double norm = first(residual, residual.size()).norm();
-    if (iteration > 0 && norm > kGrowth * last_norm) accelerate.forget();
-    last_norm = norm;
-    accelerate.advance(state, residual, step);
-    if (settings_.step_limit > 0.0) {
+    const bool limited = settings_.step_limit > 0.0;
+    accelerate.advance(state, residual, step, !limited);
+    if (limited) {
       const double largest = first(step, unknowns_).cwiseAbs().maxCoeff();
       if (largest > settings_.step_limit) {
         for (double& value : step) value *= settings_.step_limit / largest;
       }
+      Eigen::Map<Eigen::VectorXd>(state.data(), static_cast<Eigen::Index>(state.size())) += first(step, step.size());
     }
-    Eigen::Map<Eigen::VectorXd>(state.data(), static_cast<Eigen::Index>(state.size())) += first(step, step.size());
     for (std::size_t c = 0; c < cables_.size(); ++c) {
       double& tension = state[unknowns_ + c];
       if (tension < 0.0) step[unknowns_ + c] -= tension, tension = 0.0;

@@ -56,17 +56,59 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   const std::vector<Element> elements = make_elements(rest_, hexes, settings.metric);
   for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
   build_axes(elements, hexes, matrix_weight, maps);
-  blocks_ = ElementBlocks(elements, hexes, materials);
+  blocks_ = ElementBlocks(elements, hexes, materials, elimination_places(hexes));
   if (settings_.law == Law::Rigorous) {
     ogden_ = std::make_unique<OgdenElements>(rest_, hexes, materials, std::move(ogden));
     ogden_strain_.resize(elements.size());
   }
   position_.resize(kStride * nodes_);
   force_.resize(kStride * nodes_);
-  shares_.resize(kStride * nodes_ * static_cast<std::size_t>(settings_.threads - 1));
+  build_shares(hexes);
   build_point_columns();
   build_contact();
-  accelerate_ = std::make_unique<Anderson>(unknowns_ + cables_.size(), settings_.window, settings_.threads);
+  std::vector<std::size_t> parts;
+  for (const Axis& axis : axes_) parts.push_back(static_cast<std::size_t>(axis.inverse->size()));
+  parts.push_back(cables_.size());
+  accelerate_ = std::make_unique<Anderson>(std::move(parts), settings_.window, settings_.threads);
+}
+
+// Where the inverse's order has the nodes of an element, on average: threads that share elements and unknowns in that order have
+// most of what they read from their own cache.
+std::vector<double> Solver::elimination_places(const Hexes& hexes) const {
+  std::vector<double> places(static_cast<std::size_t>(hexes.rows()), 0.0);
+  for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
+    double sum = 0.0, count = 0.0;
+    for (int c = 0; c < 8; ++c) {
+      const std::int32_t dof = axes_[0].dof[static_cast<std::size_t>(hexes(e, c))];
+      if (dof >= 0) sum += dof, count += 1.0;
+    }
+    if (count > 0.0) places[static_cast<std::size_t>(e)] = sum / count;
+  }
+  return places;
+}
+
+// What the forces of every thread reach: the rest of its array is never touched.
+void Solver::build_shares(const Hexes& hexes) {
+  const auto threads = static_cast<std::size_t>(settings_.threads);
+  shares_.resize(kStride * nodes_ * (threads - 1));
+  free_squared_.assign(threads, 0.0);
+  for (std::size_t t = 0; t < threads; ++t) {
+    std::size_t first = nodes_, last = 0;
+    const auto reach = [&](std::int32_t node) {
+      first = std::min(first, static_cast<std::size_t>(node));
+      last = std::max(last, static_cast<std::size_t>(node) + 1);
+    };
+    if (ogden_) {
+      for (std::size_t e = begin_of(t, blocks_.elements); e < begin_of(t + 1, blocks_.elements); ++e) {
+        for (int c = 0; c < 8; ++c) reach(hexes(static_cast<Eigen::Index>(e), c));
+      }
+    } else {
+      for (const auto& [from, to] : block_shares(blocks_, t, threads)) {
+        std::for_each(blocks_.corner.data() + from * 8 * kBlock, blocks_.corner.data() + to * 8 * kBlock, reach);
+      }
+    }
+    reached_.emplace_back(kStride * std::min(first, last), kStride * last);
+  }
 }
 
 void Solver::build_contact() {

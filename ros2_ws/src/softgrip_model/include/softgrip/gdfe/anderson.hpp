@@ -12,25 +12,34 @@ namespace softgrip::gdfe {
 
 class Anderson {
  public:
-  Anderson(std::size_t size, int window, int threads);
+  // parts: how many values of each kind follow one another in a vector. A thread's share of a vector is its share of every part,
+  // as wherever else threads share parts: values then stay in its cache.
+  Anderson(std::vector<std::size_t> parts, int window, int threads);
 
   void forget() { stored_ = 0, next_ = 0, has_last_ = false; }
 
-  // residual = f(point); writes the accelerated step into `step`. Bits depend on the number of threads, not on their timing.
-  void advance(const std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step);
+  // residual = f(point); writes the accelerated step into `step` and, where told to, adds it to the point. Where the residual has
+  // grown a lot the history no longer fits and is forgotten. Bits depend on the number of threads, not on their timing.
+  void advance(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take);
 
  private:
   float* column(std::vector<float>& all, int k) { return &all[static_cast<std::size_t>(k) * size_]; }
+  template <class Pass>
+  void share_out(const Pass& pass);
   void store(const std::vector<double>& point, const std::vector<double>& residual);
+  void begin_history(const std::vector<double>& point, const std::vector<double>& residual);
+  bool accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take);
 
+  std::vector<std::size_t> parts_;
   std::size_t size_;
   int window_, threads_, stored_ = 0, next_ = 0;
   bool has_last_ = false;
+  double last_squared_ = 0.0;  // |last residual|^2
   Eigen::MatrixXd gram_;
   Eigen::VectorXd projection_;  // of the residual on the columns of its changes
   std::vector<float> residual_changes_, steps_;
   std::vector<double> last_residual_, last_point_;
-  std::vector<double> sums_;  // [thread][2][window]
+  std::vector<double> sums_;  // [thread][2 * window + 1]: of StorePass
 };
 
 }  // namespace softgrip::gdfe

@@ -10,8 +10,10 @@
 // calibrated: a = 2 mu, b = 3 lame, mu = secant(eps_eq); thesis: a = w (1 - alpha), b = 1 - a.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "softgrip/gdfe/mesh.hpp"
@@ -48,11 +50,15 @@ struct ElementBlocks {
   std::vector<double> strain;          // out: eps_eq, nu = 0.5
 
   ElementBlocks() = default;
-  ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials);
+  // Elements are worked on by ascending `place`.
+  ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials, const std::vector<double>& place);
 
   // Bytes of what a step reads of the elements and writes of them.
   std::size_t bytes() const;
 };
+
+// Blocks of one of `shares` equal shares: of the boxes and of the others, from the first to beyond the last.
+std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlocks& elements, std::size_t share, std::size_t shares);
 
 // position, force: [node][kStride]; force is added to. One of `threads` equal shares of the elements.
 void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,

@@ -139,12 +139,14 @@ class Solver {
   void build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
                   const std::array<DofMap, 3>& maps);
   void build_point_columns();
+  void build_shares(const Hexes& hexes);
+  std::vector<double> elimination_places(const Hexes& hexes) const;
   void list_nodes(Axis& axis) const;
   void lay_out(const Task& task);
   void expand(const std::vector<double>& state, std::size_t share);
   void pull_cables(const Task& task, const std::vector<double>& state);
   void cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const;
-  void gather(std::vector<double>& residual, std::size_t share) const;
+  void gather(std::vector<double>& residual, std::size_t share);
   double out_of_balance(const Task& task, std::vector<double>& residual);
   void precondition(std::vector<double>& residual);
   void drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& residual);
@@ -173,6 +175,8 @@ class Solver {
   double dead_load_squared_ = 0.0;
   std::unique_ptr<Anderson> accelerate_;
   std::vector<double> shares_;  // forces of every thread but the first, [thread][node][kStride]
+  std::vector<std::pair<std::size_t, std::size_t>> reached_;  // per thread: values of its forces, first to beyond the last
+  std::vector<double> free_squared_;  // per thread: of the out-of-balance force on its unknowns
   double weight_scale_ = 1.0;
 };
 
