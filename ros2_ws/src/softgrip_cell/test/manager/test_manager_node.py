@@ -158,7 +158,7 @@ def test_refusals_name_what_is_wrong(cell: Any) -> None:
     cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
     # A trial may do what is known to fail.
     tried = cell.controller.grasp("grape", trial=True)
-    assert GRASP_OUTCOMES[tried.outcome] == "EMPTY"
+    assert GRASP_OUTCOMES[tried.outcome] == "EMPTY", tried.reason
 
 
 def test_a_finger_that_its_residual_calls_worn_is_not_used_any_more(cell: Any) -> None:
