@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from softgrip_bag.context import restore
 from softgrip_bag.excerpt import excerpt
+from softgrip_bag.facts import rounding_tolerance
 from softgrip_bag.nodes.captured import ReplayedNode
 from softgrip_bag.nodes.through import NODES, check
 from softgrip_bag.reader import RawMessage, read
@@ -21,6 +22,7 @@ from softgrip_interfaces.msg import CellState, FingerMarkers, MountedFinger
 
 FRAMES = Path(__file__).resolve().parent / "bags" / "frames"
 CLOSINGS = FRAMES.parent / "closings"
+TOLERANCE = rounding_tolerance((FRAMES.parent / "arithmetic.txt").read_text())
 CAMERA, CELL = "/camera/image_raw/compressed", "/cell/state"
 RESULTS = ("/finger/markers", "/finger/measured")
 LATE = 20_000_000  # [ns] that the recorder got the news after the frame that was measured with it
@@ -83,7 +85,7 @@ def test_a_node_that_answered_before_the_recorder_found_its_topic(unheard: int, 
     """The tracker remembers what it saw: that it had seen earlier frames shows in its first recorded answer."""
     results = {topic: list(read(FRAMES, {topic}))[unheard:] for topic in RESULTS}
     excerpt(FRAMES, tmp_path / "bag", instead=results)
-    found = check(tmp_path / "bag", "marker_tracker")
+    found = check(tmp_path / "bag", "marker_tracker", tolerance=TOLERANCE)
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
 
@@ -92,7 +94,7 @@ def test_a_recorder_that_took_one_topic_seconds_after_the_others(tmp_path: Path)
     """The predictor keeps tendon samples for 2 s: fed as they were received, the frames would meet none."""
     late = [replace(raw, received=raw.received + 5_000_000_000) for raw in read(CLOSINGS, {"/finger/measured"})]
     excerpt(CLOSINGS, tmp_path / "bag", instead={"/finger/measured": late})
-    found, as_it_was = check(tmp_path / "bag", "kinematics_predictor"), check(CLOSINGS, "kinematics_predictor")
+    found, as_it_was = (check(bag, "kinematics_predictor", tolerance=TOLERANCE) for bag in (tmp_path / "bag", CLOSINGS))
     assert found.divergence is None, str(found.divergence)
     assert found.compared == as_it_was.compared
 

@@ -15,7 +15,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import Result, first_difference
-from softgrip_bag.facts import arithmetic
+from softgrip_bag.facts import rounding_tolerance
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.steps import stamp_of
 from softgrip_bag.nodes.through import check, renewed
@@ -25,7 +25,7 @@ from softgrip_bag.reader import RawMessage, attachments, latched_topics, read, t
 
 PROFILES = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/profiles"
 BAGS = Path(__file__).resolve().parent / "bags"
-TOLERANCE = 0.0 if (BAGS / "arithmetic.txt").read_text().strip() == arithmetic() else 1e-6
+TOLERANCE = rounding_tolerance((BAGS / "arithmetic.txt").read_text())
 NODES = {
     "closings": ("kinematics_predictor", 1000),
     "shapes": ("gdfe_simulator", 3),

@@ -41,6 +41,11 @@ def arithmetic(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
     return f"{platform.machine()} {hashlib.sha256(abilities.encode()).hexdigest()[:16]}"
 
 
+def rounding_tolerance(recorded: str) -> float:
+    """Return how far results may be off those recorded where `arithmetic` was ``recorded``: 0 on the like of it."""
+    return 0.0 if recorded.strip() == arithmetic() else 1e-6
+
+
 def software(folder: Path = Path(__file__).parent) -> dict[str, str]:
     """Return the git version of the checkout that runs, empty where it is none."""
     return {
