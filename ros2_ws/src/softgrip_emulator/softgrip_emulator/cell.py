@@ -195,9 +195,9 @@ class EmulatedCell:
 
     def _look(self) -> Look:
         """The seen finger now, and where it was when the exposure began (from its joint speeds)."""
-        plant = self.plant
-        stamp_s, faults = self.epoch_time_s(), replace(self.camera.faults)
+        plant, faults = self.plant, replace(self.camera.faults)
         with plant.lock:
+            stamp_s = self.epoch_time_s()
             index = plant.index(SEEN_SLOT)
             finger = plant.mounted[index]
             if finger is None:

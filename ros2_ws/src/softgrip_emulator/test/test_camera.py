@@ -192,6 +192,27 @@ def test_a_scene_that_has_shown_much_shows_a_pose_as_a_fresh_one_does():
         assert np.array_equal(used.render(pose_of(now), pose_of(before), dark), fresh)
 
 
+def test_what_was_prepared_changes_no_picture():
+    optics, pose, before = draw_optics(640, 480, seed=3), pose_of((60, 10, 5)), pose_of((52, 8, 5))
+    ahead, late = Scene(optics, seed=3), Scene(optics, seed=3)
+    for light in (Light(), Light(gain=0.5), Light(), Light(noise=0.0), Light()):
+        ahead.prepare()
+        ahead.prepare()
+        assert np.array_equal(ahead.render(pose, before, light), late.render(pose, before, light)), light
+    ahead.prepare()
+    assert np.std(ahead.render(pose, light=Light(noise=8.0)).astype(float) - late.render(pose, light=Light())) > 6.0
+
+
+def test_a_smear_is_the_mean_of_the_instants_it_is_made_of():
+    optics, dark = draw_optics(640, 480, seed=3), Light(noise=0.0)
+    first, last = pose_of((52, 8, 5)), pose_of((60, 10, 5))
+    middle = Pose(0.5 * (first.joints_m + last.joints_m), 0.5 * (first.headings_rad + last.headings_rad))
+    smeared = Scene(optics, seed=3).render(last, first, dark).astype(float)
+    mean = np.mean([Scene(optics, seed=3).render(pose, light=dark) for pose in (first, middle, last)], axis=0)
+    assert np.abs(smeared - mean).max() <= 1.5  # rounded before and after the lens
+    assert np.abs(smeared - Scene(optics, seed=3).render(last, light=dark)).max() > 40
+
+
 def test_a_product_is_seen_behind_the_finger_and_hides_no_marker():
     scene = Scene(draw_optics(640, 480, seed=1), seed=1)
     pose, dark = pose_of((50, 30, 20)), Light(noise=0.0)

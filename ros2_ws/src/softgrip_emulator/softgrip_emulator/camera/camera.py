@@ -90,4 +90,7 @@ class Camera:
             if data is not None:
                 self._board.pin(data, stamp_s)
             due_s = max(due_s + self._period_s, time.monotonic())
+            # what can be done ahead is done when the frame just taken is on its way
+            self._stop.wait(0.5 * (due_s - time.monotonic()))
+            self._scene.prepare()
             self._stop.wait(due_s - time.monotonic())

@@ -3,20 +3,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 
-from softgrip_emulator.camera.look import Pose
-from softgrip_emulator.camera.optics import BASE_MARKER_M, MARKER_DIAMETER_M, Optics
+from softgrip_emulator.camera.shapes import Shapes, markers_m, shapes_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from softgrip_emulator.camera.look import Pose
+    from softgrip_emulator.camera.optics import Optics
 
     Array = NDArray[np.float64]
     Image = NDArray[np.uint8]
@@ -28,17 +29,15 @@ _PALM_BGR: Final = (112, 108, 106)
 _PRODUCT_BGR: Final = (128, 168, 200)
 _PRODUCT_EDGE_BGR: Final = (84, 112, 136)
 _MARKER_BGR: Final = np.array([62.0, 186.0, 54.0])
-_BODY_ABOVE_M: Final = 0.0035
-"""The body reaches this far to the other side of the joint line; markers are glued on its flank."""
 _NOISE_BANK: Final = 6
 _SUBPIXEL_BITS: Final = 4
 _MOTION_STEPS: Final = 3
-_MOTION_WORTH_PX: Final = 0.7
-_STILL_PX: Final = 0.002
+_MOTION_WORTH_M: Final = 2e-4
+"""A finger that moves less in an exposure, a fraction of a pixel, is not smeared."""
+_STILL_M: Final = 5e-7
 """A finger that has moved less than this since it was drawn is not drawn again."""
 _MARGIN_PX: Final = 6
-_CROSS_WIDTH_M: Final = 1e-4
-_CROSS_M: Final = 0.5 * _CROSS_WIDTH_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+_WHOLE: Final = (slice(None), slice(None))
 
 
 @dataclass(frozen=True)
@@ -67,19 +66,18 @@ class Scene:
         self._soft = self._soft_bench.copy()
         self._window = (slice(0, 0), slice(0, 0))
         self._drawn: Array | None = None
+        self._prepared: _Grain | None = None
         # Markers are glued by hand.
         self._glue_m = self._rng.normal(0.0, 0.15e-3, (16, 2))
 
     def markers_m(self, pose: Pose) -> Array:
         """(n + 2, 2) true centres of the markers in the finger's plane [m]: base, joints, tip."""
-        base = np.array([[-BASE_MARKER_M, 0.0]])
-        centres = np.vstack([base, pose.joints_m])
-        # The glue offset turns with the link that carries the marker.
-        headings = np.concatenate([[0.0, 0.0], pose.headings_rad])[: len(centres)]
-        cos, sin = np.cos(headings), np.sin(headings)
-        glue = self._glue_m[: len(centres)]
-        turned = np.stack([cos * glue[:, 0] + sin * glue[:, 1], -sin * glue[:, 0] + cos * glue[:, 1]], axis=1)
-        return np.asarray(centres + turned)
+        return np.asarray(markers_m(pose.joints_m[None], pose.headings_rad[None], self._glue_m)[0])
+
+    def prepare(self) -> None:
+        """Do what the next frame will need whatever it shows: the bench with its noise. For when nobody waits."""
+        if self._prepared is None:
+            self._prepared = self._next_grain(self._noise_level)
 
     def render(self, pose: Pose, before: Pose | None = None, light: Light | None = None) -> Image:
         """One frame (height, width, 3) BGR.
@@ -91,109 +89,72 @@ class Scene:
         """
         light = light or Light()
         self._expose(pose, pose if before is None or before.joints_m.shape != pose.joints_m.shape else before)
-        image = self._soft
+        if light.noise <= 0.0:
+            return np.array(self._in_light(self._soft, light), dtype=np.uint8)
+        prepared, self._prepared = self._prepared, None
+        if prepared is None or light.noise != self._noise_level:
+            prepared = self._next_grain(light.noise)
         if light.gain != 1.0:
-            image = cv2.convertScaleAbs(image, alpha=light.gain)
-        if light.noise > 0.0:
-            return self._with_noise(image, light.noise)
-        return np.array(image, dtype=np.uint8)
+            return prepared.on(self._in_light(self._soft, light))
+        prepared.bench[self._window] = prepared.on(self._soft[self._window], self._window)
+        return prepared.bench
+
+    def _in_light(self, image: Image, light: Light) -> Image:
+        return image if light.gain == 1.0 else np.asarray(cv2.convertScaleAbs(image, alpha=light.gain), dtype=np.uint8)
 
     def _expose(self, pose: Pose, before: Pose) -> None:
         """Bring `_soft` up to date: what the lens throws on the sensor in the time from `before` to `pose`."""
-        product_px = self.optics.to_pixels(pose.product_m)
-        joints_px = [self.optics.to_pixels(p.joints_m) for p in (before, pose)]
-        ends_px = np.concatenate([*joints_px, product_px])
+        ends_m = np.concatenate([before.joints_m, pose.joints_m, pose.product_m])
         drawn = self._drawn
-        if drawn is not None and drawn.shape == ends_px.shape and np.allclose(ends_px, drawn, rtol=0.0, atol=_STILL_PX):
+        if drawn is not None and drawn.shape == ends_m.shape and np.abs(ends_m - drawn).max(initial=0.0) < _STILL_M:
             return
-        self._drawn = ends_px
+        self._drawn = ends_m
+        moving = np.abs(pose.joints_m - before.joints_m).max(initial=0.0) >= _MOTION_WORTH_M
+        shares = np.linspace(1.0, 0.0, _MOTION_STEPS) if moving else [0.0]
+        shapes = shapes_of([_between(pose, before, share) for share in shares], self.optics, self._glue_m)
         self._soft[self._window] = self._soft_bench[self._window]
         self._canvas[self._window] = self._bench[self._window]
-        outlines = [self._outline(p) for p in (before, pose)]
-        self._window = self._window_round(np.concatenate([*outlines, product_px]))
-        if np.abs(joints_px[1] - joints_px[0]).max(initial=0.0) < _MOTION_WORTH_PX:
-            self._draw(pose)
-        else:
-            total = np.zeros(self._canvas[self._window].shape, np.uint16)
-            for share in np.linspace(0.0, 1.0, _MOTION_STEPS):
-                between = Pose(
-                    before.joints_m + share * (pose.joints_m - before.joints_m),
-                    before.headings_rad + share * (pose.headings_rad - before.headings_rad),
-                    pose.body_height_m,
-                    pose.product_m,
-                )
-                total += self._draw(between)
-            self._canvas[self._window] = cv2.convertScaleAbs(total, alpha=1.0 / _MOTION_STEPS)
+        self._window = self._window_round(*shapes.bounds_px())
+        canvas = self._canvas[self._window]
+        total = np.zeros(canvas.shape, np.uint16) if moving else None
+        for step in range(len(shares)):
+            if step > 0:
+                canvas[:] = self._bench[self._window]
+            self._draw(shapes, step)
+            if total is not None:
+                total += canvas
+        if total is not None:
+            cv2.convertScaleAbs(total, canvas, alpha=1.0 / _MOTION_STEPS)
         # The window's edge shows the bench, which is soft already.
-        self._soft[self._window][1:-1, 1:-1] = _soften(self._canvas[self._window])[1:-1, 1:-1]
+        self._soft[self._window][1:-1, 1:-1] = _soften(canvas)[1:-1, 1:-1]
 
-    def _outline(self, pose: Pose) -> Array:
-        """(n, 2) pixels that contain the finger and its markers."""
-        joints = np.vstack([[[-BASE_MARKER_M, 0.0]], pose.joints_m])
-        reach = max(pose.body_height_m, MARKER_DIAMETER_M) + _BODY_ABOVE_M
-        corners = reach * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
-        return self.optics.to_pixels((joints[:, None, :] + corners).reshape(-1, 2))
-
-    def _window_round(self, points_px: Array) -> tuple[slice, slice]:
-        """Rows and columns of the picture round some points."""
+    def _window_round(self, low_px: Array, high_px: Array) -> tuple[slice, slice]:
+        """Rows and columns of the picture round what lies between two corners."""
         size = np.array([self.optics.width, self.optics.height])
-        low = np.clip(np.floor(points_px.min(axis=0)).astype(int) - _MARGIN_PX, 0, size)
-        high = np.clip(np.ceil(points_px.max(axis=0)).astype(int) + _MARGIN_PX, low, size)
+        low = np.clip(np.floor(low_px).astype(int) - _MARGIN_PX, 0, size)
+        high = np.clip(np.ceil(high_px).astype(int) + _MARGIN_PX, low, size)
         return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
-    def _draw(self, pose: Pose) -> Image:
-        """The window with the sharp finger."""
-        self._canvas[self._window] = self._bench[self._window]
-        if len(pose.product_m):
-            self._fill(self.optics.to_pixels(pose.product_m), _PRODUCT_BGR, _PRODUCT_EDGE_BGR)
-        links = zip(pairwise(pose.joints_m), pose.headings_rad, strict=True)
-        outlines = [_link_outline(start, end, heading, pose.body_height_m) for (start, end), heading in links]
-        markers = self.markers_m(pose)
-        # One call for all points: a marker's centre, and the ends of a small cross for the shape of its image.
-        crosses = markers[:, None, :] + _CROSS_M
-        points = self.optics.to_pixels(np.concatenate([*outlines, crosses.reshape(-1, 2)]))
-        for number, heading in enumerate(pose.headings_rad):
-            self._polygon(points[6 * number : 6 * number + 6], heading)
-        self._discs(points[6 * len(outlines) :].reshape(-1, 5, 2))
-        return self._canvas[self._window]
-
-    def _polygon(self, outline_px: Array, heading: float) -> None:
+    def _draw(self, shapes: Shapes, step: int) -> None:
+        """The sharp finger at one instant, on the canvas."""
+        if len(shapes.product_px):
+            self._fill(_corners(shapes.product_px), _PRODUCT_BGR, _PRODUCT_EDGE_BGR)
         # Light from above: a link that turns down gets darker.
-        shade = 0.82 + 0.18 * float(np.cos(heading))
-        self._fill(outline_px, [shade * c for c in _BODY_BGR], [shade * c for c in _BODY_EDGE_BGR])
+        shades = (0.82 + 0.18 * np.cos(shapes.headings_rad[step])).tolist()
+        for outline, shade in zip(_corners(shapes.links_px[step]), shades, strict=True):
+            self._fill(outline, [shade * c for c in _BODY_BGR], [shade * c for c in _BODY_EDGE_BGR])
+        height, width = self._canvas.shape[:2]
+        covers = shapes.covers[step]
+        size = covers.shape[-1]
+        for (left, top), cover in zip(shapes.corners_px[step].tolist(), covers, strict=True):
+            if left < 0 or top < 0 or left + size > width or top + size > height:
+                continue
+            patch = self._canvas[top : top + size, left : left + size]
+            patch[:] = np.rint(patch + cover[..., None] * (_MARKER_BGR - patch))
 
-    def _fill(self, outline_px: Array, colour: Sequence[float], edge: Sequence[float]) -> None:
-        corners = np.rint(outline_px * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+    def _fill(self, corners: NDArray[np.int32], colour: Sequence[float], edge: Sequence[float]) -> None:
         cv2.fillPoly(self._canvas, [corners], tuple(colour), cv2.LINE_AA, _SUBPIXEL_BITS)
         cv2.polylines(self._canvas, [corners], True, tuple(edge), 1, cv2.LINE_AA, _SUBPIXEL_BITS)
-
-    def _discs(self, crosses_px: Array) -> None:
-        """Discs by their coverage of each pixel: distance to the rim, one pixel wide, in the discs' own plane.
-
-        Args:
-            crosses_px: (n, 5, 2) images of the centres and of `_CROSS_M` round them.
-        """
-        image = self._canvas
-        centres = crosses_px[:, 0]
-        jacobians = (crosses_px[:, 1::2] - crosses_px[:, 2::2]).transpose(0, 2, 1) / _CROSS_WIDTH_M
-        determinants = jacobians[:, 0, 0] * jacobians[:, 1, 1] - jacobians[:, 0, 1] * jacobians[:, 1, 0]
-        scales = np.sqrt(np.abs(determinants))
-        back = np.linalg.inv(jacobians) * scales[:, None, None]
-        reach = int(np.ceil(0.5 * MARKER_DIAMETER_M * scales.max(initial=0.0))) + 3
-        corners = centres.astype(int) - reach
-        size = 2 * reach + 1
-        steps = np.arange(size)
-        u = (steps + (corners - centres)[:, 0, None])[:, None, :]
-        v = (steps + (corners - centres)[:, 1, None])[:, :, None]
-        across = back[:, 0, 0, None, None] * u + back[:, 0, 1, None, None] * v
-        down = back[:, 1, 0, None, None] * u + back[:, 1, 1, None, None] * v
-        rim = 0.5 * MARKER_DIAMETER_M * scales[:, None, None] + 0.5
-        covers = np.clip(rim - np.sqrt(across * across + down * down), 0.0, 1.0)[..., None]
-        for (left, top), cover in zip(corners, covers, strict=True):
-            if left < 0 or top < 0 or left + size > image.shape[1] or top + size > image.shape[0]:
-                continue
-            patch = image[top : top + size, left : left + size]
-            patch[:] = np.rint(patch + cover * (_MARKER_BGR - patch))
 
     def _paint_bench(self) -> Image:
         width, height = self.optics.width, self.optics.height
@@ -226,14 +187,28 @@ class Scene:
                 row[:] = np.clip(np.rint(draw * level), -127, 127)
         return list(tiles)
 
-    def _with_noise(self, image: Image, level: float) -> Image:
+    def _next_grain(self, level: float) -> _Grain:
         if level != self._noise_level:
             self._noise_level = level
             self._noise_tiles = self._draw_noise(self._again(), level)
         tile = self._noise_tiles[int(self._rng.integers(len(self._noise_tiles)))]
         dv, du = self._rng.integers(0, 64, 2)
-        patch = tile[dv : dv + image.shape[0], du : du + image.shape[1]]
-        return np.asarray(cv2.add(image, patch, dtype=cv2.CV_8U))
+        noise = tile[dv : dv + self.optics.height, du : du + self.optics.width]
+        return _Grain(noise, self._soft_bench)
+
+
+class _Grain:
+    """The noise of one frame, and the bench with it."""
+
+    def __init__(self, noise: NDArray[np.int8], bench: Image) -> None:
+        # apart by sign: OpenCV adds and subtracts bytes three times as fast as it adds them to signed ones
+        self._rises = np.maximum(noise, 0).view(np.uint8)
+        self._falls = np.maximum(np.negative(noise), 0).view(np.uint8)
+        self.bench = self.on(bench)
+
+    def on(self, image: Image, window: tuple[slice, slice] = _WHOLE) -> Image:
+        """A part of the picture with its noise."""
+        return np.asarray(cv2.subtract(cv2.add(image, self._rises[window]), self._falls[window]), dtype=np.uint8)
 
 
 def _soften(image: Image) -> Image:
@@ -241,19 +216,17 @@ def _soften(image: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (3, 3), 0.65))
 
 
-def _link_outline(start: Array, end: Array, heading: float, depth_m: float) -> Array:
-    """Corners of one link's side face [m]: grooves of 45 degrees open on the closing side."""
-    along = np.array([np.cos(heading), -np.sin(heading)])
-    inward = np.array([-np.sin(heading), -np.cos(heading)])
-    length = float(np.linalg.norm(end - start))
-    flank = min(depth_m, 0.45 * length)
-    return np.stack(
-        [
-            start - _BODY_ABOVE_M * inward,
-            end - _BODY_ABOVE_M * inward,
-            end,
-            end - flank * along + flank * inward,
-            start + flank * along + flank * inward,
-            start,
-        ]
+def _corners(outlines_px: Array) -> NDArray[np.int32]:
+    """Points as OpenCV draws them, with a fraction of a pixel."""
+    return np.rint(outlines_px * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+
+
+def _between(pose: Pose, before: Pose, share: float) -> Pose:
+    """The finger this share of the exposure before its end."""
+    if share == 0.0:
+        return pose
+    return replace(
+        pose,
+        joints_m=pose.joints_m + share * (before.joints_m - pose.joints_m),
+        headings_rad=pose.headings_rad + share * (before.headings_rad - pose.headings_rad),
     )
