@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -112,11 +112,12 @@ class ServoModel:
     indirect: tuple[IndirectBlock, ...]
     operating_modes: frozenset[int]
     motor: MotorRatings
+    size: int = field(init=False)
+    """First address behind the table; every access asks for it."""
 
-    @property
-    def size(self) -> int:
-        """First address behind the table."""
-        return max([item.end for item in self.items] + [block.data + block.count for block in self.indirect])
+    def __post_init__(self) -> None:
+        ends = [item.end for item in self.items] + [block.data + block.count for block in self.indirect]
+        object.__setattr__(self, "size", max(ends))
 
     @property
     def has_fast_sync_read(self) -> bool:
