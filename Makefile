@@ -9,11 +9,11 @@ TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup sof
 SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
-CORES := softgrip_model softgrip_emulator
+CORES := softgrip_model softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cores model plant demo cell test lint faults soak fuzz crash bench docs lock test-ros2 clean
+.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -24,11 +24,12 @@ $(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(
 	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
 	@touch $@
 
-cores: model plant  ## rebuild the C++ cores
+cores: model plant tracker  ## rebuild the C++ cores
 
-# softgrip_model's, and the emulator's plant
+# softgrip_model's, the emulator's plant and the marker tracker
 model: core-of-softgrip_model
 plant: core-of-softgrip_emulator
+tracker: core-of-softgrip_vision
 core-of-%:
 	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
 

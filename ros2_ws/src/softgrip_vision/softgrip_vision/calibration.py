@@ -36,15 +36,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from softgrip_model.digest import text_digest
+from softgrip_vision import _core
 from softgrip_vision.errors import CalibrationError
 
 SCHEMA = 1
@@ -75,21 +76,18 @@ class Lens:
         """ROS name of the distortion model."""
         return "rational_polynomial" if len(self.distortion) == 8 else "plumb_bob"
 
+    @cached_property
+    def core(self) -> _core.Lens:
+        """The compiled lens."""
+        return _core.Lens(self.matrix, self.distortion)
+
     def undistort(self, pixels: Array) -> Array:
         """Return (n, 2) undistorted pixels of (n, 2) pixels."""
-        if not self.distortion.any():
-            return np.array(pixels, dtype=np.float64)
-        points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-        return np.asarray(cv2.undistortPoints(points, self.matrix, self.distortion, P=self.matrix)).reshape(-1, 2)
+        return self.core.undistort(pixels)
 
     def distort(self, undistorted: Array) -> Array:
         """Return (n, 2) pixels as the lens shows (n, 2) undistorted pixels."""
-        if not self.distortion.any():
-            return np.array(undistorted, dtype=np.float64)
-        rays = np.ones((len(undistorted), 3))
-        rays[:, :2] = (undistorted - self.matrix[:2, 2]) / self.matrix[(0, 1), (0, 1)]
-        zero = np.zeros(3)
-        return np.asarray(cv2.projectPoints(rays, zero, zero, self.matrix, self.distortion)[0]).reshape(-1, 2)
+        return self.core.distort(undistorted)
 
 
 @dataclass(frozen=True)
@@ -160,39 +158,29 @@ class PlaneMap:
     """Between a finger's plane [m] and the image [px], through homography and lens."""
 
     def __init__(self, lens: Lens, plane: FingerPlane) -> None:
-        self._lens = lens
-        self._to_image = plane.homography
-        self._to_plane: Array = np.asarray(np.linalg.inv(plane.homography), dtype=np.float64)
+        self._core = _core.PlaneMap(lens.core, plane.homography)
 
     def to_pixels(self, points: Array) -> Array:
         """Return (n, 2) pixels of (n, 2) plane points [m]."""
-        return self._lens.distort(_apply(self._to_image, points))
+        return self._core.to_pixels(points)
+
+    def to_pixel(self, point: tuple[float, float]) -> tuple[float, float]:
+        """Return the pixel of one plane point [m]."""
+        return self._core.to_pixel(point)
 
     def to_plane(self, pixels: Array) -> Array:
         """Return (n, 2) plane points [m] of (n, 2) pixels."""
-        return _apply(self._to_plane, self._lens.undistort(pixels))
+        return self._core.to_plane(pixels)
 
     def to_plane_with_jacobian(self, pixels: Array) -> tuple[Array, Array]:
-        """Return (n, 2) plane points [m] and (n, 2, 2) their derivatives by the pixels [m/px] (central differences)."""
-        count = len(pixels)
-        step = 0.5
-        shifts = np.array([[0.0, 0.0], [step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]])
-        mapped = self.to_plane((pixels[None, :, :] + shifts[:, None, :]).reshape(-1, 2)).reshape(5, count, 2)
-        jacobian = np.empty((count, 2, 2))
-        jacobian[:, :, 0] = (mapped[1] - mapped[2]) / (2 * step)
-        jacobian[:, :, 1] = (mapped[3] - mapped[4]) / (2 * step)
-        return mapped[0], jacobian
+        """Return (n, 2) plane points [m] and (n, 2, 2) their derivatives by the pixels [m/px]."""
+        return self._core.to_plane_with_jacobian(pixels)
 
     def pixels_per_metre(self, point: Array) -> float:
         """Return the geometric mean scale [px/m] at a plane point (2,) [m]."""
         step = 1e-4
         corner, right, up = self.to_pixels(point + np.array([[0.0, 0.0], [step, 0.0], [0.0, step]]))
         return math.sqrt(abs(float(np.linalg.det(np.stack([right - corner, up - corner]))))) / step
-
-
-def _apply(homography: Array, points: NDArray[np.floating]) -> Array:
-    mapped = points @ homography[:, :2].T + homography[:, 2]
-    return np.asarray(mapped[:, :2] / mapped[:, 2:], dtype=np.float64)
 
 
 def load(path: Path | str) -> Calibration:

@@ -16,9 +16,10 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from softgrip_vision import _core
 
 Image = NDArray[np.uint8]
 Signal = NDArray[np.float32]
@@ -37,22 +38,18 @@ class ColourModel:
     half_angle_deg: float = 60.0
 
     @cached_property
-    def _forms(self) -> NDArray[np.float32]:
-        """(3, 3): rows give c - o, c + o and c + o again from (B, G, R), o scaled; the smallest of them is c - |o|.
-
-        Three rows, because OpenCV has vector code for three channels in and out.
-        """
+    def forms(self) -> list[list[float]]:
+        """(2, 3): rows give c - o and c + o from (B, G, R), o scaled; the smaller of the two is c - |o|."""
         hue = math.radians(self.hue_deg)
         alpha = np.array([-0.5, -0.5, 1.0])
         beta = np.array([-1.0, 1.0, 0.0]) * (math.sqrt(3) / 2)
         along = math.cos(hue) * alpha + math.sin(hue) * beta
         across = (-math.sin(hue) * alpha + math.cos(hue) * beta) / math.tan(math.radians(self.half_angle_deg))
-        return np.array([along - across, along + across, along + across], dtype=np.float32)
+        return [(along - across).tolist(), (along + across).tolist()]
 
     def signal(self, image: Image) -> Signal:
         """Return the (h, w) signal [grey levels] of an (h, w, 3) BGR image; not clipped at 0."""
-        both = cv2.transform(image.astype(np.float32), self._forms)
-        return np.asarray(np.minimum(both[:, :, 0], both[:, :, 1]))
+        return _core.signal(image, self.forms)
 
 
 def hue_of(colour: NDArray[np.floating]) -> float:

@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_vision.calibration import Calibration, PlaneMap
-from softgrip_vision.chain import ChainFilter, ChainGeometry, largest_eigenvalue
+from softgrip_vision.chain import ChainFilter, ChainGeometry, Place, Spread
 from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
@@ -98,7 +98,7 @@ class FingerTracker:
     def reset(self) -> None:
         """Forget everything seen; the next frame is searched."""
         self._filter: ChainFilter | None = None
-        self._predicted = np.empty((0, 2))
+        self._predicted: list[Place] = []
         self._looks: list[Looks] = []
         self._side = BodySide.BRIGHTER
         self._colour = ColourModel(self.setup.hue_deg)
@@ -106,28 +106,29 @@ class FingerTracker:
         self._last_sound = math.nan
         self._last_complete = math.nan
         self._in_sight: list[bool] = []
-        self._returning: dict[int, tuple[float, Array]] = {}
+        self._returning: dict[int, tuple[float, Place]] = {}
 
-    def advance(self, stamp: float) -> Array:
-        """Predict to the time of the next frame [s]; return (n + 2, 2) [px] where the markers are expected.
+    def advance(self, stamp: float) -> Sequence[Place]:
+        """Predict to the time of the next frame [s]; return the (n + 2,) places [px] where the markers are expected.
 
-        (0, 2) when the finger is not being followed. Call once per frame, before :meth:`measure`.
+        None of them when the finger is not being followed. Call once per frame, before :meth:`measure`.
         """
         if self._filter is not None and not 0 < stamp - self._stamp <= LONGEST_GAP:
             self.reset()
         if self._filter is None:
             return self._predicted
         self._filter.predict(stamp - self._stamp)
-        self._predicted = self._map.to_pixels(self._geometry.markers(self._filter.state))
+        places = self._map.to_pixels(self._geometry.markers(self._filter.state))
+        self._predicted = [(u, v) for u, v in places.tolist()]
         return self._predicted
 
-    def measure(self, image: Image, stamp: float, rivals: Array) -> FingerReading:
+    def measure(self, image: Image, stamp: float, rivals: Sequence[Place]) -> FingerReading:
         """Measure the finger in one frame.
 
         Args:
             image: (h, w, 3) BGR.
             stamp: [s] of capture, as given to :meth:`advance`.
-            rivals: (k, 2) [px] where the markers of other fingers are expected.
+            rivals: [px] where the markers of other fingers are expected.
         """
         self._stamp = stamp
         if self._filter is None:
@@ -143,7 +144,7 @@ class FingerTracker:
             return self._confirm(image, rivals, stamp)
         return self._conclude(self._filter, seen, stamp)
 
-    def _confirm(self, image: Image, rivals: Array, stamp: float) -> FingerReading:
+    def _confirm(self, image: Image, rivals: Sequence[Place], stamp: float) -> FingerReading:
         """Conclude on a chain just found: every one of its markers has to stand the test of following."""
         assert self._filter is not None
         seen = self._follow_all(image, self._filter, rivals)
@@ -152,7 +153,7 @@ class FingerTracker:
             return self.silent("a chain was found that does not hold; searching the whole image")
         return self._conclude(self._filter, seen, stamp)
 
-    def _follow_all(self, image: Image, chain: ChainFilter, rivals: Array) -> list[Seen | None]:
+    def _follow_all(self, image: Image, chain: ChainFilter, rivals: Sequence[Place]) -> list[Seen | None]:
         seen: list[Seen | None] = []
         markers = range(self.layout.joints + 2)
         near = self._look(image, markers, self._predicted, NEAR_REACH * self._diameter_px)
@@ -160,7 +161,7 @@ class FingerTracker:
             seen.append(self._follow(image, chain, marker, near[marker], seen, rivals))
         self._in_sight = [found is not None for found in seen]
         area = sharp_area(self._looks[0].area_px, [found.spot for found in seen if found is not None])
-        self._looks = [replace(looks, area_px=area) for looks in self._looks]
+        self._looks = [looks._replace(area_px=area) for looks in self._looks]
         return seen
 
     def _acquire(self, image: Image) -> str:
@@ -191,15 +192,17 @@ class FingerTracker:
         self._returning.clear()
         self._filter = ChainFilter(self._geometry)
         self._filter.place(found.points)
-        self._predicted = np.array([(spot.u, spot.v) for spot in found.spots])
+        self._predicted = [(spot.u, spot.v) for spot in found.spots]
 
-    def _look(self, image: Image, markers: Sequence[int], places: Array, clear: float) -> list[list[Candidate]]:
+    def _look(
+        self, image: Image, markers: Sequence[int], places: Sequence[Place], clear: float
+    ) -> list[list[Candidate]]:
         """Return, for each of some markers, what looks like it around its place.
 
         Args:
             image: (h, w, 3) BGR.
             markers: (k,) their numbers.
-            places: (k, 2) [px].
+            places: (k,) [px] of each.
             clear: [px] spots whose centre is within this of the place are seen whole.
         """
         half = min(LARGEST_WINDOW_HALF_PX, clear + 0.9 * self._diameter_px + 3.0)
@@ -229,7 +232,7 @@ class FingerTracker:
         marker: int,
         near: Sequence[Candidate],
         seen: list[Seen | None],
-        rivals: Array,
+        rivals: Sequence[Place],
     ) -> Seen | None:
         """Find one marker where the chain expects it and take it in.
 
@@ -239,14 +242,14 @@ class FingerTracker:
             marker: its number.
             near: what looks like it around its predicted place.
             seen: the markers before it, None for each that is hidden.
-            rivals: (k, 2) [px] where the markers of other fingers are expected.
+            rivals: [px] where the markers of other fingers are expected.
         """
         expected, spread = chain.expect(marker)
-        reach = math.sqrt(largest_eigenvalue(spread)) * self._pixels_per_metre
+        reach = math.sqrt(spread.largest) * self._pixels_per_metre
         best = self._best(chain, marker, near, (expected, spread), seen, rivals)
         if best is None or best.distance > UNSURPRISING:
             place, clear = self._anywhere(marker, expected, reach, seen[-1] if seen else None)
-            (anywhere,) = self._look(image, [marker], place[None, :], clear)
+            (anywhere,) = self._look(image, [marker], [place], clear)
             best = self._best(chain, marker, anywhere, (expected, spread), seen, rivals)
         if best is None:
             self._returning.pop(marker, None)
@@ -265,12 +268,12 @@ class FingerTracker:
         self._looks[marker] = looks.updated(best.spot, best.surround)
         return Seen(best.spot, best.point, looks.confidence(best.spot, best.distance, GATE))
 
-    def _anywhere(self, marker: int, expected: Array, reach: float, parent: Seen | None) -> tuple[Array, float]:
-        """Return (2,) [px] around which a marker is looked for and how far, by the filter or, if less, by its link.
+    def _anywhere(self, marker: int, expected: Place, reach: float, parent: Seen | None) -> tuple[Place, float]:
+        """Return the place [px] around which a marker is looked for and how far, by the filter or, if less, its link.
 
         Args:
             marker: its number.
-            expected: (2,) [m] its place.
+            expected: [m] its place.
             reach: [px] one standard deviation of it.
             parent: the marker before it, None when that one is not in sight.
         """
@@ -278,8 +281,8 @@ class FingerTracker:
         if parent is not None:
             by_link = LINK_SLACK * self._length_before(marker) * self._pixels_per_metre
             if by_link < by_filter:
-                return np.array([parent.spot.u, parent.spot.v]), by_link
-        return self._map.to_pixels(expected[None, :])[0], by_filter
+                return (parent.spot.u, parent.spot.v), by_link
+        return self._map.to_pixel(expected), by_filter
 
     def _length_before(self, marker: int) -> float:
         """Return the distance [m] of a marker from the one before it."""
@@ -290,9 +293,9 @@ class FingerTracker:
         chain: ChainFilter,
         marker: int,
         candidates: Sequence[Candidate],
-        expected: tuple[Array, Array],
+        expected: tuple[Place, Spread],
         seen: list[Seen | None],
-        rivals: Array,
+        rivals: Sequence[Place],
     ) -> Sighting | None:
         """Return the candidate that fits a marker's expected place and covariance best; None when none does."""
         parent, placement = seen[-1] if seen else None, self.options.placement_stddev_m
@@ -305,30 +308,27 @@ class FingerTracker:
         ]
         return min(sightings, key=lambda sighting: sighting.distance, default=None)
 
-    def _belongs_elsewhere(self, spot: Spot, expected: Array, seen: list[Seen | None], rivals: Array) -> bool:
+    def _belongs_elsewhere(self, spot: Spot, expected: Place, seen: list[Seen | None], rivals: Sequence[Place]) -> bool:
         """Whether another marker of this finger has the spot, or another finger has as good a claim to it."""
         place = spot.u, spot.v
         near = 0.5 * self._diameter_px
         if any(other is not None and math.dist(other.spot[:2], place) < near for other in seen):
             return True
-        if not len(rivals):
-            return False
-        claim = min(math.dist(rival, place) for rival in rivals.tolist())
+        claim = min([math.dist(rival, place) for rival in rivals], default=math.inf)
         return claim < near and claim < math.dist(place, expected) + 0.5 * near
 
     def _fits_link(self, chain: ChainFilter, marker: int, parent: Seen | None, sighting: Sighting) -> bool:
         """Whether distance and turn from the marker before are possible; true when that one is not in sight."""
         if parent is None:
             return True
-        step = (sighting.point - parent.point).tolist()
+        step = sighting.point[0] - parent.point[0], sighting.point[1] - parent.point[1]
         length = self._length_before(marker)
-        blur = 3.0 * math.sqrt(sighting.noise[0, 0] + sighting.noise[1, 1])
+        blur = 3.0 * math.sqrt(sighting.noise.xx + sighting.noise.yy)
         if abs(math.hypot(*step) - length) > LINK_TOLERANCE[0] + LINK_TOLERANCE[1] * length + blur:
             return False
         if marker == 1:
             return True
-        heading = float(chain.state[2] - chain.state[3 : 1 + marker].sum())
-        turn = (heading - math.atan2(step[1], step[0]) + math.pi) % (2 * math.pi) - math.pi
+        turn = (chain.heading(marker - 2) - math.atan2(step[1], step[0]) + math.pi) % (2 * math.pi) - math.pi
         return JOINT_RANGE[0] <= turn <= JOINT_RANGE[1]
 
     def _returns(self, marker: int, sighting: Sighting, reach: float) -> bool:
@@ -377,12 +377,12 @@ class FingerTracker:
     def _reading(self, chain: ChainFilter, marker: int, found: Seen | None) -> MarkerReading:
         name = self.layout.marker_names[marker]
         if found is not None:
-            pixel = np.array([found.spot.u, found.spot.v])
-            return MarkerReading(name, pixel, found.point, found.spot.stddev_px, found.confidence, occluded=False)
+            spot, point, confidence = found
+            return MarkerReading(name, np.array(spot[:2]), np.array(point), spot.stddev_px, confidence, occluded=False)
         point, spread = chain.expect(marker)
-        pixel = self._map.to_pixels(point[None, :])[0]
-        deviation = math.sqrt(float(np.trace(spread)) / 2) * self._pixels_per_metre
-        return MarkerReading(name, pixel, point, deviation, 0.0, occluded=True)
+        pixel = np.array(self._map.to_pixel(point))
+        deviation = math.sqrt((spread.xx + spread.yy) / 2) * self._pixels_per_metre
+        return MarkerReading(name, pixel, np.array(point), deviation, 0.0, occluded=True)
 
     def silent(self, problem: str) -> FingerReading:
         """Return a reading that says only why there is none."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from softgrip_vision.errors import LayoutError
 
@@ -32,7 +33,7 @@ class ChainLayout:
         """Number of joints."""
         return len(self.link_lengths_m)
 
-    @property
+    @cached_property
     def marker_names(self) -> tuple[str, ...]:
         """Names of the markers, base to tip."""
         return ("base", *(f"joint_{j}" for j in range(self.joints)), "tip")

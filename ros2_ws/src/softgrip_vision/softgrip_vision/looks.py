@@ -6,12 +6,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_vision import _core
 from softgrip_vision.colour import Image
 from softgrip_vision.spots import Spot
 
@@ -34,20 +35,9 @@ RETURN_HEIGHT_FACTOR = 1.6
 SURROUND_TOLERANCE = 0.4
 #: Largest over smallest among the markers of one finger in one frame: area, height (some may be in shadow), surround.
 ALIKE_AREA, ALIKE_HEIGHT, ALIKE_SURROUND = 1.2, 4.0, 2.3
-#: Radius of the ring around a marker that shows the finger, in marker radii, and its samples.
-RING_RADIUS = 1.4
-RING_SAMPLES = 16
-#: As many of them at least show the finger's body.
-BODY_SAMPLES = 3
-#: The 3x3 pixels at a spot's centre show its colour.
-_CENTRE = np.array([(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)])
-_RING = RING_RADIUS * np.array(
-    [(math.cos(turn), math.sin(turn)) for turn in np.arange(RING_SAMPLES) * 2 * math.pi / RING_SAMPLES]
-)
 
 
-@dataclass(frozen=True)
-class Looks:
+class Looks(NamedTuple):
     """What is remembered of one marker.
 
     Attributes:
@@ -129,25 +119,14 @@ def alike(image: Image, spots: Sequence[Spot]) -> BodySide | None:
 
 def surrounds_of(image: Image, spots: Sequence[Spot], side: BodySide) -> list[float]:
     """Return the brightness of the body's part of the ring around each spot over the spot's own (> 0)."""
-    centres = np.array([(spot.u, spot.v) for spot in spots])
-    radii = np.sqrt(np.array([spot.area_px for spot in spots]) / math.pi)
-    rings = np.floor(_RING * radii[:, None, None] + (centres + 0.5)[:, None, :])
-    samples = np.concatenate([rings, _CENTRE + np.rint(centres)[:, None, :]], axis=1)
-    brightness = _pixels(image, samples).sum(axis=2)
-    ring = np.sort(brightness[:, :RING_SAMPLES], axis=1)
-    around = ring[:, -BODY_SAMPLES if side is BodySide.BRIGHTER else BODY_SAMPLES - 1]
-    own = brightness[:, RING_SAMPLES:].sum(axis=1) / len(_CENTRE)
-    return [float(ratio) for ratio in (around + 1.0) / (own + 1.0)]
+    radii = [math.sqrt(spot.area_px / math.pi) for spot in spots]
+    return _core.surrounds(image, _centres(spots), radii, side is BodySide.BRIGHTER)
 
 
 def colours_at(image: Image, spots: Sequence[Spot]) -> NDArray[np.float64]:
     """Return the (k, 3) mean BGR colours of the 3x3 pixels at the spots' centres."""
-    centres = np.rint([(spot.u, spot.v) for spot in spots])
-    return np.asarray(_pixels(image, _CENTRE + centres[:, None, :]).mean(axis=1), dtype=np.float64)
+    return _core.colours_at(image, _centres(spots))
 
 
-def _pixels(image: Image, samples: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the (k, m, 3) colours at (k, m, 2) places [px]; outside of the image those of its border."""
-    columns = np.minimum(np.maximum(samples[:, :, 0], 0), image.shape[1] - 1).astype(np.intp)
-    rows = np.minimum(np.maximum(samples[:, :, 1], 0), image.shape[0] - 1).astype(np.intp)
-    return np.asarray(image[rows, columns], dtype=np.int64)
+def _centres(spots: Sequence[Spot]) -> NDArray[np.float64]:
+    return np.array([spot[:2] for spot in spots]).reshape(-1, 2)

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_vision import _core
 from softgrip_vision.calibration import PlaneMap
 from softgrip_vision.chain import ChainGeometry
-from softgrip_vision.colour import ColourModel, Image
+from softgrip_vision.colour import ColourModel, Image, Signal
 from softgrip_vision.layout import JOINT_RANGE
 from softgrip_vision.spots import Spot, Window, find_spots
 
@@ -55,7 +56,7 @@ class FoundChain:
     rival: float
 
 
-def search_threshold(reduced_signal: NDArray[np.float32]) -> float:
+def search_threshold(reduced_signal: Signal) -> float:
     """Return the signal level [grey levels] above which a pixel of the reduced image is not background."""
     sample = reduced_signal[::2, ::2]
     middle = float(np.median(sample))
@@ -78,7 +79,7 @@ def search_spots(image: Image, region: Window, colour: ColourModel, diameter_px:
     for level in threshold * np.array(SEARCH_LEVELS):
         if level >= strongest:
             break
-        for left, top, width, height in _components(signal > level, area / factor**2):
+        for left, top, width, height in _components(signal, level, area / factor**2):
             margin = math.ceil(diameter_px)
             corner = (region.left + left * factor - margin, region.top + top * factor - margin)
             window = _clip(*corner, width * factor, height * factor, margin, image.shape)
@@ -87,14 +88,14 @@ def search_spots(image: Image, region: Window, colour: ColourModel, diameter_px:
     return _distinct([spot for spot in spots if spot.roundness >= LEAST_ROUNDNESS], diameter_px)
 
 
-def _components(mask: NDArray[np.bool_], area: float) -> list[tuple[int, int, int, int]]:
-    """Return left, top, width, height of the components of roughly an area [px^2], those nearest to it first."""
-    count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    stats = stats[1:count]
-    areas = stats[:, cv2.CC_STAT_AREA]
-    stats = stats[(areas > 0.2 * area) & (areas < 4.0 * area)]
-    order = np.argsort(np.abs(np.log(stats[:, cv2.CC_STAT_AREA] / area)), kind="stable")[:MOST_SPOTS]
-    return [(int(left), int(top), int(width), int(height)) for left, top, width, height, _ in stats[order]]
+def _components(signal: Signal, level: float, area: float) -> list[list[int]]:
+    """Return left, top, width, height of what rises above a level, about an area [px^2] large, the nearest first."""
+    boxes = _core.components(signal, level)
+    areas = boxes[:, 4]
+    boxes = boxes[(areas > 0.2 * area) & (areas < 4.0 * area)]
+    order = np.argsort(np.abs(np.log(boxes[:, 4] / area)), kind="stable")[:MOST_SPOTS]
+    found: list[list[int]] = boxes[order, :4].tolist()
+    return found
 
 
 def _clip(left: int, top: int, width: int, height: int, margin: int, shape: tuple[int, ...]) -> Window:

@@ -8,15 +8,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softgrip_vision.calibration import PlaneMap
-from softgrip_vision.chain import mahalanobis2
+from softgrip_vision.chain import Place, Spread
 from softgrip_vision.colour import Image
 from softgrip_vision.looks import BodySide, Looks, surrounds_of
 from softgrip_vision.spots import Spot
-
-Array = NDArray[np.float64]
 
 
 class Candidate(NamedTuple):
@@ -24,14 +21,14 @@ class Candidate(NamedTuple):
 
     Attributes:
         spot: in the image.
-        point: (2,) [m] in the finger's plane.
-        metric: (2, 2) [m^2/px^2] covariance of the point for a deviation of one pixel.
+        point: [m] in the finger's plane.
+        metric: [m^2/px^2] covariance of the point for a deviation of one pixel.
         surround: see looks.surrounds_of.
     """
 
     spot: Spot
-    point: Array
-    metric: Array
+    point: Place
+    metric: Spread
     surround: float
 
 
@@ -40,14 +37,14 @@ class Sighting(NamedTuple):
 
     Attributes:
         spot, point, surround: of the candidate.
-        noise: (2, 2) [m^2] covariance of the point.
+        noise: [m^2] covariance of the point.
         distance: squared Mahalanobis distance from where the marker is expected.
     """
 
     spot: Spot
-    point: Array
+    point: Place
     surround: float
-    noise: Array
+    noise: Spread
     distance: float
 
 
@@ -55,7 +52,7 @@ class Seen(NamedTuple):
     """A marker that was seen in this frame."""
 
     spot: Spot
-    point: Array
+    point: Place
     confidence: float
 
 
@@ -63,14 +60,17 @@ def candidates_of(image: Image, spots: Sequence[Spot], plane: PlaneMap, side: Bo
     """Return spots with their places in a finger's plane and what surrounds them, all in one go."""
     if not spots:
         return []
-    points, jacobians = plane.to_plane_with_jacobian(np.array([(spot.u, spot.v) for spot in spots]))
-    metrics = jacobians @ jacobians.transpose(0, 2, 1)
+    points, jacobians = plane.to_plane_with_jacobian(np.array([spot[:2] for spot in spots]))
+    metrics = (jacobians @ jacobians.transpose(0, 2, 1)).reshape(-1, 4)[:, (0, 1, 3)].tolist()
     surrounds = surrounds_of(image, spots, side)
-    return [Candidate(*parts) for parts in zip(spots, points, metrics, surrounds, strict=True)]
+    return [
+        Candidate(spot, (x, y), Spread(*metric), surround)
+        for spot, (x, y), metric, surround in zip(spots, points.tolist(), metrics, surrounds, strict=True)
+    ]
 
 
 def locate(
-    candidate: Candidate, looks: Looks, diameter_px: float, placement_stddev_m: float, expected: tuple[Array, Array]
+    candidate: Candidate, looks: Looks, diameter_px: float, placement_stddev_m: float, expected: tuple[Place, Spread]
 ) -> Sighting:
     """Return a candidate with its distance from a marker's expected place.
 
@@ -79,15 +79,16 @@ def locate(
         looks: of the marker.
         diameter_px: [px] of the marker.
         placement_stddev_m: [m] how exactly markers sit on the finger.
-        expected: (2,) [m] where the marker is expected and (2, 2) [m^2] its covariance.
+        expected: [m] where the marker is expected and [m^2] its covariance.
     """
-    spot, point, metric, surround = candidate
+    spot, (x, y), metric, surround = candidate
+    (expected_x, expected_y), spread = expected
     # What a covered edge can move the centre by is added to what noise can (see Looks.hidden_share).
     lopsided = looks.hidden_share(spot) * diameter_px / 2
-    noise = metric * (spot.stddev_px**2 + lopsided**2)
-    noise[0, 0] += placement_stddev_m**2
-    noise[1, 1] += placement_stddev_m**2
-    return Sighting(spot, point, surround, noise, mahalanobis2(point - expected[0], expected[1] + noise))
+    variance, placement = spot.stddev_px**2 + lopsided**2, placement_stddev_m**2
+    noise = Spread(metric.xx * variance + placement, metric.xy * variance, metric.yy * variance + placement)
+    both = Spread(spread.xx + noise.xx, spread.xy + noise.xy, spread.yy + noise.yy)
+    return Sighting(spot, candidate.point, surround, noise, both.distance2(x - expected_x, y - expected_y))
 
 
 def threshold_quality(spots: Sequence[Spot]) -> float:

@@ -115,9 +115,7 @@ class Tracker:
         expected = {name: tracker.advance(stamp) for name, tracker in self._trackers.items()}
         readings = []
         for name, tracker in self._trackers.items():
-            rivals = np.concatenate(
-                [np.empty((0, 2)), *(places for other, places in expected.items() if other != name)]
-            )
+            rivals = [place for other, places in expected.items() if other != name for place in places]
             unknown = self._unknown.get(name)
             readings.append(tracker.silent(unknown) if unknown else tracker.measure(image, stamp, rivals))
         return tuple(readings)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from scipy.optimize import least_squares
 
 from softgrip_vision.chain import (
     MOUNT_DRIFT,
@@ -17,13 +18,13 @@ from softgrip_vision.chain import (
     SPEED_TIME,
     ChainFilter,
     ChainGeometry,
-    inverse2,
-    largest_eigenvalue,
-    mahalanobis2,
+    Spread,
 )
 from softgrip_vision.layout import ChainLayout
 
 GEOMETRY = ChainGeometry(ChainLayout((0.045, 0.027, 0.023)), 0.020)
+#: [m^2] twenty micrometres
+SHARP = Spread(4e-10, 0.0, 4e-10)
 angles = st.lists(st.floats(-0.3, 1.6), min_size=3, max_size=3).map(np.array)
 
 
@@ -52,7 +53,7 @@ def test_jacobian_is_the_derivative(q: np.ndarray) -> None:
     state, step = state_of(q, (1e-3, -2e-3, 0.05)), 1e-6
     points = GEOMETRY.markers(state)
     for marker in range(5):
-        jacobian = GEOMETRY.jacobian(points, marker, len(state))
+        jacobian = GEOMETRY.jacobian(points, marker)
         for column in range(len(state)):
             shift = np.zeros(len(state))
             shift[column] = step
@@ -68,7 +69,7 @@ def test_the_filter_finds_angles_and_a_shifted_mount() -> None:
     for _ in range(20):
         chain.predict(1 / 30)
         for marker, point in enumerate(points):
-            chain.update(marker, point, np.eye(2) * (2e-5) ** 2)
+            chain.update(marker, point, SHARP)
     assert chain.angles()[0] == pytest.approx(truth[3:6], abs=2e-3)
     assert chain.state[:3] == pytest.approx(truth[:3], abs=2e-4)
 
@@ -83,10 +84,10 @@ def test_a_hidden_joint_follows_from_its_neighbours() -> None:
         chain.predict(1 / 30)
         for marker, point in enumerate(points):
             if frame < 5 or marker != 3:
-                chain.update(marker, point, np.eye(2) * (2e-5) ** 2)
+                chain.update(marker, point, SHARP)
     expected, spread = chain.expect(3)
     assert math.dist(expected, points[3]) < 1e-4
-    assert math.sqrt(np.trace(spread)) < 1e-3
+    assert math.sqrt(spread.xx + spread.yy) < 1e-3
 
 
 def test_a_hidden_tip_makes_the_last_joint_uncertain_and_only_that() -> None:
@@ -97,7 +98,7 @@ def test_a_hidden_tip_makes_the_last_joint_uncertain_and_only_that() -> None:
         chain.predict(1 / 30)
         for marker, point in enumerate(points):
             if frame < 5 or marker != 4:
-                chain.update(marker, point, np.eye(2) * (2e-5) ** 2)
+                chain.update(marker, point, SHARP)
     _, stddev = chain.angles()
     assert stddev[2] > math.radians(5.0)
     assert stddev[:2].max() < math.radians(0.5)
@@ -128,7 +129,8 @@ def test_what_is_worked_out_once_is_that_of_the_present_state() -> None:
     chain.expect(3)
     chain.settle_hidden([False, False, True, False, False])
     assert chain.expect(3)[0] == pytest.approx(GEOMETRY.markers(chain.state)[3], abs=0.0)
-    chain.update(3, chain.expect(3)[0] + 1e-3, 1e-8 * np.eye(2))
+    x, y = chain.expect(3)[0]
+    chain.update(3, (x + 1e-3, y + 1e-3), Spread(1e-8, 0.0, 1e-8))
     assert chain.expect(3)[0] == pytest.approx(GEOMETRY.markers(chain.state)[3], abs=0.0)
     chain.place(GEOMETRY.markers(state_of(np.array([0.5, 0.5, 0.5]))))
     assert chain.expect(3)[0] == pytest.approx(GEOMETRY.markers(chain.state)[3], abs=0.0)
@@ -143,7 +145,7 @@ def test_covariance_stays_a_covariance() -> None:
         chain.predict(float(random.uniform(0.005, 0.1)))
         for marker in random.permutation(5)[: random.integers(0, 6)]:
             noisy = points[marker] + random.normal(0, 2e-5, 2)
-            chain.update(int(marker), noisy, np.eye(2) * (2e-5) ** 2)
+            chain.update(int(marker), noisy, SHARP)
         assert np.linalg.eigvalsh(chain.covariance).min() > -1e-12
 
 
@@ -151,7 +153,7 @@ def test_process_noise_is_the_exact_integral() -> None:
     """Two half steps predict what one whole step does (the model is linear and exact)."""
     once, twice = ChainFilter(GEOMETRY), ChainFilter(GEOMETRY)
     for chain in (once, twice):
-        chain.state[6:] = (1.0, -2.0, 0.5)
+        chain.state = np.array([0.0] * 6 + [1.0, -2.0, 0.5])
     once.predict(0.2)
     twice.predict(0.1)
     twice.predict(0.1)
@@ -166,7 +168,7 @@ def test_a_hidden_joint_is_not_bent_backwards() -> None:
     chord, offset = points[4] - points[2], points[3] - points[2]
     mirrored = points.copy()
     mirrored[3] = points[2] + 2 * chord * (offset @ chord) / (chord @ chord) - offset
-    chain.state[3:6] = GEOMETRY.angles(mirrored)
+    chain.state = state_of(GEOMETRY.angles(mirrored))
     assert chain.state[5] < 0
     unknown = chain.settle_hidden([False, False, False, True, False])
     assert GEOMETRY.markers(chain.state) == pytest.approx(points)
@@ -181,18 +183,14 @@ def test_what_hidden_joints_leave_unknown() -> None:
     assert chain.settle_hidden([False, False, True, True, False]).min() > 3.0
 
 
-def test_inverse2() -> None:
-    matrix = np.array([[3.0, 1.0], [-2.0, 5.0]])
-    assert inverse2(matrix) @ matrix == pytest.approx(np.eye(2))
-
-
 def test_closed_forms_of_two_by_two_matrices() -> None:
     random = np.random.default_rng(3)
     for _ in range(50):
         root = random.normal(size=(2, 2))
         covariance, miss = root @ root.T + 0.01 * np.eye(2), random.normal(size=2)
-        assert largest_eigenvalue(covariance) == pytest.approx(np.linalg.eigvalsh(covariance)[-1], rel=1e-10)
-        assert mahalanobis2(miss, covariance) == pytest.approx(miss @ np.linalg.solve(covariance, miss), rel=1e-8)
+        spread = Spread(covariance[0, 0], covariance[0, 1], covariance[1, 1])
+        assert spread.largest == pytest.approx(np.linalg.eigvalsh(covariance)[-1], rel=1e-10)
+        assert spread.distance2(*miss) == pytest.approx(miss @ np.linalg.solve(covariance, miss), rel=1e-8)
 
 
 def test_prediction_is_the_exact_solution_of_the_motion_model() -> None:
@@ -213,3 +211,123 @@ def test_prediction_is_the_exact_solution_of_the_motion_model() -> None:
     assert chain.covariance == pytest.approx(
         transition @ covariance @ transition.T + transition @ block[:9, 9:], rel=1e-9, abs=1e-12
     )
+
+
+def numeric_jacobian(geometry: ChainGeometry, state: np.ndarray, marker: int) -> np.ndarray:
+    """(2, s) central differences."""
+    shifts = 1e-6 * np.eye(len(state))
+    rows = [geometry.markers(state + shift)[marker] - geometry.markers(state - shift)[marker] for shift in shifts]
+    return np.array(rows).T / 2e-6
+
+
+@pytest.mark.parametrize("lengths", [(0.08,), (0.05, 0.04), (0.03, 0.025, 0.02, 0.02, 0.015, 0.01)])
+def test_chains_of_any_length(lengths: tuple[float, ...]) -> None:
+    n = len(lengths)
+    geometry = ChainGeometry(ChainLayout(lengths), 0.015)
+    state = np.concatenate([[1e-3, -2e-3, 0.1], np.linspace(0.2, 0.6, n), np.ones(n)])
+    points = geometry.markers(state)
+    assert points.shape == (n + 2, 2)
+    assert np.hypot(*np.diff(points[1:], axis=0).T) == pytest.approx(lengths)
+    for marker in range(n + 2):
+        assert geometry.jacobian(points, marker) == pytest.approx(numeric_jacobian(geometry, state, marker), abs=1e-8)
+    chain = ChainFilter(geometry)
+    chain.place(points)
+    assert chain.angles()[0] == pytest.approx(state[3 : 3 + n])
+    for marker in range(n + 2):
+        chain.update(marker, tuple(points[marker]), SHARP)
+        hidden = [index == marker for index in range(n + 2)]
+        assert chain.settle_hidden(hidden).shape == (n,)
+    assert chain.settle_hidden([True] * (n + 2)) == pytest.approx(np.full(n, math.pi if n > 1 else 0.0))
+
+
+@pytest.mark.parametrize("marker", range(5))
+def test_a_small_surprise_is_taken_in_as_by_the_textbook(marker: int) -> None:
+    """One linear Kalman update, with the derivative from finite differences and Joseph's form of the covariance."""
+    random = np.random.default_rng(marker)
+    root = random.normal(size=(9, 9)) * np.array([1e-3] * 2 + [1e-2] * 4 + [1.0] * 3)[:, None]
+    state, covariance = state_of(np.array([0.5, 0.6, 0.4]), (1e-3, -5e-4, 0.02)), root @ root.T
+    chain = ChainFilter(GEOMETRY)
+    chain.state, chain.covariance = state, covariance
+    noise = Spread(4e-8, 1e-8, 9e-8)
+    matrix = np.array([[noise.xx, noise.xy], [noise.xy, noise.yy]])
+    jacobian = numeric_jacobian(GEOMETRY, state, marker)
+    place, spread = chain.expect(marker)
+    predicted = jacobian @ covariance @ jacobian.T
+    assert [spread.xx, spread.xy, spread.yy] == pytest.approx(predicted[[0, 0, 1], [0, 1, 1]], rel=1e-5)
+    surprise = np.array([3e-5, -2e-5])
+    chain.update(marker, (place[0] + surprise[0], place[1] + surprise[1]), noise)
+    gain = covariance @ jacobian.T @ np.linalg.inv(predicted + matrix)
+    keep = np.eye(9) - gain @ jacobian
+    assert chain.state == pytest.approx(state + gain @ surprise, rel=1e-4, abs=1e-6)
+    joseph = keep @ covariance @ keep.T + gain @ matrix @ gain.T
+    scale = np.sqrt(np.diag(covariance))
+    assert chain.covariance / np.outer(scale, scale) == pytest.approx(joseph / np.outer(scale, scale), abs=2e-3)
+
+
+def test_a_large_surprise_ends_at_the_likeliest_state() -> None:
+    """The iterated filter is Gauss-Newton on prior and measurement together: a general minimiser finds the same."""
+    chain = ChainFilter(GEOMETRY)
+    prior = state_of(np.array([0.3, 0.3, 0.3]))
+    deviation = np.array([2e-3, 2e-3, 0.03, 0.4, 0.5, 0.3, 1.0, 1.0, 1.0])
+    chain.state, chain.covariance = prior, np.diag(deviation**2)
+    seen, stddev = GEOMETRY.markers(state_of(np.array([0.7, 0.5, 0.2])))[4], 3e-3
+    chain.update(4, tuple(seen), Spread(stddev**2, 0.0, stddev**2))
+
+    def residuals(state: np.ndarray) -> np.ndarray:
+        return np.concatenate([(state - prior) / deviation, (GEOMETRY.markers(state)[4] - seen) / stddev])
+
+    likeliest = least_squares(residuals, prior, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    assert chain.state == pytest.approx(likeliest, abs=2e-3)
+    assert np.square(residuals(chain.state)).sum() == pytest.approx(np.square(residuals(likeliest)).sum(), rel=1e-3)
+
+
+def test_what_a_chain_does_not_have_is_named() -> None:
+    chain, points = ChainFilter(GEOMETRY), GEOMETRY.markers(state_of(np.zeros(3)))
+    for marker in (-1, 5, 2**40):
+        with pytest.raises(ValueError, match=r"marker: expected 0 \.\. 4"):
+            chain.expect(marker)
+        with pytest.raises(ValueError, match="marker"):
+            chain.update(marker, (0.0, 0.0), SHARP)
+        with pytest.raises(ValueError, match="marker"):
+            GEOMETRY.jacobian(points, marker)
+    for link in (-1, 4):
+        with pytest.raises(ValueError, match="link"):
+            chain.heading(link)
+    for wrong in (points[:4], np.zeros((0, 2)), np.zeros((6, 2))):
+        for use in (chain.place, GEOMETRY.angles, lambda places: GEOMETRY.jacobian(places, 1)):
+            with pytest.raises(ValueError, match="points: expected"):
+                use(wrong)
+    for seconds in (0.0, -0.1, math.nan):
+        with pytest.raises(ValueError, match="seconds"):
+            chain.predict(seconds)
+    with pytest.raises(ValueError, match="hidden"):
+        chain.settle_hidden([True] * 4)
+    with pytest.raises(ValueError, match="state"):
+        chain.state = np.zeros(8)
+    with pytest.raises(ValueError, match="state"):
+        GEOMETRY.markers(np.zeros(5))
+    with pytest.raises(ValueError, match="covariance"):
+        chain.covariance = np.eye(8)
+
+
+def test_numbers_that_are_none_stay_in_the_filter() -> None:
+    chain = ChainFilter(GEOMETRY)
+    chain.update(2, (math.nan, math.inf), SHARP)
+    assert np.isnan(chain.angles()[0]).any()
+    chain.settle_hidden([True, False, True, False, True])
+    assert np.isnan(chain.tip()[0]).any()
+
+
+def test_the_state_is_changed_by_another_one_only() -> None:
+    chain = ChainFilter(GEOMETRY)
+    with pytest.raises(ValueError, match="read-only"):
+        chain.state[3] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        chain.covariance[0, 0] = 1.0
+
+
+def test_where_links_point() -> None:
+    chain = ChainFilter(GEOMETRY)
+    chain.state = state_of(np.array([0.5, 0.6, 0.4]), (1e-3, 0.0, 0.02))
+    steps = np.diff(GEOMETRY.markers(chain.state), axis=0)
+    assert [chain.heading(link) for link in range(4)] == pytest.approx(np.arctan2(steps[:, 1], steps[:, 0]))

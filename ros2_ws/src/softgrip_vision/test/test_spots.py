@@ -151,5 +151,5 @@ def test_other_colours_are_not_seen() -> None:
 
 
 def test_windows_stay_in_the_image() -> None:
-    assert window_around(np.array([2.0, 3.0]), 10.0, (640, 480)) == Window(0, 0, 13, 14)
-    assert window_around(np.array([-50.0, 3.0]), 10.0, (640, 480)) is None
+    assert window_around((2.0, 3.0), 10.0, (640, 480)) == Window(0, 0, 13, 14)
+    assert window_around((-50.0, 3.0), 10.0, (640, 480)) is None

@@ -163,13 +163,12 @@ def test_a_spot_goes_to_the_finger_with_the_better_claim(calibration: Calibratio
     pose = np.full(3, 0.3)
     image = scene.render({"index": pose}, Conditions(noise=2.0)).image
     tip = scene.centres("index", pose)[-1]
-    nobody = np.empty((0, 2))
     for rival, hidden in ((tip, True), (tip + 30.0, False)):
         finger = FingerTracker(FingerSetup("index"), "power", CHAIN, calibration)
         finger.advance(1.0)
-        assert finger.measure(image, 1.0, nobody).pose is not None
+        assert finger.measure(image, 1.0, []).pose is not None
         finger.advance(1.0 + 1 / FPS)
-        assert finger.measure(image, 1.0 + 1 / FPS, rival[None, :]).markers[-1].occluded is hidden
+        assert finger.measure(image, 1.0 + 1 / FPS, [tuple(rival)]).markers[-1].occluded is hidden
 
 
 @pytest.mark.parametrize(("last", "found"), [(1.6, True), (-0.3, True), (-0.6, False), (2.0, False)])
