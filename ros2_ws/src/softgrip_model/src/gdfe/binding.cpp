@@ -19,8 +19,10 @@ gdfe::SecantTables make_tables(const Eigen::Ref<const Eigen::MatrixXd>& coeffici
   tables.cells = cells;
   tables.end = end;
   tables.lame_per_mu = lame_per_mu;
-  for (Eigen::Index row = 0; row < coefficients.rows(); ++row) {  // [material * 4 + order][cell]
-    for (Eigen::Index cell = 0; cell < coefficients.cols(); ++cell) tables.coefficients.push_back(coefficients(row, cell));
+  for (Eigen::Index material = 0; 4 * material < coefficients.rows(); ++material) {  // [material * 4 + order][cell]
+    for (Eigen::Index cell = 0; cell < coefficients.cols(); ++cell) {
+      for (Eigen::Index order = 0; order < 4; ++order) tables.coefficients.push_back(coefficients(4 * material + order, cell));
+    }
   }
   return tables;
 }

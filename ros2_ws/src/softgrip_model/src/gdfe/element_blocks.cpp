@@ -31,7 +31,7 @@ bool is_box(const Element& element, const Eigen::Matrix<double, 7, 3>& gradient)
 }  // namespace
 
 ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials,
-                             const std::vector<double>& place)
+                             const std::vector<double>& ratios, const std::vector<double>& place)
     : elements(all.size()), blocks((all.size() + kBlock - 1) / kBlock) {
   const Eigen::Matrix<double, 8, 7> pattern = patterns();
   std::vector<Eigen::Matrix<double, 7, 3>> gradients;
@@ -58,6 +58,7 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
   hourglass_stiffness.resize(10 * other_blocks * kBlock);
   volume.assign(slots, 0.0);
   material.resize(slots);
+  lame_per_mu.resize(slots);
   omega.assign(slots, 1.0);
   last_strain.assign(slots, 0.0);
   strain.assign(slots, 0.0);
@@ -76,6 +77,7 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
     for (int k = 0; k < 9; ++k) put(linear, block, 9, static_cast<std::size_t>(k), gradients[e](k / 3, k % 3));
     volume[slot] = weight * from.volume;
     material[slot] = materials[e];
+    lame_per_mu[slot] = ratios.empty() ? 0.0 : ratios[static_cast<std::size_t>(materials[e])];
     const Eigen::Matrix4d& s = from.hourglass_stiffness;
     if (block < box_blocks) {
       for (int k = 0; k < 4; ++k) put(box_stiffness, block, 4, static_cast<std::size_t>(k), weight * s(k, k));
@@ -101,7 +103,7 @@ std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlo
 
 std::size_t ElementBlocks::bytes() const {
   const std::size_t constants = linear.size() + box_stiffness.size() + bent.size() + hourglass_rest.size() +
-                                hourglass_stiffness.size() + volume.size() + material.size() + strain.size();
+                                hourglass_stiffness.size() + volume.size() + material.size() + lame_per_mu.size() + strain.size();
   return sizeof(double) * constants + sizeof(std::int32_t) * corner.size();
 }
 

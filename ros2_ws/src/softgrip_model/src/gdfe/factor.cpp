@@ -151,37 +151,30 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
   return schedule;
 }
 
-// What the backward pass reads, in its order: memory is read ahead that way.
 template <class T>
-void transpose(PanelStore<T>& store) {
-  store.transposed.reserve(store.inverse.size() + store.values.size());
-  for (auto panel = store.panels.rbegin(); panel != store.panels.rend(); ++panel) {
-    const auto tall = static_cast<std::size_t>(padded(panel->width)), width = static_cast<std::size_t>(panel->width);
-    panel->values_transposed = store.transposed.size();
-    store.transposed.resize(panel->values_transposed + tall * static_cast<std::size_t>(panel->below), T(0));
-    for (std::size_t j = 0; j < width; ++j) {
-      const T* column = store.values.data() + panel->values + static_cast<std::size_t>(panel->padded) * j;
-      T* row = store.transposed.data() + panel->values_transposed + j;
-      for (std::size_t i = 0; i < static_cast<std::size_t>(panel->below); ++i) row[tall * i] = column[i];
-    }
-    panel->inverse_transposed = store.transposed.size();
-    store.transposed.resize(panel->inverse_transposed + tall * width, T(0));
-    for (std::size_t j = 0; j < width; ++j) {
-      for (std::size_t i = j; i < width; ++i) {
-        store.transposed[panel->inverse_transposed + tall * i + j] = store.inverse[panel->inverse + tall * j + i];
-      }
-    }
-  }
+std::size_t line_begin(Lines<T>& values) {
+  constexpr std::size_t step = kLine / sizeof(T);
+  values.resize((values.size() + step - 1) / step * step, T(0));
+  return values.size();
 }
 
-// Both passes; of a triangle what is beyond the diagonal is passed over, in steps of kPad rows.
+// What the backward pass reads, in its order: memory is read ahead that way.
 template <class T>
-std::size_t entries_read(const PanelStore<T>& store) {
-  std::size_t entries = store.inverse.size() + store.values.size() + store.transposed.size();
-  for (const Panel& panel : store.panels) {
-    for (int j = kPad; j < panel.width; ++j) entries -= 2 * static_cast<std::size_t>(j / kPad * kPad);
+void pack_down(const std::vector<Eigen::MatrixXd>& own, PanelStore<T>& store) {
+  for (std::size_t p = store.panels.size(); p-- > 0;) {
+    Panel& panel = store.panels[p];
+    const auto tall = static_cast<std::size_t>(padded(panel.width)), width = static_cast<std::size_t>(panel.width);
+    const auto below = static_cast<std::size_t>(panel.below);
+    panel.down = line_begin(store.down);
+    store.down.resize(panel.down + tall * (width + below), T(0));
+    T* column = &store.down[panel.down];
+    for (std::size_t j = 0; j < width; ++j, column += tall) {
+      for (std::size_t i = 0; i < width; ++i) column[i] = static_cast<T>(own[p](static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
+    }
+    for (std::size_t j = 0; j < below; ++j, column += tall) {
+      for (std::size_t i = 0; i < width; ++i) column[i] = store.up[panel.up + static_cast<std::size_t>(panel.padded) * i + j];
+    }
   }
-  return entries;
 }
 
 }  // namespace
@@ -216,6 +209,7 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
   const int* inner = lower.innerIndexPtr();
   const double* value = lower.valuePtr();
   std::vector<int> place(static_cast<std::size_t>(size_), -1);
+  std::vector<Eigen::MatrixXd> own;  // S^-1 of every panel
   for (const Run& run : supernodes(lower)) {
     Panel panel{};
     panel.first = run.first;
@@ -228,47 +222,42 @@ void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
       store.rows.push_back(inner[k]);
     }
     Eigen::MatrixXd triangle = Eigen::MatrixXd::Zero(panel.width, panel.width);
-    panel.values = store.values.size();
-    store.values.resize(panel.values + static_cast<std::size_t>(panel.padded) * panel.width, T(0));
+    Eigen::MatrixXd below = Eigen::MatrixXd::Zero(panel.below, panel.width);
     for (int j = run.first; j <= run.last; ++j) {
-      T* column = &store.values[panel.values] + static_cast<std::size_t>(panel.padded) * (j - run.first);
       for (int k = outer[j]; k < outer[j + 1]; ++k) {
-        if (inner[k] <= run.last) {
-          triangle(inner[k] - run.first, j - run.first) = value[k];
-        } else {
-          column[place[inner[k]]] = static_cast<T>(value[k]);
-        }
+        const bool own_row = inner[k] <= run.last;
+        (own_row ? triangle(inner[k] - run.first, j - run.first) : below(place[inner[k]], j - run.first)) = value[k];
       }
     }
     const Eigen::MatrixXd inverse =
         triangle.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(panel.width, panel.width));
-    panel.inverse = store.inverse.size();
-    const int tall = padded(panel.width);
-    store.inverse.resize(panel.inverse + static_cast<std::size_t>(tall) * panel.width, T(0));
+    own.emplace_back(inverse.transpose() * inverse);
+    const Eigen::MatrixXd up = -(below * inverse);
+    panel.up = line_begin(store.up);
+    store.up.resize(panel.up + static_cast<std::size_t>(panel.padded) * panel.width, T(0));
     for (int j = 0; j < panel.width; ++j) {
-      for (int i = j; i < panel.width; ++i) {
-        store.inverse[panel.inverse + static_cast<std::size_t>(tall) * j + i] = static_cast<T>(inverse(i, j));
-      }
+      T* column = &store.up[panel.up] + static_cast<std::size_t>(panel.padded) * j;
+      for (int i = 0; i < panel.below; ++i) column[i] = static_cast<T>(up(i, j));
     }
     store.panels.push_back(panel);
-    max_below_ = std::max({max_below_, panel.padded, tall});
+    max_rows_ = std::max(max_rows_, padded(panel.width) + panel.padded);
   }
-  transpose(store);
+  pack_down(own, store);
 }
 
 std::size_t Factor::bytes() const {
-  return sizeof(float) * entries_read(float_) + sizeof(double) * entries_read(double_);
+  return sizeof(float) * (float_.up.size() + float_.down.size()) + sizeof(double) * (double_.up.size() + double_.down.size());
 }
 
 void Factor::solve(double* const* columns, int count, std::vector<double>& scratch) const {
   if (size_ == 0) return;
-  const std::size_t needed = static_cast<std::size_t>(threads_) * panel_work_size(size_, max_below_);
+  const std::size_t needed = static_cast<std::size_t>(threads_) * panel_work_size(size_, max_rows_);
   if (scratch.size() < needed) scratch.resize(needed);
   if (single_) {
-    panel_solve_float(float_, columns, count, static_cast<std::size_t>(size_), static_cast<std::size_t>(max_below_),
+    panel_solve_float(float_, columns, count, static_cast<std::size_t>(size_), static_cast<std::size_t>(max_rows_),
                       reinterpret_cast<float*>(scratch.data()));
   } else {
-    panel_solve_double(double_, columns, count, static_cast<std::size_t>(size_), static_cast<std::size_t>(max_below_),
+    panel_solve_double(double_, columns, count, static_cast<std::size_t>(size_), static_cast<std::size_t>(max_rows_),
                        scratch.data());
   }
 }

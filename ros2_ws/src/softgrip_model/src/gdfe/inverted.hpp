@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The polar rotation and the volume correction of an element that is flat or inside out, where Newton's iteration has none.
+// The polar rotation and the volume correction of an element that is flat or inside out: its invariants give none.
 #pragma once
 
 namespace softgrip::gdfe {

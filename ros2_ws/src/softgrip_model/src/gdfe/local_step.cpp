@@ -22,18 +22,38 @@ namespace softgrip::gdfe {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
+// Rows of kStride values from where row(k) points, side by side: two abreast where a vector holds them, as a load that spans two
+// stores would wait for both.
+template <class Row>
+HWY_INLINE void collect_rows(std::size_t count, const Row& row, double* to) {
+  const hn::CappedTag<double, kStride> quad;
+#if HWY_MAX_BYTES >= 64
+  const hn::CappedTag<double, 2 * kStride> pair;
+#pragma GCC unroll 4
+  for (std::size_t k = 0; k < count; k += 2) {
+    hn::Store(hn::Combine(pair, hn::LoadU(quad, row(k + 1)), hn::LoadU(quad, row(k))), pair, to + kStride * k);
+  }
+#else
+  for (std::size_t k = 0; k < count; ++k) {
+    for (std::size_t p = 0; p < kStride; p += hn::Lanes(quad)) hn::Store(hn::LoadU(quad, row(k) + p), quad, to + kStride * k + p);
+  }
+#endif
+}
+
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE V secant_modulus(D d, const SecantTables& tables, V strain, V material) {
-  const hn::RebindToSigned<D> di;
   const V cells = hn::Set(d, static_cast<double>(tables.cells));
   V t = strain * hn::Set(d, tables.cells / tables.end);
   t = hn::Min(t, hn::Set(d, tables.cells * (1.0 - 1e-12)));
   const V cell = hn::Floor(t);
   t = t - cell;
-  const auto index = hn::ConvertTo(di, hn::MulAdd(material * hn::Set(d, 4.0), cells, cell));
-  const double* base = tables.coefficients.data();
-  const V c0 = hn::GatherIndex(d, base, index), c1 = hn::GatherIndex(d, base + tables.cells, index);
-  const V c2 = hn::GatherIndex(d, base + 2 * tables.cells, index), c3 = hn::GatherIndex(d, base + 3 * tables.cells, index);
+  const hn::Rebind<std::int32_t, D> di;
+  HWY_ALIGN std::int32_t row[kBlock];
+  HWY_ALIGN double rows[kStride * kBlock];
+  hn::Store(hn::DemoteTo(di, hn::MulAdd(material, cells, cell)), di, row);
+  collect_rows(hn::Lanes(d), [&](std::size_t lane) { return &tables.coefficients[kStride * static_cast<std::size_t>(row[lane])]; }, rows);
+  V c0, c1, c2, c3;
+  hn::LoadInterleaved4(d, rows, c0, c1, c2, c3);
   return hn::MulAdd(t, hn::MulAdd(t, hn::MulAdd(t, c3, c2), c1), c0);
 }
 
@@ -148,7 +168,7 @@ HWY_INLINE void lanes_step(D d, ElementBlocks& e, const SecantTables& tables, st
     }
   }
 
-  const V det = determinant(f, cofactors(f));
+  V det;
   Matrix3<V> r, correction;
   rotation_and_volume<shape>(d, f, det, r, correction);
   repair_inverted(d, f, det, r, correction);
@@ -160,8 +180,7 @@ HWY_INLINE void lanes_step(D d, ElementBlocks& e, const SecantTables& tables, st
   if constexpr (law == Law::Calibrated) {
     const V mu = secant_modulus(d, tables, strain, material);
     a = mu + mu;
-    const V ratio = hn::GatherIndex(d, tables.lame_per_mu.data(), hn::ConvertTo(hn::RebindToSigned<D>(), material));
-    b = hn::Set(d, 3.0) * ratio * mu;
+    b = hn::Set(d, 3.0) * hn::LoadU(d, &e.lame_per_mu[slot]) * mu;
   } else {
     const V one = hn::Set(d, 1.0), last = hn::LoadU(d, &e.last_strain[slot]);
     const V alpha = hn::Min(last / hn::Max(strain, hn::Set(d, 1e-30)), one);
@@ -246,13 +265,11 @@ void step_of(ElementBlocks& e, const SecantTables& tables, const double* positio
   HWY_ALIGN double corners[8 * kBlock * kStride], forces[8 * kBlock * kStride];
   for (std::size_t block = first; block < last; ++block) {
     const std::int32_t* corner = &e.corner[block * 8 * kBlock];
-    for (std::size_t k = 0; k < 8 * kBlock; ++k) {
-      const double* node = position + kStride * static_cast<std::size_t>(corner[k]);
-      for (std::size_t p = 0; p < kStride; p += parts) hn::Store(hn::LoadU(quad, node + p), quad, corners + kStride * k + p);
-    }
+    collect_rows(8 * kBlock, [&](std::size_t k) { return position + kStride * static_cast<std::size_t>(corner[k]); }, corners);
     for (std::size_t lane = 0; lane < kBlock; lane += hn::Lanes(d)) {
       lanes_step<law, shape, box>(d, e, tables, block, lane, corners, forces);
     }
+#pragma GCC unroll 8
     for (std::size_t k = 0; k < 8 * kBlock; ++k) {
       double* node = force + kStride * static_cast<std::size_t>(corner[k]);
       for (std::size_t p = 0; p < kStride; p += parts) {

@@ -26,13 +26,10 @@ using Rows = const std::int32_t*;
 template <class T>
 using Wide = hn::CappedTag<T, 2 * kPad>;
 
-// Which columns of a matrix are not zero in a row: all, those up to the diagonal, those from it on.
-enum class Filled { Full, Lower, Upper };
-
 // Rows i .. i + kParts * lanes - 1 of a product, see product(). kTurns sets of sums take columns in turn where few rows leave
 // the arithmetic waiting.
 template <int count, int kParts, int kTurns, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
-HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int from, int to, const T* in, T* out) {
+HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int width, const T* in, T* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
   V sum[kTurns][kParts][kAbreast];
   for (int t = 0; t < kTurns; ++t) {
@@ -40,7 +37,7 @@ HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int from, in
       for (int k = 0; k < kAbreast; ++k) sum[t][p][k] = hn::Zero(d);
     }
   }
-  const T* column = matrix + static_cast<std::size_t>(from) * tall + i;
+  const T* column = matrix + i;
   const auto add = [&](int turn, int j) HWY_ATTR {
     V x[count];
     for (int k = 0; k < count; ++k) x[k] = hn::Set(d, in[kAbreast * j + k]);
@@ -50,11 +47,11 @@ HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int from, in
     }
     column += tall;
   };
-  int j = from;
-  for (; j + kTurns <= to; j += kTurns) {
+  int j = 0;
+  for (; j + kTurns <= width; j += kTurns) {
     for (int t = 0; t < kTurns; ++t) add(t, j + t);
   }
-  for (; j < to; ++j) add(0, j);
+  for (; j < width; ++j) add(0, j);
   for (int p = 0; p < kParts; ++p) {
     for (int t = 1; t < kTurns; ++t) {
       for (int k = 0; k < count; ++k) sum[0][p][k] = sum[0][p][k] + sum[t][p][k];
@@ -63,31 +60,26 @@ HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int from, in
   }
 }
 
-// out (kAbreast x tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in (kAbreast x width). What is
-// known to be zero is passed over.
-template <int count, Filled filled, class D, class T = hn::TFromD<D>>
+// out (kAbreast x tall) = matrix (tall x width, column by column, tall a multiple of kPad) * in (kAbreast x width).
+template <int count, class D, class T = hn::TFromD<D>>
 HWY_INLINE void product(D d, const T* matrix, int tall, int width, const T* in, T* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
   int i = 0;
-  if constexpr (filled == Filled::Full) {
-    for (; i + 4 * lanes <= tall; i += 4 * lanes) product_rows<count, 4, 1>(d, matrix, tall, i, 0, width, in, out);
-    for (; i + 2 * lanes <= tall; i += 2 * lanes) product_rows<count, 2, 2>(d, matrix, tall, i, 0, width, in, out);
-  }
-  const auto from = [&] { return filled == Filled::Upper ? i : 0; };
-  const auto to = [&](int rows) { return filled == Filled::Lower ? std::min(width, i + rows) : width; };
-  for (; i + lanes <= tall; i += lanes) product_rows<count, 1, 2>(d, matrix, tall, i, from(), to(lanes), in, out);
+  for (; i + 3 * lanes <= tall; i += 3 * lanes) product_rows<count, 3, 1>(d, matrix, tall, i, width, in, out);
+  for (; i + 2 * lanes <= tall; i += 2 * lanes) product_rows<count, 2, 2>(d, matrix, tall, i, width, in, out);
+  for (; i + lanes <= tall; i += lanes) product_rows<count, 1, 2>(d, matrix, tall, i, width, in, out);
   if constexpr (hn::MaxLanes(D()) > kPad) {
     const hn::CappedTag<T, kPad> narrow;
-    if (i < tall) product_rows<count, 1, 2>(narrow, matrix, tall, i, from(), to(kPad), in, out);
+    if (i < tall) product_rows<count, 1, 2>(narrow, matrix, tall, i, width, in, out);
   }
 }
 
-// One thread's working arrays: the unknowns, and two panels' rows.
+// One thread's working arrays: the unknowns, and twice a panel's rows.
 template <class T>
 struct Work {
   T *x, *y, *z;
 
-  Work(T* base, std::size_t size, std::size_t max_below) : x(base), y(x + kAbreast * (size + kPad)), z(y + kAbreast * (max_below + kPad)) {}
+  Work(T* base, std::size_t size, std::size_t max_rows) : x(base), y(x + kAbreast * (size + kPad)), z(y + kAbreast * (max_rows + kPad)) {}
 };
 
 template <int count, class T>
@@ -97,16 +89,12 @@ void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels
   const int parts = static_cast<int>(hn::Lanes(quad));
   for (const std::int32_t index : panels) {
     const Panel& panel = store.panels[index];
-    T* head = work.x + kAbreast * static_cast<std::size_t>(panel.first);
-    product<count, Filled::Lower>(d, &store.inverse[panel.inverse], padded(panel.width), panel.width, head, work.y);
-    std::copy(work.y, work.y + kAbreast * panel.width, head);
-    if (panel.below == 0) continue;
-    product<count, Filled::Full>(d, &store.values[panel.values], panel.padded, panel.width, work.y, work.z);
+    product<count>(d, &store.up[panel.up], panel.padded, panel.width, work.x + kAbreast * static_cast<std::size_t>(panel.first), work.y);
     const Rows rows = &store.rows[panel.rows];
     for (int i = 0; i < panel.below; ++i) {
       T* to = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
       for (int p = 0; p < kAbreast; p += parts) {
-        hn::StoreU(hn::LoadU(quad, to + p) - hn::LoadU(quad, work.z + kAbreast * i + p), quad, to + p);
+        hn::StoreU(hn::LoadU(quad, to + p) + hn::LoadU(quad, work.y + kAbreast * i + p), quad, to + p);
       }
     }
   }
@@ -119,21 +107,15 @@ void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panel
   const int parts = static_cast<int>(hn::Lanes(quad));
   for (auto index = panels.rbegin(); index != panels.rend(); ++index) {
     const Panel& panel = store.panels[*index];
-    const int tall = padded(panel.width);
-    T* head = work.x + kAbreast * static_cast<std::size_t>(panel.first);
-    if (panel.below > 0) {
-      const Rows rows = &store.rows[panel.rows];
-      for (int i = 0; i < panel.below; ++i) {
-        const T* from = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
-        for (int p = 0; p < kAbreast; p += parts) hn::StoreU(hn::LoadU(quad, from + p), quad, work.z + kAbreast * i + p);
-      }
-      product<count, Filled::Full>(d, &store.transposed[panel.values_transposed], tall, panel.below, work.z, work.y);
-      for (int v = 0; v < kAbreast * panel.width; v += parts) {
-        hn::StoreU(hn::LoadU(quad, head + v) - hn::LoadU(quad, work.y + v), quad, head + v);
-      }
+    T* own = work.x + kAbreast * static_cast<std::size_t>(panel.first);
+    T* below = std::copy(own, own + kAbreast * panel.width, work.z);
+    const Rows rows = &store.rows[panel.rows];
+    for (int i = 0; i < panel.below; ++i) {
+      const T* from = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
+      for (int p = 0; p < kAbreast; p += parts) hn::StoreU(hn::LoadU(quad, from + p), quad, below + kAbreast * i + p);
     }
-    product<count, Filled::Upper>(d, &store.transposed[panel.inverse_transposed], tall, panel.width, head, work.y);
-    std::copy(work.y, work.y + kAbreast * panel.width, head);
+    product<count>(d, &store.down[panel.down], padded(panel.width), panel.width + panel.below, work.z, work.y);
+    std::copy(work.y, work.y + kAbreast * panel.width, own);
   }
 }
 
@@ -153,13 +135,13 @@ inline double largest_magnitude(const double* values, std::size_t size) {
 
 // Every thread carries its subtrees up in arrays of its own, the top is solved by one, and each carries it down again.
 template <int count, class T>
-void substitute(const PanelStore<T>& store, double* const* columns, std::size_t size, std::size_t max_below, T* base) {
+void substitute(const PanelStore<T>& store, double* const* columns, std::size_t size, std::size_t max_rows, T* base) {
   const Schedule& schedule = store.schedule;
   const int threads = static_cast<int>(schedule.panels.size());
-  const std::size_t stride = panel_work_size(static_cast<int>(size), static_cast<int>(max_below));
+  const std::size_t stride = panel_work_size(static_cast<int>(size), static_cast<int>(max_rows));
   std::vector<double> largest(static_cast<std::size_t>(threads * count));
   const auto begin_of = [&](int t) { return size * static_cast<std::size_t>(t) / static_cast<std::size_t>(threads); };
-  Work<T> first(base, size, max_below);
+  Work<T> first(base, size, max_rows);
 #pragma omp parallel num_threads(threads) if (threads > 1)
   {
 #pragma omp for schedule(static, 1)
@@ -184,7 +166,7 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
     };
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
-      Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+      Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
       for (const std::int32_t i : schedule.columns[t]) load(work, i, true);
       for (const std::int32_t i : schedule.top_columns) load(work, i, t == 0);
       forward<count>(store, schedule.panels[t], work);
@@ -192,7 +174,7 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
 #pragma omp single
     {
       for (int t = 1; t < threads; ++t) {
-        const Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+        const Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
         for (const std::int32_t i : schedule.top_columns) {
           const std::size_t at = kAbreast * static_cast<std::size_t>(i);
           for (std::size_t k = at; k < at + kAbreast; ++k) first.x[k] += work.x[k];
@@ -203,7 +185,7 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
     }
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
-      Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_below);
+      Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
       for (const std::int32_t i : schedule.top_columns) {
         const std::size_t at = kAbreast * static_cast<std::size_t>(i);
         if (t > 0) std::copy(first.x + at, first.x + at + kAbreast, work.x + at);
@@ -216,20 +198,20 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
 }
 
 template <class T>
-void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_below, T* work) {
-  if (count == 3) substitute<3>(store, columns, size, max_below, work);
-  if (count == 2) substitute<2>(store, columns, size, max_below, work);
-  if (count == 1) substitute<1>(store, columns, size, max_below, work);
+void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_rows, T* work) {
+  if (count == 3) substitute<3>(store, columns, size, max_rows, work);
+  if (count == 2) substitute<2>(store, columns, size, max_rows, work);
+  if (count == 1) substitute<1>(store, columns, size, max_rows, work);
 }
 
 void SolveFloat(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
-                std::size_t max_below, float* work) {
-  solve(store, columns, count, size, max_below, work);
+                std::size_t max_rows, float* work) {
+  solve(store, columns, count, size, max_rows, work);
 }
 
 void SolveDouble(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
-                 std::size_t max_below, double* work) {
-  solve(store, columns, count, size, max_below, work);
+                 std::size_t max_rows, double* work) {
+  solve(store, columns, count, size, max_rows, work);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -243,13 +225,13 @@ HWY_EXPORT(SolveFloat);
 HWY_EXPORT(SolveDouble);
 
 void panel_solve_float(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
-                       std::size_t max_below, float* work) {
-  HWY_DYNAMIC_DISPATCH(SolveFloat)(store, columns, count, size, max_below, work);
+                       std::size_t max_rows, float* work) {
+  HWY_DYNAMIC_DISPATCH(SolveFloat)(store, columns, count, size, max_rows, work);
 }
 
 void panel_solve_double(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
-                        std::size_t max_below, double* work) {
-  HWY_DYNAMIC_DISPATCH(SolveDouble)(store, columns, count, size, max_below, work);
+                        std::size_t max_rows, double* work) {
+  HWY_DYNAMIC_DISPATCH(SolveDouble)(store, columns, count, size, max_rows, work);
 }
 
 }  // namespace softgrip::gdfe

@@ -51,27 +51,66 @@ HWY_INLINE V determinant(const Matrix3<V>& a, const Matrix3<V>& cof) {
   return hn::MulAdd(a.m[0][0], cof.m[0][0], hn::MulAdd(a.m[0][1], cof.m[0][1], a.m[0][2] * cof.m[0][2]));
 }
 
-// One step of Newton's polar iteration R <- (g R + cof(R) / (g det R)) / 2, with Frobenius scaling g where `scaled`; returns
-// the squared change.
+// Invariants of the stretch U = R^T F, and what they come from: cof F and C = F^T F (upper triangle by rows).
+template <class V>
+struct Stretch {
+  Matrix3<V> cof;
+  V c[6];
+  V trace, second, det;  // of U: i1, i2, i3
+
+  HWY_INLINE Stretch() {}
+};
+
+// i1 is the largest root of (x^2 - |F|^2)^2 = 4 |cof F|^2 + 8 det F x. `inverse_cof_squared`, 1 / |cof F|^2, falls off.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE V polar_step(D d, Matrix3<V>& r, bool scaled) {
-  const V half = hn::Set(d, 0.5);
-  const Matrix3<V> cof = cofactors(r);
-  const V inverse = hn::Set(d, 1.0) / determinant(r, cof);
-  V scale = half, scale_inverse = half * inverse;
-  if (scaled) {
-    const V ratio = hn::Sqrt(dot(cof, cof) / dot(r, r)) * hn::Abs(inverse);  // |R^-T| / |R|
-    const V g = hn::Sqrt(ratio);
-    scale = half * g;
-    scale_inverse = half * inverse / g;
+HWY_INLINE Stretch<V> stretch_of(D d, const Matrix3<V>& f, V& inverse_cof_squared) {
+  const auto number = [&](double value) HWY_ATTR { return hn::Set(d, value); };
+  Stretch<V> u;
+  u.cof = cofactors(f);
+  u.det = determinant(f, u.cof);
+  int at = 0;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = i; j < 3; ++j) u.c[at++] = hn::MulAdd(f.m[0][i], f.m[0][j], hn::MulAdd(f.m[1][i], f.m[1][j], f.m[2][i] * f.m[2][j]));
   }
-  Matrix3<V> change;
-  for (int k = 0; k < 9; ++k) {
-    const V before = r.m[k / 3][k % 3];
-    r.m[k / 3][k % 3] = hn::MulAdd(scale, before, scale_inverse * cof.m[k / 3][k % 3]);
-    change.m[k / 3][k % 3] = r.m[k / 3][k % 3] - before;
+  const V square = u.c[0] + u.c[3] + u.c[5], cof_square = dot(u.cof, u.cof);
+  const V inverse = number(1.0) / (square * cof_square);
+  inverse_cof_squared = inverse * square;
+  // of third order in the differences of the principal stretches
+  V x = hn::Sqrt(hn::MulAdd(number(4.5) * cof_square, cof_square * inverse, number(1.5) * square));
+  const V four_cof = number(4.0) * cof_square, eight_det = number(8.0) * u.det;
+  for (int iteration = 0; iteration < 20; ++iteration) {  // Chebyshev's method: cubic, one division
+    const V h = hn::MulSub(x, x, square), four_x = number(4.0) * x;
+    const V f_x = hn::NegMulAdd(eight_det, x, hn::MulSub(h, h, four_cof));
+    const V slope_inverse = number(1.0) / hn::MulSub(four_x, h, eight_det);
+    const V newton = f_x * slope_inverse;
+    const V bend = hn::MulAdd(number(6.0), x * x, number(-2.0) * square) * slope_inverse;
+    const V step = hn::MulAdd(newton * newton, bend, newton);
+    x = x - step;
+    if (hn::AllTrue(d, hn::Lt(hn::Abs(step), number(2e-6) * x))) break;  // leaves 1e-17
   }
-  return dot(change, change);
+  u.trace = x;
+  u.second = number(0.5) * hn::MulSub(x, x, square);
+  return u;
+}
+
+// The polar rotation R = ((i1^2 - i2) F + i1 cof F - F C) / (i1 i2 - i3), by Cayley and Hamilton.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE Matrix3<V> rotation_of(D d, const Matrix3<V>& f, const Stretch<V>& u) {
+  const V inverse = hn::Set(d, 1.0) / hn::MulSub(u.trace, u.second, u.det);
+  const V on_cof = inverse * u.trace, on_f = inverse * hn::MulSub(u.trace, u.trace, u.second), less = hn::Neg(inverse);
+  V c[3][3];
+  int at = 0;
+  for (int i = 0; i < 3; ++i) {
+    c[i][i] = hn::MulAdd(less, u.c[at++], on_f);
+    for (int j = i + 1; j < 3; ++j) c[i][j] = c[j][i] = less * u.c[at++];
+  }
+  Matrix3<V> r;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      r.m[i][j] = hn::MulAdd(f.m[i][0], c[0][j], hn::MulAdd(f.m[i][1], c[1][j], hn::MulAdd(f.m[i][2], c[2][j], on_cof * u.cof.m[i][j])));
+    }
+  }
+  return r;
 }
 
 // One step of the fixed point of Bouaziz et al. 2014 towards D = F* - F with det F* = 1 and |D| least; returns the squared
@@ -92,23 +131,66 @@ HWY_INLINE V volume_step(D d, const Matrix3<V>& f, Matrix3<V>& correction) {
   return dot(change, change);
 }
 
-// The rotation of F and, for the shape `proj`, its volume correction, side by side: each alone is a chain of divisions.
+// D = F* - F = l cof F* with det F* = 1 where det F is in this range; beyond it the scalar problem has other roots near by.
+constexpr double kVolumeFrom = 0.5, kVolumeTo = 1.6;
+
+// With x, y the first two invariants of the stretch of F*, whose third is 1, and s = t - l / t for its principal values t:
+//   x = i1 + l y,   y - l (x y - 3) + l^2 x = i2,   1 - l (y^2 - 2 x) + l^2 (x^2 - 2 y) - l^3 = i3,
+//   D = l (cof F + l (x y - 1) R - l (y + l) F) / (1 + l x + l^2 y + l^3).
+// Newton in l and y; false where a lane has no part in this.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE bool volume_by_invariants(D d, const Matrix3<V>& f, const Stretch<V>& u, const Matrix3<V>& r, V inverse_cof_squared,
+                                     Matrix3<V>& correction) {
+  const auto number = [&](double value) HWY_ATTR { return hn::Set(d, value); };
+  const V one = number(1.0), two = number(2.0), three = number(3.0);
+  if (!hn::AllTrue(d, hn::And(hn::Gt(u.det, number(kVolumeFrom)), hn::Lt(u.det, number(kVolumeTo))))) return false;
+  // exact for equal principal stretches to second order, for any to first
+  V l = (one - u.det) * u.det * inverse_cof_squared;
+  V y = u.second * hn::MulAdd(l, hn::MulAdd(l, hn::MulAdd(l, number(4.0), three), two), one);
+  V x = hn::MulAdd(l, y, u.trace);
+  bool settled = false;
+  for (int iteration = 0; iteration < 8 && !settled; ++iteration) {
+    const V ll = l * l, lx = l * x, ly = l * y, xy = x * y, llx = l * lx, yy_2x = hn::MulSub(y, y, x + x);
+    const V e1 = hn::NegMulAdd(l, xy - three, y + llx) - u.second;
+    const V e2 = hn::MulAdd(l, hn::MulSub(l, hn::MulSub(x, x, y + y), ll), hn::NegMulAdd(l, yy_2x, one)) - u.det;
+    const V e1_y = hn::MulAdd(l, ll - x - ly, one);
+    const V e1_l = hn::MulAdd(ly, l - y, hn::MulAdd(two, lx, three - xy));
+    const V e2_y = two * hn::MulSub(ll, lx, ly);
+    const V e2_l = hn::MulAdd(two, hn::MulAdd(lx, x + ly, hn::Neg(ly)), hn::Neg(hn::MulAdd(three, ll, yy_2x)));
+    const V inverse = one / hn::MulSub(e1_y, e2_l, e1_l * e2_y);
+    const V l_step = hn::MulSub(e1_y, e2, e2_y * e1) * inverse, y_step = hn::MulSub(e2_l, e1, e1_l * e2) * inverse;
+    l = l - l_step;
+    y = y - y_step;
+    x = hn::MulAdd(l, y, u.trace);
+    // quadratic: leaves 1e-11 of D
+    settled = hn::AllTrue(d, hn::Lt(hn::Max(hn::Abs(l_step), hn::Abs(y_step)), number(1e-6)));
+  }
+  const V y_l = y + l;
+  const V scale = l / hn::MulAdd(l, hn::MulAdd(l, y_l, x), one);
+  const V on_r = scale * l * hn::MulSub(x, y, one), on_f = scale * l * y_l;
+  for (int k = 0; k < 9; ++k) {
+    const int i = k / 3, j = k % 3;
+    correction.m[i][j] = hn::NegMulAdd(on_f, f.m[i][j], hn::MulAdd(on_r, r.m[i][j], scale * u.cof.m[i][j]));
+  }
+  return settled;
+}
+
+// The rotation of F, det F > 0, and, for the shape `proj`, its volume correction.
 template <VolumeShape shape, class D, class V = hn::Vec<D>>
-HWY_INLINE void rotation_and_volume(D d, const Matrix3<V>& f, V det, Matrix3<V>& r, Matrix3<V>& correction) {
-  const V half = hn::Set(d, 0.5);
-  const auto even = hn::Lt(hn::Abs(dot(f, f) - hn::Set(d, 3.0)), hn::Set(d, 1.5));
-  const bool near = hn::AllTrue(d, hn::And(even, hn::Gt(det, half)));  // to a rotation: no scaling
-  r = f;
+HWY_INLINE void rotation_and_volume(D d, const Matrix3<V>& f, V& det, Matrix3<V>& r, Matrix3<V>& correction) {
+  V inverse_cof_squared;
+  const Stretch<V> u = stretch_of(d, f, inverse_cof_squared);
+  det = u.det;
+  r = rotation_of(d, f, u);
+  if constexpr (shape == VolumeShape::Proj) {
+    if (volume_by_invariants(d, f, u, r, inverse_cof_squared, correction)) return;
+  }
   for (int k = 0; k < 9; ++k) correction.m[k / 3][k % 3] = hn::Zero(d);
-  for (int iteration = 0; iteration < 20; ++iteration) {
-    const bool scaled = iteration < 2 && !near;
-    // quadratic: a change of 3e-8 leaves 1e-15
-    auto settled = hn::Lt(polar_step(d, r, scaled), hn::Set(d, 1e-15));
-    if constexpr (shape == VolumeShape::Proj) {
+  if constexpr (shape == VolumeShape::Proj) {
+    for (int iteration = 0; iteration < 20; ++iteration) {
       // linear, by a tenth to a third a step: a change of 3e-10 leaves at most 1e-10
-      settled = hn::And(settled, hn::Lt(volume_step(d, f, correction), hn::Set(d, 1e-19)));
+      if (hn::AllTrue(d, hn::Lt(volume_step(d, f, correction), hn::Set(d, 1e-19)))) break;
     }
-    if (!scaled && hn::AllTrue(d, settled)) break;
   }
 }
 

@@ -155,7 +155,7 @@ void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
       place(t);
-      std::fill(force_.data() + begin_of(t, values), force_.data() + begin_of(t + 1, values), 0.0);
+      std::fill(force_.data() + summed_[t].first, force_.data() + summed_[t].second, 0.0);
     }
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
@@ -173,8 +173,8 @@ void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take
       for (std::size_t t = 0; t < threads; ++t) {
         for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
           const double* share = shares_.data() + (other - 1) * values;
-          const std::size_t last = std::min(begin_of(t + 1, values), reached_[other].second);
-          for (std::size_t i = std::max(begin_of(t, values), reached_[other].first); i < last; ++i) force_[i] += share[i];
+          const std::size_t last = std::min(summed_[t].second, reached_[other].second);
+          for (std::size_t i = std::max(summed_[t].first, reached_[other].first); i < last; ++i) force_[i] += share[i];
         }
       }
     }

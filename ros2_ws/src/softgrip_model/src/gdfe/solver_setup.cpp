@@ -56,7 +56,7 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   const std::vector<Element> elements = make_elements(rest_, hexes, settings.metric);
   for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
   build_axes(elements, hexes, matrix_weight, maps);
-  blocks_ = ElementBlocks(elements, hexes, materials, elimination_places(hexes));
+  blocks_ = ElementBlocks(elements, hexes, materials, tables_.lame_per_mu, elimination_places(hexes));
   if (settings_.law == Law::Rigorous) {
     ogden_ = std::make_unique<OgdenElements>(rest_, hexes, materials, std::move(ogden));
     ogden_strain_.resize(elements.size());
@@ -108,6 +108,12 @@ void Solver::build_shares(const Hexes& hexes) {
       }
     }
     reached_.emplace_back(kStride * std::min(first, last), kStride * last);
+  }
+  for (std::size_t t = 0; t < threads; ++t) {
+    const auto place = static_cast<std::size_t>(std::count_if(reached_.begin(), reached_.end(), [&](const auto& reach) {
+      return std::pair(reach, &reach - reached_.data()) < std::pair(reached_[t], static_cast<std::ptrdiff_t>(t));
+    }));
+    summed_.emplace_back(begin_of(place, kStride * nodes_), begin_of(place + 1, kStride * nodes_));
   }
 }
 

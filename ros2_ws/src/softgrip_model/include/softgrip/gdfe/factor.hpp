@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // L = P^T C C^T P of the constant matrix, and its solves for one to three right-hand sides at once.
 //
-// Supernodal: columns of C with (nearly) the same rows form a dense panel; the triangle on its diagonal is kept inverted, so
-// that a solve is a row of small dense products without a chain of divisions. The backward pass has the transposed panels, so
-// that both passes are products of columns: none ends in sums over lanes. Panels may be kept in float: the factor only
-// preconditions a residual that is computed in double.
+// Supernodal: columns of C with (nearly) the same rows form a panel. With S the Schur complement of a panel's block and R the
+// rows below it, W = R S^-1: the forward pass is x_below -= W x_own, the backward pass x_own = S^-1 x_own - W^T x_below, one
+// small dense product each, without a chain of divisions. The backward pass has W transposed, so that both are products of
+// columns: none ends in sums over lanes. Panels may be kept in float: the factor only preconditions a residual that is computed
+// in double.
 #pragma once
 
 #include <cstdint>
+#include <new>
 #include <vector>
 
 #include "softgrip/gdfe/constant_inverse.hpp"
@@ -22,10 +24,9 @@ inline constexpr int kMetisAbove = 6000;
 // One dense panel: `width` columns from `first`; below them `below` rows (padded to kPad in memory).
 struct Panel {
   std::int32_t first, width, below, padded;
-  std::size_t inverse;  // offset of the padded(width) x width inverse triangle, column by column
-  std::size_t values;   // offset of the padded x width block below, column by column
-  std::size_t values_transposed, inverse_transposed;  // offsets of padded(width) x below, padded(width) x width
-  std::size_t rows;     // offset of its row numbers
+  std::size_t up;    // offset of the padded x width block -W, column by column
+  std::size_t down;  // offset of the padded(width) x (width + below) block [S^-1, -W^T], column by column
+  std::size_t rows;  // offset of its row numbers
 };
 
 inline constexpr int kPad = 8;
@@ -40,11 +41,28 @@ struct Schedule {
   std::vector<std::int32_t> top_panels, top_columns;
 };
 
+// Panels begin on lines of the cache: a vector that spans two lines is read twice.
+inline constexpr std::size_t kLine = 64;
+
+template <class T>
+struct LineAllocator {
+  using value_type = T;
+  LineAllocator() = default;
+  template <class U>
+  LineAllocator(const LineAllocator<U>&) {}
+  T* allocate(std::size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), std::align_val_t(kLine))); }
+  void deallocate(T* values, std::size_t) { ::operator delete(values, std::align_val_t(kLine)); }
+  friend bool operator==(const LineAllocator&, const LineAllocator&) { return true; }
+  friend bool operator!=(const LineAllocator&, const LineAllocator&) { return false; }
+};
+
+template <class T>
+using Lines = std::vector<T, LineAllocator<T>>;
+
 template <class T>
 struct PanelStore {
   std::vector<Panel> panels;
-  std::vector<T> inverse, values;  // of the forward pass
-  std::vector<T> transposed;       // both, as the backward pass reads them
+  Lines<T> up, down;  // in the order of the pass that reads them
   std::vector<std::int32_t> rows;
   Schedule schedule;
 };
@@ -72,7 +90,7 @@ class Factor final : public ConstantInverse {
   std::size_t nonzeros_ = 0;
   bool single_ = false, uses_metis_ = false;
   std::vector<int> position_;
-  int max_below_ = 0;
+  int max_rows_ = 0;  // of a panel, its own and those below
   PanelStore<float> float_;
   PanelStore<double> double_;
 };

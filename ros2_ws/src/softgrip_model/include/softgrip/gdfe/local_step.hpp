@@ -29,7 +29,7 @@ inline constexpr std::size_t kBlock = 8;
 struct SecantTables {
   int cells = 0;                     // per material
   double end = 0.0;                  // eps_eq at the end of the last cell
-  std::vector<double> coefficients;  // [material][4][cells]: mu = c0 + t (c1 + t (c2 + t c3)), t in 0..1 within the cell
+  std::vector<double> coefficients;  // [material][cell][4]: mu = c0 + t (c1 + t (c2 + t c3)), t in 0..1 within the cell
   std::vector<double> lame_per_mu;   // 2 nu / (1 - 2 nu)
 };
 
@@ -45,13 +45,15 @@ struct ElementBlocks {
   std::vector<double> hourglass_stiffness;  // [other block][10][lane], upper triangle row by row
   std::vector<double> volume;          // [block][lane], zero in the filling
   std::vector<double> material;        // [block][lane] index, as a number
+  std::vector<double> lame_per_mu;     // [block][lane] of the material
   std::vector<double> omega;           // [block][lane] thesis law: shape factor
   std::vector<double> last_strain;     // [block][lane] thesis law: eps_eq at the last converged increment
   std::vector<double> strain;          // out: eps_eq, nu = 0.5
 
   ElementBlocks() = default;
   // Elements are worked on by ascending `place`.
-  ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials, const std::vector<double>& place);
+  ElementBlocks(const std::vector<Element>& all, const Hexes& hexes, const std::vector<int>& materials,
+                const std::vector<double>& ratios, const std::vector<double>& place);
 
   // Bytes of what a step reads of the elements and writes of them.
   std::size_t bytes() const;

@@ -176,6 +176,7 @@ class Solver {
   std::unique_ptr<Anderson> accelerate_;
   std::vector<double> shares_;  // forces of every thread but the first, [thread][node][kStride]
   std::vector<std::pair<std::size_t, std::size_t>> reached_;  // per thread: values of its forces, first to beyond the last
+  std::vector<std::pair<std::size_t, std::size_t>> summed_;   // per thread: values of all forces that it sums, near its own
   std::vector<double> free_squared_;  // per thread: of the out-of-balance force on its unknowns
   double weight_scale_ = 1.0;
 };
