@@ -2,6 +2,9 @@
 """The picture shows the true finger where the calibration says, the stream carries it with its time of capture."""
 
 import math
+import os
+import subprocess
+import sys
 import time
 import urllib.request
 from itertools import pairwise
@@ -245,6 +248,20 @@ def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_pat
     apart.close()
     assert process.returncode == 0
     assert not apart.running
+
+
+@pytest.mark.parametrize("wanted", [0, 12])
+def test_the_camera_apart_takes_the_priority_it_is_given_where_it_may(tmp_path, wanted):
+    trial = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
+    allowed = subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False).returncode == 0
+    pose = pose_of((10, 0, 0))
+    apart = CameraApart(CameraSettings(320, 240, realtime_priority=wanted), 1, "index", lambda: Look(pose, pose, 0.0))
+    apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
+    process = apart._process.pid
+    assert os.sched_getscheduler(process) == (os.SCHED_FIFO if wanted and allowed else os.SCHED_OTHER)
+    assert os.sched_getparam(process).sched_priority == (wanted if allowed else 0)
+    assert len(list(parts((tmp_path / "camera.url").read_text().strip(), 2))) == 2
+    apart.close()
 
 
 def test_a_camera_that_is_killed_is_noticed(tmp_path, until):

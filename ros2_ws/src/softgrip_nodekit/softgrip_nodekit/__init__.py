@@ -8,7 +8,7 @@ from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import StartupError
 from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.parameters import Parameter, ParameterTable
-from softgrip_nodekit.priority import Rank, claim_processor, realtime_parameter
+from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim_processor, realtime_parameter
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
@@ -16,6 +16,7 @@ from softgrip_nodekit.trace import Caller, Commander, Doors, Goal, SentGoal, Tra
 
 __all__ = [
     "LATCHED",
+    "REALTIME_PRIORITY",
     "RELIABLE",
     "SENSOR",
     "Caller",
@@ -30,6 +31,7 @@ __all__ = [
     "SentGoal",
     "StartupError",
     "TracedDoors",
+    "WhileBrief",
     "claim_processor",
     "make_executor",
     "realtime_parameter",

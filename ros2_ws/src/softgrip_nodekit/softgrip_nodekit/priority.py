@@ -18,14 +18,18 @@ REALTIME_PRIORITY = "realtime_priority"
 class Rank(IntEnum):
     """Who comes before whom in a cell, as SCHED_FIFO priorities (sched(7)).
 
-    Only what works for a millisecond at a time has one. The kernel's workers that carry a serial port's bytes are
-    ordinary: a tracker in front of them, busy with a frame, would hold up the bus.
+    Only what works for a few milliseconds at a time has one: the kernel's workers that carry a serial port's bytes are
+    ordinary and wait for all of these (see `WhileBrief`).
     """
 
     EMULATED_HARDWARE = 25
     """real hardware waits for nobody"""
     DRIVES = 20
     PREDICTION = 18
+    EMULATED_CAMERA = 12
+    FRAMES = 10
+    ORDINARY = 0
+    """whose work may be long: a camera that decodes video, for one"""
 
 
 def realtime_parameter(rank: Rank) -> Parameter:
@@ -69,3 +73,36 @@ def claim_processor(priority: int, threads: Iterable[int] = (0,)) -> str:
     except (OSError, AttributeError) as error:
         return f"ordinary priority: this system gives no real-time priority ({error})"
     return f"real-time priority {priority}"
+
+
+class WhileBrief:
+    """Keeps a process in front of the ordinary ones only while each turn of its work is brief.
+
+    Args:
+        priority: that the process was given, see `claim_processor`; 0 = none to keep.
+        longest_s: [s] of processor time. A turn that takes more puts the process back among the ordinary ones.
+        turns: as many brief ones in a row bring it back in front.
+    """
+
+    def __init__(self, priority: int, longest_s: float = 0.01, turns: int = 50) -> None:
+        self._priority, self._longest, self._turns = priority, longest_s, turns
+        self._in_front = priority > 0
+        self._brief = 0
+
+    def note(self, seconds: float) -> None:
+        """Note how much processor time [s] a turn took."""
+        if self._priority == 0:
+            return
+        self._brief = 0 if seconds > self._longest else self._brief + 1
+        if self._in_front and self._brief == 0:
+            self._in_front = False
+            _to_ordinary(own_threads())
+        elif not self._in_front and self._brief >= self._turns:
+            self._in_front = True
+            claim_processor(self._priority, own_threads())
+
+
+def _to_ordinary(threads: Iterable[int]) -> None:
+    for thread in threads:
+        with suppress(OSError, AttributeError):  # it has ended, or there never was another priority
+            os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from softgrip_nodekit import Rank, claim_processor
+from softgrip_nodekit import Rank, WhileBrief, claim_processor, priority
 
 ALL_THREADS = """
 import os, sys, threading
@@ -94,4 +94,37 @@ def test_a_thread_that_has_ended_stops_nothing(monkeypatch: pytest.MonkeyPatch) 
 
 def test_ranks_are_in_the_order_of_haste() -> None:
     order: Callable[[Rank], int] = int
-    assert sorted(Rank, key=order, reverse=True) == [Rank.EMULATED_HARDWARE, Rank.DRIVES, Rank.PREDICTION]
+    assert sorted(Rank, key=order, reverse=True) == [
+        Rank.EMULATED_HARDWARE,
+        Rank.DRIVES,
+        Rank.PREDICTION,
+        Rank.EMULATED_CAMERA,
+        Rank.FRAMES,
+        Rank.ORDINARY,
+    ]
+
+
+def test_long_work_goes_behind_until_it_is_brief_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, int]] = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda _, policy, how: given.append((policy, how.sched_priority)))
+    monkeypatch.setattr(priority, "own_threads", lambda: [0])
+    haste = WhileBrief(10, longest_s=0.01, turns=3)
+    for seconds in (0.002, 0.01):
+        haste.note(seconds)
+    assert given == []
+    for seconds in (0.011, 0.5):
+        haste.note(seconds)
+    assert given == [(os.SCHED_OTHER, 0)]  # told once
+    for seconds in (0.002, 0.002, 0.02, 0.002, 0.002):
+        haste.note(seconds)
+    assert given == [(os.SCHED_OTHER, 0)]  # not three in a row
+    haste.note(0.002)
+    haste.note(0.002)
+    assert given == [(os.SCHED_OTHER, 0), (os.SCHED_FIFO, 10)]
+
+
+def test_who_was_never_in_front_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *_: pytest.fail("nobody asked for it"))
+    haste = WhileBrief(0, turns=1)
+    for seconds in (1.0, 0.001, 0.001):
+        haste.note(seconds)

@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Resolution and rate of the emulated camera; port 0 = a free one."""
+    """Resolution and rate of the emulated camera; port 0 = a free one.
+
+    `realtime_priority` (SCHED_FIFO, sched(7); 0 = none) is taken where it is allowed: a real camera waits for nobody.
+    """
 
     width: int = 640
     height: int = 480
     fps: float = 30.0
     port: int = 0
     jpeg_quality: int = 88
+    realtime_priority: int = 0
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from softgrip_emulator.camera.look import Look, SetUp
 
 _NICE: Final = 5
-"""A late frame is a late frame; a late servo stops the cell."""
+"""A late frame is a late frame; a late servo stops the cell. Where there is no real-time priority to say so."""
 
 
 def main() -> None:
@@ -33,6 +34,9 @@ def main() -> None:
     link: Connection[Any, Any] = Connection(int(sys.argv[1]))
     set_up: SetUp = link.recv()
     settings = set_up.settings
+    if settings.realtime_priority > 0:
+        with suppress(OSError, AttributeError):  # not allowed, or not on this system: ordinary
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(settings.realtime_priority))
     board = FrameBoard()
     optics = draw_optics(settings.width, settings.height, set_up.seed)
     try:

@@ -24,6 +24,7 @@ from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_model.profile import Profile, ProfileError, load_directory
 from softgrip_nodekit import (
+    REALTIME_PRIORITY,
     SENSOR,
     Diagnostics,
     Health,
@@ -202,6 +203,7 @@ def _open_cell(values: dict[str, Any]) -> EmulatedCell:
                 values["camera_fps"],
                 values["camera_port"],
                 values["jpeg_quality"],
+                int(Rank.EMULATED_CAMERA) if values[REALTIME_PRIORITY] else 0,
             ),
             gauge_on=values["gauge_on"],
         )

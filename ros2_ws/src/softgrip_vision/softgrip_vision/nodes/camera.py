@@ -17,7 +17,18 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from softgrip_nodekit import SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, to_time_message
+from softgrip_nodekit import (
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    Rank,
+    StartupError,
+    realtime_parameter,
+    run,
+    to_time_message,
+)
 from softgrip_vision import calibration
 from softgrip_vision.errors import FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
@@ -52,6 +63,7 @@ PARAMETERS = ParameterTable(
     Parameter("repeat", False, "start a file or folder again at its end"),
     Parameter("queue_depth", 2, "frames kept when the node is busy; older ones are dropped", "", 1, 30),
     Parameter("stale_after_s", 1.0, "a newest frame older than this is an error on /diagnostics", "s", 0.05, 60.0),
+    realtime_parameter(Rank.ORDINARY),
 )
 
 #: OpenCV's log level of errors.

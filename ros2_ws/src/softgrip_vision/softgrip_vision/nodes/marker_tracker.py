@@ -20,7 +20,21 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
-from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run, seconds
+from softgrip_nodekit import (
+    LATCHED,
+    REALTIME_PRIORITY,
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    Rank,
+    StartupError,
+    WhileBrief,
+    realtime_parameter,
+    run,
+    seconds,
+)
 from softgrip_vision import calibration, colour
 from softgrip_vision.errors import VisionError
 from softgrip_vision.frame import Frame, decode
@@ -85,6 +99,7 @@ PARAMETERS = ParameterTable(
         changeable=True,
     ),
     Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
+    realtime_parameter(Rank.FRAMES),
 )
 
 
@@ -110,6 +125,8 @@ class MarkerTrackerNode(Node):
         else:
             self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_compressed, SENSOR)
         self._frames = 0
+        # a search of a large picture is long
+        self._haste = WhileBrief(self._values[REALTIME_PRIORITY])
         self._diagnostics.set("frames", Health.WARN, "no frame yet; is the camera running?")
 
     def _make_tracker(self) -> Tracker:
@@ -167,6 +184,11 @@ class MarkerTrackerNode(Node):
         self._on_frame(message.header, lambda: convert.from_image_message(message))
 
     def _on_frame(self, header: Header, pixels: Any) -> None:
+        start = time.thread_time()
+        self._measure(header, pixels)
+        self._haste.note(time.thread_time() - start)
+
+    def _measure(self, header: Header, pixels: Any) -> None:
         start = time.perf_counter()
         try:
             image = pixels()
