@@ -49,6 +49,12 @@ def main() -> int:
         help="half: camera at 12 frames/s, rig at 20 instead of 60 times its speed, fingers half as fast; "
         "auto: full where this computer is fast and free enough for the emulated cell in real time",
     )
+    parser.add_argument(
+        "launch_arguments",
+        nargs="*",
+        metavar="NAME:=VALUE",
+        help="of demo.launch.yaml: camera_fps:=30.0 frames_priority:=10 for frames that come soon",
+    )
     arguments = parser.parse_args()
     if arguments.pace == "auto":
         arguments.pace = pace(capacity(), away())
@@ -110,6 +116,7 @@ def run_cell(arguments: argparse.Namespace) -> int:
         f"seed:={arguments.seed}",
         f"pace:={arguments.pace}",
         f"cross_check:={str(arguments.cross_check).lower()}",
+        *arguments.launch_arguments,
     ]
     with (
         (arguments.out / LOG).open("w") as log,

@@ -18,18 +18,17 @@ REALTIME_PRIORITY = "realtime_priority"
 class Rank(IntEnum):
     """Who comes before whom in a cell, as SCHED_FIFO priorities (sched(7)).
 
-    Only what works for a few milliseconds at a time has one: the kernel's workers that carry a serial port's bytes are
-    ordinary and wait for all of these (see `WhileBrief`).
+    Only what works for a millisecond at a time has one by itself. The kernel's workers that carry a serial port's bytes
+    are ordinary: a tracker in front of them, busy with a frame, holds up the bus. Who wants that is told (`FRAMES`).
     """
 
     EMULATED_HARDWARE = 25
     """real hardware waits for nobody"""
     DRIVES = 20
     PREDICTION = 18
-    EMULATED_CAMERA = 12
     FRAMES = 10
+    """by choice: camera and tracker, where frames matter more than the bus' last millisecond (see `WhileBrief`)"""
     ORDINARY = 0
-    """whose work may be long: a camera that decodes video, for one"""
 
 
 def realtime_parameter(rank: Rank) -> Parameter:

@@ -98,7 +98,6 @@ def test_ranks_are_in_the_order_of_haste() -> None:
         Rank.EMULATED_HARDWARE,
         Rank.DRIVES,
         Rank.PREDICTION,
-        Rank.EMULATED_CAMERA,
         Rank.FRAMES,
         Rank.ORDINARY,
     ]

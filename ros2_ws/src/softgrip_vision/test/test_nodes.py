@@ -268,6 +268,28 @@ def test_raw_images_of_another_driver_and_a_swap(watcher: Watcher, calibration_f
     assert watcher.until(grey)
 
 
+def test_a_tracker_whose_frames_take_long_steps_behind_until_they_are_brief_again(
+    watcher: Watcher, calibration_file: Path
+) -> None:
+    trial = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
+    if subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False).returncode != 0:
+        pytest.skip("no right to real-time priority here")
+    large, small = (bytes(cv2.imencode(".jpg", np.zeros((h, w, 3), np.uint8))[1]) for h, w in ((6000, 8000), (8, 8)))
+    process = watcher.start("marker_tracker", calibration_file=calibration_file, realtime_priority=10).pid
+
+    def goes(policy: int, jpeg: bytes) -> bool:
+        def look() -> bool:
+            watcher.show(jpeg)
+            return os.sched_getscheduler(process) == policy
+
+        return watcher.until(look)
+
+    assert watcher.until(lambda: watcher.said("no frame yet"))
+    assert watcher.until(lambda: os.sched_getscheduler(process) == os.SCHED_FIFO)
+    assert goes(os.SCHED_OTHER, large)
+    assert goes(os.SCHED_FIFO, small)
+
+
 def test_what_keeps_the_nodes_from_starting(watcher: Watcher, tmp_path: Path) -> None:
     missing = tmp_path / "missing.yaml"
     for node, parameters, complaint in (

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class CameraSettings:
     """Resolution and rate of the emulated camera; port 0 = a free one.
 
-    `realtime_priority` (SCHED_FIFO, sched(7); 0 = none) is taken where it is allowed: a real camera waits for nobody.
+    `realtime_priority` (SCHED_FIFO, sched(7); 0 = none) is taken where it is allowed.
     """
 
     width: int = 640

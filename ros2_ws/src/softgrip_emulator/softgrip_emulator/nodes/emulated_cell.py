@@ -24,7 +24,6 @@ from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_model.profile import Profile, ProfileError, load_directory
 from softgrip_nodekit import (
-    REALTIME_PRIORITY,
     SENSOR,
     Diagnostics,
     Health,
@@ -69,6 +68,7 @@ PARAMETERS = ParameterTable(
     Parameter("camera_fps", 30.0, "frames a second", "Hz", 1.0, 120.0),
     Parameter("camera_port", 0, "TCP port of the stream on 127.0.0.1, 0 = a free one (see camera.url)", "", 0, 65535),
     Parameter("jpeg_quality", 88, "of the stream", "%", 10, 100),
+    Parameter("camera_realtime_priority", 0, "of the camera's process; 0 = as any other", "", 0, 99),
     Parameter(
         "gauge_on", "", "slot whose tendon the force gauge hangs in, to calibrate its servo; empty = the rig's cable"
     ),
@@ -203,7 +203,7 @@ def _open_cell(values: dict[str, Any]) -> EmulatedCell:
                 values["camera_fps"],
                 values["camera_port"],
                 values["jpeg_quality"],
-                int(Rank.EMULATED_CAMERA) if values[REALTIME_PRIORITY] else 0,
+                values["camera_realtime_priority"],
             ),
             gauge_on=values["gauge_on"],
         )

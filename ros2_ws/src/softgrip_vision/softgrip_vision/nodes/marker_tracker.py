@@ -99,7 +99,7 @@ PARAMETERS = ParameterTable(
         changeable=True,
     ),
     Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
-    realtime_parameter(Rank.FRAMES),
+    realtime_parameter(Rank.ORDINARY),
 )
 
 
