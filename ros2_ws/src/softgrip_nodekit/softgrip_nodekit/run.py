@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import signal
@@ -28,6 +29,9 @@ DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
 #: [s] from a signal to the end of rclpy's context, at most.
 SIGNAL_WAIT = 0.2
+#: [s] for the middleware to take leave of the others; launch sends its next signal after five.
+FAREWELL_LIMIT = 3.0
+STDERR = 2
 #: Begins the names of parameters that a publisher or subscription declares when it is made, maybe later.
 _QOS_OVERRIDES = "qos_overrides."
 
@@ -143,6 +147,10 @@ def _leave(node: Node | None, executor: Any) -> None:
     finally:
         if executor is not None:
             executor.shutdown(timeout_sec=2.0)
+        # All is safe and written. A middleware that does not let go, with Python's lock in its hands, would hold up the
+        # whole cell: this ends the process all the same (code 1), with what it was waiting for on stderr.
+        faulthandler.dump_traceback_later(FAREWELL_LIMIT, exit=True, file=STDERR)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
