@@ -39,8 +39,8 @@ $(VENV)/.core-of-%: $$(shell find $(SRC)/$$*/src $(SRC)/$$*/CMakeLists.txt -type
 	@if [ -e $@ ]; then echo "== the C++ of $* has changed"; $(MAKE) core-of-$*; fi
 	@touch $@
 
-demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell
-	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED)
+demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="camera_fps:=30.0"
+	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED) $(ARGS)
 
 cell: setup  ## the emulated cell, until Ctrl-C
 	@mkdir -p $(OUT)/cell

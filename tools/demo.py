@@ -55,7 +55,12 @@ def main() -> int:
         metavar="NAME:=VALUE",
         help="of demo.launch.yaml: camera_fps:=30.0 frames_priority:=10 for frames that come soon",
     )
-    arguments = parser.parse_args()
+    arguments = parser.parse_intermixed_args()
+    if shutil.which("ros2") is None:
+        print(
+            "expected `ros2` on the PATH, found none: use `make demo`, or source the workspace first", file=sys.stderr
+        )
+        return 2
     if arguments.pace == "auto":
         arguments.pace = pace(capacity(), away())
         if arguments.pace == "half":

@@ -6,6 +6,7 @@ import itertools
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -74,3 +75,12 @@ def test_a_process_that_was_stopped_has_lost_that_time(demo):
 )
 def test_full_pace_needs_processors_that_are_fast_and_there(demo, steps, lost, pace):
     assert demo.pace(steps, lost) == pace
+
+
+def test_launch_arguments_may_come_last_and_a_missing_ros2_is_named(tmp_path: Path) -> None:
+    command = [sys.executable, TOOL, tmp_path / "out", "--seed", "1", "camera_fps:=30.0", "frames_priority:=10"]
+    nothing = {**os.environ, "PATH": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, env=nothing, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "expected `ros2` on the PATH, found none" in done.stderr
+    assert not (tmp_path / "out").exists()
