@@ -83,8 +83,7 @@ class ChainFilter:
     """Extended Kalman filter over one chain; predictions gate the markers, hidden markers follow from the others.
 
     The speed model is wide (a joint may stop or start within SPEED_TIME), so that with all markers seen the angles are
-    those of this frame, without lag. ValueError is raised for a marker or an array that the
-    chain does not have.
+    those of this frame, without lag. Methods raise ValueError for a marker or an array that the chain does not have.
     """
 
     def __init__(self, geometry: ChainGeometry) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from softgrip_emulator.camera.look import Look, SetUp
 
 _NICE: Final = 5
-"""A late frame is a late frame; a late servo stops the cell. Where there is no real-time priority to say so."""
+"""A late frame is a late frame; a late servo stops the cell."""
 
 
 def main() -> None:
@@ -35,6 +35,7 @@ def main() -> None:
     set_up: SetUp = link.recv()
     settings = set_up.settings
     if settings.realtime_priority > 0:
+        # not by softgrip_nodekit, which would bring rclpy into this process
         with suppress(OSError, AttributeError):  # not allowed, or not on this system: ordinary
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(settings.realtime_priority))
     board = FrameBoard()
