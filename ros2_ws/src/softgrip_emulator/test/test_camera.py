@@ -195,6 +195,37 @@ def test_a_scene_that_has_shown_much_shows_a_pose_as_a_fresh_one_does():
         assert np.array_equal(used.render(pose_of(now), pose_of(before), dark), fresh)
 
 
+def test_a_marker_stays_glued_where_it_is_as_its_link_turns():
+    scene = Scene(draw_optics(640, 480, seed=3), seed=3)
+    straight, bent = pose_of((0, 0, 0)), pose_of((40, 30, 20))
+    before, after = (scene.markers_m(pose)[2:] - pose.joints_m[1:] for pose in (straight, bent))
+    turns = np.exp(-1j * bent.headings_rad)  # closing is clockwise
+    assert np.abs(before).max() > 5e-5
+    assert after @ [1, 1j] == pytest.approx((before @ [1, 1j]) * turns, abs=1e-12)
+
+
+def test_links_are_deep_on_the_closing_side_and_grooved_at_their_joints():
+    scene = Scene(draw_optics(640, 480, seed=3), seed=3)
+    pose, dark = pose_of((50, 30, 20)), Light(noise=0.0)
+    bare = scene.render(Pose(np.zeros((0, 2)), np.zeros(0)), light=dark).astype(int)
+    seen = scene.render(pose, light=dark).astype(int)
+
+    def covered(along, inward):
+        heading = pose.headings_rad[0]
+        ahead = np.array([math.cos(heading), -math.sin(heading)])
+        place = along * ahead + inward * np.array([ahead[1], -ahead[0]])
+        u, v = np.rint(scene.optics.to_pixels(place[None])[0]).astype(int)
+        return np.abs(seen[v, u] - bare[v, u]).max() > 40
+
+    middle, depth = 0.5 * LINKS_M[0], pose.body_height_m
+    assert covered(middle, 0.9 * depth)
+    assert covered(middle, -0.002)
+    assert not covered(middle, -0.006)
+    assert not covered(middle, depth + 0.002)
+    for end in (0.004, LINKS_M[0] - 0.004):
+        assert not covered(end, 0.008)  # beyond 45 degrees from the joint
+
+
 def test_what_was_prepared_changes_no_picture():
     optics, pose, before = draw_optics(640, 480, seed=3), pose_of((60, 10, 5)), pose_of((52, 8, 5))
     ahead, late = Scene(optics, seed=3), Scene(optics, seed=3)

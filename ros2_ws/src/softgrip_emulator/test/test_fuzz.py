@@ -132,3 +132,12 @@ def test_a_packet_is_known_in_noise():
     assert holds_packet(b"noise" + packet + b"noise")
     assert not holds_packet(packet[:-1])
     assert not holds_packet(packet[:-1] + b"\x00")
+
+
+@pytest.mark.parametrize(
+    ("model", "behind"),
+    # behind the last indirect data (e-manual: XL330 Indirect Data 20 at 227, XM430 Indirect Data 56 at 661)
+    [("xl330_m288", 228), ("xc330_m288", 228), ("xm430_w350", 662)],
+)
+def test_a_table_ends_where_the_manual_ends_it(model, behind):
+    assert load_model(model).size == behind
