@@ -65,7 +65,11 @@ class Link:
             declared.undeclare()
 
     def publisher(self, key: str, qos: WireQos) -> Any:
-        """Declare a publisher; transient local keeps the last ``depth`` samples for late subscriptions."""
+        """Declare a publisher; transient local keeps the last ``depth`` samples for late subscriptions.
+
+        Let go of it to undeclare it. Its ``undeclare`` takes a cache down with Python's lock in hand, and waits for
+        Zenoh's threads, which wait for that lock (eclipse-zenoh 1.10).
+        """
         reliable = qos.reliability == 1
         options: dict[str, Any] = {
             "express": True,  # no waiting for more to send: latency before throughput
@@ -85,7 +89,10 @@ class Link:
         )
 
     def subscription(self, key: str, qos: WireQos, on_sample: Callable[[zenoh.Sample], None]) -> Any:
-        """Declare a subscription; transient local asks publishers, also late ones, for what they keep."""
+        """Declare a subscription; transient local asks publishers, also late ones, for what they keep.
+
+        Let go of it to undeclare it, as with publishers.
+        """
         if qos.durability != 1:
             return self._session.declare_subscriber(key, _direct(on_sample))
         options: dict[str, Any] = {}

@@ -59,11 +59,11 @@ class Publisher(Endpoint):
             payload = msg
         else:
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
-        self._alive()
-        if not self._node.context._ok:
-            raise RCLError("Failed to publish: publisher's context is invalid")
         # In the order of their numbers, whichever thread publishes: out of order one looks lost to who counts.
         with self._turn:
+            self._alive()
+            if not self._node.context._ok:
+                raise RCLError("Failed to publish: publisher's context is invalid")
             attachment = wire.encode_attachment(next(self._numbers), time.time_ns(), self._gid)
             self._publisher.put(payload, attachment=attachment)
 
@@ -84,4 +84,5 @@ class Publisher(Endpoint):
         return True
 
     def _undeclare(self) -> None:
-        self._publisher.undeclare()
+        with self._turn:
+            del self._publisher  # see Link.publisher

@@ -173,7 +173,7 @@ class Subscription(Endpoint):
         return self._name
 
     def _undeclare(self) -> None:
-        self._subscriber.undeclare()
+        del self._subscriber  # see Link.subscription
 
 
 def _takes(signature: inspect.Signature, count: int) -> bool:

@@ -174,9 +174,6 @@ def test_threads_that_publish_at_once_do_so_in_the_order_of_their_numbers(
                 time.sleep(0.1)
             put.append(wire.decode_attachment(attachment)[0])
 
-        def undeclare(self) -> None:
-            """Nothing was declared."""
-
     monkeypatch.setattr(publisher, "_publisher", Wire())
     first = threading.Thread(target=publisher.publish, args=[String()])
     first.start()
