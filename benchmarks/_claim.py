@@ -3,10 +3,16 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import statistics
 import time
 from collections.abc import Callable, Sequence
+
+
+def no_options(description: str | None) -> None:
+    """Answer ``--help`` with what a script without options measures, and refuse anything else on its command line."""
+    argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
 
 
 def claim(

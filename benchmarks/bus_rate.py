@@ -21,7 +21,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import dynamixel_sdk
-from _claim import claim, spread
+from _claim import claim, no_options, spread
 
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import Servo as DriverServo
@@ -161,6 +161,7 @@ def alternate(ours: Callable[[], float], peer: Callable[[], float]) -> tuple[lis
 
 def main() -> None:
     """Print the claims."""
+    no_options(__doc__)
     with emulated_bus() as link:
         rates, peer_rates = alternate(lambda: run_driver(link, FLAT_OUT)[0], lambda: run_sdk_alike(link, FLAT_OUT)[0])
         fixed = [(run_driver(link, FIXED_RATE), run_sdk_alike(link, FIXED_RATE)) for _ in range(RUNS)]

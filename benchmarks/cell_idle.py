@@ -19,7 +19,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from _claim import claim, spread
+from _claim import claim, no_options, spread
 from _live_cell import START_S, cell
 
 RUNS = 3
@@ -102,6 +102,7 @@ def run_cell() -> list[dict[str, Cost]]:
 
 def main() -> None:
     """Measure and print the claims."""
+    no_options(__doc__)
     runs = run_cell()
     nodes = [{name: cost for name, cost in run.items() if name != EMULATOR} for run in runs]
     median = {

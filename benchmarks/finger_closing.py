@@ -13,7 +13,7 @@ import statistics
 import sys
 
 import numpy as np
-from _claim import claim, spread, timed
+from _claim import claim, no_options, spread, timed
 from numpy.typing import NDArray
 from scipy.optimize import root
 
@@ -87,6 +87,7 @@ class NumpyFinger:
 
 def main() -> int:
     """Measure and print the claims; 1 when kernel and peer disagree."""
+    no_options(__doc__)
     finger, law = chapter_3_finger(OPTIMISED_ROUTING_MM), published("twine-tpu").law
     kernel, peer = Kernel([finger], law), NumpyFinger(finger, law)
     pulls = np.linspace(0.0, FURTHEST_MM, INCREMENTS + 1)[1:]

@@ -14,7 +14,7 @@ import statistics
 import sys
 
 import numpy as np
-from _claim import claim, spread, timed
+from _claim import claim, no_options, spread, timed
 
 from softgrip_design import hand
 from softgrip_design.design import Task, published_on
@@ -38,6 +38,7 @@ def hook_target() -> Target:
 
 def main() -> int:
     """Measure and print one claim per grasp; 1 when gradients and finite differences find different designs."""
+    no_options(__doc__)
     task = Task(published("braid-tpu-chapter4").law)
     objectives = {grasp: task.objective(load(SHIPPED / f"hand_{grasp}.csv"), "index") for grasp in ("power", "pinch")}
     objectives["hook"] = FollowTrajectory(

@@ -13,7 +13,7 @@ import statistics
 import sys
 
 import numpy as np
-from _claim import claim, spread, timed
+from _claim import claim, no_options, spread, timed
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
@@ -71,6 +71,7 @@ def ours(points: Measurements, radius_mm: float) -> Fit:
 
 def main() -> None:
     """Time, then count minima."""
+    no_options(__doc__)
     points, radius = data_set("twine-tpu", 0)
     own = timed(lambda: ours(points, radius), 30, repeat=5)
     peer = timed(lambda: by_scipy(points, radius), 30)

@@ -18,7 +18,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from _claim import claim, spread
+from _claim import claim, no_options, spread
 
 from softgrip_model.gdfe import Method, Settings, Solver, State, Supports, bar
 from softgrip_model.gdfe._core import read_bandwidth, simd_target
@@ -156,6 +156,7 @@ def claim_increments(label: str, size: Size, case: Case) -> None:
 
 def main() -> int:
     """Print three claims per size, four where a direct factor is the peer."""
+    no_options(__doc__)
     for label, size in SIZES.items():
         case, rates = fastest(size)
         rate = statistics.median(rates)

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import rclpy
-from _claim import claim, spread
+from _claim import claim, no_options, spread
 
 from softgrip_bag.nodes.captured import ReplayedNode
 from softgrip_bag.reader import read
@@ -44,6 +44,7 @@ def session() -> tuple[float, float, int, float]:
 
 def main() -> int:
     """Print the claims."""
+    no_options(__doc__)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     rclpy.init(args=["--ros-args", "--log-level", "error"])
     runs = [session() for _ in range(RUNS)]

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
-from _claim import claim, spread, timed
+from _claim import claim, no_options, spread, timed
 
 from softgrip_model.gdfe import Settings, Solver, VolumeShape
 from softgrip_model.gdfe.march import march
@@ -74,6 +74,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             simulate(sys.argv[2], Path(folder))
         return 0
+    no_options(__doc__)
     have_peer = shutil.which("ccx") is not None
     if not have_peer:
         print("CalculiX not found: apt-get install calculix-ccx; only our own figures follow", file=sys.stderr)

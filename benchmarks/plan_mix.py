@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from random import Random
 
 import numpy as np
-from _claim import claim, spread, timed
+from _claim import claim, no_options, spread, timed
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import lil_matrix
 
@@ -57,6 +57,7 @@ def solve_milp(orders: Sequence[Order], estimates: Estimates) -> tuple[int, floa
 
 def main() -> None:
     """Plan and print the claims."""
+    no_options(__doc__)
     rng = Random(9)
     products = read_catalogue().products
     estimates = {p.id: {name: estimate(mark) for name, mark in p.marks.items()} for p in products.values()}

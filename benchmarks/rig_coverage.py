@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from _claim import claim
+from _claim import claim, no_options
 from _virtual_rig import VirtualRig
 
 from softgrip_driver.rig.journal import Request
@@ -40,6 +40,7 @@ def calibrated(seed: int, folder: Path) -> tuple[FrictionModel, VirtualRig]:
 
 def main() -> None:
     """Measure fifty rigs."""
+    no_options(__doc__)
     angle, tension = np.meshgrid(np.radians(ALL_ANGLES_DEG), GRAVITY * np.array(ALL_LOADS_KG))
     covered, error, usable = [], [], 0
     with tempfile.TemporaryDirectory() as folder:

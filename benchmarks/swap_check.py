@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from random import Random
 
-from _claim import claim
+from _claim import claim, no_options
 from _virtual_cell import CHECK, SEEN_EVERY, SLOTS, VirtualCell
 
 from softgrip_cell.catalogue_file import read_catalogue
@@ -135,6 +135,7 @@ def _unknown(rng: Random) -> Trial:
 
 def main() -> None:
     """Run all trials on two processes and print the claims."""
+    no_options(__doc__)
     with ProcessPoolExecutor(2) as pool:
         found = [trial for many in pool.map(trials, CELLS) for trial in many]
     for trial in found:
