@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from softgrip_cell.grasp.leaning import Leaning
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import Outcome, Phase, Press
@@ -184,6 +185,23 @@ def test_a_finger_that_is_seen_bent_holds_whatever_its_tension(task, bench) -> N
     bent = lift_with_a_bent_finger(task, bench, lambda pair: [seen(pair, 0.020)])
     assert bent.outcome is Outcome.GRIPPED
     assert bent.evidence["tip_off_m"] == {"index": pytest.approx(0.020, abs=1e-9)}
+
+
+@pytest.mark.parametrize(
+    ("beyond_m", "off_m", "leans"),
+    [(0.0, 0.011, False), (0.0, 0.015, True), (0.001, 0.015, False), (0.001, 0.023, False), (0.001, 0.027, True)],
+)
+def test_beyond_the_checked_path_a_fingertip_has_to_be_seen_twice_as_far_off(
+    task, bench, beyond_m: float, off_m: float, leans: bool
+) -> None:
+    """A good finger may be 12 mm off where it was checked and 24 mm where it was not, and the camera 3 x 0.5 mm."""
+    references = task().references
+    leaning = Leaning(("index", "middle", "thumb"), references, SETTINGS)
+    pair = bench().pair()
+    pair = replace(pair, sample=replace(pair.sample, pulled_m=(references[0].reach_m + beyond_m,) * 3))
+    leaning.predict(pair)
+    leaning.see(seen(pair, off_m))
+    assert leaning.slots(pair.sample.stamp_ns) == ({0} if leans else frozenset())
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,9 @@ PAIR_S: Final = 0.05
 #: A frame older than this says nothing of now [s].
 FRESH_S: Final = 0.1
 
+#: Beyond the path that the check has covered a fingertip has to be so many times farther off to tell something.
+UNCHECKED: Final = 2.0
+
 
 class Leaning:
     """Compares seen fingertips with predicted ones."""
@@ -44,7 +47,7 @@ class Leaning:
             self._pairs.popleft()
 
     def see(self, tip: SeenTip) -> None:
-        """Take a fingertip; one without a prediction of its time, or beyond the checked path, tells nothing."""
+        """Take a fingertip; one without a prediction of its time tells nothing."""
         if tip.slot not in self._slots or not self._pairs:
             return
         slot = self._slots.index(tip.slot)
@@ -52,9 +55,11 @@ class Leaning:
         if abs(pair.sample.stamp_ns - tip.stamp_ns) > PAIR_S * 1e9:
             return
         off_m = math.dist(tip.tip_m, pair.free.tip_m[slot])
-        if math.isfinite(off_m) and pair.sample.pulled_m[slot] <= self._references[slot].reach_m:
+        if math.isfinite(off_m):
             stddev_m = tip.stddev_m if math.isfinite(tip.stddev_m) else 0.0
-            self._off[slot] = (tip.stamp_ns, off_m, self._settings.tip_m + 3.0 * stddev_m)
+            checked = pair.sample.pulled_m[slot] <= self._references[slot].reach_m
+            most_m = self._settings.tip_m * (1.0 if checked else UNCHECKED)
+            self._off[slot] = (tip.stamp_ns, off_m, most_m + 3.0 * stddev_m)
 
     def off_m(self, now_ns: int) -> dict[int, float]:
         """Distance of every slot's fingertip that was seen a moment ago from its predicted place [m]."""

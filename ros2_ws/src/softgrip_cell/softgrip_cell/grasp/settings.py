@@ -23,7 +23,7 @@ class GraspSettings:
         run: samples in a row that have to agree before anything is decided.
         witness_m: a finger that stopped so far short of its end met something; nearer, its own stops may hold it [m].
         tip_m: a fingertip that is seen farther than this from its predicted place, beside the camera's own uncertainty,
-            leans on something; what the check after a swap lets pass [m].
+            leans on something; what the check after a swap lets pass, twice as far beyond the path that it covered [m].
         slip_share: share of the contact threshold below which a finger that held touches nothing any more.
         slip_s: how long a hold has to be lost before it counts [s].
         lost_fraction: measured tension below this share of the free tension is a tendon that pulls nothing.
