@@ -24,25 +24,22 @@ Anderson::Anderson(std::vector<std::size_t> parts, int window, int threads)
       size_(std::accumulate(parts_.begin(), parts_.end(), std::size_t{0})),
       window_(window),
       threads_(size_ < kSharedFrom ? 1 : threads),
-      gram_(window, window),
-      projection_(window) {
+      systems_(static_cast<std::size_t>(threads_)) {
+  for (System& system : systems_) system.gram.resize(window, window);
   residual_changes_.resize(size_ * static_cast<std::size_t>(window));
   steps_.resize(size_ * static_cast<std::size_t>(window));
   last_residual_.resize(size_);
   last_point_.resize(size_);
 }
 
-// pass(thread, first, last) of every thread's share of every part.
+// pass(first, last) of a thread's share of every part.
 template <class Pass>
-void Anderson::share_out(const Pass& pass) {
-#pragma omp parallel for num_threads(threads_) schedule(static, 1) if (threads_ > 1)
-  for (int t = 0; t < threads_; ++t) {
-    const auto share = static_cast<std::size_t>(t), shares = static_cast<std::size_t>(threads_);
-    std::size_t begin = 0;
-    for (const std::size_t part : parts_) {
-      pass(share, begin + part * share / shares, begin + part * (share + 1) / shares);
-      begin += part;
-    }
+void Anderson::each_part(int thread, const Pass& pass) const {
+  const auto share = static_cast<std::size_t>(thread), shares = static_cast<std::size_t>(threads_);
+  std::size_t begin = 0;
+  for (const std::size_t part : parts_) {
+    pass(begin + part * share / shares, begin + part * (share + 1) / shares);
+    begin += part;
   }
 }
 
@@ -55,21 +52,61 @@ void Anderson::advance(std::vector<double>& point, const std::vector<double>& re
 }
 
 bool Anderson::accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take) {
-  const double before = last_squared_;
-  store(point, residual);
-  if (last_squared_ > kGrowth * kGrowth * before) return false;
-  Eigen::MatrixXd gram = gram_.topLeftCorner(stored_, stored_);
+  stored_ = std::max(stored_, next_ + 1);
+  std::vector<const float*> changes, steps;
+  for (int k = 0; k < stored_; ++k) {
+    changes.push_back(column(residual_changes_, k));
+    steps.push_back(column(steps_, k));
+  }
+  const std::size_t window = static_cast<std::size_t>(window_), width = 2 * window + 1;
+  sums_.assign(static_cast<std::size_t>(threads_) * width, 0.0);
+#pragma omp parallel num_threads(threads_) if (threads_ > 1)
+  {
+#pragma omp for schedule(static, 1)
+    for (int t = 0; t < threads_; ++t) {
+      double* sums = &sums_[static_cast<std::size_t>(t) * width];
+      const StorePass pass{point.data(),      residual.data(), last_point_.data(), last_residual_.data(), column(residual_changes_, next_),
+                           column(steps_, next_), changes.data(),  stored_,            sums,                  sums + window,
+                           sums + 2 * window};
+      each_part(t, [&](std::size_t first, std::size_t last) { store_pass(pass, first, last); });
+    }
+#pragma omp for schedule(static, 1) nowait
+    for (int t = 0; t < threads_; ++t) {
+      System& system = systems_[static_cast<std::size_t>(t)];
+      complete(system);
+      if (!system.fits) continue;
+      const CombinePass pass{residual.data(), steps.data(), system.weight.data(), stored_, step.data(), take ? point.data() : nullptr};
+      each_part(t, [&](std::size_t first, std::size_t last) { combine_pass(pass, first, last); });
+    }
+  }
+  last_squared_ = systems_.front().squared;
+  next_ = (next_ + 1) % window_;
+  return systems_.front().fits;
+}
+
+// The weights, from what the threads' passes have summed.
+void Anderson::complete(System& system) const {
+  const std::size_t window = static_cast<std::size_t>(window_), width = 2 * window + 1;
+  const auto total = [&](std::size_t k) {
+    double sum = 0.0;
+    for (std::size_t at = k; at < sums_.size(); at += width) sum += sums_[at];  // in order: sums do not depend on timing
+    return sum;
+  };
+  Eigen::VectorXd projection(stored_);  // of the residual on the columns of its changes
+  for (int k = 0; k < stored_; ++k) {
+    system.gram(next_, k) = system.gram(k, next_) = total(static_cast<std::size_t>(k));
+    projection(k) = total(window + static_cast<std::size_t>(k));
+  }
+  system.squared = total(2 * window);
+  system.fits = system.squared <= kGrowth * kGrowth * last_squared_;
+  if (!system.fits) return;
+  Eigen::MatrixXd gram = system.gram.topLeftCorner(stored_, stored_);
   // columns differ by orders of magnitude as the iteration converges: scale before regularising
   const Eigen::VectorXd scale = gram.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   gram = scale.asDiagonal() * gram * scale.asDiagonal();
   gram.diagonal().array() += kRegularisation;
-  const Eigen::VectorXd gamma = scale.asDiagonal() * gram.ldlt().solve(scale.cwiseProduct(projection_.head(stored_)));
-  if (!gamma.allFinite()) return false;
-  std::vector<const float*> columns;
-  for (int k = 0; k < stored_; ++k) columns.push_back(column(steps_, k));
-  const CombinePass pass{residual.data(), columns.data(), gamma.data(), stored_, step.data(), take ? point.data() : nullptr};
-  share_out([&](std::size_t, std::size_t first, std::size_t last) { combine_pass(pass, first, last); });
-  return true;
+  system.weight = scale.asDiagonal() * gram.ldlt().solve(scale.cwiseProduct(projection));
+  system.fits = system.weight.allFinite();
 }
 
 void Anderson::begin_history(const std::vector<double>& point, const std::vector<double>& residual) {
@@ -79,32 +116,6 @@ void Anderson::begin_history(const std::vector<double>& point, const std::vector
   last_squared_ = std::inner_product(residual.begin(), residual.end(), residual.begin(), 0.0);
   last_residual_ = residual;
   last_point_ = point;
-}
-
-void Anderson::store(const std::vector<double>& point, const std::vector<double>& residual) {
-  stored_ = std::max(stored_, next_ + 1);
-  std::vector<const float*> columns;
-  for (int k = 0; k < stored_; ++k) columns.push_back(column(residual_changes_, k));
-  const std::size_t window = static_cast<std::size_t>(window_), width = 2 * window + 1;
-  sums_.assign(static_cast<std::size_t>(threads_) * width, 0.0);
-  share_out([&](std::size_t thread, std::size_t first, std::size_t last) {
-    double* sums = &sums_[thread * width];
-    const StorePass pass{point.data(),      residual.data(),  last_point_.data(), last_residual_.data(), column(residual_changes_, next_),
-                         column(steps_, next_), columns.data(), stored_,         sums,                  sums + window,
-                         sums + 2 * window};
-    store_pass(pass, first, last);
-  });
-  const auto total = [&](std::size_t k) {
-    double sum = 0.0;
-    for (std::size_t at = k; at < sums_.size(); at += width) sum += sums_[at];  // in order: sums do not depend on timing
-    return sum;
-  };
-  for (int k = 0; k < stored_; ++k) {
-    gram_(next_, k) = gram_(k, next_) = total(static_cast<std::size_t>(k));
-    projection_(k) = total(window + static_cast<std::size_t>(k));
-  }
-  last_squared_ = total(2 * window);
-  next_ = (next_ + 1) % window_;
 }
 
 }  // namespace softgrip::gdfe

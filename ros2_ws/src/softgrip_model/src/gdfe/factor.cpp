@@ -146,7 +146,9 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
     auto& panels = owner[p] < 0 ? schedule.top_panels : schedule.panels[owner[p]];
     auto& columns = owner[p] < 0 ? schedule.top_columns : schedule.columns[owner[p]];
     panels.push_back(p);
-    for (int j = 0; j < store.panels[p].width; ++j) columns.push_back(store.panels[p].first + j);
+    const std::int32_t first = store.panels[p].first, last = first + store.panels[p].width;
+    if (columns.empty() || columns.back().last != first) columns.push_back({first, first});
+    columns.back().last = last;
   }
   return schedule;
 }
@@ -191,14 +193,18 @@ Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering order
   uses_metis_ = metis;
   SparseMatrix full;
   full = matrix.selfadjointView<Eigen::Lower>();
+  const double scale = 1.0 / magnitude_of(full);
+  full *= scale;
   position_ = elimination_order(full, metis);
   const SparseMatrix lower = lower_factor(full, position_);
   nonzeros_ = static_cast<std::size_t>(lower.nonZeros());
   if (single_) {
     pack(lower, float_);
+    float_.scale = scale;
     float_.schedule = make_schedule(float_, size_, threads_);
   } else {
     pack(lower, double_);
+    double_.scale = scale;
     double_.schedule = make_schedule(double_, size_, threads_);
   }
 }

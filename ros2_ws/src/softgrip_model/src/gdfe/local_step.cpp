@@ -15,30 +15,13 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "src/gdfe/collect_rows-inl.hpp"
 #include "src/gdfe/rotation_volume-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
-
-// Rows of kStride values from where row(k) points, side by side: two abreast where a vector holds them, as a load that spans two
-// stores would wait for both.
-template <class Row>
-HWY_INLINE void collect_rows(std::size_t count, const Row& row, double* to) {
-  const hn::CappedTag<double, kStride> quad;
-#if HWY_MAX_BYTES >= 64
-  const hn::CappedTag<double, 2 * kStride> pair;
-#pragma GCC unroll 4
-  for (std::size_t k = 0; k < count; k += 2) {
-    hn::Store(hn::Combine(pair, hn::LoadU(quad, row(k + 1)), hn::LoadU(quad, row(k))), pair, to + kStride * k);
-  }
-#else
-  for (std::size_t k = 0; k < count; ++k) {
-    for (std::size_t p = 0; p < kStride; p += hn::Lanes(quad)) hn::Store(hn::LoadU(quad, row(k) + p), quad, to + kStride * k + p);
-  }
-#endif
-}
 
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE V secant_modulus(D d, const SecantTables& tables, V strain, V material) {
@@ -51,7 +34,10 @@ HWY_INLINE V secant_modulus(D d, const SecantTables& tables, V strain, V materia
   HWY_ALIGN std::int32_t row[kBlock];
   HWY_ALIGN double rows[kStride * kBlock];
   hn::Store(hn::DemoteTo(di, hn::MulAdd(material, cells, cell)), di, row);
-  collect_rows(hn::Lanes(d), [&](std::size_t lane) { return &tables.coefficients[kStride * static_cast<std::size_t>(row[lane])]; }, rows);
+  const double* coefficients = tables.coefficients.data();
+  const auto coefficients_of = [&](std::size_t lane, std::size_t p)
+                                   HWY_ATTR { return hn::LoadU(RowPart(), coefficients + kStride * static_cast<std::size_t>(row[lane]) + p); };
+  collect_rows(hn::Lanes(d), coefficients_of, rows);
   V c0, c1, c2, c3;
   hn::LoadInterleaved4(d, rows, c0, c1, c2, c3);
   return hn::MulAdd(t, hn::MulAdd(t, hn::MulAdd(t, c3, c2), c1), c0);
@@ -260,12 +246,14 @@ template <Law law, VolumeShape shape, bool box>
 void step_of(ElementBlocks& e, const SecantTables& tables, const double* position, double* force, std::size_t first,
              std::size_t last) {
   const hn::CappedTag<double, kBlock> d;
-  const hn::CappedTag<double, kStride> quad;
+  const RowPart quad;
   const std::size_t parts = hn::Lanes(quad);
   HWY_ALIGN double corners[8 * kBlock * kStride], forces[8 * kBlock * kStride];
   for (std::size_t block = first; block < last; ++block) {
     const std::int32_t* corner = &e.corner[block * 8 * kBlock];
-    collect_rows(8 * kBlock, [&](std::size_t k) { return position + kStride * static_cast<std::size_t>(corner[k]); }, corners);
+    const auto position_of = [&](std::size_t k, std::size_t p)
+                                 HWY_ATTR { return hn::LoadU(quad, position + kStride * static_cast<std::size_t>(corner[k]) + p); };
+    collect_rows(8 * kBlock, position_of, corners);
     for (std::size_t lane = 0; lane < kBlock; lane += hn::Lanes(d)) {
       lanes_step<law, shape, box>(d, e, tables, block, lane, corners, forces);
     }

@@ -42,6 +42,8 @@ SparseRows<T> pack(const RowMajor& matrix) {
 template <class T>
 MultigridStore<T> build(SparseMatrix matrix, Eigen::MatrixX3d places, std::vector<int>& sizes) {
   MultigridStore<T> store;
+  store.scale = 1.0 / magnitude_of(matrix);
+  matrix *= store.scale;
   sizes.push_back(static_cast<int>(matrix.rows()));
   while (matrix.rows() > kCoarsest) {
     const Eigen::VectorXd diagonal = matrix.diagonal();

@@ -3,7 +3,6 @@
 #include "src/gdfe/multigrid_cycle.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #ifdef _OPENMP
 #include <omp.h>
@@ -92,7 +91,6 @@ class Worker {
     place(work, store.coarsest_size);
   }
 
-  int thread() const { return thread_; }
   T* right_hand_side() { return vectors_.front().b; }
   const T* solution() const { return vectors_.front().x; }
   int first(int rows) const { return alone_ ? 0 : static_cast<int>(static_cast<std::int64_t>(rows) * thread_ / threads_); }
@@ -204,22 +202,10 @@ class Worker {
   std::vector<Vectors> vectors_;
 };
 
-inline double largest_magnitude(const double* values, int size) {
-  const hn::ScalableTag<double> d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  auto most = hn::Zero(d);
-  int i = 0;
-  for (; i + lanes <= size; i += lanes) most = hn::Max(most, hn::Abs(hn::LoadU(d, values + i)));
-  double largest = hn::GetLane(hn::MaxOfLanes(d, most));
-  for (; i < size; ++i) largest = std::max(largest, std::abs(values[i]));
-  return largest;
-}
-
 template <class T>
 void run(const MultigridStore<T>& store, double* const* columns, int count, int threads, T* work) {
   const int size = store.levels.empty() ? store.coarsest_size : store.levels.front().matrix.rows();
   if (size < kSharedFrom) threads = 1;
-  std::vector<double> largest(kAbreast * static_cast<std::size_t>(threads), 0.0);
 #pragma omp parallel num_threads(threads) if (threads > 1)
   {
 #ifdef _OPENMP
@@ -227,26 +213,15 @@ void run(const MultigridStore<T>& store, double* const* columns, int count, int 
 #else
     Worker<T> worker(store, work, 0, 1);
 #endif
-    for (int k = 0; k < count; ++k) {
-      largest[worker.thread() * kAbreast + k] = largest_magnitude(columns[k] + worker.first(size), worker.last(size) - worker.first(size));
-    }
-    worker.barrier();
-    // right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them
-    double scale[kAbreast] = {}, inverse[kAbreast] = {};
-    for (int k = 0; k < count; ++k) {
-      for (int t = 0; t < threads; ++t) scale[k] = std::max(scale[k], largest[t * kAbreast + k]);
-      if (!(scale[k] > 0.0)) scale[k] = 1.0;
-      inverse[k] = 1.0 / scale[k];
-    }
     T* b = worker.right_hand_side();
     for (int i = worker.first(size); i < worker.last(size); ++i) {
-      for (int k = 0; k < kAbreast; ++k) b[kAbreast * i + k] = k < count ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
+      for (int k = 0; k < kAbreast; ++k) b[kAbreast * i + k] = k < count ? static_cast<T>(columns[k][i] * store.scale) : T(0);
     }
     worker.barrier();
     worker.cycle(0);
     const T* x = worker.solution();
     for (int k = 0; k < count; ++k) {
-      for (int i = worker.first(size); i < worker.last(size); ++i) columns[k][i] = scale[k] * static_cast<double>(x[kAbreast * i + k]);
+      for (int i = worker.first(size); i < worker.last(size); ++i) columns[k][i] = static_cast<double>(x[kAbreast * i + k]);
     }
   }
 }

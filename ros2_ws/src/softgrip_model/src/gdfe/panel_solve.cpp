@@ -3,7 +3,6 @@
 #include "src/gdfe/panel_solve.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
@@ -82,55 +81,90 @@ struct Work {
   Work(T* base, std::size_t size, std::size_t max_rows) : x(base), y(x + kAbreast * (size + kPad)), z(y + kAbreast * (max_rows + kPad)) {}
 };
 
+// A row of kAbreast values.
+template <class T>
+HWY_INLINE void copy_row(const T* from, T* to) {
+  const hn::CappedTag<T, kAbreast> quad;
+  for (std::size_t p = 0; p < kAbreast; p += hn::Lanes(quad)) hn::StoreU(hn::LoadU(quad, from + p), quad, to + p);
+}
+
+// to += from
+template <class T>
+HWY_INLINE void add_row(const T* from, T* to) {
+  const hn::CappedTag<T, kAbreast> quad;
+  for (std::size_t p = 0; p < kAbreast; p += hn::Lanes(quad)) hn::StoreU(hn::LoadU(quad, to + p) + hn::LoadU(quad, from + p), quad, to + p);
+}
+
+// Columns of the right-hand side, scaled, to rows; those beyond `count` are zero.
+template <int count, class T>
+HWY_INLINE void load_rows(double* const* columns, const Span& span, double scale, T* rows) {
+  const hn::ScalableTag<double> d;
+  const hn::Rebind<T, decltype(d)> narrow;
+  const auto load = [&](int k, std::int32_t i) HWY_ATTR {
+    const auto value = hn::Set(d, scale) * hn::LoadU(d, columns[k] + i);
+    if constexpr (std::is_same_v<T, double>) {
+      return value;
+    } else {
+      return hn::DemoteTo(narrow, value);
+    }
+  };
+  std::int32_t i = span.first;
+  for (const auto lanes = static_cast<std::int32_t>(hn::Lanes(d)); i + lanes <= span.last; i += lanes) {
+    auto x = load(0, i), y = hn::Zero(narrow), z = hn::Zero(narrow);
+    if constexpr (count > 1) y = load(1, i);
+    if constexpr (count > 2) z = load(2, i);
+    hn::StoreInterleaved4(x, y, z, hn::Zero(narrow), narrow, rows + kAbreast * i);
+  }
+  for (; i < span.last; ++i) {
+    for (int k = 0; k < kAbreast; ++k) rows[kAbreast * i + k] = k < count ? static_cast<T>(scale * columns[k][i]) : T(0);
+  }
+}
+
+template <int count, class T>
+HWY_INLINE void store_rows(const T* rows, const Span& span, double* const* columns) {
+  const hn::ScalableTag<double> d;
+  const hn::Rebind<T, decltype(d)> narrow;
+  std::int32_t i = span.first;
+  for (const auto lanes = static_cast<std::int32_t>(hn::Lanes(d)); i + lanes <= span.last; i += lanes) {
+    hn::Vec<decltype(narrow)> values[kAbreast];
+    hn::LoadInterleaved4(narrow, rows + kAbreast * i, values[0], values[1], values[2], values[3]);
+    for (int k = 0; k < count; ++k) {
+      if constexpr (std::is_same_v<T, double>) {
+        hn::StoreU(values[k], d, columns[k] + i);
+      } else {
+        hn::StoreU(hn::PromoteTo(d, values[k]), d, columns[k] + i);
+      }
+    }
+  }
+  for (; i < span.last; ++i) {
+    for (int k = 0; k < count; ++k) columns[k][i] = static_cast<double>(rows[kAbreast * i + k]);
+  }
+}
+
 template <int count, class T>
 void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<T>& work) {
   const Wide<T> d;
-  const hn::CappedTag<T, kAbreast> quad;
-  const int parts = static_cast<int>(hn::Lanes(quad));
   for (const std::int32_t index : panels) {
     const Panel& panel = store.panels[index];
     product<count>(d, &store.up[panel.up], panel.padded, panel.width, work.x + kAbreast * static_cast<std::size_t>(panel.first), work.y);
     const Rows rows = &store.rows[panel.rows];
-    for (int i = 0; i < panel.below; ++i) {
-      T* to = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
-      for (int p = 0; p < kAbreast; p += parts) {
-        hn::StoreU(hn::LoadU(quad, to + p) + hn::LoadU(quad, work.y + kAbreast * i + p), quad, to + p);
-      }
-    }
+    for (int i = 0; i < panel.below; ++i) add_row(work.y + kAbreast * i, work.x + kAbreast * static_cast<std::size_t>(rows[i]));
   }
 }
 
 template <int count, class T>
 void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels, Work<T>& work) {
   const Wide<T> d;
-  const hn::CappedTag<T, kAbreast> quad;
-  const int parts = static_cast<int>(hn::Lanes(quad));
   for (auto index = panels.rbegin(); index != panels.rend(); ++index) {
     const Panel& panel = store.panels[*index];
     T* own = work.x + kAbreast * static_cast<std::size_t>(panel.first);
-    T* below = std::copy(own, own + kAbreast * panel.width, work.z);
+    T* below = work.z + kAbreast * panel.width;
+    for (int i = 0; i < panel.width; ++i) copy_row(own + kAbreast * i, work.z + kAbreast * i);
     const Rows rows = &store.rows[panel.rows];
-    for (int i = 0; i < panel.below; ++i) {
-      const T* from = work.x + kAbreast * static_cast<std::size_t>(rows[i]);
-      for (int p = 0; p < kAbreast; p += parts) hn::StoreU(hn::LoadU(quad, from + p), quad, below + kAbreast * i + p);
-    }
+    for (int i = 0; i < panel.below; ++i) copy_row(work.x + kAbreast * static_cast<std::size_t>(rows[i]), below + kAbreast * i);
     product<count>(d, &store.down[panel.down], padded(panel.width), panel.width + panel.below, work.z, work.y);
-    std::copy(work.y, work.y + kAbreast * panel.width, own);
+    for (int i = 0; i < panel.width; ++i) copy_row(work.y + kAbreast * i, own + kAbreast * i);
   }
-}
-
-inline double largest_magnitude(const double* values, std::size_t size) {
-  const hn::ScalableTag<double> d;
-  const std::size_t lanes = hn::Lanes(d);
-  auto most = hn::Zero(d), also = hn::Zero(d);
-  std::size_t i = 0;
-  for (; i + 2 * lanes <= size; i += 2 * lanes) {
-    most = hn::Max(most, hn::Abs(hn::LoadU(d, values + i)));
-    also = hn::Max(also, hn::Abs(hn::LoadU(d, values + i + lanes)));
-  }
-  double largest = hn::GetLane(hn::MaxOfLanes(d, hn::Max(most, also)));
-  for (; i < size; ++i) largest = std::max(largest, std::abs(values[i]));
-  return largest;
 }
 
 // Every thread carries its subtrees up in arrays of its own, the top is solved by one, and each carries it down again.
@@ -139,60 +173,39 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
   const Schedule& schedule = store.schedule;
   const int threads = static_cast<int>(schedule.panels.size());
   const std::size_t stride = panel_work_size(static_cast<int>(size), static_cast<int>(max_rows));
-  std::vector<double> largest(static_cast<std::size_t>(threads * count));
-  const auto begin_of = [&](int t) { return size * static_cast<std::size_t>(t) / static_cast<std::size_t>(threads); };
   Work<T> first(base, size, max_rows);
 #pragma omp parallel num_threads(threads) if (threads > 1)
   {
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads; ++t) {
-      for (int k = 0; k < count; ++k) largest[t * count + k] = largest_magnitude(columns[k] + begin_of(t), begin_of(t + 1) - begin_of(t));
-    }
-    // right-hand sides of any unit: scaled to 1 so that float neither overflows nor loses them
-    double scale[count], inverse[count];
-    for (int k = 0; k < count; ++k) {
-      scale[k] = 0.0;
-      for (int t = 0; t < threads; ++t) scale[k] = std::max(scale[k], largest[t * count + k]);
-      if (!(scale[k] > 0.0)) scale[k] = 1.0;
-      inverse[k] = 1.0 / scale[k];
-    }
-    const auto load = [&](Work<T>& work, std::int32_t i, bool own) {
-      T* to = work.x + kAbreast * static_cast<std::size_t>(i);
-      for (int k = 0; k < kAbreast; ++k) to[k] = k < count && own ? static_cast<T>(columns[k][i] * inverse[k]) : T(0);
-    };
-    const auto store_back = [&](const Work<T>& work, std::int32_t i) {
-      const T* from = work.x + kAbreast * static_cast<std::size_t>(i);
-      for (int k = 0; k < count; ++k) columns[k][i] = scale[k] * static_cast<double>(from[k]);
-    };
-#pragma omp for schedule(static, 1)
-    for (int t = 0; t < threads; ++t) {
       Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
-      for (const std::int32_t i : schedule.columns[t]) load(work, i, true);
-      for (const std::int32_t i : schedule.top_columns) load(work, i, t == 0);
+      for (const Span& span : schedule.columns[t]) load_rows<count>(columns, span, store.scale, work.x);
+      for (const Span& span : schedule.top_columns) {
+        if (t == 0) load_rows<count>(columns, span, store.scale, work.x);
+        if (t > 0) std::fill(work.x + kAbreast * span.first, work.x + kAbreast * span.last, T(0));
+      }
       forward<count>(store, schedule.panels[t], work);
     }
 #pragma omp single
     {
       for (int t = 1; t < threads; ++t) {
         const Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
-        for (const std::int32_t i : schedule.top_columns) {
-          const std::size_t at = kAbreast * static_cast<std::size_t>(i);
-          for (std::size_t k = at; k < at + kAbreast; ++k) first.x[k] += work.x[k];
+        for (const Span& span : schedule.top_columns) {
+          for (std::int32_t i = span.first; i < span.last; ++i) add_row(work.x + kAbreast * i, first.x + kAbreast * i);
         }
       }
       forward<count>(store, schedule.top_panels, first);
       backward<count>(store, schedule.top_panels, first);
     }
-#pragma omp for schedule(static, 1)
+#pragma omp for schedule(static, 1) nowait
     for (int t = 0; t < threads; ++t) {
       Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
-      for (const std::int32_t i : schedule.top_columns) {
-        const std::size_t at = kAbreast * static_cast<std::size_t>(i);
-        if (t > 0) std::copy(first.x + at, first.x + at + kAbreast, work.x + at);
-        if (t == 0) store_back(first, i);
+      for (const Span& span : schedule.top_columns) {
+        if (t > 0) std::copy(first.x + kAbreast * span.first, first.x + kAbreast * span.last, work.x + kAbreast * span.first);
+        if (t == 0) store_rows<count>(first.x, span, columns);
       }
       backward<count>(store, schedule.panels[t], work);
-      for (const std::int32_t i : schedule.columns[t]) store_back(work, i);
+      for (const Span& span : schedule.columns[t]) store_rows<count>(work.x, span, columns);
     }
   }
 }

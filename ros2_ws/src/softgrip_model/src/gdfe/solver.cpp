@@ -57,13 +57,9 @@ void Solver::lay_out(const Task& task) {
 void Solver::expand(const std::vector<double>& state, std::size_t share) {
   if (alike_) {
     const std::vector<std::int32_t>& nodes = axes_[0].nodes;
-    const double *x = state.data(), *y = x + nodes.size(), *z = y + nodes.size();
-    for (std::size_t u = begin_of(share, nodes.size()); u < begin_of(share + 1, nodes.size()); ++u) {
-      const std::size_t at = kStride * static_cast<std::size_t>(nodes[u]);
-      position_[at] = base_[at] + x[u];
-      position_[at + 1] = base_[at + 1] + y[u];
-      position_[at + 2] = base_[at + 2] + z[u];
-    }
+    const std::size_t size = nodes.size();
+    expand_rows(nodes.data(), {state.data(), state.data() + size, state.data() + 2 * size}, begin_of(share, size),
+                begin_of(share + 1, size), base_.data(), position_.data());
     return;
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -78,21 +74,14 @@ void Solver::expand(const std::vector<double>& state, std::size_t share) {
 
 // -g of a share of the unknowns, and its square.
 void Solver::gather(std::vector<double>& residual, std::size_t share) {
-  double square = 0.0;
-  const double *load = dead_load_.data(), *force = force_.data();
   if (alike_) {
     const std::vector<std::int32_t>& nodes = axes_[0].nodes;
-    double *x = residual.data(), *y = x + nodes.size(), *z = y + nodes.size();
-    for (std::size_t u = begin_of(share, nodes.size()); u < begin_of(share + 1, nodes.size()); ++u) {
-      const std::size_t at = kStride * static_cast<std::size_t>(nodes[u]);
-      x[u] = load[at] - force[at];
-      y[u] = load[at + 1] - force[at + 1];
-      z[u] = load[at + 2] - force[at + 2];
-      square += x[u] * x[u] + y[u] * y[u] + z[u] * z[u];
-    }
-    free_squared_[share] = square;
+    const std::size_t size = nodes.size();
+    free_squared_[share] = gather_rows(nodes.data(), {residual.data(), residual.data() + size, residual.data() + 2 * size},
+                                       begin_of(share, size), begin_of(share + 1, size), dead_load_.data(), force_shares_);
     return;
   }
+  double square = 0.0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const Axis& a = axes_[axis];
     double* out = residual.data() + a.offset;
@@ -100,8 +89,8 @@ void Solver::gather(std::vector<double>& residual, std::size_t share) {
     for (std::size_t u = begin_of(share, size); u < begin_of(share + 1, size); ++u) {
       double sum = 0.0;
       for (std::int32_t k = a.first_node[u]; k < a.first_node[u + 1]; ++k) {
-        const std::size_t at = kStride * static_cast<std::size_t>(a.nodes[k]) + axis;
-        sum += load[at] - force[at];
+        const auto node = static_cast<std::size_t>(a.nodes[k]);
+        sum += dead_load_[kStride * node + axis] - total_force(force_shares_, node, kStride * node + axis);
       }
       out[u] = sum;
       square += sum * sum;
@@ -115,8 +104,9 @@ double Solver::out_of_balance(const Task& task, std::vector<double>& residual) {
   double held = 0.0, loads = follower_squared_ + dead_load_squared_;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (const std::int32_t i : axes_[axis].held) {
-      const std::size_t at = kStride * static_cast<std::size_t>(i) + axis;
-      held += (force_[at] - dead_load_[at]) * (force_[at] - dead_load_[at]);
+      const auto node = static_cast<std::size_t>(i);
+      const double reaction = total_force(force_shares_, node, kStride * node + axis) - dead_load_[kStride * node + axis];
+      held += reaction * reaction;
     }
   }
   std::fill(residual.begin() + static_cast<std::ptrdiff_t>(unknowns_), residual.end(), 0.0);
@@ -144,8 +134,8 @@ void Solver::precondition(std::vector<double>& residual) {
   }
 }
 
-// Forces at the positions that place(share) leaves, less those of loads(); take(share) may read them all. Every thread has its
-// share; loads() is the first one's.
+// Forces at the positions that place(share) leaves, less those of loads(), in shares; take(share) may read them all. Every thread
+// has its share; loads() is the first one's.
 template <class Place, class Loads, class Take>
 void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take) {
   const auto threads = static_cast<std::size_t>(settings_.threads);
@@ -155,30 +145,20 @@ void Solver::sum_forces(const Place& place, const Loads& loads, const Take& take
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
       place(t);
-      std::fill(force_.data() + summed_[t].first, force_.data() + summed_[t].second, 0.0);
+      std::fill(force_.data() + begin_of(t, values), force_.data() + begin_of(t + 1, values), 0.0);
     }
 #pragma omp for schedule(static, 1)
     for (std::size_t t = 0; t < threads; ++t) {
-      double* force = t == 0 ? force_.data() : shares_.data() + (t - 1) * values;
-      if (t > 0) std::fill(force + reached_[t].first, force + reached_[t].second, 0.0);
+      const ForceShare& share = force_shares_[t];
+      if (t > 0) std::fill(share.force + kStride * share.first, share.force + kStride * share.last, 0.0);
       if (t == 0) loads();
       if (ogden_) {
-        ogden_->add_forces(position_.data(), force, ogden_strain_.data(), begin_of(t, blocks_.elements), begin_of(t + 1, blocks_.elements));
+        ogden_->add_forces(position_.data(), share.force, ogden_strain_.data(), begin_of(t, blocks_.elements), begin_of(t + 1, blocks_.elements));
       } else {
-        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), force, t, threads);
+        local_step(blocks_, tables_, settings_.law, settings_.shape, position_.data(), share.force, t, threads);
       }
     }
-    if (threads > 1) {
-#pragma omp for schedule(static, 1)
-      for (std::size_t t = 0; t < threads; ++t) {
-        for (std::size_t other = 1; other < threads; ++other) {  // in order, so that sums do not depend on timing
-          const double* share = shares_.data() + (other - 1) * values;
-          const std::size_t last = std::min(summed_[t].second, reached_[other].second);
-          for (std::size_t i = std::max(summed_[t].first, reached_[other].first); i < last; ++i) force_[i] += share[i];
-        }
-      }
-    }
-#pragma omp for schedule(static, 1)
+#pragma omp for schedule(static, 1) nowait
     for (std::size_t t = 0; t < threads; ++t) take(t);
   }
 }
@@ -286,7 +266,7 @@ Outcome Solver::report(const Task& task, const std::vector<double>& state) const
     for (std::size_t i = 0; i < nodes_; ++i) {
       const auto row = static_cast<Eigen::Index>(i), column = static_cast<Eigen::Index>(axis);
       outcome.displacement(row, column) = position_[kStride * i + axis] - rest_(row, column);
-      if (axes_[axis].dof[i] < 0) outcome.reaction(row, column) = force_[kStride * i + axis] - task.load(row, column);
+      if (axes_[axis].dof[i] < 0) outcome.reaction(row, column) = total_force(force_shares_, i, kStride * i + axis) - task.load(row, column);
     }
   }
   outcome.touches = contact_.touches();
@@ -342,7 +322,9 @@ Nodes Solver::internal_force(const Nodes& displacement) {
   sum_forces(nothing, [] {}, nothing);
   Nodes force(static_cast<Eigen::Index>(nodes_), 3);
   for (std::size_t i = 0; i < nodes_; ++i) {
-    for (std::size_t axis = 0; axis < 3; ++axis) force(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis)) = force_[kStride * i + axis];
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      force(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(axis)) = total_force(force_shares_, i, kStride * i + axis);
+    }
   }
   return force;
 }

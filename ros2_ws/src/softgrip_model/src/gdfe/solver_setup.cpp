@@ -87,12 +87,13 @@ std::vector<double> Solver::elimination_places(const Hexes& hexes) const {
   return places;
 }
 
-// What the forces of every thread reach: the rest of its array is never touched.
+// The nodes that every thread's elements reach: the rest of its forces is never touched. The first one has loads too, anywhere.
 void Solver::build_shares(const Hexes& hexes) {
   const auto threads = static_cast<std::size_t>(settings_.threads);
   shares_.resize(kStride * nodes_ * (threads - 1));
   free_squared_.assign(threads, 0.0);
-  for (std::size_t t = 0; t < threads; ++t) {
+  force_shares_.push_back({force_.data(), 0, nodes_});
+  for (std::size_t t = 1; t < threads; ++t) {
     std::size_t first = nodes_, last = 0;
     const auto reach = [&](std::int32_t node) {
       first = std::min(first, static_cast<std::size_t>(node));
@@ -107,13 +108,7 @@ void Solver::build_shares(const Hexes& hexes) {
         std::for_each(blocks_.corner.data() + from * 8 * kBlock, blocks_.corner.data() + to * 8 * kBlock, reach);
       }
     }
-    reached_.emplace_back(kStride * std::min(first, last), kStride * last);
-  }
-  for (std::size_t t = 0; t < threads; ++t) {
-    const auto place = static_cast<std::size_t>(std::count_if(reached_.begin(), reached_.end(), [&](const auto& reach) {
-      return std::pair(reach, &reach - reached_.data()) < std::pair(reached_[t], static_cast<std::ptrdiff_t>(t));
-    }));
-    summed_.emplace_back(begin_of(place, kStride * nodes_), begin_of(place + 1, kStride * nodes_));
+    force_shares_.push_back({shares_.data() + (t - 1) * kStride * nodes_, std::min(first, last), last});
   }
 }
 

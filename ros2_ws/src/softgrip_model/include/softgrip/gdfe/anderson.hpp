@@ -23,10 +23,18 @@ class Anderson {
   void advance(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take);
 
  private:
+  // The small system of the weights of the history. Every thread keeps and solves its own, of the same values: they meet once less.
+  struct System {
+    Eigen::MatrixXd gram;
+    Eigen::VectorXd weight;
+    double squared = 0.0;  // |residual|^2
+    bool fits = false;     // the history fits the residual
+  };
+
   float* column(std::vector<float>& all, int k) { return &all[static_cast<std::size_t>(k) * size_]; }
   template <class Pass>
-  void share_out(const Pass& pass);
-  void store(const std::vector<double>& point, const std::vector<double>& residual);
+  void each_part(int thread, const Pass& pass) const;
+  void complete(System& system) const;
   void begin_history(const std::vector<double>& point, const std::vector<double>& residual);
   bool accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take);
 
@@ -35,8 +43,7 @@ class Anderson {
   int window_, threads_, stored_ = 0, next_ = 0;
   bool has_last_ = false;
   double last_squared_ = 0.0;  // |last residual|^2
-  Eigen::MatrixXd gram_;
-  Eigen::VectorXd projection_;  // of the residual on the columns of its changes
+  std::vector<System> systems_;  // per thread
   std::vector<float> residual_changes_, steps_;
   std::vector<double> last_residual_, last_point_;
   std::vector<double> sums_;  // [thread][2 * window + 1]: of StorePass

@@ -3,12 +3,20 @@
 #pragma once
 
 #include <Eigen/Sparse>
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
 namespace softgrip::gdfe {
 
 using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+
+// About the largest entry of the diagonal. A right-hand side divided by it has the size of displacements, whatever the unit of
+// force: float neither overflows nor loses it. A power of four: to divide by it, or by its root, rounds nothing.
+inline double magnitude_of(const SparseMatrix& matrix) {
+  const double largest = matrix.rows() > 0 ? Eigen::VectorXd(matrix.diagonal()).maxCoeff() : 0.0;
+  return largest > 0.0 ? std::ldexp(1.0, 2 * (std::ilogb(largest) / 2)) : 1.0;
+}
 
 class ConstantInverse {
  public:

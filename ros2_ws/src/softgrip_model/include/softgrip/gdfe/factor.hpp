@@ -33,12 +33,18 @@ inline constexpr int kPad = 8;
 
 constexpr int padded(int count) { return (count + kPad - 1) / kPad * kPad; }
 
+// Columns first .. last - 1.
+struct Span {
+  std::int32_t first, last;
+};
+
 // Which panels each thread works on. Panels of different threads share no columns and meet only in the top panels, which
 // come after them in the forward pass and before them in the backward pass: results do not depend on timing.
 struct Schedule {
   std::vector<std::vector<std::int32_t>> panels;   // per thread, ascending
-  std::vector<std::vector<std::int32_t>> columns;  // per thread
-  std::vector<std::int32_t> top_panels, top_columns;
+  std::vector<std::vector<Span>> columns;          // per thread, ascending
+  std::vector<std::int32_t> top_panels;
+  std::vector<Span> top_columns;
 };
 
 // Panels begin on lines of the cache: a vector that spans two lines is read twice.
@@ -65,6 +71,7 @@ struct PanelStore {
   Lines<T> up, down;  // in the order of the pass that reads them
   std::vector<std::int32_t> rows;
   Schedule schedule;
+  double scale = 1.0;  // of a right-hand side
 };
 
 class Factor final : public ConstantInverse {

@@ -38,6 +38,7 @@ struct MultigridStore {
   std::vector<MultigridLevel<T>> levels;  // finest first, without the coarsest
   std::vector<T> coarsest_inverse;        // dense, row by row
   int coarsest_size = 0;
+  double scale = 1.0;                     // of a right-hand side
 };
 
 // Matrix-vector products of one smoothing with the finest matrix, plus one: the degree of the polynomial.

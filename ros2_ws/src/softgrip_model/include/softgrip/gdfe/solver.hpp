@@ -18,6 +18,7 @@
 #include "softgrip/gdfe/follower.hpp"
 #include "softgrip/gdfe/local_step.hpp"
 #include "softgrip/gdfe/mesh.hpp"
+#include "softgrip/gdfe/node_rows.hpp"
 #include "softgrip/gdfe/ogden.hpp"
 
 namespace softgrip::gdfe {
@@ -174,9 +175,8 @@ class Solver {
   std::vector<double> base_, dead_load_;  // of the task: rest plus prescribed displacements, and loads, [node][kStride]
   double dead_load_squared_ = 0.0;
   std::unique_ptr<Anderson> accelerate_;
-  std::vector<double> shares_;  // forces of every thread but the first, [thread][node][kStride]
-  std::vector<std::pair<std::size_t, std::size_t>> reached_;  // per thread: values of its forces, first to beyond the last
-  std::vector<std::pair<std::size_t, std::size_t>> summed_;   // per thread: values of all forces that it sums, near its own
+  std::vector<double> shares_;  // forces of every thread but the first, whose are in force_, [thread][node][kStride]
+  std::vector<ForceShare> force_shares_;  // per thread
   std::vector<double> free_squared_;  // per thread: of the out-of-balance force on its unknowns
   double weight_scale_ = 1.0;
 };
