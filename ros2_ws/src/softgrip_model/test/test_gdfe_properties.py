@@ -2,6 +2,10 @@
 """Properties of the solver's parts: exact splits and gradients, materials, cable, determinism, refusals."""
 
 import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -154,6 +158,26 @@ def test_the_same_solve_gives_the_same_bits(threads):
     first, second = solved_bar(threads=threads), solved_bar(threads=threads)
     assert (first.displacement == second.displacement).all()
     assert first.history == second.history
+
+
+THREADS_OF_A_PROCESS = """
+import os
+from softgrip_model.gdfe.thesis_bars import five_materials
+from softgrip_model.gdfe import Settings, Solver
+case, materials = five_materials()
+before = len(os.listdir("/proc/self/task"))
+Solver(case.mesh, materials, case.supports, settings=Settings(threads=1))
+print(len(os.listdir("/proc/self/task")) - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists() or os.cpu_count() == 1, reason="needs two processors")
+def test_a_solver_of_one_thread_starts_none():
+    free = {name: value for name, value in os.environ.items() if not name.startswith("OMP_")}
+    done = subprocess.run(
+        [sys.executable, "-c", THREADS_OF_A_PROCESS], env=free, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert int(done.stdout) == 0
 
 
 def test_reactions_balance_and_forces_of_a_solved_mesh_vanish_inside():

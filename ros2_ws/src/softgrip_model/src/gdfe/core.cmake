@@ -12,6 +12,9 @@ softgrip_core(gdfe src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/ander
 target_include_directories(gdfe_core PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
 target_link_libraries(gdfe_core PRIVATE ${HWY_LIBRARY})
 
+# Eigen's own threads would keep every processor busy in the set-up, whatever Settings.threads says.
+target_compile_definitions(gdfe_core PRIVATE EIGEN_DONT_PARALLELIZE)
+
 find_package(OpenMP COMPONENTS CXX)
 if(OpenMP_CXX_FOUND)
   target_link_libraries(gdfe_core PRIVATE OpenMP::OpenMP_CXX)
