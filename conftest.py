@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings for every test of the suite."""
 
+import os
 import re
 from collections.abc import Callable
 
@@ -10,6 +11,10 @@ from hypothesis import HealthCheck, settings
 # A busy machine is no failure: no test of this suite is about time.
 settings.register_profile("softgrip", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("softgrip")
+
+# Nodes that tests make, and processes that they start, have a ROS graph of their own: a cell may be at work here.
+os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 50 + 1)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 _NUMBER = re.compile(r"\d+(?:\.(\d+))?")
 

@@ -36,9 +36,10 @@ def solved(monkeypatch):
     found = []
     solve = Closing._solve
 
-    def noted(self, pulled_mm, start, max_iterations):
-        found.append((self, pulled_mm, solve(self, pulled_mm, start, max_iterations)))
-        return found[-1][2]
+    def noted(self, solver, max_iterations, pulled_mm, start):
+        equilibrium = solve(self, solver, max_iterations, pulled_mm, start)
+        found.append((self, pulled_mm, equilibrium))
+        return equilibrium
 
     monkeypatch.setattr(Closing, "_solve", noted)
     return found
@@ -57,7 +58,7 @@ def test_a_shape_is_that_of_a_solve_from_rest_alone(profiles, pulled):
     """Keyframes, extrapolation and interpolation choose where to start, not where to end."""
     settings = ClosingSettings(RESOLUTIONS["coarse"], tolerance=1e-6, max_iterations=6000)
     closing = Closing(profiles["power"], "index", settings)
-    direct = closing._solve(1e3 * pulled, closing._solver.rest(), 6000)
+    direct = closing._solve(closing._solver, 6000, 1e3 * pulled, closing._solver.rest())
     assert direct.converged
     shape = closing.shape(pulled)
     moved = 1e3 * shape.vertices - closing.finger_mesh.mesh.nodes

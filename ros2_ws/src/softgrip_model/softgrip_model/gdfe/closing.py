@@ -137,9 +137,14 @@ class Body:
         # a node that jumps further than half the thinnest strip in one iteration turns elements over
         limit = 0.5 * min(finger.thickness_mm)
         method = Settings(law=law, step_limit=limit, window=WINDOW)
-        self.solver = Solver(mesh, [self.material], supports, [cable], method)
+        self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method)
+        self.solver = self.new_solver()
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.changes = "" if material is None and law is Law.CALIBRATED else f":{material}:{law}"
+
+    def new_solver(self) -> Solver:
+        """Return a solver of this body for another thread."""
+        return self._make_solver()
 
 
 class Closing:
@@ -188,7 +193,7 @@ class Closing:
             self.settings.keyframe_mm,
             self.settings.travel_mm,
             LENGTH_TOLERANCE_MM,
-            partial(self._solve, max_iterations=self.settings.max_iterations // 2),
+            partial(self._solve, self._solver, self.settings.max_iterations // 2),
             self._solver.rest(),
         )
         self._last: tuple[float, Equilibrium] | None = None
@@ -217,16 +222,20 @@ class Closing:
         self.keyframes.cover(pulled_mm)
         return State(self.keyframes.start(pulled_mm).displacement)
 
+    def work_ahead(self, solver: Solver) -> bool:
+        """Compute a keyframe that no shape asked for, by a solver of this thread's own; False where none is left."""
+        return self.keyframes.ahead(partial(self._solve, solver, self.settings.max_iterations // 2))
+
     def _found(self, pulled_mm: float) -> Equilibrium:
         """Return the equilibrium at a length that is covered; at once where the tendon stands still."""
         if self._last is None or self._last[0] != pulled_mm:
             start = self.keyframes.start(pulled_mm)
-            self._last = pulled_mm, self._solve(pulled_mm, start, self.settings.max_iterations)
+            self._last = pulled_mm, self._solve(self._solver, self.settings.max_iterations, pulled_mm, start)
         return self._last[1]
 
-    def _solve(self, pulled_mm: float, start: State, max_iterations: int) -> Equilibrium:
-        self._solver.set_friction(0, self.friction.law)  # another closing may have used it in between
-        return self._solver.solve(
+    def _solve(self, solver: Solver, max_iterations: int, pulled_mm: float, start: State) -> Equilibrium:
+        solver.set_friction(0, self.friction.law)  # another closing may have used it in between
+        return solver.solve(
             start=start,
             drives=[Drive(pulled_mm)],
             tolerance=self.settings.tolerance,

@@ -4,6 +4,7 @@
 Only the newest state waits while one is solved, so the distance of the stamps that come through says how long solving
 took, on any machine and in a replay alike. Where it took too long, or what a shape needs would at that pace, the
 coarser mesh serves for a while, and says so; the fine one gets its keyframes one by one when the tendon stands still.
+What another thread computes `ahead` of that makes shapes come sooner; decisions know it by the stamps alone.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from softgrip_model.finger.matching import TendonSample
 from softgrip_model.finger.predictor import ActiveFriction
+from softgrip_model.gdfe.ahead import Ahead
 from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings, Shape
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
@@ -100,14 +102,14 @@ class _Pace:
     """Says how long keyframes of the fine meshes take here."""
 
     def __init__(self) -> None:
-        self._solved = 0
+        self._asked = 0
         self._each = 0.0
 
-    def note(self, gap: float, solved: int) -> None:
-        """Note the time [s] since the shape before, and the keyframes solved in all."""
-        if solved > self._solved:
-            self._each = gap / (solved - self._solved)
-        self._solved = solved
+    def note(self, gap: float, asked: int) -> None:
+        """Note the time [s] since the shape before, and the keyframes that shapes have asked for in all."""
+        if asked > self._asked:
+            self._each = gap / (asked - self._asked)
+        self._asked = asked
 
     def seconds(self, keyframes: int) -> float:
         return keyframes * self._each
@@ -166,6 +168,7 @@ class ShapeSession:
         settings: of every closing.
         rate_hz: shapes per second of stamp time at most.
         marker_rate_hz: markers likewise; 0 = none.
+        ahead: computes keyframes of the fingers that are shown; None = all wait for the shape that needs them.
 
     Raises:
         GdfeError, FingerError, ProfileError: a finger that cannot be simulated.
@@ -179,9 +182,11 @@ class ShapeSession:
         *,
         rate_hz: float,
         marker_rate_hz: float,
+        ahead: Ahead | None = None,
     ) -> None:
         self._profiles, self._settings = profiles, settings
         self._wanted_rate = rate_hz
+        self._ahead = ahead
         self._slots, self._marker_slots = _Slots(rate_hz), _Slots(marker_rate_hz)
         self._shown = tuple(mounted)
         self._friction: ActiveFriction | None = None
@@ -242,9 +247,11 @@ class ShapeSession:
         if not self._slots.takes(samples[0].stamp):
             return
         stamp = samples[0].stamp
-        self._pace.note(self._note_rate(stamp), sum(slot.fine.keyframes.solved for slot in self._made.values()))
+        self._pace.note(self._note_rate(stamp), self._keyframes_asked())
         self._relief.note(stamp)
         marker_due = self._marker_slots.takes(stamp)
+        if self._ahead is not None:  # not before: a finger that is swapped again at once costs nothing
+            self._ahead.want(slot.fine for name, slot in self._fingers.items() if name in names)
         for name, sample in zip(names, samples, strict=True):
             finger = self._fingers.get(name)
             if finger is None:
@@ -268,6 +275,10 @@ class ShapeSession:
         for name in names:
             if name in self._fingers:
                 self._fingers[name].catch_up()
+
+    def _keyframes_asked(self) -> int:
+        """Return how many shapes have asked for, without the undeformed states, which take no time."""
+        return sum(max(0, slot.fine.keyframes.asked - 1) for slot in self._made.values())
 
     def _fewer(self) -> str:
         if not self._rate < _COARSER * self._wanted_rate:

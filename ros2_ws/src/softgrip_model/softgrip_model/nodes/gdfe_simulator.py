@@ -7,8 +7,9 @@ the active friction model (the profile's own until there is one) alone, and stat
 in every period of the rate), so that a bag replays to the same bits on the same machine. A state that comes while
 another is being solved waits alone: older ones are dropped, never shown late. The rate in the message is that of the
 stamps solved; when it is below the rate asked for, the reason says so. Where shapes come too slowly to look at, the
-coarse mesh serves for a while: the message then has its hexahedra, its digest and the reason. Nothing is computed ahead
-of the state that needs it, and a new friction model or a swap back to a finger keeps meshes and factored matrices.
+coarse mesh serves for a while: the message then has its hexahedra, its digest and the reason. Once a finger is shown, a
+thread of its own computes what its next shapes start from, before they need it. A new friction model or a swap back to
+a finger keeps meshes and factored matrices.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from visualization_msgs.msg import Marker
 from softgrip_interfaces.msg import CellState, FrictionModel, PredictedShape
 from softgrip_model.finger import FingerError
 from softgrip_model.friction.errors import FrictionError
+from softgrip_model.gdfe.ahead import Ahead
 from softgrip_model.gdfe.closing import ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
@@ -73,7 +75,8 @@ class GdfeSimulator(Node):
     def __init__(self) -> None:
         super().__init__("gdfe_simulator")
         values = PARAMETERS.declare(self)
-        self._session = self._start(values)
+        self._ahead = Ahead()
+        self._session = self._start(values, self._ahead)
         self._diagnostics = Diagnostics(self)
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
         self._markers = self.create_publisher(Marker, "shape/marker", SENSOR)
@@ -85,7 +88,7 @@ class GdfeSimulator(Node):
         self.get_logger().info(f"simulating {self._session.mounted}: {self._session.description}")
 
     @staticmethod
-    def _start(values: dict[str, Any]) -> ShapeSession:
+    def _start(values: dict[str, Any], ahead: Ahead) -> ShapeSession:
         fingers, profiles = values["fingers"], values["profiles"]
         each = profiles * len(fingers) if len(profiles) == 1 else profiles
         if len(each) != len(fingers):
@@ -102,9 +105,14 @@ class GdfeSimulator(Node):
                 settings,
                 rate_hz=values["rate_hz"],
                 marker_rate_hz=values["marker_rate_hz"],
+                ahead=ahead,
             )
         except (GdfeError, FingerError, ProfileError) as error:
             raise StartupError(str(error)) from error
+
+    def close(self) -> None:
+        """Let the thread of the keyframes end."""
+        self._ahead.close()
 
     def _on_tendons(self, message: JointState) -> None:
         try:
