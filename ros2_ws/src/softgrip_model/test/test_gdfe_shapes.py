@@ -208,3 +208,17 @@ def test_states_that_show_nothing_leave_no_trace(profiles):
         return [(one.rate_hz, one.reason, one.hexahedra) for one in told]
 
     assert shown(empty_too=True) == shown(empty_too=False)
+
+
+def test_a_finger_that_took_long_to_make_ready_is_not_shown_coarse_for_it(profiles):
+    session = ShapeSession(profiles, {"index": "hook"}, MEDIUM, rate_hz=30.0, marker_rate_hz=0.0)
+    fine = session._fingers["index"].fine.hexahedra
+
+    def shown(seconds):
+        (one,) = session.on_tendons(["index"], [TendonSample(round(1e9 * seconds), -0.001, 0.0, 1.0)])
+        return one.hexahedra
+
+    assert shown(0.0) == fine
+    session.set_mounted({"index": "pinch"})
+    assert shown(1.0) != 432
+    assert shown(2.0) == 432  # nothing but slowness explains this

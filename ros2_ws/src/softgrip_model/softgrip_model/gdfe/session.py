@@ -94,6 +94,10 @@ class _Relief:
             self.gap = gap
             self._until = stamp_ns + round(1e9 * min(_RELIEF * gap, _LONGEST_RELIEF))
 
+    def forget(self) -> None:
+        """Leave out the time to the next shape: another finger was made ready meanwhile."""
+        self._last = None
+
     def due(self, stamp_ns: int) -> bool:
         return stamp_ns < self._until
 
@@ -215,6 +219,7 @@ class ShapeSession:
             return
         self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in wanted.items()}
         self.mounted = wanted
+        self._relief.forget()
 
     @property
     def friction_id(self) -> str:
