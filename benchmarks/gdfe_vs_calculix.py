@@ -23,7 +23,7 @@ from pathlib import Path
 from _claim import claim, no_options, spread, timed
 
 from softgrip_model.gdfe import Settings, Solver, VolumeShape
-from softgrip_model.gdfe.march import march
+from softgrip_model.gdfe.march import March, march
 from softgrip_model.gdfe.materials import Material
 from softgrip_model.gdfe.mesh_file import write_mesh
 from softgrip_model.gdfe.thesis_bars import BarCase, difference, five_materials, rotation, tension
@@ -41,8 +41,8 @@ TOLERANCE = 1e-6
 ERROR_GOAL_PERCENT = 0.5
 
 
-def simulate(name: str, folder: Path) -> tuple[float, float, int]:
-    """Run one whole simulation; return mean and largest difference to CalculiX as shares, and the iterations."""
+def simulate(name: str, folder: Path) -> tuple[BarCase, March]:
+    """Run one whole simulation; return what was loaded, and how it ended."""
     make, shape, _, _ = CASES[name]
     case, materials = make()
     solver = Solver(case.mesh, materials, case.supports, settings=Settings(volume_shape=shape))
@@ -50,8 +50,7 @@ def simulate(name: str, folder: Path) -> tuple[float, float, int]:
     if not found.completed:
         raise RuntimeError(f"{name}: {found.reason}")
     write_mesh(folder / "result.vtu", case.mesh, found.last.displacement, cell_data={"strain": found.last.strain})
-    mean, largest = difference(found.last.displacement, case.reference())
-    return mean, largest, found.iterations
+    return case, found
 
 
 def calculix(deck: str, runs: int, folder: Path) -> list[float]:
@@ -78,17 +77,19 @@ def main() -> int:
     have_peer = shutil.which("ccx") is not None
     if not have_peer:
         print("CalculiX not found: apt-get install calculix-ccx; only our own figures follow", file=sys.stderr)
-    for name, (make, _, runs, aim) in CASES.items():
+    for name, (_, _, runs, aim) in CASES.items():
         with tempfile.TemporaryDirectory() as folder_name:
             folder = Path(folder_name)
-            mean, largest, iterations = simulate(name, folder)
+            case, found = simulate(name, folder)
+            mean, largest = difference(found.last.displacement, case.reference())
             ours = timed(lambda name=name, folder=folder: simulate(name, folder), RUNS)
             whole = timed(lambda name=name: subprocess.run([sys.executable, __file__, "--once", name], check=True), 2)
-            peer = calculix(make()[0].deck, runs, folder) if have_peer else []
+            peer = calculix(case.deck, runs, folder) if have_peer else []
         peer_value = statistics.median(peer) if peer else None
         cold = statistics.median(whole)
         note = (
-            f"{spread(ours, 'ms', 1e3)}; {iterations} iterations to {TOLERANCE:g}; as a new Python process {cold:.2f} s"
+            f"{spread(ours, 'ms', 1e3)}; {found.iterations} iterations to {TOLERANCE:g}; "
+            f"as a new Python process {cold:.2f} s"
         )
         if peer:
             note += f" ({statistics.median(peer) / cold:.1f} times CalculiX); CalculiX 2 threads {spread(peer, 's')}"

@@ -101,9 +101,10 @@ def test_a_driven_cable_finds_its_tension_without_a_factor():
     np.testing.assert_allclose(multigrid.displacement, direct.displacement, atol=1e-3)
 
 
-def test_a_mesh_that_is_not_held_is_refused_by_multigrid_too():
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("held", ["", "x"], ids=["nowhere", "along x only"])
+def test_a_mesh_that_is_not_held_is_refused_by_multigrid_too(held, threads):
     mesh = bar((16.0, 8.0, 8.0), (16, 8, 8))
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(mesh.nodes_where(mesh.nodes[:, 0] == 0.0), held)
     with pytest.raises(GdfeError, match="not held"):
-        Solver(
-            mesh, [Linear("any", 1.0, 0.3)], Supports.none(len(mesh.nodes)), settings=Settings(method=Method.MULTIGRID)
-        )
+        Solver(mesh, [Linear("any", 1.0, 0.3)], supports, settings=Settings(method=Method.MULTIGRID, threads=threads))

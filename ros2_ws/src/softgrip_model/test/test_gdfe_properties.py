@@ -153,11 +153,48 @@ def test_every_elimination_order_undoes_the_same_matrix(shape):
         np.testing.assert_allclose(one.displacement, found[0].displacement, atol=1e-8)
 
 
+@pytest.mark.parametrize("ordering", [Ordering.AMD, Ordering.METIS])
+def test_a_block_is_not_eliminated_plane_after_plane(ordering):
+    mesh = bar((12.0, 12.0, 12.0), (12, 12, 12))
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(mesh.nodes_where(mesh.nodes[:, 0] == 0.0))
+    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=Settings(ordering=ordering))
+    assert solver.matrix_entries < 0.7 * 12 * 13**4  # every unknown with all of one plane
+
+
+@pytest.mark.parametrize("axes", ["x", "xyz"])
+def test_where_the_matrix_is_the_tangent_a_plain_iteration_goes_straight_there(axes):
+    """Without Poisson's effect the law's energy is mu |F - R|^2: small turns apart, that of the constant matrix."""
+    mesh = bar((8.0, 4.0, 4.0), (8, 4, 4))
+    left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == 8.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left)
+    for axis in axes:
+        supports = supports.with_tied(right, axis)
+    load = np.zeros_like(mesh.nodes)
+    load[right, 0] = 1e-3
+    found = Solver(mesh, [Linear("any", 1.0, 0.0)], supports, settings=Settings(window=0)).solve(load=load)
+    assert found.converged
+    assert found.iterations <= 10
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_the_same_solve_gives_the_same_bits(threads):
     first, second = solved_bar(threads=threads), solved_bar(threads=threads)
     assert (first.displacement == second.displacement).all()
     assert first.history == second.history
+
+
+def test_two_matrices_are_made_at_once_with_the_same_bits_every_time():
+    mesh = bar((6.0, 6.0, 6.0), (6, 6, 6))
+    left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == 6.0)
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_tied(right, "x")
+    load = np.zeros_like(mesh.nodes)
+    load[right, 1] = 1e-2
+    found = []
+    for _ in range(3):
+        settings = Settings(ordering=Ordering.METIS, threads=2)
+        found.append(Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=settings).solve(load=load))
+    assert found[0].converged
+    assert all(other.history == found[0].history for other in found[1:])
 
 
 THREADS_OF_A_PROCESS = """

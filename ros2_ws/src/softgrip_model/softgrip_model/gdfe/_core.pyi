@@ -19,7 +19,6 @@ class Element:
     volume: float
     gradient: _Array
     laplacian: _Array
-    min_jacobian: float
 
 def make_element(rest: _Array) -> Element: ...
 def min_jacobians(rest: _Array, hexes: _Index) -> _Array: ...
@@ -88,7 +87,7 @@ class Outcome:
     length_error: float
     displacement: _Array
     reaction: _Array
-    strain: list[float]
+    strain: _Array
     anchor_tension: list[float]
     tension: list[list[float]]
     shortening: list[float]
@@ -100,10 +99,10 @@ class Solver:
         self,
         rest: _Array,
         hexes: _Index,
-        materials: Sequence[int],
+        materials: _Index,
         tables: SecantTables,
-        matrix_weight: Sequence[float],
-        maps: Sequence[Sequence[int]],
+        matrix_weight: _Array,
+        maps: Sequence[_Index],
         cables: Sequence[Cable],
         ogden: Sequence[OgdenMaterial],
         surroundings: Surroundings,
@@ -131,8 +130,8 @@ class Solver:
     ) -> None: ...
     def energy(self, displacement: _Array) -> float: ...
     def internal_force(self, displacement: _Array) -> _Array: ...
-    def strain(self) -> list[float]: ...
-    def set_thesis_state(self, omega: Sequence[float], last_strain: Sequence[float]) -> None: ...
+    def strain(self) -> _Array: ...
+    def set_thesis_state(self, omega: _Array, last_strain: _Array) -> None: ...
     @property
     def unknowns(self) -> int: ...
     def inverse_nonzeros(self, axis: int) -> int: ...

@@ -89,7 +89,7 @@ def _check(mesh: Mesh) -> None:
     twice = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     if twice.any():
         raise GdfeError(f"mesh: element {int(np.flatnonzero(twice)[0])} uses a node twice (degenerate hexahedron)")
-    unused = np.setdiff1d(np.arange(len(nodes)), hexes)
+    unused = np.flatnonzero(np.bincount(hexes.ravel(), minlength=len(nodes)) == 0)
     if len(unused):
         raise GdfeError(f"mesh: node {unused[0]} belongs to no element ({len(unused)} such nodes); remove them")
     jacobians = _core.min_jacobians(nodes, hexes)

@@ -64,6 +64,8 @@ def write_mesh(
 ) -> None:
     """Write a mesh, moved by a displacement (n, 3), with fields on nodes and elements; the format is the suffix."""
     points = mesh.nodes if displacement is None else mesh.nodes + displacement
+    # results hardly compress: 40 % smaller for ten times the time
+    options = {"compression": None} if path.suffix == ".vtu" else {}
     fields = dict(point_data or {})
     if displacement is not None:
         fields["displacement"] = displacement
@@ -72,4 +74,4 @@ def write_mesh(
         [("hexahedron", mesh.hexes)],
         point_data=fields,
         cell_data={MATERIAL: [mesh.materials], **{name: [values] for name, values in (cell_data or {}).items()}},
-    ).write(path)
+    ).write(path, **options)

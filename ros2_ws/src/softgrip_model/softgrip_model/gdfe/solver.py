@@ -96,19 +96,19 @@ class Supports:
         """Return these supports and nodes tied along an axis."""
         return Supports(self.prescribed, (*self.tied, ("xyz".index(axis), nodes)))
 
-    def maps(self) -> list[list[int]]:
+    def maps(self) -> list[Index]:
         """Return, for each axis, the group of unknowns of every node, -1 where prescribed."""
-        maps = []
+        maps: list[Index] = []
         for axis in range(3):
             group = np.arange(len(self.prescribed))
             for tied_axis, nodes in self.tied:
                 if tied_axis == axis:
                     group[nodes] = nodes.min()
             free = ~self.prescribed[:, axis]
-            _, numbered = np.unique(group[free], return_inverse=True)
-            dof = np.full(len(group), -1)
-            dof[free] = numbered
-            maps.append(dof.tolist())
+            first = np.zeros(len(group), dtype=np.int32)
+            first[group[free]] = 1
+            numbers = np.cumsum(first, dtype=np.int32) - 1
+            maps.append(np.where(free, numbers[group], -1).astype(np.int32))
         return maps
 
 
@@ -220,9 +220,9 @@ class Solver:
             self._core = _core.Solver(
                 mesh.nodes,
                 mesh.hexes,
-                mesh.materials.tolist(),
+                mesh.materials,
                 _core.SecantTables(tables, TABLE_CELLS, TABLE_END, lame_per_mu),
-                weights[mesh.materials].tolist(),
+                weights[mesh.materials],
                 supports.maps(),
                 [cable.core() for cable in self.cables],
                 self._ogden(),
@@ -264,7 +264,7 @@ class Solver:
 
     def set_thesis_state(self, omega: Array, last_strain: Array) -> None:
         """Set the thesis law's shape factor and last converged strain of every element, both (m,)."""
-        self._core.set_thesis_state(omega.tolist(), last_strain.tolist())
+        self._core.set_thesis_state(omega, last_strain)
 
     def set_friction(self, cable: int, friction: FrictionLaw) -> None:
         """Have a cable rub by another law from now on; matrix and factor stay, as friction acts on forces only."""
@@ -300,7 +300,7 @@ class Solver:
         last point, last residual) once.
         """
         maps = self.supports.maps()
-        distinct = [axis for axis in range(3) if maps[axis] not in maps[:axis]]
+        distinct = [axis for axis in range(3) if not any(np.array_equal(maps[axis], other) for other in maps[:axis])]
         inverse = sum(self._core.inverse_bytes(axis) for axis in distinct)
         unknown = 4 * 2 * self.settings.window + 8 * 6
         return inverse + self._core.element_bytes + unknown * self._core.unknowns

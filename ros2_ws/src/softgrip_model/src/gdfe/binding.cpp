@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Thin private binding of softgrip_model.gdfe._core.
 #include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -36,6 +37,18 @@ softgrip::friction::Model make_friction(int law, int k_reading, const std::vecto
   return friction;
 }
 
+template <class T>
+using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+template <class T>
+std::vector<T> as_vector(const Array<T>& array) {
+  return {array.data(), array.data() + array.size()};
+}
+
+Array<double> as_array(const std::vector<double>& values) {
+  return Array<double>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
@@ -48,17 +61,14 @@ PYBIND11_MODULE(_core, module) {
   py::class_<gdfe::Element>(module, "Element")
       .def_readonly("volume", &gdfe::Element::volume)
       .def_readonly("gradient", &gdfe::Element::gradient)
-      .def_readonly("laplacian", &gdfe::Element::laplacian)
-      .def_readonly("min_jacobian", &gdfe::Element::min_jacobian);
+      .def_readonly("laplacian", &gdfe::Element::laplacian);
   module.def("make_element", [](const gdfe::Corners& rest) { return gdfe::make_element(rest); }, py::arg("rest"));
   module.def(
       "min_jacobians",
       [](const gdfe::Nodes& rest, const gdfe::Hexes& hexes) {
         Eigen::VectorXd least(hexes.rows());
         for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
-          gdfe::Corners corners;
-          for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(e, a));
-          least(e) = gdfe::make_element(corners).min_jacobian;
+          least(e) = gdfe::min_jacobian(gdfe::corners_of(rest, hexes, e));
         }
         return least;
       },
@@ -132,7 +142,7 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("length_error", &gdfe::Outcome::length_error)
       .def_readonly("displacement", &gdfe::Outcome::displacement)
       .def_readonly("reaction", &gdfe::Outcome::reaction)
-      .def_readonly("strain", &gdfe::Outcome::strain)
+      .def_property_readonly("strain", [](const gdfe::Outcome& outcome) { return as_array(outcome.strain); })
       .def_readonly("anchor_tension", &gdfe::Outcome::anchor_tension)
       .def_readonly("tension", &gdfe::Outcome::tension)
       .def_readonly("shortening", &gdfe::Outcome::shortening)
@@ -140,13 +150,16 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("history", &gdfe::Outcome::history);
 
   py::class_<gdfe::Solver>(module, "Solver")
-      .def(py::init([](const gdfe::Nodes& rest, const gdfe::Hexes& hexes, const std::vector<int>& materials,
-                       const gdfe::SecantTables& tables, const std::vector<double>& matrix_weight,
-                       const std::array<gdfe::DofMap, 3>& maps, const std::vector<gdfe::Cable>& cables,
+      .def(py::init([](const gdfe::Nodes& rest, const gdfe::Hexes& hexes, const Array<int>& materials,
+                       const gdfe::SecantTables& tables, const Array<double>& matrix_weight,
+                       const std::array<Array<std::int32_t>, 3>& maps, const std::vector<gdfe::Cable>& cables,
                        const std::vector<gdfe::OgdenMaterial>& ogden, const gdfe::Surroundings& surroundings,
                        const gdfe::Settings& settings) {
-             return std::make_unique<gdfe::Solver>(rest, hexes, materials, tables, matrix_weight, maps, cables, ogden,
-                                                   surroundings, settings);
+             const std::vector<int> material = as_vector(materials);
+             const std::vector<double> weight = as_vector(matrix_weight);
+             const std::array dofs{as_vector(maps[0]), as_vector(maps[1]), as_vector(maps[2])};
+             const py::gil_scoped_release release;
+             return std::make_unique<gdfe::Solver>(rest, hexes, material, tables, weight, dofs, cables, ogden, surroundings, settings);
            }),
            py::arg("rest"), py::arg("hexes"), py::arg("materials"), py::arg("tables"), py::arg("matrix_weight"),
            py::arg("maps"), py::arg("cables"), py::arg("ogden"), py::arg("surroundings"), py::arg("settings"))
@@ -184,9 +197,13 @@ PYBIND11_MODULE(_core, module) {
           py::arg("cable"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"), py::arg("radius_mm"))
       .def("energy", &gdfe::Solver::energy, py::arg("displacement"))
       .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
-      .def("strain",
-           &gdfe::Solver::strain)
-      .def("set_thesis_state", &gdfe::Solver::set_thesis_state, py::arg("omega"), py::arg("last_strain"))
+      .def("strain", [](const gdfe::Solver& solver) { return as_array(solver.strain()); })
+      .def(
+          "set_thesis_state",
+          [](gdfe::Solver& solver, const Array<double>& omega, const Array<double>& last_strain) {
+            solver.set_thesis_state(as_vector(omega), as_vector(last_strain));
+          },
+          py::arg("omega"), py::arg("last_strain"))
       .def_property_readonly("unknowns", &gdfe::Solver::unknowns)
       .def_property_readonly("element_bytes", &gdfe::Solver::element_bytes)
       .def("inverse_nonzeros", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).nonzeros(); })

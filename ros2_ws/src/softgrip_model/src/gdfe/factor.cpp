@@ -6,63 +6,14 @@
 #include <limits>
 #include <numeric>
 #include <stdexcept>
+#include <utility>
 
 #include "src/gdfe/ordering.hpp"
+#include "src/gdfe/panel_factor.hpp"
 #include "src/gdfe/panel_solve.hpp"
 
 namespace softgrip::gdfe {
 namespace {
-
-// position: unknown -> its place.
-SparseMatrix lower_factor(const SparseMatrix& matrix, const std::vector<int>& position) {
-  using Permutation = Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int>;
-  const Permutation order(Eigen::Map<const Eigen::VectorXi>(position.data(), matrix.cols()));
-  SparseMatrix ordered;
-  ordered = matrix.twistedBy(order);
-  const Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower, Eigen::NaturalOrdering<int>> solver(ordered);
-  if (solver.info() != Eigen::Success) {
-    throw std::runtime_error("the constant matrix is not positive definite: some part of the mesh is not held");
-  }
-  SparseMatrix lower = solver.matrixL();
-  lower.makeCompressed();
-  return lower;
-}
-
-// Widest panel, and how much of it may be zeros that the sparse factor does not have.
-constexpr int kMaxWidth = 48;
-constexpr double kZeroShare = 0.3;
-constexpr int kAlwaysMergeBelow = 8;
-
-struct Run {
-  int first, last;
-};
-
-// Neighbouring columns j, j+1 with parent(j) = j+1 join while few zeros come in.
-std::vector<Run> supernodes(const SparseMatrix& lower) {
-  const int n = static_cast<int>(lower.cols());
-  const int* outer = lower.outerIndexPtr();
-  const int* inner = lower.innerIndexPtr();
-  const auto below = [&](int j) { return outer[j + 1] - outer[j] - 1; };
-  std::vector<Run> runs;
-  int first = 0;
-  double entries = 0.0;
-  for (int j = 0; j < n; ++j) {
-    entries += below(j) + 1;
-    const bool follows = j + 1 < n && below(j) > 0 && inner[outer[j] + 1] == j + 1;
-    bool join = follows && j + 1 - first < kMaxWidth;
-    if (join) {
-      const int width = j + 2 - first;
-      const double dense = 0.5 * width * (width + 1) + static_cast<double>(width) * below(j + 1);
-      join = width <= kAlwaysMergeBelow || dense - (entries + below(j + 1) + 1) <= kZeroShare * dense;
-    }
-    if (!join) {
-      runs.push_back({first, j});
-      first = j + 1;
-      entries = 0.0;
-    }
-  }
-  return runs;
-}
 
 double own_work(const Panel& panel) { return static_cast<double>(panel.width) * (panel.padded + panel.width); }
 
@@ -154,28 +105,46 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
 }
 
 template <class T>
-std::size_t line_begin(Lines<T>& values) {
+std::size_t line_begin(std::size_t at) {
   constexpr std::size_t step = kLine / sizeof(T);
-  values.resize((values.size() + step - 1) / step * step, T(0));
-  return values.size();
+  return (at + step - 1) / step * step;
 }
 
-// What the backward pass reads, in its order: memory is read ahead that way.
+// Where the passes find the panels' values: memory is read ahead where they follow one another in the order of the pass.
 template <class T>
-void pack_down(const std::vector<Eigen::MatrixXd>& own, PanelStore<T>& store) {
+void lay_out(PanelStore<T>& store) {
+  std::size_t up = 0, down = 0;
+  for (Panel& panel : store.panels) {
+    panel.up = line_begin<T>(up);
+    up = panel.up + static_cast<std::size_t>(panel.padded) * static_cast<std::size_t>(panel.width);
+  }
   for (std::size_t p = store.panels.size(); p-- > 0;) {
     Panel& panel = store.panels[p];
-    const auto tall = static_cast<std::size_t>(padded(panel.width)), width = static_cast<std::size_t>(panel.width);
-    const auto below = static_cast<std::size_t>(panel.below);
-    panel.down = line_begin(store.down);
-    store.down.resize(panel.down + tall * (width + below), T(0));
-    T* column = &store.down[panel.down];
-    for (std::size_t j = 0; j < width; ++j, column += tall) {
-      for (std::size_t i = 0; i < width; ++i) column[i] = static_cast<T>(own[p](static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
-    }
-    for (std::size_t j = 0; j < below; ++j, column += tall) {
-      for (std::size_t i = 0; i < width; ++i) column[i] = store.up[panel.up + static_cast<std::size_t>(panel.padded) * i + j];
-    }
+    panel.down = line_begin<T>(down);
+    down = panel.down + static_cast<std::size_t>(padded(panel.width)) * static_cast<std::size_t>(panel.width + panel.below);
+  }
+  store.up.resize(up, T(0));
+  store.down.resize(down, T(0));
+}
+
+// Both blocks of a panel's values.
+template <class T>
+void fill(const DensePanel& from, const Panel& panel, PanelStore<T>& store) {
+  const auto triangle = from.values.topRows(panel.width).template triangularView<Eigen::Lower>();
+  const Eigen::MatrixXd inverse = triangle.solve(Eigen::MatrixXd::Identity(panel.width, panel.width));
+  const Eigen::MatrixXd own = inverse.transpose() * inverse;  // S^-1
+  const Eigen::MatrixXd up = -(from.values.bottomRows(panel.below) * inverse);
+  T* column = store.up.data() + panel.up;
+  for (Eigen::Index j = 0; j < panel.width; ++j, column += panel.padded) {
+    for (Eigen::Index i = 0; i < panel.below; ++i) column[i] = static_cast<T>(up(i, j));
+  }
+  column = store.down.data() + panel.down;
+  const int tall = padded(panel.width);
+  for (Eigen::Index j = 0; j < panel.width; ++j, column += tall) {
+    for (Eigen::Index i = 0; i < panel.width; ++i) column[i] = static_cast<T>(own(i, j));
+  }
+  for (Eigen::Index j = 0; j < panel.below; ++j, column += tall) {
+    for (Eigen::Index i = 0; i < panel.width; ++i) column[i] = static_cast<T>(up(j, i));
   }
 }
 
@@ -191,64 +160,32 @@ Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering order
   metis = false;
 #endif
   uses_metis_ = metis;
-  SparseMatrix full;
-  full = matrix.selfadjointView<Eigen::Lower>();
-  const double scale = 1.0 / magnitude_of(full);
-  full *= scale;
-  position_ = elimination_order(full, metis);
-  const SparseMatrix lower = lower_factor(full, position_);
-  nonzeros_ = static_cast<std::size_t>(lower.nonZeros());
+  const double scale = 1.0 / magnitude_of(matrix);
+  Elimination elimination = eliminate(matrix, metis);
+  nonzeros_ = std::accumulate(elimination.count.begin(), elimination.count.end(), static_cast<std::size_t>(size_));
+  const std::vector<DensePanel> panels = factor_panels(matrix, scale, elimination);
+  position_ = std::move(elimination.position);
   if (single_) {
-    pack(lower, float_);
+    pack(panels, float_);
     float_.scale = scale;
-    float_.schedule = make_schedule(float_, size_, threads_);
   } else {
-    pack(lower, double_);
+    pack(panels, double_);
     double_.scale = scale;
-    double_.schedule = make_schedule(double_, size_, threads_);
   }
 }
 
 template <class T>
-void Factor::pack(const SparseMatrix& lower, PanelStore<T>& store) {
-  const int* outer = lower.outerIndexPtr();
-  const int* inner = lower.innerIndexPtr();
-  const double* value = lower.valuePtr();
-  std::vector<int> place(static_cast<std::size_t>(size_), -1);
-  std::vector<Eigen::MatrixXd> own;  // S^-1 of every panel
-  for (const Run& run : supernodes(lower)) {
-    Panel panel{};
-    panel.first = run.first;
-    panel.width = run.last - run.first + 1;
-    panel.below = outer[run.last + 1] - outer[run.last] - 1;
-    panel.padded = padded(panel.below);
-    panel.rows = store.rows.size();
-    for (int k = outer[run.last] + 1; k < outer[run.last + 1]; ++k) {
-      place[inner[k]] = static_cast<int>(store.rows.size() - panel.rows);
-      store.rows.push_back(inner[k]);
-    }
-    Eigen::MatrixXd triangle = Eigen::MatrixXd::Zero(panel.width, panel.width);
-    Eigen::MatrixXd below = Eigen::MatrixXd::Zero(panel.below, panel.width);
-    for (int j = run.first; j <= run.last; ++j) {
-      for (int k = outer[j]; k < outer[j + 1]; ++k) {
-        const bool own_row = inner[k] <= run.last;
-        (own_row ? triangle(inner[k] - run.first, j - run.first) : below(place[inner[k]], j - run.first)) = value[k];
-      }
-    }
-    const Eigen::MatrixXd inverse =
-        triangle.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(panel.width, panel.width));
-    own.emplace_back(inverse.transpose() * inverse);
-    const Eigen::MatrixXd up = -(below * inverse);
-    panel.up = line_begin(store.up);
-    store.up.resize(panel.up + static_cast<std::size_t>(panel.padded) * panel.width, T(0));
-    for (int j = 0; j < panel.width; ++j) {
-      T* column = &store.up[panel.up] + static_cast<std::size_t>(panel.padded) * j;
-      for (int i = 0; i < panel.below; ++i) column[i] = static_cast<T>(up(i, j));
-    }
-    store.panels.push_back(panel);
-    max_rows_ = std::max(max_rows_, padded(panel.width) + panel.padded);
+void Factor::pack(const std::vector<DensePanel>& panels, PanelStore<T>& store) {
+  for (const DensePanel& from : panels) {
+    const int width = static_cast<int>(from.values.cols()), below = static_cast<int>(from.rows.size());
+    store.panels.push_back({from.first, width, below, padded(below), 0, 0, store.rows.size()});
+    store.rows.insert(store.rows.end(), from.rows.begin(), from.rows.end());
+    max_rows_ = std::max(max_rows_, padded(width) + padded(below));
   }
-  pack_down(own, store);
+  lay_out(store);
+#pragma omp parallel for schedule(dynamic) num_threads(threads_) if (threads_ > 1)
+  for (std::size_t p = 0; p < panels.size(); ++p) fill(panels[p], store.panels[p], store);
+  store.schedule = make_schedule(store, size_, threads_);
 }
 
 std::size_t Factor::bytes() const {

@@ -8,10 +8,6 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "src/gdfe/local_step.cpp"
-// Vectors are kept in arrays here: not possible with the sizeless types of SVE and RVV, which run NEON or scalar code.
-#ifndef HWY_DISABLED_TARGETS
-#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
-#endif
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 

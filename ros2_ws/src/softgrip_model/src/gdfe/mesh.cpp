@@ -29,28 +29,48 @@ Eigen::Matrix<double, 8, 4> hourglass_patterns() {
   return patterns;
 }
 
-double jacobian(const Corners& rest, double xi, double eta, double zeta) {
-  return (rest.transpose() * shape_slopes(xi, eta, zeta)).determinant();
+// Of the shape functions at the eight points a share `reach` of the way from the middle to the corners.
+std::array<Corners, 8> slopes_at(double reach) {
+  std::array<Corners, 8> slopes;
+  for (std::size_t a = 0; a < 8; ++a) {
+    const auto& sign = kCornerSigns[a];
+    slopes[a] = shape_slopes(sign[0] * reach, sign[1] * reach, sign[2] * reach);
+  }
+  return slopes;
+}
+
+const std::array<Corners, 8>& gauss_slopes() {
+  static const std::array<Corners, 8> slopes = slopes_at(1.0 / std::sqrt(3.0));
+  return slopes;
+}
+
+const std::array<Corners, 8>& corner_slopes() {
+  static const std::array<Corners, 8> slopes = slopes_at(1.0);
+  return slopes;
 }
 
 }  // namespace
+
+double min_jacobian(const Corners& rest) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto* points : {&gauss_slopes(), &corner_slopes()}) {
+    for (const Corners& slopes : *points) least = std::min(least, Eigen::Matrix3d(rest.transpose() * slopes).determinant());
+  }
+  return least;
+}
 
 Element make_element(const Corners& rest, Metric metric) {
   Element element;
   element.volume = 0.0;
   element.gradient.setZero();
   element.laplacian.setZero();
-  element.min_jacobian = std::numeric_limits<double>::infinity();
-  const double point = 1.0 / std::sqrt(3.0);
-  for (const auto& sign : kCornerSigns) {
-    const Corners slopes = shape_slopes(sign[0] * point, sign[1] * point, sign[2] * point);
+  for (const Corners& slopes : gauss_slopes()) {
     const Eigen::Matrix3d map = rest.transpose() * slopes;
     const double weight = map.determinant();
     const Corners gradient = slopes * map.inverse();
     element.volume += weight;
     element.gradient += weight * gradient;
     element.laplacian += weight * gradient * gradient.transpose();
-    element.min_jacobian = std::min({element.min_jacobian, weight, jacobian(rest, sign[0], sign[1], sign[2])});
   }
   element.gradient /= element.volume;
   const Eigen::Matrix<double, 8, 4> patterns = hourglass_patterns();

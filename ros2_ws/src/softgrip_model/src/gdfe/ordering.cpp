@@ -75,6 +75,12 @@ double entries_by_levels(const std::vector<Indices>& levels) {
   return entries;
 }
 
+Indices places_of(const Indices& order) {
+  Indices place(order.size());
+  for (std::size_t k = 0; k < order.size(); ++k) place[static_cast<std::size_t>(order[k])] = static_cast<int>(k);
+  return place;
+}
+
 // Elimination tree of a matrix in an order (Liu 1986) and the entries below the diagonal of every column of its factor.
 struct Tree {
   Indices parent, count;
@@ -82,8 +88,8 @@ struct Tree {
 
 Tree elimination_tree(const SparseMatrix& matrix, const Indices& order) {
   const std::size_t n = order.size();
-  Indices place(n), root(n, -1), met(n, -1);
-  for (std::size_t k = 0; k < n; ++k) place[static_cast<std::size_t>(order[k])] = static_cast<int>(k);
+  const Indices place = places_of(order);
+  Indices root(n, -1), met(n, -1);
   Tree tree{Indices(n, -1), Indices(n, 0)};
   for (int k = 0; k < static_cast<int>(n); ++k) {
     for (Entry it(matrix, order[static_cast<std::size_t>(k)]); it; ++it) {
@@ -107,9 +113,10 @@ Tree elimination_tree(const SparseMatrix& matrix, const Indices& order) {
   return tree;
 }
 
-// The same fill, each subtree in one piece, and before every column the child that has most rows in common with it.
-Indices postordered(const Tree& tree, const Indices& order) {
-  const std::size_t n = order.size();
+// Places in a tree, in another order of the same fill: each subtree in one piece, and before every column the child that has most
+// rows in common with it.
+Indices postorder(const Tree& tree) {
+  const std::size_t n = tree.parent.size();
   std::vector<Indices> children(n + 1);
   for (std::size_t k = 0; k < n; ++k) children[tree.parent[k] < 0 ? n : static_cast<std::size_t>(tree.parent[k])].push_back(static_cast<int>(k));
   for (Indices& all : children) {
@@ -121,7 +128,7 @@ Indices postordered(const Tree& tree, const Indices& order) {
   while (!waiting.empty()) {  // a parent, its last child, that one's children, ...: backwards
     const int k = waiting.back();
     waiting.pop_back();
-    reversed.push_back(order[static_cast<std::size_t>(k)]);
+    reversed.push_back(k);
     const Indices& own = children[static_cast<std::size_t>(k)];
     waiting.insert(waiting.end(), own.rbegin(), own.rend());
   }
@@ -131,7 +138,12 @@ Indices postordered(const Tree& tree, const Indices& order) {
 
 Indices least_fill(const SparseMatrix& matrix, bool metis) {
 #ifdef SOFTGRIP_HAVE_METIS
-  if (metis) return order_by<Eigen::MetisOrdering<int>>(matrix);
+  if (metis) {
+    Indices order;
+#pragma omp critical(metis)  // its random numbers are those of the process: two at a time would disturb each other
+    order = order_by<Eigen::MetisOrdering<int>>(matrix);
+    return order;
+  }
 #else
   (void)metis;
 #endif
@@ -140,20 +152,34 @@ Indices least_fill(const SparseMatrix& matrix, bool metis) {
 
 }  // namespace
 
-std::vector<int> elimination_order(const SparseMatrix& matrix, bool metis) {
-  Indices order = least_fill(matrix, metis);
-  Tree tree = elimination_tree(matrix, order);
+Elimination eliminate(const SparseMatrix& matrix, bool metis) {
   const int one_end = levels_from(matrix, 0).back().front();
   // from the opposite end: unknowns keep their direction, and threads the half of the mesh that is theirs elsewhere
   const std::vector<Indices> levels = levels_from(matrix, levels_from(matrix, one_end).back().front());
-  if (entries_by_levels(levels) <= kLevelsWorth * std::accumulate(tree.count.begin(), tree.count.end(), static_cast<double>(order.size()))) {
-    order = towards_middle(levels, order.size());
+  const auto size = static_cast<std::size_t>(matrix.cols());
+  Indices order;
+  Tree tree;
+  // with more levels than a level has unknowns no order fills in much less, and to ask for one takes longer than to factor
+  bool slender = levels.size() * levels.size() >= size;
+  if (!slender) {
+    order = least_fill(matrix, metis);
+    tree = elimination_tree(matrix, order);
+    const double entries = std::accumulate(tree.count.begin(), tree.count.end(), static_cast<double>(size));
+    slender = entries_by_levels(levels) <= kLevelsWorth * entries;
+  }
+  if (slender) {
+    order = towards_middle(levels, size);
     tree = elimination_tree(matrix, order);
   }
-  order = postordered(tree, order);
-  Indices place(order.size());
-  for (std::size_t k = 0; k < order.size(); ++k) place[static_cast<std::size_t>(order[k])] = static_cast<int>(k);
-  return place;
+  const Indices sequence = postorder(tree), moved = places_of(sequence);
+  Elimination found{Indices(size), Indices(size), Indices(size)};
+  for (std::size_t k = 0; k < size; ++k) {
+    const auto before = static_cast<std::size_t>(sequence[k]);
+    found.position[static_cast<std::size_t>(order[before])] = static_cast<int>(k);
+    found.parent[k] = tree.parent[before] < 0 ? -1 : moved[static_cast<std::size_t>(tree.parent[before])];
+    found.count[k] = tree.count[before];
+  }
+  return found;
 }
 
 }  // namespace softgrip::gdfe

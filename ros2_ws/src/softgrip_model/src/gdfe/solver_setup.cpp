@@ -2,19 +2,20 @@
 // What a solver makes once: elements, the constant matrix of every axis and what undoes it, columns of cables, contact.
 #include <algorithm>
 #include <cmath>
+#include <exception>
 
 #include "softgrip/gdfe/multigrid.hpp"
 #include "softgrip/gdfe/solver.hpp"
+#include "src/gdfe/assembly.hpp"
 
 namespace softgrip::gdfe {
 namespace {
 
-std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, Metric metric) {
+std::vector<Element> make_elements(const Nodes& rest, const Hexes& hexes, const Settings& settings) {
   std::vector<Element> elements(static_cast<std::size_t>(hexes.rows()));
+#pragma omp parallel for num_threads(settings.threads) if (settings.threads > 1)
   for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
-    Corners corners;
-    for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(e, a));
-    elements[static_cast<std::size_t>(e)] = make_element(corners, metric);
+    elements[static_cast<std::size_t>(e)] = make_element(corners_of(rest, hexes, e), settings.metric);
   }
   return elements;
 }
@@ -53,7 +54,7 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
       cables_(std::move(cables)),
       cable_work_(cables_.size()),
       surroundings_(std::move(surroundings)) {
-  const std::vector<Element> elements = make_elements(rest_, hexes, settings.metric);
+  const std::vector<Element> elements = make_elements(rest_, hexes, settings);
   for (std::size_t e = 0; e < elements.size(); ++e) weight_scale_ += matrix_weight[e] * std::cbrt(elements[e].volume);
   build_axes(elements, hexes, matrix_weight, maps);
   blocks_ = ElementBlocks(elements, hexes, materials, tables_.lame_per_mu, elimination_places(hexes));
@@ -130,35 +131,34 @@ void Solver::build_contact() {
 
 void Solver::build_axes(const std::vector<Element>& elements, const Hexes& hexes, const std::vector<double>& weight,
                         const std::array<DofMap, 3>& maps) {
+  std::array<std::size_t, 3> like{};  // the first axis with the same map
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    like[axis] = static_cast<std::size_t>(std::find(maps.begin(), maps.end(), maps[axis]) - maps.begin());
+  }
+  std::exception_ptr failure;  // must not leave the threads' region
+#pragma omp parallel for schedule(dynamic) num_threads(settings_.threads) if (settings_.threads > 1 && like != decltype(like){})
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (like[axis] != axis) continue;
+    try {
+      const DofMap& map = maps[axis];
+      const int size = map.empty() ? 0 : std::max(0, *std::max_element(map.begin(), map.end()) + 1);
+      axes_[axis].inverse = make_inverse(assembled(elements, hexes, weight, map, size), map, rest_, settings_);
+    } catch (...) {
+#pragma omp critical
+      failure = std::current_exception();
+    }
+  }
+  if (failure) std::rethrow_exception(failure);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const DofMap& map = maps[axis];
-    const int size = map.empty() ? 0 : std::max(0, *std::max_element(map.begin(), map.end()) + 1);
-    for (std::size_t earlier = 0; earlier < axis && !axes_[axis].inverse; ++earlier) {
-      if (maps[earlier] == map) axes_[axis].inverse = axes_[earlier].inverse;
-    }
-    if (!axes_[axis].inverse) {
-      std::vector<Eigen::Triplet<double>> entries;
-      entries.reserve(elements.size() * 36);
-      for (std::size_t e = 0; e < elements.size(); ++e) {
-        for (int a = 0; a < 8; ++a) {
-          const int row = map[static_cast<std::size_t>(hexes(static_cast<Eigen::Index>(e), a))];
-          for (int b = 0; row >= 0 && b < 8; ++b) {
-            const int column = map[static_cast<std::size_t>(hexes(static_cast<Eigen::Index>(e), b))];
-            if (column >= 0) entries.emplace_back(row, column, weight[e] * elements[e].laplacian(a, b));
-          }
-        }
-      }
-      SparseMatrix matrix(size, size);
-      matrix.setFromTriplets(entries.begin(), entries.end());
-      axes_[axis].inverse = make_inverse(matrix, map, rest_, settings_);
-    }
+    axes_[axis].inverse = axes_[like[axis]].inverse;
     axes_[axis].dof.resize(nodes_);
     for (std::size_t i = 0; i < nodes_; ++i) {
       axes_[axis].dof[i] = map[i] < 0 ? -1 : axes_[axis].inverse->position()[static_cast<std::size_t>(map[i])];
     }
     list_nodes(axes_[axis]);
     axes_[axis].offset = unknowns_;
-    unknowns_ += static_cast<std::size_t>(size);
+    unknowns_ += static_cast<std::size_t>(axes_[axis].inverse->size());
   }
   alike_ = std::all_of(axes_.begin(), axes_.end(), [&](const Axis& axis) {
     return axis.inverse == axes_[0].inverse && axis.nodes.size() == static_cast<std::size_t>(axis.inverse->size());

@@ -74,9 +74,11 @@ struct PanelStore {
   double scale = 1.0;  // of a right-hand side
 };
 
+struct DensePanel;
+
 class Factor final : public ConstantInverse {
  public:
-  // matrix: symmetric positive definite, both triangles or the lower one. Throws std::runtime_error when it is not.
+  // matrix: symmetric positive definite, both triangles; values of the lower one count. Throws std::runtime_error when it is not.
   Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering = Ordering::Automatic, int threads = 1);
 
   int size() const override { return size_; }
@@ -90,7 +92,7 @@ class Factor final : public ConstantInverse {
 
  private:
   template <class T>
-  void pack(const SparseMatrix& lower, PanelStore<T>& store);
+  void pack(const std::vector<DensePanel>& panels, PanelStore<T>& store);
 
   int size_ = 0;
   int threads_ = 1;

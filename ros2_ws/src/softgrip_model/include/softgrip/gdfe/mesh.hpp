@@ -34,7 +34,6 @@ struct Element {
   Eigen::Matrix<double, 4, 3> hourglass_rest;  // H^T X
   Eigen::Matrix4d hourglass_stiffness;    // S [length]
   Matrix8 laplacian;                      // K_e [length]
-  double min_jacobian;                    // least det of the isoparametric map at Gauss points and corners
 };
 
 // d N_a / d (xi, eta, zeta) of the eight corners.
@@ -45,5 +44,14 @@ enum class Metric : std::uint8_t { Laplacian = 0, Centring = 1 };
 
 // Corner coordinates X (8x3) -> element data.
 Element make_element(const Corners& rest, Metric metric = Metric::Laplacian);
+
+// Least det of the isoparametric map at Gauss points and corners.
+double min_jacobian(const Corners& rest);
+
+inline Corners corners_of(const Nodes& rest, const Hexes& hexes, Eigen::Index element) {
+  Corners corners;
+  for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(element, a));
+  return corners;
+}
 
 }  // namespace softgrip::gdfe
