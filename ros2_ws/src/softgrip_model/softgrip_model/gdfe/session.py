@@ -103,16 +103,17 @@ class _Relief:
 
 
 class _Pace:
-    """Says how long keyframes of the fine meshes take here."""
+    """Says how much longer than usual a shape takes for every keyframe of the fine mesh that it asks for."""
 
-    def __init__(self) -> None:
+    def __init__(self, usual: float) -> None:
+        self._usual = usual  # [s] between shapes
         self._asked = 0
         self._each = 0.0
 
     def note(self, gap: float, asked: int) -> None:
         """Note the time [s] since the shape before, and the keyframes that shapes have asked for in all."""
         if asked > self._asked:
-            self._each = gap / (asked - self._asked)
+            self._each = max(0.0, gap - self._usual) / (asked - self._asked)
         self._asked = asked
 
     def seconds(self, keyframes: int) -> float:
@@ -197,7 +198,7 @@ class ShapeSession:
         self._bodies: dict[tuple[str, str, Resolution], Body] = {}
         self._made: dict[tuple[str, str, str], _Slot] = {}
         self._fingers: dict[str, _Slot] = {}
-        self._relief, self._pace = _Relief(), _Pace()
+        self._relief, self._pace = _Relief(), _Pace(1.0 / rate_hz)
         self._last_stamp: int | None = None
         self._rate = math.nan
         self.mounted: dict[str, str] = {}
