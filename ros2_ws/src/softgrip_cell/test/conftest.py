@@ -51,6 +51,7 @@ class Bench:
         gain: this finger's tension over the predicted one.
         creep_n: tension that creep has taken from the free motion since the reference was learned.
         grip: factor on the excess as a function of time since the hold began [s]: what slipping looks like.
+        drive_n: what the drives show beside their tendons' tension, as a function of the pulled length [m].
     """
 
     contact_m: tuple[float, float, float] = (math.inf, math.inf, math.inf)
@@ -59,6 +60,7 @@ class Bench:
     noise_n: float = 0.08
     creep_n: float = 0.0
     grip: Callable[[float], float] = lambda _: 1.0
+    drive_n: Callable[[float], float] = lambda _: 0.0
     seed: int = 1
     broken: frozenset[int] = frozenset()
     pulled_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -120,7 +122,8 @@ class Bench:
         for slot, pulled in enumerate(self.pulled_m):
             true_n = self._true_tension_n(slot, held_s)
             self.peak_excess_n = max(self.peak_excess_n, true_n - self.gain * free_tension(pulled))
-            tensions.append(0.0 if slot in self.broken else true_n + self._rng.gauss(0.0, self.noise_n))
+            shown_n = true_n + self.drive_n(pulled) + self._rng.gauss(0.0, self.noise_n)
+            tensions.append(0.0 if slot in self.broken else shown_n)
         sample = TendonSample(self.now_ns, tuple(self.pulled_m), tuple(tensions))
         return Pair(sample, predict(sample))
 

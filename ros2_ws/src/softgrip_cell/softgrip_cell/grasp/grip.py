@@ -10,6 +10,7 @@ from typing import Final
 from softgrip_cell.grasp.pressing import Pressing
 from softgrip_cell.grasp.reading import Reading
 from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.touches import Touches
 from softgrip_cell.grasp.trail import Trail
 from softgrip_cell.grasp.values import GraspTask
 
@@ -47,9 +48,11 @@ class Grip:
         self._settings = settings
         self._pressing = pressing
         self._trail = Trail(REST_S)
+        self._touches = Touches(len(task.slots), settings)
         self._readings: tuple[Reading, ...] = ()
         self._now_ns = 0
         self._peak_n = [0.0] * len(task.slots)
+        self._felt_n = [0.0] * len(task.slots)
         self._met_at_end: set[int] = set()
         self._leaning: frozenset[int] = frozenset()
 
@@ -69,10 +72,11 @@ class Grip:
         self._leaning = leaning
         self._readings = readings
         self._trail.add(now_ns, readings)
-        self._peak_n = [
-            peak_n if self.at_end(slot) else max(peak_n, reading.excess_n)
-            for slot, (peak_n, reading) in enumerate(zip(self._peak_n, readings, strict=True))
-        ]
+        self._touches.look(now_ns, readings)
+        for slot, (reading, kept_n) in enumerate(zip(readings, self._touches.kept_n, strict=True)):
+            if not self.at_end(slot):
+                self._peak_n[slot] = max(self._peak_n[slot], reading.excess_n)
+                self._felt_n[slot] = max(self._felt_n[slot], kept_n)
 
     def meet(self, slots: Sequence[int]) -> None:
         """Remember which of these fingers are at their ends now: what they meet there counts as long as they press."""
@@ -89,14 +93,17 @@ class Grip:
         """A finger has closed as far as it may, or creeps the last bit of it, where it is no witness any more."""
         return not self._is_witness(slot)
 
+    def touches(self, slot: int) -> bool:
+        """A finger's tension tells a touch, and no mere disturbance of its drive."""
+        return self._touches.sure[slot]
+
     def presses(self, slot: int) -> bool:
         """A finger touches, or is seen to; one that keeps a tension and was not let go on does so whatever its tension.
 
         Pushed back by the others, a standing finger has its friction against it and less tension than in free motion.
         """
-        reading = self._readings[slot]
-        seen = slot in self._leaning and reading.judged
-        return reading.touching or seen or (slot in self._pressing.slots and not self._is_wall(slot))
+        seen = slot in self._leaning and self._readings[slot].judged
+        return self.touches(slot) or seen or (slot in self._pressing.slots and not self._is_wall(slot))
 
     def standing(self) -> tuple[bool, ...]:
         """Which fingers stand."""
@@ -120,7 +127,7 @@ class Grip:
 
     def touched(self) -> bool:
         """Touched from both sides."""
-        return self.encloses([reading.touching for reading in self._readings])
+        return self.encloses(self._touches.sure)
 
     def enclosed(self) -> bool:
         """Something is between the fingers: both sides press, and at least one finger was stopped by it."""
@@ -132,9 +139,9 @@ class Grip:
         return not any(reading.excess_n >= 0.5 * reading.threshold_n for reading in self._readings)
 
     def felt(self) -> bool:
-        """Both sides have pressed on something, not only brushed it."""
-        felt_n = FELT_SHARE * self._task.recipe.hold_excess_n
-        return self.encloses([peak_n >= felt_n for peak_n in self._peak_n])
+        """Both sides have pressed on something, not only brushed it, for longer than a drive is disturbed."""
+        least_n = FELT_SHARE * self._task.recipe.hold_excess_n
+        return self.encloses([felt_n >= least_n for felt_n in self._felt_n])
 
     def hooked(self) -> bool:
         """The thumb of a hook presses on something while the fingers, closed as far as they go, feel none of it."""

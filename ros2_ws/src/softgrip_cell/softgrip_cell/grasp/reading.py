@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Final
 
 from softgrip_cell.grasp.reference import FreeReference
@@ -19,9 +21,13 @@ LEVER_STEP_M: Final = 0.0005
 BASELINE_LOW_N: Final = -2.0
 BASELINE_HIGH_N: Final = 0.3
 
-#: The baseline follows the free motion, but never as steeply as the softest contact rises [N per m of pulled length].
-BASELINE_RISE_N_PER_M: Final = 120.0
+#: The baseline follows the free motion, but never as steeply as the softest contact rises [N per m of pulled length],
+#: nor as a servo falls that waits for a late goal: what it lacks for some 30 ms would be felt as a touch ever after.
+BASELINE_SLOPE_N_PER_M: Final = 120.0
 BASELINE_SMOOTHING: Final = 0.3
+
+#: It begins at the median of so many samples: such a servo falls back and catches up in fewer than half of them.
+BASELINE_SAMPLES: Final = 7
 
 #: Share of the contact threshold above which an excess is no free motion any more.
 QUIET_SHARE: Final = 0.6
@@ -67,6 +73,7 @@ class Baseline:
 
     def __init__(self) -> None:
         self._value_n: float | None = None
+        self._first_n: deque[float] = deque(maxlen=BASELINE_SAMPLES)
         self._pulled_m = 0.0
 
     @property
@@ -74,15 +81,22 @@ class Baseline:
         """Tension beside the reference [N]; 0 before the finger has moved far enough to tell."""
         return self._value_n or 0.0
 
+    def prepare(self, difference_n: float) -> None:
+        """Take a difference [N] of measured and expected tension from where no contact is looked for yet."""
+        self._first_n.append(difference_n)
+
     def follow(self, difference_n: float, pulled_m: float, threshold_n: float) -> None:
         """Take a difference [N] of measured and expected tension at a pulled length [m]."""
         if self._value_n is None:
-            self._value_n = min(BASELINE_HIGH_N, max(BASELINE_LOW_N, difference_n))
+            self._first_n.append(difference_n)
+            self._value_n = min(BASELINE_HIGH_N, max(BASELINE_LOW_N, median(self._first_n)))
+            self._pulled_m = pulled_m
         travel_m = pulled_m - self._pulled_m
         self._pulled_m = max(self._pulled_m, pulled_m)
         off_n = difference_n - self._value_n
         if travel_m > 0.0 and off_n < QUIET_SHARE * threshold_n:
-            step_n = min(BASELINE_SMOOTHING * off_n, BASELINE_RISE_N_PER_M * travel_m)
+            most_n = BASELINE_SLOPE_N_PER_M * travel_m
+            step_n = max(-most_n, min(most_n, BASELINE_SMOOTHING * off_n))
             self._value_n = max(BASELINE_LOW_N, self._value_n + step_n)
 
 
@@ -131,8 +145,10 @@ class Reader:
         )
         judged = pulled_m >= settings.contact_from_m
         baseline = self._baselines[slot]
-        if judged and within and closing:
+        if within and closing and judged:
             baseline.follow(tension_n - free_n, pulled_m, threshold_n)
+        elif within and closing:
+            baseline.prepare(tension_n - free_n)
         free_n = max(0.0, free_n + baseline.value_n)
         excess_n = tension_n - free_n
         return Reading(

@@ -146,7 +146,7 @@ class GraspSequence:
         began_ns = self._began("escaped", escaped, now_ns, self._settings.slip_s)
         if began_ns is not None:
             return self._end(Outcome.SLIPPED, f"the product got away while closing: {self._excess_text()}", began_ns)
-        if self._began("enclosed", self._grip.enclosed(), now_ns) is not None:
+        if self._grip.enclosed():
             return self._enclosed(now_ns)
         commands = self._stop_finished_fingers(now_ns)
         if commands:
@@ -324,8 +324,7 @@ class GraspSequence:
         new = [
             slot
             for slot in self._closing
-            if self._began(f"touches {slot}", self._readings[slot].touching, now_ns) is not None
-            and not self._pressing.at_end(slot, self._readings[slot])
+            if self._grip.touches(slot) and not self._pressing.at_end(slot, self._readings[slot])
         ]
         self._closing = [slot for slot in self._closing if slot not in new]
         first = (self._pressing.press(new, self._readings, now_ns),) if new else ()
