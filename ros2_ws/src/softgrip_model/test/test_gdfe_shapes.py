@@ -222,3 +222,12 @@ def test_a_finger_that_took_long_to_make_ready_is_not_shown_coarse_for_it(profil
     session.set_mounted({"index": "pinch"})
     assert shown(1.0) != 432
     assert shown(2.0) == 432  # nothing but slowness explains this
+
+
+def test_keyframes_that_made_no_shape_late_are_foreseen_to_take_no_time(profiles):
+    session = ShapeSession(profiles, {"index": "hook"}, MEDIUM, rate_hz=25.0, marker_rate_hz=0.0)
+    told = []
+    for number, pulled in enumerate((-0.001, 0.0005, 0.0015, 0.0025, 0.012)):
+        told += session.on_tendons(["index"], [TendonSample(number * 40_000_000, pulled, 0.0, 1.0)])
+    assert len(told) == 5
+    assert not any("coarser mesh" in shown.reason for shown in told)
