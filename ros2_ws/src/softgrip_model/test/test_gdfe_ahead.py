@@ -1,22 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keyframes computed ahead: sooner there, and nothing else told by the shapes."""
 
+import os
 import threading
-from dataclasses import dataclass
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.predictor import ActiveFriction
+from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.gdfe.ahead import Ahead
-from softgrip_model.gdfe.closing import Closing, ClosingSettings
-from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings
+from softgrip_model.gdfe.closings import Closings, Wanted
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.keyframes import Keyframes
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.gdfe.solver import State
 from softgrip_model.profile import load_directory, shipped_directory
 
 COARSE = ClosingSettings(RESOLUTIONS["coarse"], travel_mm=6.0)
+MEDIUM = Resolution(8, 2, 5, 5, 4)
 STEP_NS = 40_000_000
 
 
@@ -64,18 +71,82 @@ def test_shapes_say_the_same_with_and_without_it(profiles, ahead):
         assert run(helped, profile, 75 * number) == expected
 
 
-def test_only_fingers_that_are_shown_are_worked_on_and_all_of_their_travel(profiles, ahead):
+def closings_of(session):
+    """Return the complete ones by profile and mesh, in the order in which they were made."""
+    made = session._closings._closings.items()
+    return [(wanted.profile_id, wanted.slot) for wanted, once in made if once.get().keyframes.complete]
+
+
+def test_the_mounted_finger_comes_first_and_then_those_that_may_be_next(profiles, ahead):
     session = session_of(profiles, ahead)
-    for profile in ("hook", "power", "hook"):
-        session.set_mounted({"index": profile})
     wait_for(ahead)
-    assert len(session._made) == 3
-    assert not any(slot.fine.keyframes.complete for slot in session._made.values())
-    list(session.on_tendons(["index"], [TendonSample(0, -0.001, 0.0, 1.0)]))
+    assert closings_of(session) == []  # a cell whose tendons say nothing has no use for them
+    list(session.on_tendons(["thumb"], [TendonSample(0, 0.0, 0.0, 1.0)]))
     wait_for(ahead)
-    shown = session._fingers["index"].fine
-    assert [slot.fine for slot in session._made.values() if slot.fine.keyframes.complete] == [shown]
-    assert shown.keyframes.asked == 1  # at rest; the rest of them leaves no trace
+    assert closings_of(session) == [("pinch", "index"), ("hook", "index"), ("power", "index")]
+    assert session._fingers["index"].fine.keyframes.asked == 0  # they leave no trace
+
+
+def test_what_serves_when_time_is_short_is_there_before_the_mesh_asked_for(profiles):
+    medium = replace(COARSE, resolution=MEDIUM)
+    session = ShapeSession(profiles, {"thumb": "hook"}, medium, rate_hz=30.0, marker_rate_hz=0.0)
+    first, second = session._plan()[:2]
+    assert (first.profile_id, first.settings.resolution, first.settings.tolerance) == ("hook", COARSE.resolution, 1e-3)
+    assert (second.profile_id, second.settings) == ("hook", medium)
+
+
+def test_no_more_than_a_few_fingers_are_made_ready(profiles):
+    many = {f"{name}{k}": profile for k in range(4) for name, profile in profiles.items()}
+    session = ShapeSession(many, {"index": "hook2"}, COARSE, rate_hz=30.0, marker_rate_hz=0.0)
+    planned = [wanted.profile_id for wanted in session._plan()]
+    assert planned == ["hook2", "hook0", "hook1", "hook3", "pinch0", "pinch1", "pinch2"]
+
+
+def test_a_finger_that_cannot_be_made_does_not_keep_the_others_waiting(profiles, ahead):
+    closings = Closings(profiles)
+    good = Wanted("hook", "index", COARSE, None)
+    ahead.want((replace(good, profile_id="claw"), replace(good, slot="tail"), good), closings)
+    wait_for(ahead)
+    assert closings.get(good).keyframes.complete
+
+
+def test_the_thread_steps_back_for_what_the_cell_does_now(ahead):
+    thread = ahead._pool.submit(threading.get_native_id).result(timeout=30.0)
+    assert os.getpriority(os.PRIO_PROCESS, thread) > os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+
+def test_closings_are_made_once_whoever_asks_and_forgotten_with_their_friction_model(profiles, monkeypatch):
+    made = []
+
+    def slow(profile, slot, resolution):
+        time.sleep(0.05)  # time for the others to ask, too
+        made.append((profile.id, slot))
+        return Body(profile, slot, resolution)
+
+    monkeypatch.setattr("softgrip_model.gdfe.closings.Body", slow)
+    closings = Closings(profiles)
+    then, now = (ActiveFriction(name, FrictionLaw(Law.CAPSTAN, (0.1,), 1.125)) for name in ("then", "now"))
+    wanted = [Wanted("hook", "index", COARSE, friction) for friction in (then, now)]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(closings.get, 4 * wanted))
+    assert made == [("hook", "index")]
+    assert len(set(map(id, found))) == 2
+    closings.keep(now)
+    assert closings.get(wanted[1]) is found[1]
+    assert closings.get(wanted[0]) is not found[0]
+    assert made == [("hook", "index")]
+
+
+def test_a_new_friction_model_is_what_the_thread_goes_on_with(profiles, ahead):
+    session = session_of(profiles, ahead)
+    friction = ActiveFriction("rig", FrictionLaw(Law.CAPSTAN, (0.2,), 1.125))
+    list(session.on_tendons(["index"], [TendonSample(0, 0.0, 0.0, 1.0)]))
+    session.set_friction(friction)
+    list(session.on_tendons(["index"], [TendonSample(10**9, 0.0, 0.0, 1.0)]))
+    wait_for(ahead)
+    assert len(closings_of(session)) == len(profiles)
+    assert {wanted.friction for wanted in session._closings._closings} == {friction}
+    assert {wanted.friction for wanted in session._made} == {friction}
 
 
 def test_no_shape_waits_for_what_is_there(profiles, ahead, monkeypatch):
@@ -173,8 +244,8 @@ def test_a_solver_that_fails_ahead_leaves_the_chain_to_the_shape_that_needs_it()
 
 def test_closing_ends_with_the_keyframe_at_hand(profiles):
     ahead = Ahead()
-    closing = Closing(profiles["hook"], "index", ClosingSettings())
-    ahead.want([closing])
+    closings, wanted = Closings(profiles), Wanted("hook", "index", ClosingSettings(), None)
+    ahead.want((wanted,), closings)
     ahead.close()
-    assert not closing.keyframes.complete
+    assert not closings.get(wanted).keyframes.complete
     assert not any(thread.name.startswith("keyframes") and thread.is_alive() for thread in ahead._pool._threads)

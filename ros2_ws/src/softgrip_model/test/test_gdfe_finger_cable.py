@@ -54,7 +54,7 @@ def test_the_mesh_is_in_balance_with_its_cable(closing, pull_mm):
     shape = closing.shape(1e-3 * pull_mm)
     displacement = 1e3 * shape.vertices - finger.mesh.nodes
     load = cable_forces(finger, closing.friction.law, displacement, shape.tension[0])
-    inside = closing._solver.internal_force(displacement)
+    inside = closing.body.solver.internal_force(displacement)
     free = np.setdiff1d(np.arange(len(load)), finger.clamped)
     assert shape.converged
     assert np.abs(load).max() > 0.01

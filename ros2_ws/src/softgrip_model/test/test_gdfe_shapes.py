@@ -58,7 +58,7 @@ def test_a_shape_is_that_of_a_solve_from_rest_alone(profiles, pulled):
     """Keyframes, extrapolation and interpolation choose where to start, not where to end."""
     settings = ClosingSettings(RESOLUTIONS["coarse"], tolerance=1e-6, max_iterations=6000)
     closing = Closing(profiles["power"], "index", settings)
-    direct = closing._solve(closing._solver, 6000, 1e3 * pulled, closing._solver.rest())
+    direct = closing._solve(closing.body.solver, 6000, 1e3 * pulled, closing.body.solver.rest())
     assert direct.converged
     shape = closing.shape(pulled)
     moved = 1e3 * shape.vertices - closing.finger_mesh.mesh.nodes

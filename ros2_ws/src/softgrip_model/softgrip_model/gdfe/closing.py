@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +102,10 @@ def profile_material(material: ProfileMaterial, poisson: float = POISSON) -> Str
 
 
 class Body:
-    """What a finger's closings have in common, whatever the cable's friction: mesh, material, factored matrix."""
+    """What a finger's closings have in common, whatever the cable's friction: mesh, material, factored matrix.
+
+    It is made on any thread; its `solver` is one thread's.
+    """
 
     def __init__(
         self,
@@ -113,7 +116,7 @@ class Body:
         material: Material | None = None,
         law: Law = Law.CALIBRATED,
     ) -> None:
-        """Mesh the finger and factor its matrix.
+        """Mesh the finger; its matrix is factored with the first shape.
 
         Args:
             profile: of the finger.
@@ -138,9 +141,13 @@ class Body:
         limit = 0.5 * min(finger.thickness_mm)
         method = Settings(law=law, step_limit=limit, window=WINDOW)
         self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method)
-        self.solver = self.new_solver()
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.changes = "" if material is None and law is Law.CALIBRATED else f":{material}:{law}"
+
+    @cached_property
+    def solver(self) -> Solver:
+        """That of the thread that shows shapes; made with the first of them."""
+        return self.new_solver()
 
     def new_solver(self) -> Solver:
         """Return a solver of this body for another thread."""
@@ -161,7 +168,7 @@ class Closing:
         law: Law = Law.CALIBRATED,
         body: Body | None = None,
     ) -> None:
-        """Mesh the finger, unless its body is there already; nothing is solved yet.
+        """Mesh the finger, unless its body is there already; nothing is factored or solved yet.
 
         Args:
             profile: of the finger.
@@ -181,7 +188,6 @@ class Closing:
         self.body = body or Body(profile, slot, self.settings.resolution, material=material, law=law)
         self.finger_mesh, self.material = self.body.finger_mesh, self.body.material
         self.friction = friction or assumed_friction(profile)
-        self._solver = self.body.solver
         self.faces = self.body.faces
         self.hexahedra = len(self.finger_mesh.mesh.hexes)
         text = f"{digest(profile)}:{slot}:{self.settings}:{POISSON}"
@@ -193,8 +199,8 @@ class Closing:
             self.settings.keyframe_mm,
             self.settings.travel_mm,
             LENGTH_TOLERANCE_MM,
-            partial(self._solve, self._solver, self.settings.max_iterations // 2),
-            self._solver.rest(),
+            lambda pulled_mm, start: self._keyframe(self.body.solver, pulled_mm, start),
+            State(np.zeros_like(self.finger_mesh.mesh.nodes), (0.0,)),
         )
         self._last: tuple[float, Equilibrium] | None = None
 
@@ -224,14 +230,17 @@ class Closing:
 
     def work_ahead(self, solver: Solver) -> bool:
         """Compute a keyframe that no shape asked for, by a solver of this thread's own; False where none is left."""
-        return self.keyframes.ahead(partial(self._solve, solver, self.settings.max_iterations // 2))
+        return self.keyframes.ahead(partial(self._keyframe, solver))
 
     def _found(self, pulled_mm: float) -> Equilibrium:
         """Return the equilibrium at a length that is covered; at once where the tendon stands still."""
         if self._last is None or self._last[0] != pulled_mm:
             start = self.keyframes.start(pulled_mm)
-            self._last = pulled_mm, self._solve(self._solver, self.settings.max_iterations, pulled_mm, start)
+            self._last = pulled_mm, self._solve(self.body.solver, self.settings.max_iterations, pulled_mm, start)
         return self._last[1]
+
+    def _keyframe(self, solver: Solver, pulled_mm: float, start: State) -> Equilibrium:
+        return self._solve(solver, self.settings.max_iterations // 2, pulled_mm, start)
 
     def _solve(self, solver: Solver, max_iterations: int, pulled_mm: float, start: State) -> Equilibrium:
         solver.set_friction(0, self.friction.law)  # another closing may have used it in between

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from softgrip_model.finger.matching import TendonSample
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.gdfe.ahead import Ahead
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings, Shape
+from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
+from softgrip_model.gdfe.closings import Closings, Wanted
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
-from softgrip_model.profile import Profile, digest
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.profile import Profile
 
 #: Share of the last interval in the stated rate.
 _RATE_SMOOTHING = 0.2
@@ -41,6 +42,12 @@ _RELIEF, _LONGEST_RELIEF = 2.0, 5.0
 #: Mesh that serves where the one asked for is too slow, and the tolerance that goes with it at least: it halves the
 #: iterations and moves the tip by 0.2 mm at most, the mesh by more.
 _COARSE, _COARSE_TOLERANCE = RESOLUTIONS["coarse"], 1e-3
+#: So many fingers that are not mounted are made ready (5 MB each).
+_NEXT = 6
+#: Share of the time between shapes that a shape may come late by and keyframes still be said to have taken no time.
+_NO_TIME = 0.5
+#: Keyframes that the fine mesh is given with one shape at most, where they take no time.
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +116,15 @@ class _Pace:
         self._usual = usual  # [s] between shapes
         self._asked = 0
         self._each = 0.0
+        self.free = False
+        """The last ones took no time."""
 
     def note(self, gap: float, asked: int) -> None:
         """Note the time [s] since the shape before, and the keyframes that shapes have asked for in all."""
+        late = max(0.0, gap - self._usual)
         if asked > self._asked:
-            self._each = max(0.0, gap - self._usual) / (asked - self._asked)
+            self._each = late / (asked - self._asked)
+            self.free = late < _NO_TIME * self._usual
         self._asked = asked
 
     def seconds(self, keyframes: int) -> float:
@@ -136,6 +147,9 @@ class _Slot:
     _advanced: int = 0
     """Stamp at which the fine one last caught up."""
     _has_time: bool = False
+    _at_once: int = 1
+    _given: int = 0
+    """How many the fine one was given after the shape before."""
 
     def closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace, too_slow: str) -> Closing:
         """Return the one that serves at a length; the fine one comes back only when it has nothing to catch up on."""
@@ -150,7 +164,8 @@ class _Slot:
         elif not self.why and taking > _TOO_LONG:
             self.why = f"its next shape would take {taking:.1f} s"
         waited = 1e-9 * (stamp_ns - self._advanced) > _PATIENCE
-        self._has_time = still or (bool(self.why) and waited)
+        self._has_time = still or (bool(self.why) and (waited or pace.free))
+        self._at_once = min(2 * self._given, _AT_ONCE) if pace.free and self._given else 1
         if not self.why:
             return self.fine
         self._owed_mm = max(self._owed_mm, length)
@@ -158,9 +173,11 @@ class _Slot:
         return self.coarse
 
     def catch_up(self) -> None:
-        """Give the fine one a keyframe, where it is owed one and there is time."""
-        if self._has_time and not self.fine.keyframes.covers(self._owed_mm):
+        """Give the fine one keyframes, where it is owed some and there is time: one, or ever more that take none."""
+        self._given = 0
+        while self._has_time and self._given < self._at_once and not self.fine.keyframes.covers(self._owed_mm):
             self._advanced = self._last[1]
+            self._given += 1
             self.fine.keyframes.advance()
 
 
@@ -173,7 +190,8 @@ class ShapeSession:
         settings: of every closing.
         rate_hz: shapes per second of stamp time at most.
         marker_rate_hz: markers likewise; 0 = none.
-        ahead: computes keyframes of the fingers that are shown; None = all wait for the shape that needs them.
+        ahead: computes keyframes from the first tendon state on, of the mounted fingers and then of others that may
+            be; None = all wait for the shape that needs them.
 
     Raises:
         GdfeError, FingerError, ProfileError: a finger that cannot be simulated.
@@ -189,20 +207,22 @@ class ShapeSession:
         marker_rate_hz: float,
         ahead: Ahead | None = None,
     ) -> None:
-        self._profiles, self._settings = profiles, settings
+        self._profiles, self._closings = profiles, Closings(profiles)
+        tolerance = max(settings.tolerance, _COARSE_TOLERANCE)
+        self._settings, self._coarse_settings = settings, replace(settings, resolution=_COARSE, tolerance=tolerance)
         self._wanted_rate = rate_hz
         self._ahead = ahead
         self._slots, self._marker_slots = _Slots(rate_hz), _Slots(marker_rate_hz)
         self._shown = tuple(mounted)
         self._friction: ActiveFriction | None = None
-        self._bodies: dict[tuple[str, str, Resolution], Body] = {}
-        self._made: dict[tuple[str, str, str], _Slot] = {}
+        self._made: dict[Wanted, _Slot] = {}
         self._fingers: dict[str, _Slot] = {}
         self._relief, self._pace = _Relief(), _Pace(1.0 / rate_hz)
         self._last_stamp: int | None = None
         self._rate = math.nan
         self.mounted: dict[str, str] = {}
         self.set_mounted(mounted)
+        self._planned = self._plan()
 
     @property
     def description(self) -> str:
@@ -220,6 +240,7 @@ class ShapeSession:
             return
         self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in wanted.items()}
         self.mounted = wanted
+        self._planned = self._plan()
         self._relief.forget()
 
     @property
@@ -241,12 +262,17 @@ class ShapeSession:
         except GdfeError:
             self._friction = before
             raise
+        self._closings.keep(friction)
+        self._made = {wanted: slot for wanted, slot in self._made.items() if wanted.friction is friction}
+        self._planned = self._plan()
 
     def on_tendons(self, names: Sequence[str], samples: Sequence[TendonSample]) -> Iterator[Shown]:
         """Yield the shapes of a tendon state; none when its stamp falls into a period that has been served.
 
         What there is to catch up on is done when the last has been taken: it makes no shape late.
         """
+        if self._ahead is not None:
+            self._ahead.want(self._planned, self._closings)
         if not samples or self._fingers.keys().isdisjoint(names):
             # What shows nothing leaves no trace: a replay knows only of the states that were shown.
             return
@@ -256,8 +282,6 @@ class ShapeSession:
         self._pace.note(self._note_rate(stamp), self._keyframes_asked())
         self._relief.note(stamp)
         marker_due = self._marker_slots.takes(stamp)
-        if self._ahead is not None:  # not before: a finger that is swapped again at once costs nothing
-            self._ahead.want(slot.fine for name, slot in self._fingers.items() if name in names)
         for name, sample in zip(names, samples, strict=True):
             finger = self._fingers.get(name)
             if finger is None:
@@ -310,23 +334,19 @@ class ShapeSession:
         return gap
 
     def _finger(self, profile_id: str, slot: str) -> _Slot:
-        profile = self._profiles.get(profile_id)
-        if profile is None:
-            raise GdfeError(
-                f"slot {slot!r}: unknown profile {profile_id!r}; loaded: {', '.join(sorted(self._profiles)) or 'none'}"
-            )
-        key = (digest(profile), slot, repr(self._friction and (self._friction.id, self._friction.law)))
-        if key not in self._made:
-            make = partial(self._closing, profile, slot, self._friction)
-            tolerance = max(self._settings.tolerance, _COARSE_TOLERANCE)
-            coarse = replace(self._settings, resolution=_COARSE, tolerance=tolerance)
-            self._made[key] = _Slot(make(self._settings), partial(make, coarse))
-        return self._made[key]
+        wanted = Wanted(profile_id, slot, self._settings, self._friction)
+        if wanted not in self._made:
+            coarse = replace(wanted, settings=self._coarse_settings)
+            self._made[wanted] = _Slot(self._closings.get(wanted), partial(self._closings.get, coarse))
+        return self._made[wanted]
 
-    def _closing(
-        self, profile: Profile, slot: str, friction: ActiveFriction | None, settings: ClosingSettings
-    ) -> Closing:
-        key = (digest(profile), slot, settings.resolution)
-        if key not in self._bodies:
-            self._bodies[key] = Body(profile, slot, settings.resolution)
-        return Closing(profile, slot, settings, friction=friction, body=self._bodies[key])
+    def _plan(self) -> tuple[Wanted, ...]:
+        """Return what to work on ahead: what is mounted, then what may be; first what serves when time is short."""
+        mounted = list(self.mounted.items())
+        others = [(slot, profile) for slot in self._shown for profile in sorted(self._profiles)]
+        others = [other for other in others if other not in mounted][:_NEXT]
+        only_coarse = self._settings.resolution == _COARSE
+        each = (self._settings,) if only_coarse else (self._coarse_settings, self._settings)
+        return tuple(
+            Wanted(profile, slot, settings, self._friction) for slot, profile in mounted + others for settings in each
+        )
