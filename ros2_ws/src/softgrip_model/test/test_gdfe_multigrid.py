@@ -25,10 +25,22 @@ BOTH = (Method.DIRECT, Method.MULTIGRID)
 
 
 def drawn_bar(
-    shape, method, materials, *, size=(40.0, 10.0, 10.0), distort=0.0, tied=False, tolerance=1e-8, **settings
+    shape,
+    method,
+    materials,
+    *,
+    size=(40.0, 10.0, 10.0),
+    distort=0.0,
+    shuffled=False,
+    tied=False,
+    tolerance=1e-8,
+    **settings,
 ):
     """Return the solve of a bar of two materials, one end moved by a tenth along and across."""
     mesh = bar(size, shape, 2)
+    if shuffled:
+        order = np.random.default_rng(3).permutation(len(mesh.nodes))
+        mesh = Mesh(mesh.nodes[order], np.argsort(order)[mesh.hexes].astype(np.int32), mesh.materials)
     left = mesh.nodes_where(mesh.nodes[:, 0] == 0.0)
     right = mesh.nodes_where(mesh.nodes[:, 0] == size[0])
     if distort:
@@ -49,6 +61,7 @@ CASES = {
     "flat elements": {"materials": [cheetah(), ninjaflex()], "size": (40.0, 10.0, 1.0)},
     "long elements": {"materials": [cheetah(), ninjaflex()], "size": (200.0, 5.0, 5.0)},
     "distorted elements": {"materials": [cheetah(), ninjaflex()], "distort": 0.25},
+    "nodes in any order": {"materials": [cheetah(), ninjaflex()], "shuffled": True},
     "tied face": {"materials": [cheetah(), ninjaflex()], "tied": True},
     "double": {"materials": [cheetah(), ninjaflex()], "single_precision_factor": False},
     "rigorous": {"materials": [neo_hookean("a", 3.0, 0.4), neo_hookean("b", 1.0, 0.4)], "law": Law.RIGOROUS},

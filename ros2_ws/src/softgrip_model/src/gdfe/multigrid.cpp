@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "src/gdfe/aggregation.hpp"
+#include "src/gdfe/blocked_rows.hpp"
 #include "src/gdfe/multigrid_cycle.hpp"
 
 namespace softgrip::gdfe {
@@ -53,10 +54,13 @@ MultigridStore<T> build(SparseMatrix matrix, Eigen::MatrixX3d places, std::vecto
     const SparseMatrix& p = coarse.prolongation;
     if (static_cast<double>(p.cols()) > kPoorCoarsening * static_cast<double>(p.rows())) break;
     MultigridLevel<T> level;
-    level.matrix = pack<T>(matrix);  // symmetric
-    level.prolongation = pack<T>(p);
+    level.rows = static_cast<int>(matrix.rows());
+    level.entries = static_cast<std::size_t>(matrix.nonZeros());
+    level.blocked = blocked_rows<T>(matrix);
+    if (level.blocked.empty()) level.matrix = pack<T>(matrix);  // symmetric
+    level.prolongation = shared_columns<T>(RowMajor(p));
     level.restriction = pack<T>(RowMajor(p.transpose()));
-    level.inverse_diagonal.resize(static_cast<std::size_t>(diagonal.size()));
+    level.inverse_diagonal.resize(static_cast<std::size_t>(whole_blocks(level.rows)));
     for (Eigen::Index i = 0; i < diagonal.size(); ++i) level.inverse_diagonal[static_cast<std::size_t>(i)] = static_cast<T>(1.0 / diagonal(i));
     level.largest_eigenvalue = kEigenvalueMargin * eigenvalue;
     store.levels.push_back(std::move(level));
@@ -82,7 +86,7 @@ template <class T>
 std::size_t bytes_of(const MultigridStore<T>& store) {
   std::size_t bytes = store.coarsest_inverse.size() * sizeof(T);
   for (const MultigridLevel<T>& level : store.levels) {
-    bytes += kProducts * level.matrix.bytes() + level.prolongation.bytes() + level.restriction.bytes();
+    bytes += kProducts * (level.matrix.bytes() + level.blocked.bytes()) + level.prolongation.bytes() + level.restriction.bytes();
   }
   return bytes;
 }
@@ -98,13 +102,13 @@ Multigrid::Multigrid(const SparseMatrix& matrix, const Eigen::MatrixX3d& places,
     double_ = build<double>(matrix, places, level_sizes_);
   }
   bytes_ = single_ ? bytes_of(float_) : bytes_of(double_);
-  for (const auto& level : float_.levels) nonzeros_ += level.matrix.value.size();
-  for (const auto& level : double_.levels) nonzeros_ += level.matrix.value.size();
+  for (const auto& level : float_.levels) nonzeros_ += level.entries;
+  for (const auto& level : double_.levels) nonzeros_ += level.entries;
 }
 
 void Multigrid::apply(double* const* columns, int count, std::vector<double>& scratch) const {
-  const std::size_t unknowns = static_cast<std::size_t>(std::accumulate(level_sizes_.begin(), level_sizes_.end(), 0));
-  const std::size_t needed = unknowns * kAbreast * kLevelVectors;
+  std::size_t needed = kWorkAlignment / sizeof(double);
+  for (const int size : level_sizes_) needed += kLevelVectors * vector_length(size);
   if (scratch.size() < needed) scratch.resize(needed);
   if (single_) {
     multigrid_cycle_float(float_, columns, count, threads_, reinterpret_cast<float*>(scratch.data()));

@@ -3,6 +3,7 @@
 #include "src/gdfe/multigrid_cycle.hpp"
 
 #include <algorithm>
+#include <cstdint>
 
 #ifdef _OPENMP
 #include <omp.h>
@@ -13,66 +14,12 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "src/gdfe/multigrid_rows-inl.hpp"
+
 HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
-
-// The interleaved values of one unknown.
-template <class T>
-struct Quad {
-  using D = hn::CappedTag<T, kAbreast>;
-  using V = hn::Vec<D>;
-  static constexpr int kParts = kAbreast / static_cast<int>(hn::MaxLanes(D()));
-  V v[kParts];
-
-  HWY_INLINE Quad() {}  // the implicit one would not be of this instruction set: GCC refuses it for NEON
-  static HWY_INLINE Quad zero() {
-    Quad q;
-    for (V& part : q.v) part = hn::Zero(D());
-    return q;
-  }
-  static HWY_INLINE Quad load(const T* from) {
-    Quad q;
-    for (int p = 0; p < kParts; ++p) q.v[p] = hn::LoadU(D(), from + p * (kAbreast / kParts));
-    return q;
-  }
-  HWY_INLINE void store(T* to) const {
-    for (int p = 0; p < kParts; ++p) hn::StoreU(v[p], D(), to + p * (kAbreast / kParts));
-  }
-  // this += factor * other
-  HWY_INLINE void add(T factor, const Quad& other) {
-    const V f = hn::Set(D(), factor);
-    for (int p = 0; p < kParts; ++p) v[p] = hn::MulAdd(f, other.v[p], v[p]);
-  }
-  HWY_INLINE Quad plus(const Quad& other) const {
-    Quad q;
-    for (int p = 0; p < kParts; ++p) q.v[p] = v[p] + other.v[p];
-    return q;
-  }
-  HWY_INLINE Quad minus(const Quad& other) const {
-    Quad q;
-    for (int p = 0; p < kParts; ++p) q.v[p] = v[p] - other.v[p];
-    return q;
-  }
-};
-
-// Row `row` of the matrix times x.
-template <class T>
-HWY_INLINE Quad<T> row_product(const SparseRows<T>& matrix, int row, const T* x) {
-  Quad<T> even = Quad<T>::zero(), odd = Quad<T>::zero(), third = Quad<T>::zero();
-  std::int32_t k = matrix.start[row];
-  const std::int32_t end = matrix.start[row + 1];
-  const std::int32_t* column = matrix.column.data();
-  const T* value = matrix.value.data();
-  for (; k + 3 <= end; k += 3) {
-    even.add(value[k], Quad<T>::load(x + kAbreast * static_cast<std::size_t>(column[k])));
-    odd.add(value[k + 1], Quad<T>::load(x + kAbreast * static_cast<std::size_t>(column[k + 1])));
-    third.add(value[k + 2], Quad<T>::load(x + kAbreast * static_cast<std::size_t>(column[k + 2])));
-  }
-  for (; k < end; ++k) even.add(value[k], Quad<T>::load(x + kAbreast * static_cast<std::size_t>(column[k])));
-  return even.plus(odd).plus(third);
-}
 
 // Levels of fewer unknowns are the first thread's alone: meeting at barriers would take longer.
 constexpr int kSharedFrom = 4000;
@@ -83,7 +30,7 @@ class Worker {
  public:
   Worker(const MultigridStore<T>& store, T* work, int thread, int threads) : store_(store), thread_(thread), threads_(threads) {
     for (const MultigridLevel<T>& level : store.levels) {
-      place(work, level.matrix.rows());
+      place(work, level.rows);
     }
     place(work, store.coarsest_size);
   }
@@ -104,9 +51,10 @@ class Worker {
     Vectors& at = vectors_[index];
     const Vectors& next = vectors_[index + 1];
     smooth(level, at, true);
-    const int rows = level.matrix.rows();
-    for (int i = first(rows); i < last(rows); ++i) {
-      Quad<T>::load(at.b + kAbreast * i).minus(row_product(level.matrix, i, at.x)).store(at.y + kAbreast * i);
+    if (level.blocked.empty()) {
+      subtract<1>(level, at, level.rows);
+    } else {
+      subtract<kRowsAbreast>(level, at, level.blocked.blocks());
     }
     barrier();
     const int coarse = level.restriction.rows();
@@ -114,9 +62,8 @@ class Worker {
     barrier();
     descend(index + 1);
     const T* correction = vectors_[index + 1].x;
-    for (int i = first(rows); i < last(rows); ++i) {
-      Quad<T>::load(at.x + kAbreast * i).plus(row_product(level.prolongation, i, correction)).store(at.x + kAbreast * i);
-    }
+    const int blocks = level.prolongation.blocks();
+    for (int i = first(blocks); i < last(blocks); ++i) correct_block(level.prolongation, i, correction, at.x);
     barrier();
     smooth(level, at, false);
   }
@@ -127,7 +74,7 @@ class Worker {
   };
 
   void descend(std::size_t index) {
-    const int rows = index == store_.levels.size() ? store_.coarsest_size : store_.levels[index].matrix.rows();
+    const int rows = index == store_.levels.size() ? store_.coarsest_size : store_.levels[index].rows;
     if (alone_ || rows >= kSharedFrom) return cycle(index);
     if (thread_ == 0) {
       alone_ = true;
@@ -137,10 +84,51 @@ class Worker {
     barrier();
   }
 
+  // Beyond both ends of a vector are zeros: a block reads there, where it has no values.
   void place(T*& work, int rows) {
-    const std::size_t size = kAbreast * static_cast<std::size_t>(rows);
-    vectors_.push_back({work, work + size, work + 2 * size, work + 3 * size});
-    work += kLevelVectors * size;
+    T* vectors[kLevelVectors];
+    const std::size_t beyond = kAbreast * kRowsAbreast, size = vector_length(rows);
+    for (T*& vector : vectors) {
+      vector = work + beyond;
+      work += size;
+      if (thread_ > 0) continue;
+      std::fill(vector - beyond, vector, T(0));
+      std::fill(vector + kAbreast * static_cast<std::size_t>(rows), work, T(0));
+    }
+    vectors_.push_back({vectors[0], vectors[1], vectors[2], vectors[3]});
+  }
+
+  template <int rows>
+  HWY_INLINE Rows<T, rows> product(const MultigridLevel<T>& level, int group, const T* x) const {
+    if constexpr (rows == 1) {
+      return row_product(level.matrix, group, x);
+    } else {
+      return block_product(level.blocked, group, x);
+    }
+  }
+
+  // y = b - A x in groups of rows
+  template <int rows>
+  void subtract(const MultigridLevel<T>& level, const Vectors& at, int groups) const {
+    for (int i = first(groups); i < last(groups); ++i) {
+      const std::size_t slot = static_cast<std::size_t>(kAbreast * rows) * static_cast<std::size_t>(i);
+      Rows<T, rows>::load(at.b + slot).minus(product<rows>(level, i, at.x)).store(at.y + slot);
+    }
+  }
+
+  // One step of a smoothing: y = x + d, d = keep d + take D^-1 (b - A x)
+  template <int rows>
+  void smooth_once(const MultigridLevel<T>& level, const Vectors& at, int groups, T keep, T take, bool from_zero) const {
+    using Group = Rows<T, rows>;
+    for (int i = first(groups); i < last(groups); ++i) {
+      const std::size_t slot = static_cast<std::size_t>(kAbreast * rows) * static_cast<std::size_t>(i);
+      Group residual = Group::load(at.b + slot);
+      if (!from_zero) residual = residual.minus(product<rows>(level, i, at.x));
+      Group d = keep == T(0) ? Group::zero() : Group::load(at.d + slot).times(keep);
+      d.add(Group::spread(level.inverse_diagonal.data() + static_cast<std::size_t>(rows) * static_cast<std::size_t>(i)), residual.times(take));
+      if constexpr (kSmoothingDegree > 1) d.store(at.d + slot);
+      (from_zero ? d : d.plus(Group::load(at.x + slot))).store(at.y + slot);
+    }
   }
 
   // Chebyshev's polynomial on the upper part of the spectrum of D^-1 A (Saad, Iterative Methods, alg. 12.1).
@@ -148,7 +136,6 @@ class Worker {
     const double upper = level.largest_eigenvalue, lower = upper / kSmoothedPart;
     const double centre = 0.5 * (upper + lower), radius = 0.5 * (upper - lower), sigma = centre / radius;
     double rho = 1.0 / sigma;
-    const int rows = level.matrix.rows();
     for (int degree = 0; degree < kSmoothingDegree; ++degree) {
       const bool begins = degree == 0;
       double keep = 0.0, take = 1.0 / centre;
@@ -158,15 +145,10 @@ class Worker {
         take = 2.0 * next / radius;
         rho = next;
       }
-      for (int i = first(rows); i < last(rows); ++i) {
-        const std::size_t slot = kAbreast * static_cast<std::size_t>(i);
-        Quad<T> residual = Quad<T>::load(at.b + slot);
-        if (!begins || !from_zero) residual = residual.minus(row_product(level.matrix, i, at.x));
-        Quad<T> d = Quad<T>::zero();
-        if (!begins) d.add(static_cast<T>(keep), Quad<T>::load(at.d + slot));
-        d.add(static_cast<T>(take) * level.inverse_diagonal[i], residual);
-        d.store(at.d + slot);
-        (begins && from_zero ? d : d.plus(Quad<T>::load(at.x + slot))).store(at.y + slot);
+      if (level.blocked.empty()) {
+        smooth_once<1>(level, at, level.rows, static_cast<T>(keep), static_cast<T>(take), begins && from_zero);
+      } else {
+        smooth_once<kRowsAbreast>(level, at, level.blocked.blocks(), static_cast<T>(keep), static_cast<T>(take), begins && from_zero);
       }
       std::swap(at.x, at.y);  // every thread keeps its own pair of pointers; a cycle swaps it an even number of times
       barrier();
@@ -178,13 +160,13 @@ class Worker {
     const Vectors& at = vectors_.back();
     for (int i = first(n); i < last(n); ++i) {
       const T* row = store_.coarsest_inverse.data() + static_cast<std::size_t>(i) * n;
-      Quad<T> even = Quad<T>::zero(), odd = Quad<T>::zero();
+      Row<T> even = Row<T>::zero(), odd = Row<T>::zero();
       int j = 0;
       for (; j + 2 <= n; j += 2) {
-        even.add(row[j], Quad<T>::load(at.b + kAbreast * j));
-        odd.add(row[j + 1], Quad<T>::load(at.b + kAbreast * (j + 1)));
+        even.add(row[j], Row<T>::load(at.b + kAbreast * j));
+        odd.add(row[j + 1], Row<T>::load(at.b + kAbreast * (j + 1)));
       }
-      if (j < n) even.add(row[j], Quad<T>::load(at.b + kAbreast * j));
+      if (j < n) even.add(row[j], Row<T>::load(at.b + kAbreast * j));
       even.plus(odd).store(at.x + kAbreast * i);
     }
     barrier();
@@ -199,9 +181,60 @@ class Worker {
   std::vector<Vectors> vectors_;
 };
 
+// Columns to interleaved values, times scale.
+template <class T>
+void interleave(const double* const* columns, int count, double scale, int first, int last, T* values) {
+  const hn::ScalableTag<double> wide;
+  const hn::Rebind<T, decltype(wide)> d;
+  const auto zero = hn::Zero(d);
+  const auto part = [&](int k, int i) HWY_ATTR {
+    const auto value = hn::LoadU(wide, columns[k] + i) * hn::Set(wide, scale);
+    if constexpr (sizeof(T) < sizeof(double)) {
+      return hn::DemoteTo(d, value);
+    } else {
+      return value;
+    }
+  };
+  const int lanes = static_cast<int>(hn::Lanes(wide));
+  int i = first;
+  for (; i + lanes <= last; i += lanes) {
+    hn::StoreInterleaved4(part(0, i), count > 1 ? part(1, i) : zero, count > 2 ? part(2, i) : zero, zero, d, values + kAbreast * i);
+  }
+  for (; i < last; ++i) {
+    for (int k = 0; k < kAbreast; ++k) values[kAbreast * i + k] = k < count ? static_cast<T>(columns[k][i] * scale) : T(0);
+  }
+}
+
+template <class T>
+void separate(const T* values, int count, int first, int last, double* const* columns) {
+  const hn::ScalableTag<double> wide;
+  const hn::Rebind<T, decltype(wide)> d;
+  const int lanes = static_cast<int>(hn::Lanes(wide));
+  const auto put = [&](int k, int i, hn::Vec<decltype(d)> value) HWY_ATTR {
+    if (k >= count) return;
+    if constexpr (sizeof(T) < sizeof(double)) {
+      hn::StoreU(hn::PromoteTo(wide, value), wide, columns[k] + i);
+    } else {
+      hn::StoreU(value, wide, columns[k] + i);
+    }
+  };
+  int i = first;
+  for (; i + lanes <= last; i += lanes) {
+    auto x = hn::Zero(d), y = x, z = x, unused = x;
+    hn::LoadInterleaved4(d, values + kAbreast * i, x, y, z, unused);
+    put(0, i, x);
+    put(1, i, y);
+    put(2, i, z);
+  }
+  for (; i < last; ++i) {
+    for (int k = 0; k < count; ++k) columns[k][i] = static_cast<double>(values[kAbreast * i + k]);
+  }
+}
+
 template <class T>
 void run(const MultigridStore<T>& store, double* const* columns, int count, int threads, T* work) {
-  const int size = store.levels.empty() ? store.coarsest_size : store.levels.front().matrix.rows();
+  work += (kWorkAlignment - reinterpret_cast<std::uintptr_t>(work) % kWorkAlignment) % kWorkAlignment / sizeof(T);
+  const int size = store.levels.empty() ? store.coarsest_size : store.levels.front().rows;
   if (size < kSharedFrom) threads = 1;
 #pragma omp parallel num_threads(threads) if (threads > 1)
   {
@@ -210,16 +243,10 @@ void run(const MultigridStore<T>& store, double* const* columns, int count, int 
 #else
     Worker<T> worker(store, work, 0, 1);
 #endif
-    T* b = worker.right_hand_side();
-    for (int i = worker.first(size); i < worker.last(size); ++i) {
-      for (int k = 0; k < kAbreast; ++k) b[kAbreast * i + k] = k < count ? static_cast<T>(columns[k][i] * store.scale) : T(0);
-    }
+    interleave(columns, count, store.scale, worker.first(size), worker.last(size), worker.right_hand_side());
     worker.barrier();
     worker.cycle(0);
-    const T* x = worker.solution();
-    for (int k = 0; k < count; ++k) {
-      for (int i = worker.first(size); i < worker.last(size); ++i) columns[k][i] = static_cast<double>(x[kAbreast * i + k]);
-    }
+    separate(worker.solution(), count, worker.first(size), worker.last(size), columns);
   }
 }
 

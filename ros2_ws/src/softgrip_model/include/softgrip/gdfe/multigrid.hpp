@@ -25,11 +25,45 @@ struct SparseRows {
   std::size_t bytes() const { return value.size() * (sizeof(T) + sizeof(std::int32_t)) + start.size() * sizeof(std::int32_t); }
 };
 
+// Consecutive rows that are worked on together.
+inline constexpr int kRowsAbreast = 4;
+
+constexpr int whole_blocks(int rows) { return (rows + kRowsAbreast - 1) / kRowsAbreast * kRowsAbreast; }
+
+// Blocks of kRowsAbreast rows that share how far their columns are from the row, as along the lines of a grid: an entry is one
+// distance and a value for each row, zero where a row has none. Equal blocks are kept once: in a regular grid all that is left
+// of the matrix stays in the cache.
+template <class T>
+struct BlockedRows {
+  std::vector<std::int32_t> start;     // of each distinct block's entries
+  std::vector<std::int32_t> distinct;  // of each block
+  std::vector<std::int32_t> distance;  // of each entry: column less row
+  std::vector<T> value;                // [entry][kRowsAbreast]
+
+  bool empty() const { return distinct.empty(); }
+  int blocks() const { return static_cast<int>(distinct.size()); }
+  std::size_t bytes() const { return value.size() * sizeof(T) + (start.size() + distinct.size() + distance.size()) * sizeof(std::int32_t); }
+};
+
+// Blocks of kRowsAbreast rows that share columns: an entry is one column and a value for each row.
+template <class T>
+struct SharedColumns {
+  std::vector<std::int32_t> start, column;
+  std::vector<T> value;  // [entry][kRowsAbreast]
+
+  int blocks() const { return static_cast<int>(start.size()) - 1; }
+  std::size_t bytes() const { return value.size() * sizeof(T) + (start.size() + column.size()) * sizeof(std::int32_t); }
+};
+
 template <class T>
 struct MultigridLevel {
-  SparseRows<T> matrix;
-  SparseRows<T> prolongation, restriction;  // from and to the next level
-  std::vector<T> inverse_diagonal;
+  int rows = 0;
+  SparseRows<T> matrix;  // one of the two is empty
+  BlockedRows<T> blocked;
+  SharedColumns<T> prolongation;    // from the next level
+  SparseRows<T> restriction;        // to it
+  std::vector<T> inverse_diagonal;  // zero beyond the last row
+  std::size_t entries = 0;          // of the matrix
   double largest_eigenvalue = 0.0;  // of D^-1 matrix, a little above it
 };
 
