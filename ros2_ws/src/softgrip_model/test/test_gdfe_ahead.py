@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keyframes computed ahead: sooner there, and nothing else told by the shapes."""
 
+import gc
 import os
 import threading
 import time
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -14,7 +16,7 @@ from softgrip_model.finger.matching import TendonSample
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.gdfe.ahead import Ahead
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings
+from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings, _Equations
 from softgrip_model.gdfe.closings import Closings, Wanted
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.keyframes import Keyframes
@@ -154,8 +156,8 @@ def test_no_shape_waits_for_what_is_there(profiles, ahead, monkeypatch):
     list(session.on_tendons(["index"], [TendonSample(0, 0.0, 0.0, 1.0)]))
     wait_for(ahead)
     lengths = []
-    solve = Closing._solve
-    monkeypatch.setattr(Closing, "_solve", lambda self, *given: (lengths.append(given[2]), solve(self, *given))[1])
+    solve = _Equations.solve
+    monkeypatch.setattr(_Equations, "solve", lambda self, *given: (lengths.append(given[2]), solve(self, *given))[1])
     list(session.on_tendons(["index"], [TendonSample(10**9, 0.00523, 0.0, 1.0)]))
     assert lengths == [pytest.approx(5.23)]
 
@@ -249,3 +251,27 @@ def test_closing_ends_with_the_keyframe_at_hand(profiles):
     ahead.close()
     assert not closings.get(wanted).keyframes.complete
     assert not any(thread.name.startswith("keyframes") and thread.is_alive() for thread in ahead._pool._threads)
+
+
+def test_a_friction_model_that_is_replaced_takes_its_keyframes_along(profiles):
+    """At once: they are some megabytes, and Python looks for cycles when it counts many objects, not large ones."""
+    closings = Closings(profiles)
+    closing = closings.get(Wanted("hook", "index", COARSE, None))
+    closing.keyframes.cover(2.0)
+    gone = weakref.ref(closing.keyframes)
+    gc.disable()
+    try:
+        closings.keep(ActiveFriction("rig", FrictionLaw(Law.CAPSTAN, (0.2,), 1.125)))
+        del closing
+        assert gone() is None
+    finally:
+        gc.enable()
+
+
+def test_keyframes_keep_what_shapes_need_alone(profiles):
+    closing = Closing(profiles["hook"], "index", COARSE)
+    closing.keyframes.cover(1.0)
+    kept = closing.keyframes.last
+    assert kept.displacement.base is None
+    assert kept.displacement.any()
+    assert kept.reaction.size == 0

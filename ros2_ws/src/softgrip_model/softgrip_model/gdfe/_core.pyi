@@ -78,6 +78,7 @@ class Settings:
         window: int,
         threads: int,
         step_limit: float,
+        sections_after: int,
     ) -> None: ...
 
 class Outcome:

@@ -10,7 +10,7 @@ was before. Mesh and factored matrix know nothing of friction: closings of one f
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -35,8 +35,9 @@ Index = NDArray[np.uint32]
 POISSON = 0.3
 #: [mm] of cable length, everywhere in this module.
 LENGTH_TOLERANCE_MM = 1e-3
-#: Of the acceleration: slender hinges pulled by a force are badly conditioned, and a long memory pays.
-WINDOW = 60
+#: Of the acceleration, and the iterations after which the cross-sections answer, too: a shape that starts near another
+#: converges sooner, by cheaper iterations; what starts far from one has lost its short waves by then.
+WINDOW, SECTIONS_AFTER = 20, 6
 #: Share of a material's strain range that the equivalent strain (above half of any principal one) must reach before
 #: principal stretches are worked out.
 NEAR_RANGE = 0.5
@@ -60,7 +61,7 @@ class ClosingSettings:
     travel_mm: float = 22.0
     keyframe_mm: float = 1.0
     tolerance: float = 1e-4
-    max_iterations: int = 1000
+    max_iterations: int = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +140,7 @@ class Body:
         cable = Cable(self.finger_mesh.routing, assumed_friction(profile).law)
         # a node that jumps further than half the thinnest strip in one iteration turns elements over
         limit = 0.5 * min(finger.thickness_mm)
-        method = Settings(law=law, step_limit=limit, window=WINDOW)
+        method = Settings(law=law, step_limit=limit, window=WINDOW, sections_after=SECTIONS_AFTER)
         self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method)
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.changes = "" if material is None and law is Law.CALIBRATED else f":{material}:{law}"
@@ -152,6 +153,37 @@ class Body:
     def new_solver(self) -> Solver:
         """Return a solver of this body for another thread."""
         return self._make_solver()
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """What is solved, with a solver of the body."""
+
+    settings: ClosingSettings
+    friction: ActiveFriction
+
+    def shape(self, solver: Solver, pulled_mm: float, start: State) -> Equilibrium:
+        return self.solve(solver, self.settings.max_iterations, pulled_mm, start)
+
+    def keyframe(self, solver: Solver, pulled_mm: float, start: State) -> Equilibrium:
+        found = self.solve(solver, self.settings.max_iterations // 2, pulled_mm, start)
+        # a copy, as the core's own array keeps all that it found: reactions, which nobody looks at, are half of that
+        return replace(found, displacement=found.displacement.copy(), reaction=np.zeros((0, 3)))
+
+    def solve(self, solver: Solver, max_iterations: int, pulled_mm: float, start: State) -> Equilibrium:
+        solver.set_friction(0, self.friction.law)  # another closing may have used it in between
+        return solver.solve(
+            start=start,
+            drives=[Drive(pulled_mm)],
+            tolerance=self.settings.tolerance,
+            force_floor=FORCE_FLOOR_N,
+            length_tolerance=LENGTH_TOLERANCE_MM,
+            max_iterations=max_iterations,
+        )
+
+
+def _own_keyframe(equations: _Equations, body: Body, pulled_mm: float, start: State) -> Equilibrium:
+    return equations.keyframe(body.solver, pulled_mm, start)
 
 
 class Closing:
@@ -195,11 +227,13 @@ class Closing:
             text += f":{friction.id}:{friction.law}"
         text += self.body.changes
         self.digest = text_digest(self.finger_mesh.mesh.digest + text)
+        # nothing that keyframes hold leads back to this closing: they are large, and go with it
+        self._equations = _Equations(self.settings, self.friction)
         self.keyframes = Keyframes(
             self.settings.keyframe_mm,
             self.settings.travel_mm,
             LENGTH_TOLERANCE_MM,
-            lambda pulled_mm, start: self._keyframe(self.body.solver, pulled_mm, start),
+            partial(_own_keyframe, self._equations, self.body),
             State(np.zeros_like(self.finger_mesh.mesh.nodes), (0.0,)),
         )
         self._last: tuple[float, Equilibrium] | None = None
@@ -230,28 +264,14 @@ class Closing:
 
     def work_ahead(self, solver: Solver) -> bool:
         """Compute a keyframe that no shape asked for, by a solver of this thread's own; False where none is left."""
-        return self.keyframes.ahead(partial(self._keyframe, solver))
+        return self.keyframes.ahead(partial(self._equations.keyframe, solver))
 
     def _found(self, pulled_mm: float) -> Equilibrium:
         """Return the equilibrium at a length that is covered; at once where the tendon stands still."""
         if self._last is None or self._last[0] != pulled_mm:
             start = self.keyframes.start(pulled_mm)
-            self._last = pulled_mm, self._solve(self.body.solver, self.settings.max_iterations, pulled_mm, start)
+            self._last = pulled_mm, self._equations.shape(self.body.solver, pulled_mm, start)
         return self._last[1]
-
-    def _keyframe(self, solver: Solver, pulled_mm: float, start: State) -> Equilibrium:
-        return self._solve(solver, self.settings.max_iterations // 2, pulled_mm, start)
-
-    def _solve(self, solver: Solver, max_iterations: int, pulled_mm: float, start: State) -> Equilibrium:
-        solver.set_friction(0, self.friction.law)  # another closing may have used it in between
-        return solver.solve(
-            start=start,
-            drives=[Drive(pulled_mm)],
-            tolerance=self.settings.tolerance,
-            force_floor=FORCE_FLOOR_N,
-            length_tolerance=LENGTH_TOLERANCE_MM,
-            max_iterations=max_iterations,
-        )
 
     def _shape(
         self, pulled_length: float, found: Equilibrium, started: float, reason: str, *, converged: bool

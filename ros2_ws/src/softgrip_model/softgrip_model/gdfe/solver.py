@@ -126,6 +126,8 @@ class Settings:
         window: of the Anderson acceleration, 0 = plain iteration.
         threads: the bits of a result depend on their number, not on their timing.
         step_limit: largest motion of a node in one iteration; 0 = none.
+        sections_after: iterations after which rigid cross-sections answer, too: for slender bodies that bend much, held
+            at one end on all axes, without obstacles; negative = never.
     """
 
     law: Law = Law.CALIBRATED
@@ -137,6 +139,7 @@ class Settings:
     window: int = 10
     threads: int = 1
     step_limit: float = 0.0
+    sections_after: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,8 +240,11 @@ class Solver:
                     s.window,
                     s.threads,
                     s.step_limit,
+                    s.sections_after,
                 ),
             )
+        except ValueError as error:
+            raise GdfeError(str(error)) from error
         except RuntimeError as error:
             raise GdfeError(f"{error}; prescribe displacements so that no part can move freely") from error
 

@@ -7,9 +7,9 @@ the active friction model (the profile's own until there is one) alone, and stat
 in every period of the rate), so that a bag replays to the same bits on the same machine. A state that comes while
 another is being solved waits alone: older ones are dropped, never shown late. The rate in the message is that of the
 stamps solved; when it is below the rate asked for, the reason says so. Where shapes come too slowly to look at, the
-coarse mesh serves for a while: the message then has its hexahedra, its digest and the reason. Once a finger is shown, a
-thread of its own computes what its next shapes start from, before they need it. A new friction model or a swap back to
-a finger keeps meshes and factored matrices.
+coarse mesh serves for a while: the message then has its hexahedra, its digest and the reason. From the first tendon
+state on, a thread of its own computes what shapes start from before they need it: for the mounted fingers, then for
+other profiles. A new friction model or a swap back to a finger keeps meshes and factored matrices.
 """
 
 from __future__ import annotations

@@ -126,14 +126,14 @@ PYBIND11_MODULE(_core, module) {
 
   py::class_<gdfe::Settings>(module, "Settings")
       .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int method, int window,
-                       int threads, double step_limit) {
+                       int threads, double step_limit, int sections_after) {
              return gdfe::Settings{static_cast<gdfe::Law>(law), static_cast<gdfe::VolumeShape>(shape),
                                    static_cast<gdfe::Metric>(metric), single_precision_factor,
                                    static_cast<gdfe::Ordering>(ordering), static_cast<gdfe::Method>(method), window, threads,
-                                   step_limit};
+                                   step_limit, sections_after};
            }),
            py::arg("law"), py::arg("shape"), py::arg("metric"), py::arg("single_precision_factor"), py::arg("ordering"),
-           py::arg("method"), py::arg("window"), py::arg("threads"), py::arg("step_limit"));
+           py::arg("method"), py::arg("window"), py::arg("threads"), py::arg("step_limit"), py::arg("sections_after"));
 
   py::class_<gdfe::Outcome>(module, "Outcome")
       .def_readonly("converged", &gdfe::Outcome::converged)

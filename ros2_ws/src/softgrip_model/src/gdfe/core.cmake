@@ -8,8 +8,8 @@ softgrip_core(gdfe src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/ander
   src/gdfe/blocked_rows.cpp src/gdfe/cable.cpp src/gdfe/contact.cpp src/gdfe/element_blocks.cpp src/gdfe/factor.cpp
   src/gdfe/follower.cpp src/gdfe/inverted.cpp src/gdfe/local_step.cpp src/gdfe/mesh.cpp src/gdfe/multigrid.cpp
   src/gdfe/multigrid_cycle.cpp src/gdfe/node_rows.cpp src/gdfe/ogden.cpp src/gdfe/ordering.cpp src/gdfe/panel_factor.cpp
-  src/gdfe/panel_solve.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/solver_cables.cpp
-  src/gdfe/solver_setup.cpp src/gdfe/stream.cpp)
+  src/gdfe/panel_solve.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/solver_cables.cpp
+  src/gdfe/solver_sections.cpp src/gdfe/solver_setup.cpp src/gdfe/stream.cpp)
 target_include_directories(gdfe_core PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
 target_link_libraries(gdfe_core PRIVATE ${HWY_LIBRARY})
 

@@ -189,6 +189,8 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
   begin_contact(task);
   Anderson& accelerate = *accelerate_;
   accelerate.forget();
+  by_sections_ = false;
+  measure_at_ = settings_.sections_after;
   Outcome outcome;
   int halvings = 0;
   for (int iteration = 0;; ++iteration) {
@@ -231,10 +233,7 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     }
     halvings = 0;
 
-    if (contact_.empty()) {
-      precondition(residual);
-      drive_lengths(task, state, residual);
-    }
+    if (contact_.empty()) answer(task, state, iteration, residual);
     const bool limited = settings_.step_limit > 0.0;
     accelerate.advance(state, residual, step, !limited);
     if (limited) {
@@ -314,6 +313,16 @@ double Solver::energy(const Nodes& displacement) {
   if (!ogden_) throw std::logic_error("only the rigorous law has an energy");
   place(displacement);
   return ogden_->energy(position_.data());
+}
+
+void Solver::forces_at(const std::vector<double>& position, std::vector<double>& force) {
+  force.resize(unknowns_);
+  const std::size_t values = kStride * nodes_;
+  const auto place = [&](std::size_t share) {
+    const auto first = static_cast<std::ptrdiff_t>(begin_of(share, values)), last = static_cast<std::ptrdiff_t>(begin_of(share + 1, values));
+    std::copy(position.begin() + first, position.begin() + last, position_.begin() + first);
+  };
+  sum_forces(place, [] {}, [&](std::size_t share) { gather(force, share); });
 }
 
 Nodes Solver::internal_force(const Nodes& displacement) {

@@ -38,6 +38,15 @@ void Solver::pull_cables(const Task& task, const std::vector<double>& state) {
   }
 }
 
+// How a cable pulls with a unit tension at its anchor; a slack one has its direction at the friction law's floor.
+CableState Solver::unit_pull(const std::vector<double>& state, std::size_t cable) const {
+  const CableWork& work = cable_work_[cable];
+  const double tension = state[unknowns_ + cable] / work.tension_scale, unit = std::max(tension, friction::kTensionFloor_N);
+  CableState pull = tension >= friction::kTensionFloor_N ? work.state : pull_from_anchor(cables_[cable], work.points, unit);
+  for (Eigen::Vector3d& force : pull.force) force /= unit;
+  return pull;
+}
+
 // Adds to the step what brings every driven cable to its length, and the tension that does it.
 void Solver::drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& step) {
   for (std::size_t c = 0; c < cables_.size(); ++c) {
@@ -47,10 +56,8 @@ void Solver::drive_lengths(const Task& task, const std::vector<double>& state, s
       step[unknowns_ + c] = 0.0;
       continue;
     }
-    const double tension = state[unknowns_ + c] / work.tension_scale;
-    // force of a unit anchor tension; a slack cable has its direction at the friction law's floor
-    const double unit = std::max(tension, friction::kTensionFloor_N);
-    const CableState pull = tension >= friction::kTensionFloor_N ? work.state : pull_from_anchor(cables_[c], work.points, unit);
+    const double tension = (state[unknowns_ + c] + step[unknowns_ + c]) / work.tension_scale;
+    const CableState pull = unit_pull(state, c);
     double gain = 0.0, moved = 0.0;
     std::array<Eigen::VectorXd, 3> response;
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -58,7 +65,7 @@ void Solver::drive_lengths(const Task& task, const std::vector<double>& state, s
       const auto column = static_cast<Eigen::Index>(axis);
       const auto points = static_cast<Eigen::Index>(work.points.size());
       Eigen::VectorXd force(points);
-      for (Eigen::Index p = 0; p < points; ++p) force(p) = pull.force[static_cast<std::size_t>(p)][column] / unit;
+      for (Eigen::Index p = 0; p < points; ++p) force(p) = pull.force[static_cast<std::size_t>(p)][column];
       response[axis] = a.point_columns->middleCols(static_cast<Eigen::Index>(first_column_[c]), points) * force;
       for (std::size_t p = 0; p < work.points.size(); ++p) {
         const CablePoint& point = cables_[c].points[p];
@@ -78,7 +85,7 @@ void Solver::drive_lengths(const Task& task, const std::vector<double>& state, s
       const Axis& a = axes_[axis];
       for (Eigen::Index i = 0; i < response[axis].size(); ++i) step[a.offset + static_cast<std::size_t>(i)] += change * response[axis](i);
     }
-    step[unknowns_ + c] = change * work.tension_scale;
+    step[unknowns_ + c] += change * work.tension_scale;
   }
 }
 

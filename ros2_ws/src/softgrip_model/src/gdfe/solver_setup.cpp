@@ -67,6 +67,7 @@ Solver::Solver(Nodes rest, const Hexes& hexes, const std::vector<int>& materials
   build_shares(hexes);
   build_point_columns();
   build_contact();
+  build_sections(hexes);
   std::vector<std::size_t> parts;
   for (const Axis& axis : axes_) parts.push_back(static_cast<std::size_t>(axis.inverse->size()));
   parts.push_back(cables_.size());

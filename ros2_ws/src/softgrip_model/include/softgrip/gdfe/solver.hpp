@@ -20,6 +20,7 @@
 #include "softgrip/gdfe/mesh.hpp"
 #include "softgrip/gdfe/node_rows.hpp"
 #include "softgrip/gdfe/ogden.hpp"
+#include "softgrip/gdfe/sections.hpp"
 
 namespace softgrip::gdfe {
 
@@ -38,6 +39,7 @@ struct Settings {
   int window = 10;           // of the Anderson acceleration; 0 = plain iteration
   int threads = 1;
   double step_limit = 0.0;   // largest motion of a node in one iteration [length]; 0 = none
+  int sections_after = -1;   // iterations after which rigid cross-sections are a second level; negative = never
 };
 
 // One cable's drive. By length: `target` is the shortening of the cable since rest [length]; by tension: at the actuator [N].
@@ -147,9 +149,19 @@ class Solver {
   void expand(const std::vector<double>& state, std::size_t share);
   void pull_cables(const Task& task, const std::vector<double>& state);
   void cable_points(std::size_t index, const double* position, std::vector<Eigen::Vector3d>& points) const;
+  CableState unit_pull(const std::vector<double>& state, std::size_t cable) const;
   void gather(std::vector<double>& residual, std::size_t share);
   double out_of_balance(const Task& task, std::vector<double>& residual);
   void precondition(std::vector<double>& residual);
+  // Dead loads less the elements' forces on every unknown, at positions [node][kStride] that stay where the solver is.
+  void forces_at(const std::vector<double>& position, std::vector<double>& force);
+  void build_sections(const Hexes& hexes);
+  template <class Take>
+  void each_cable_node(std::size_t cable, const Take& take) const;
+  bool measure_sections(const Task& task, const std::vector<double>& state);
+  Eigen::MatrixXd cable_stiffness(const Task& task, const std::vector<double>& state, std::size_t cable, double step) const;
+  std::vector<double> answer_of_sections(const Task& task, const std::vector<double>& state, std::vector<double>& residual);
+  void answer(const Task& task, const std::vector<double>& state, int iteration, std::vector<double>& residual);
   void drive_lengths(const Task& task, const std::vector<double>& state, std::vector<double>& residual);
   Outcome report(const Task& task, const std::vector<double>& state) const;
 
@@ -168,6 +180,10 @@ class Solver {
   std::vector<std::size_t> first_column_;  // per cable: column of its first point in point_columns
   Surroundings surroundings_;
   Contact contact_;
+  std::unique_ptr<Sections> sections_;
+  bool by_sections_ = false;       // they have a tangent
+  int measure_at_ = 0;             // iteration from which on they get another
+  Eigen::MatrixXd point_reach_, point_stiffness_;  // of cable points, three columns each: Z^T W; how forces on them fall as they move
   double follower_squared_ = 0.0;  // of their forces
   double balance_scale_ = 1.0;     // reactions and loads that the residual is measured against
   std::vector<double> position_, force_, follower_;  // [node][kStride]
