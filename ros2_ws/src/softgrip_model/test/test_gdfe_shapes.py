@@ -231,3 +231,32 @@ def test_keyframes_that_made_no_shape_late_are_foreseen_to_take_no_time(profiles
         told += session.on_tendons(["index"], [TendonSample(number * 40_000_000, pulled, 0.0, 1.0)])
     assert len(told) == 5
     assert not any("coarser mesh" in shown.reason for shown in told)
+
+
+@pytest.mark.parametrize(("late_s", "given"), [(0.0, [1, 2, 4]), (0.03, [1, 0, 0])])
+def test_the_fine_mesh_catches_up_ever_faster_on_keyframes_that_take_no_time(profiles, late_s, given):
+    """The tendon moves all the while; a shape after a keyframe that took time comes late."""
+    session = session_of(profiles, MEDIUM)
+    keyframes = session._fingers["index"].fine.keyframes
+    stamp, asked, hexahedra = 1.0, [0], []
+
+    def show():
+        pulled = 0.004 + 0.0002 * (len(asked) % 2)
+        (one,) = session.on_tendons(["index"], [TendonSample(round(1e9 * stamp), pulled, 0.0, 1.0)])
+        asked.append(keyframes.asked)
+        hexahedra.append(one.hexahedra)
+
+    session._fingers["index"].why = "as if it had been late"
+    keyframes.advance()  # the undeformed state takes no time
+    asked[0] = keyframes.asked
+    while len(asked) < 40 and not keyframes.covers(0.0042 * 1e3):
+        stamp += 0.04 + (late_s if len(asked) > 1 and asked[-1] > asked[-2] else 0.0)
+        show()
+    gains = np.diff(asked)
+    assert gains[:3].tolist() == given
+    if late_s > 0.0:
+        assert gains.sum() <= 1 + 40 * 0.05 / 0.5
+        return
+    stamp += 0.04
+    show()
+    assert hexahedra[-1] != 432
