@@ -89,6 +89,15 @@ def test_the_mounted_finger_comes_first_and_then_those_that_may_be_next(profiles
     assert session._fingers["index"].fine.keyframes.asked == 0  # they leave no trace
 
 
+def test_what_is_mounted_now_is_worked_on_now(profiles, ahead):
+    session = session_of(profiles, ahead)
+    session.set_mounted({"index": "hook"})
+    list(session.on_tendons(["index"], [TendonSample(0, 0.0, 0.0, 1.0)]))
+    wait_for(ahead)
+    assert closings_of(session)[0] == ("pinch", "index")  # made with the session
+    assert [wanted.profile_id for wanted in ahead._wanted] == ["hook", "pinch", "power"]
+
+
 def test_what_serves_when_time_is_short_is_there_before_the_mesh_asked_for(profiles):
     medium = replace(COARSE, resolution=MEDIUM)
     session = ShapeSession(profiles, {"thumb": "hook"}, medium, rate_hz=30.0, marker_rate_hz=0.0)

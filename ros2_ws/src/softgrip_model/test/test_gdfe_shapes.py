@@ -77,6 +77,15 @@ def test_only_what_the_length_needs_is_solved(profiles, solved):
     assert len(solved) == count + 1
 
 
+def test_a_keyframe_may_take_half_the_iterations_of_a_shape(profiles, monkeypatch):
+    allowed = []
+    solve = _Equations.solve
+    monkeypatch.setattr(_Equations, "solve", lambda self, *given: (allowed.append(given[1]), solve(self, *given))[1])
+    Closing(profiles["pinch"], "index", ClosingSettings(RESOLUTIONS["coarse"], max_iterations=200)).shape(0.0012)
+    assert allowed[-1] == 200
+    assert set(allowed[:-1]) == {100}
+
+
 def test_a_body_shared_by_two_frictions_gives_the_bits_of_two_bodies(profiles):
     body = Body(profiles["hook"], "index", COARSE.resolution)
     for coefficient in (0.0, 0.4, 0.0):
