@@ -2,7 +2,6 @@
 """Keyframes computed ahead: sooner there, and nothing else told by the shapes."""
 
 import gc
-import os
 import threading
 import time
 import weakref
@@ -101,9 +100,10 @@ def test_what_is_mounted_now_is_worked_on_now(profiles, ahead):
 def test_what_serves_when_time_is_short_is_there_before_the_mesh_asked_for(profiles):
     medium = replace(COARSE, resolution=MEDIUM)
     session = ShapeSession(profiles, {"thumb": "hook"}, medium, rate_hz=30.0, marker_rate_hz=0.0)
-    first, second = session._plan()[:2]
+    first, second, *others = session._plan()
     assert (first.profile_id, first.settings.resolution, first.settings.tolerance) == ("hook", COARSE.resolution, 1e-3)
     assert (second.profile_id, second.settings) == ("hook", medium)
+    assert [(other.profile_id, other.settings) for other in others] == [("pinch", medium), ("power", medium)]
 
 
 def test_no_more_than_a_few_fingers_are_made_ready(profiles):
@@ -119,11 +119,6 @@ def test_a_finger_that_cannot_be_made_does_not_keep_the_others_waiting(profiles,
     ahead.want((replace(good, profile_id="claw"), replace(good, slot="tail"), good), closings)
     wait_for(ahead)
     assert closings.get(good).keyframes.complete
-
-
-def test_the_thread_steps_back_for_what_the_cell_does_now(ahead):
-    thread = ahead._pool.submit(threading.get_native_id).result(timeout=30.0)
-    assert os.getpriority(os.PRIO_PROCESS, thread) > os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
 
 def test_closings_are_made_once_whoever_asks_and_forgotten_with_their_friction_model(profiles, monkeypatch):

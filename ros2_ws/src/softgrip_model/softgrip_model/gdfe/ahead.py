@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,9 +10,6 @@ from softgrip_model.finger.errors import FingerError
 from softgrip_model.gdfe.closings import Closings, Wanted
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.profile import ProfileError
-
-#: Of the thread: what a cell does now goes before what it may show later.
-NICENESS = 5
 
 
 class Ahead:
@@ -24,7 +19,7 @@ class Ahead:
     """
 
     def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="keyframes", initializer=_step_back)
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="keyframes")
         self._wanted: tuple[Wanted, ...] = ()
 
     def want(self, wanted: Sequence[Wanted], closings: Closings) -> None:
@@ -52,7 +47,3 @@ class Ahead:
             solver = closing.body.new_solver()
             while all_wanted is self._wanted and closing.work_ahead(solver):
                 pass
-
-
-def _step_back() -> None:
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)

@@ -42,7 +42,7 @@ _RELIEF, _LONGEST_RELIEF = 2.0, 5.0
 #: Mesh that serves where the one asked for is too slow, and the tolerance that goes with it at least: it halves the
 #: iterations and moves the tip by 0.2 mm at most, the mesh by more.
 _COARSE, _COARSE_TOLERANCE = RESOLUTIONS["coarse"], 1e-3
-#: So many fingers that are not mounted are made ready (5 MB each).
+#: So many fingers that are not mounted are made ready (4 MB each).
 _NEXT = 6
 #: Share of the time between shapes that a shape may come late by and keyframes still be said to have taken no time.
 _NO_TIME = 0.5
@@ -341,12 +341,10 @@ class ShapeSession:
         return self._made[wanted]
 
     def _plan(self) -> tuple[Wanted, ...]:
-        """Return what to work on ahead: what is mounted, then what may be; first what serves when time is short."""
+        """Return what to work on ahead: what is mounted, first what serves when time is short; then what may be."""
         mounted = list(self.mounted.items())
         others = [(slot, profile) for slot in self._shown for profile in sorted(self._profiles)]
         others = [other for other in others if other not in mounted][:_NEXT]
-        only_coarse = self._settings.resolution == _COARSE
-        each = (self._settings,) if only_coarse else (self._coarse_settings, self._settings)
-        return tuple(
-            Wanted(profile, slot, settings, self._friction) for slot, profile in mounted + others for settings in each
-        )
+        short = [] if self._settings.resolution == _COARSE else [(*finger, self._coarse_settings) for finger in mounted]
+        asked = [(*finger, self._settings) for finger in mounted + others]
+        return tuple(Wanted(profile, slot, settings, self._friction) for slot, profile, settings in short + asked)
