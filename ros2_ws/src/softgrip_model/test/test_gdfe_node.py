@@ -141,11 +141,11 @@ def test_a_friction_model_that_cannot_be_used_changes_nothing(bench, bad):
 
 
 def test_shapes_at_less_than_the_rate_asked_for_say_so(bench):
-    # 10 Hz of stamps where 30 Hz are asked for: what a solver gives that is too slow for its source
+    # 10 Hz of stamps where 35 Hz are asked for: what a solver gives that is too slow for its source
     for k in range(20):
         shape = bench.pull(20_000_000_000 + k * 100_000_000, 0.004)
     assert shape.rate == pytest.approx(10.0, rel=0.05)
-    assert "Hz instead of 30 Hz" in shape.reason
+    assert "Hz instead of 35 Hz" in shape.reason
     for k in range(40):
         shape = bench.pull(30_000_000_000 + k * 34_000_000, 0.004)
     assert shape.rate > 25.0

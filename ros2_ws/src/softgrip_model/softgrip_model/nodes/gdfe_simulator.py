@@ -43,7 +43,7 @@ PARAMETERS = ParameterTable(
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index"], "slots whose finger is shown"),
     Parameter("profiles", ["power"], "profile in each of these slots, or one for all, until cell/state says otherwise"),
-    Parameter("rate_hz", 30.0, "shapes at most, by the stamps of tendon/state", "Hz", 0.5, 200.0),
+    Parameter("rate_hz", 35.0, "shapes at most, by the stamps of tendon/state; some are missed", "Hz", 0.5, 200.0),
     Parameter("marker_rate_hz", 1.0, "of shape/marker at most; 0 = none", "Hz", 0.0, 60.0),
     Parameter(
         "resolution", "fine", "mesh: coarse is about 430 hexahedra, fine about 2,100", "", choices=tuple(RESOLUTIONS)
