@@ -20,7 +20,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 #: `capacity` that a shift at full pace needs, and the share of their time that the processors may be away.
-FULL_PACE = 2.0
+FULL_PACE = 4.0
 AWAY = 0.1
 #: [s] how long that is looked at, on at most so many processors, and what counts as away.
 LOOK = 0.7

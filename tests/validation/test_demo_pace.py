@@ -71,7 +71,7 @@ def test_a_process_that_was_stopped_has_lost_that_time(demo):
 
 @pytest.mark.parametrize(
     ("steps", "lost", "pace"),
-    [(4.0, 0.0, "full"), (2.0, 0.1, "full"), (1.9, 0.0, "half"), (4.0, 0.11, "half"), (1.0, 0.5, "half")],
+    [(9.0, 0.0, "full"), (4.0, 0.1, "full"), (3.9, 0.0, "half"), (9.0, 0.11, "half"), (1.0, 0.5, "half")],
 )
 def test_full_pace_needs_processors_that_are_fast_and_there(demo, steps, lost, pace):
     assert demo.pace(steps, lost) == pace
