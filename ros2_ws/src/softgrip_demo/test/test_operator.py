@@ -23,7 +23,7 @@ class Cell:
         confirm("remove", "")
         self.shown.append(confirm("insert", "")[0])
         reason = self.reasons.pop(0) if self.reasons else ""
-        return SimpleNamespace(outcome=int(bool(reason)), SUCCEEDED=0, reason=reason)
+        return SimpleNamespace(outcome=2 if reason else 1, SUCCEEDED=1, reason=reason)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def rig(*reasons):
     def act(_kind, _name, goal, **_):
         resumed.append(bool(goal.resume))
         reason = left.pop(0)
-        return SimpleNamespace(outcome=int(bool(reason)), SUCCEEDED=0, reason=reason)
+        return SimpleNamespace(outcome=2 if reason else 1, SUCCEEDED=1, reason=reason)
 
     return MagicMock(act=act), resumed
 
@@ -87,7 +87,7 @@ def rig(*reasons):
 def test_a_plan_that_broke_off_is_resumed():
     broken = "point 4 of 9 failed 3 times, last: x; put it right and resume the plan"
     link, resumed = rig(broken, broken, "")
-    assert Operator(link, MagicMock(), Cell(), SLOTS).calibrate(1e-4, 1e-3).outcome == 0
+    assert Operator(link, MagicMock(), Cell(), SLOTS).calibrate(1e-4, 1e-3).outcome == 1
     assert resumed == [False, True, True]
     link, resumed = rig(*[broken] * 9)
     with pytest.raises(ShiftError, match="point 4 of 9 failed"):

@@ -25,6 +25,7 @@ from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import Outcome
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.table import load_model
@@ -158,7 +159,7 @@ class Bench(RunningLoop):
             self.loop.call(lambda c, _, n=name, z=zero, m=index + 1: c.drives[n].set_zero(z, m))
         if tension:
             outcome, reason = self.run(self.move([tension], 0.03, mode=MoveMode.TENSION))
-            assert outcome == 0, reason
+            assert outcome is Outcome.REACHED, reason
 
     def cause(self, fault: str, **arguments) -> float:
         """Start a fault by the emulator's name; return the time [s] it began, by the driver's clock."""
@@ -213,7 +214,7 @@ class StageBench(RunningLoop):
         self.loop.mark_session("pull", 1)
         self.loop.call(lambda c, _: c.drives["pull"].set_zero(self.plant.slack, 1))
         outcome, reason = self.run(self.move([tension], 0.01, mode=MoveMode.TENSION))
-        assert outcome == 0, reason
+        assert outcome is Outcome.REACHED, reason
 
     def cause(self, fault: str, **arguments) -> float:
         """Start a fault of the rig, or of the tendon; return the time [s] it began, by the driver's clock."""

@@ -9,8 +9,13 @@ from typing import Any
 import yaml
 
 from softgrip_demo.record import FrictionPoint, FrictionResult, ShapeView
+from softgrip_interfaces.msg import FrictionModel
 
-VERDICTS = {0: "usable", 1: "repeat points", 2: "do not use"}
+VERDICTS = {
+    FrictionModel.USABLE: "usable",
+    FrictionModel.REPEAT_POINTS: "repeat points",
+    FrictionModel.DO_NOT_USE: "do not use",
+}
 
 
 def friction_result(result: Any) -> FrictionResult:

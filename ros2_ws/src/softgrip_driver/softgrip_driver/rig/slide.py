@@ -26,9 +26,9 @@ _LOW_TENSION_BIAS = 0.3
 class Verdict(IntEnum):
     """What to do with a point; numbers as in FrictionSample."""
 
-    ACCEPTED = 0
-    REPEAT = 1
-    REJECTED = 2
+    ACCEPTED = 1
+    REPEAT = 2
+    REJECTED = 3
 
 
 @dataclass(frozen=True)

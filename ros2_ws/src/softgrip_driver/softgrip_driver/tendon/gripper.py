@@ -38,8 +38,8 @@ ESTOP_IS_ON = "emergency stop is on; call estop_reset"
 class MoveMode(IntEnum):
     """What a move's targets are (MoveTendon.Goal.mode)."""
 
-    LENGTH = 0
-    TENSION = 1
+    LENGTH = 1
+    TENSION = 2
 
 
 class StopPolicy(IntEnum):

@@ -39,12 +39,12 @@ class DriveState(IntEnum):
 class Outcome(IntEnum):
     """How a motion ended (MoveTendon.Result.outcome)."""
 
-    REACHED = 0
-    TENSION_LIMIT = 1
-    TIMEOUT = 2
-    CANCELLED = 3
-    FAULT = 4
-    REFUSED = 5
+    REACHED = 1
+    TENSION_LIMIT = 2
+    TIMEOUT = 3
+    CANCELLED = 4
+    FAULT = 5
+    REFUSED = 6
 
 
 @dataclass(frozen=True)

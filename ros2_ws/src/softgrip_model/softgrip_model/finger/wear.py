@@ -43,10 +43,10 @@ _SCALED = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.0, 0.0, 1.0,
 class Verdict(IntEnum):
     """What to do about a finger."""
 
-    OK = 0
-    WATCH = 1
-    RECALIBRATE = 2
-    WORN = 3
+    OK = 1
+    WATCH = 2
+    RECALIBRATE = 3
+    WORN = 4
 
 
 @dataclass(frozen=True)
