@@ -13,6 +13,7 @@ from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
 from softgrip_nodekit.trace import Caller, Commander, Doors, Goal, SentGoal, TracedDoors
+from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [
     "LATCHED",
@@ -31,6 +32,7 @@ __all__ = [
     "SentGoal",
     "StartupError",
     "TracedDoors",
+    "UrgentServer",
     "WhileBrief",
     "claim_processor",
     "make_executor",
