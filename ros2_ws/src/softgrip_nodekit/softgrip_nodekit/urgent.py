@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from softgrip_nodekit.callback_errors import callback_errors
 from softgrip_nodekit.isolated import IsolatedNode
 
 
@@ -18,7 +19,7 @@ class UrgentServer:
     and serves nothing else. The service's name is expanded and remapped as the node's own names are.
 
     A callback that raises is answered with ``success = False`` and the reason in ``message``, where the response has
-    these fields; the error goes to the node's log.
+    these fields; the error counts as one of the node's callbacks.
 
     Args:
         node: that the service belongs to.
@@ -29,9 +30,9 @@ class UrgentServer:
     """
 
     def __init__(self, node: Node, srv_type: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        self._logger = node.get_logger()
         self._callback = callback
-        self._isolated = IsolatedNode(node, "urgent", self._report)
+        self._errors = callback_errors(node)
+        self._isolated = IsolatedNode(node, "urgent", self._errors.report)
         self.service_name = node.resolve_service_name(name)
         self._isolated.node.create_service(srv_type, self.service_name, self._serve)
         self._isolated.start()
@@ -40,15 +41,12 @@ class UrgentServer:
         try:
             return self._callback(request, response)
         except Exception as error:  # noqa: BLE001  whoever asked must hear that it failed
-            self._report(error)
+            self._errors.report(error)
             if hasattr(response, "success"):
                 response.success = False
             if hasattr(response, "message"):
                 response.message = f"{type(error).__name__}: {error}"
             return response
-
-    def _report(self, error: Exception) -> None:
-        self._logger.error(f"{self.service_name}: {type(error).__name__}: {error}", throttle_duration_sec=1.0)
 
     def close(self) -> None:
         """Answer what is being answered, then leave."""
