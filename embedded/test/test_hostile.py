@@ -275,6 +275,23 @@ def test_limits_that_are_none_are_named(monkeypatch: pytest.MonkeyPatch) -> None
         limits.max_parts()
 
 
+def test_a_flood_of_log_lines_is_cut_and_what_was_left_out_is_counted(
+    monkeypatch: pytest.MonkeyPatch, lines: list[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(rcutils_logger, "_budget", rcutils_logger.Budget(lambda: now[0]))
+    logger = rcutils_logger.RcutilsLogger("flooded")
+    for number in range(5000):
+        logger.info(f"line {number}")
+    assert lines == [f"line {number}" for number in range(1000)]
+    logger.fatal("the bus is gone")  # whatever happens
+    assert lines[-1] == "the bus is gone (4000 other lines were left out before this one: too many at once)"
+    now[0] += 1.0
+    for _ in range(100):
+        logger.info("later")
+    assert lines[1001:] == ["later"] * 49  # fifty a second; the fatal line took one of them
+
+
 def test_a_throttle_counts_what_it_holds_back_and_forgets_old_keys() -> None:
     now = [0.0]
     throttle = Throttle(5.0, lambda: now[0])
