@@ -146,9 +146,9 @@ class DynamixelBackend:
         for difference in differences:
             self._report(f"{difference}; it is written now")
 
-    def disconnect(self) -> None:
-        """Torque off and close."""
-        if self.bus.is_open:
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Torque off, unless ``keep_torque`` is set, and close."""
+        if self.bus.is_open and not keep_torque:
             for tendon in self._live:
                 try:
                     self._switch_off(self._live[tendon], attempts=3)

@@ -93,11 +93,14 @@ PARAMETERS = ParameterTable(
         0.1,
         3600.0,
     ),
-    Parameter(
-        "stream_timeout_s", 0.5, "without a message or heartbeat until a streamed motion stops", "s", 0.02, 5.0
-    ),
+    Parameter("stream_timeout_s", 0.5, "without a message or heartbeat until a streamed motion stops", "s", 0.02, 5.0),
     Parameter("lease_max_s", 30.0, "longest lease of an owner without a heartbeat", "s", 0.1, 300.0),
     Parameter("release_after_s", 30.0, "after that until it releases slowly", "s", 0.0, 3600.0),
+    Parameter(
+        "health_nodes",
+        [""],
+        "nodes of the cell that must answer their ping: where one is silent for a second, moving drives stop",
+    ),
     Parameter("status_rate", 20.0, "of tendon/status", "Hz", 1.0, 100.0),
     *(
         Parameter(LIMIT_PARAMETERS[field.name], getattr(_LIMITS, field.name), *_LIMIT_TEXTS[field.name])

@@ -95,8 +95,9 @@ class StageBackend:
         del tendon
         return math.nan
 
-    def disconnect(self) -> None:
-        """Stop and close."""
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Stop and close; its screw holds whatever ``keep_torque`` says."""
+        del keep_torque
         self._stage.close()
         self._gauge.close()
 

@@ -118,8 +118,8 @@ class TendonBackend(Protocol):
     def goal_position(self, tendon: str) -> float:
         """Return the goal [m, device frame] of a device that was left holding; NaN where there is none."""
 
-    def disconnect(self) -> None:
-        """Let go of every device and close the port. Never raises."""
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Let go of every device, unless ``keep_torque`` is set, and close the port. Never raises."""
 
     def reconnect(self) -> bool:
         """Try once to reopen a port that went away; return whether it is open. Does not raise; takes milliseconds."""

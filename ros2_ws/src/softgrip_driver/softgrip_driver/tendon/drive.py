@@ -194,7 +194,7 @@ class Drive:
         return DriveActions(power=False)
 
     def begin_restore(self, *, power: bool) -> None:
-        """Note that the device is being set up again, which costs its turn count; with ``power`` it holds afterwards."""
+        """Note that the device is being set up again, which costs its turns; with ``power`` it holds afterwards."""
         self._m.restoring = True
         self._m.zero = self._m.mark = None
         self.powered = power
@@ -291,10 +291,8 @@ class Drive:
     def step(self, now: float, reading: DriveReading | None) -> DriveActions:
         """Take a reading (None = the drive did not answer in this cycle) and say what the device shall do."""
         m = self._m
-        if reading is None:
-            return self._unanswered(now)
-        if not _is_finite(reading):
-            # A device that answers with no numbers has not answered.
+        # A device that answers with no numbers has not answered.
+        if reading is None or not _is_finite(reading):
             return self._unanswered(now)
         if not self._believe(reading):
             return DriveActions()

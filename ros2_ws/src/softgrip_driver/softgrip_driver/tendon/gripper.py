@@ -180,13 +180,25 @@ class GripperController:
         self.drives = {name: Drive(name, row, policies.continuous_tension, period) for name, row in limits.items()}
         self.estop = False
         self.ownership = Ownership(list(limits), policies.lease_max, partial(secrets.token_urlsafe, 16))
-        self._commanded_at = dict.fromkeys(limits, 0.0)
+        self._commanded_at: dict[str, float] = {}
         self._opened_for: set[str] = set()
 
     @property
     def is_blocked(self) -> bool:
         """Whether a stop or a lock stands."""
         return self._block() is not None
+
+    @property
+    def is_letting_go(self) -> bool:
+        """Whether a stop or a lock stands that wants torque off."""
+        block = self._block()
+        return block is not None and block.lets_go
+
+    def hold_all(self, reason: str) -> None:
+        """Stop what moves and hold, as a fault that the next order ends."""
+        for drive in self.drives.values():
+            if drive.busy:
+                drive.set_fault("owner_lost", reason)
 
     # --- requests --------------------------------------------------------------------------------------------------
 
@@ -196,7 +208,9 @@ class GripperController:
         targets = list(request.targets) * len(names) if len(request.targets) == 1 else list(request.targets)
         refusal = self._refusal(names, now, request.lease) or self._wrong(request, names, targets)
         if not refusal and now > request.deadline:
-            refusal = f"expected to begin before its deadline, found it {now - request.deadline:.3f} s late; send it again"
+            refusal = (
+                f"expected to begin before its deadline, found it {now - request.deadline:.3f} s late; send it again"
+            )
         if refusal:
             return Ticket({}, refusal)
         for name, target in zip(names, targets, strict=True):
@@ -280,6 +294,8 @@ class GripperController:
 
     def step(self, now: float, readings: Mapping[str, DriveReading]) -> dict[str, DriveActions]:
         """Take the readings of a cycle and return what each device shall do."""
+        for name in self.drives:
+            self._commanded_at.setdefault(name, now)
         if self._violates_block():
             self.enforce_block()
         self._stop_orphans(now)
@@ -398,7 +414,8 @@ class GripperController:
                 return f"tendon '{name}': expected a target between 0 and {top:g} {unit}, found {target:g} {unit}"
             if not 0.0 < request.speed <= limits.speed:
                 return (
-                    f"tendon '{name}': expected a speed above 0 and up to {limits.speed:g} m/s, found {request.speed:g} m/s"
+                    f"tendon '{name}': expected a speed above 0 and up to {limits.speed:g} m/s, "
+                    f"found {request.speed:g} m/s"
                 )
             limited = request.mode is MoveMode.LENGTH
             if limited and not 0.0 < request.tension_limit <= limits.tension_soft:

@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 
 from softgrip_driver.errors import DriverError, PortLostError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
-from softgrip_driver.tendon.gripper import GripperController
+from softgrip_driver.tendon.gripper import GripperController, StopPolicy
+from softgrip_driver.tendon.ownership import OwnerRow
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 
 Result = TypeVar("Result")
@@ -116,6 +117,8 @@ class BusLoop:
         self._restores: dict[str, Iterator[None]] = {}
         self._stopping = False
         self._ended = False
+        #: set at the end: drives were left holding; every drive confirmed that its torque is off
+        self.keeps_hold = self.has_let_go = False
         self._port_lost = ""
         self._reopen_at = 0.0
         self._thread: threading.Thread | None = None
@@ -129,7 +132,7 @@ class BusLoop:
         self._thread.start()
 
     def stop(self, timeout: float = 2.0) -> None:
-        """Let go of every tendon and end the thread."""
+        """Let go of every tendon, or leave it holding where the policy says so, and end the thread."""
         with self._wanted:
             self._stopping = True
             self._wanted.notify_all()
@@ -168,29 +171,44 @@ class BusLoop:
         except TimeoutError:
             if not urgent and future.cancel():
                 raise TimeoutError(
-                    f"the bus was busy for {timeout:g} s, so the order was taken back and nothing moves by it; see tendon/status"
+                    f"the bus was busy for {timeout:g} s, so the order was taken back and nothing moves by it; "
+                    "see tendon/status"
                 ) from None
             if urgent and not future.running() and not future.done():
-                raise TimeoutError(f"the bus has been busy for {timeout:g} s; the order stands and is obeyed first") from None
+                raise TimeoutError(
+                    f"the bus has been busy for {timeout:g} s; the order stands and is obeyed first"
+                ) from None
             return future.result()
 
     def power(self, *, on: bool, timeout: float = 2.0) -> None:
         """Take hold of every tendon that can be held, or let go of all."""
         self.call(lambda controller, _: self._power_all(controller, on=on), timeout)
 
-    def order(self, request: Callable[[GripperController, float], Result]) -> Result:
-        """Take hold of what a lock made slack, then run a request as `call` does.
+    def order(self, request: Callable[[GripperController, float], Result], *, power: bool) -> Result:
+        """With ``power`` take hold of what a lock made slack; then run a request as `call` does.
 
         Raises:
             DriverError, TimeoutError: see `call`.
         """
 
         def serve(controller: GripperController, now: float) -> Result:
-            if not controller.is_blocked:
+            if power and not controller.is_blocked:
                 self._power_all(controller, on=True)
             return request(controller, now)
 
         return self.call(serve)
+
+    def post(self, request: Callable[[GripperController, float], object]) -> None:
+        """Run a request between two cycles; nobody waits for it. A loop that has ended does nothing."""
+        with self._wanted:
+            if not self._ended:
+                self._requests.append((lambda: request(self._controller, time.monotonic()), Future()))
+                self._wanted.notify_all()
+
+    @property
+    def owners(self) -> tuple[OwnerRow, ...]:
+        """Who owns which tendon."""
+        return self._controller.ownership.rows()
 
     def take_over(self) -> list[str]:
         """Go on holding what the process before left holding; return those tendons."""
@@ -274,7 +292,7 @@ class BusLoop:
         except BaseException as error:  # noqa: BLE001  whatever it is, the tendons are let go and the node is told
             self.failure = error
         finally:
-            self._let_go()
+            self._leave()
 
     def _serve_until(self, due: float) -> None:
         """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
@@ -407,13 +425,26 @@ class BusLoop:
             self._history.append(snapshot)
             self._changed.notify_all()
 
-    def _let_go(self) -> None:
+    def _leave(self) -> None:
+        """Let go of every tendon, or leave it holding where the policy says so and nobody's hands are in the cell."""
+        policies = self._controller.policies
+        policy = policies.estop if self.failure is None else policies.unclean_end
+        self.keeps_hold = policy is StopPolicy.HOLD and not self._controller.is_letting_go
+        self.has_let_go = not self.keeps_hold and self._let_go()
+        self._refuse_pending()
+
+    def _let_go(self) -> bool:
+        """Switch every drive off; return whether all of them confirmed it."""
+        confirmed = True
         for tendon, drive in self._controller.drives.items():
             drive.switch_off()
             try:
                 self._backend.power(tendon, False)
             except DriverError:
-                continue
+                confirmed = False
+        return confirmed
+
+    def _refuse_pending(self) -> None:
         with self._changed:
             self._ended = True
             pending = list(self._requests)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who may command which tendon: one owner each, for as long as it shows that it is alive.
 
-Pure: the time comes in as `now` [s] of a monotonic clock, tokens from a function. A lease covers the tendons it was granted
-for; another owner may take some of them by force, and the rest stays.
+Pure: the time comes in as `now` [s] of a monotonic clock, tokens from a function. A lease covers the tendons it was
+granted for; another owner may take some of them by force, and the rest stays.
 """
 
 from __future__ import annotations
@@ -107,16 +107,16 @@ class Ownership:
             self._requested_by[name] = ""
         return lease, taken
 
-    def _check_request(
-        self, owner: str, names: Sequence[str], duration_s: float, *, force: bool, reason: str
-    ) -> None:
+    def _check_request(self, owner: str, names: Sequence[str], duration_s: float, *, force: bool, reason: str) -> None:
         unknown = [name for name in names if name not in self._leases]
         if unknown:
             raise LeaseRefusal(f"expected tendons out of {list(self._leases)}, found {unknown}")
         if not owner.strip():
             raise LeaseRefusal("expected an owner, found none; say who commands the tendons")
         if not (math.isfinite(duration_s) and 0.0 < duration_s <= self._max_duration_s):
-            raise LeaseRefusal(f"expected a duration above 0 and up to {self._max_duration_s:g} s, found {duration_s:g} s")
+            raise LeaseRefusal(
+                f"expected a duration above 0 and up to {self._max_duration_s:g} s, found {duration_s:g} s"
+            )
         if force and not reason.strip():
             raise LeaseRefusal("expected a reason with force, found none; say who takes over and why")
 
@@ -151,7 +151,9 @@ class Ownership:
             owner = self._owner_of(name, now)
             if owner and not self._is_owned_with(name, token, now):
                 found = "without a token" if not token else "with another token"
-                return f"tendon '{name}' is owned by {owner}, the order came {found}; see tendon/owners and tendon/lease"
+                return (
+                    f"tendon '{name}' is owned by {owner}, the order came {found}; see tendon/owners and tendon/lease"
+                )
             if token and not owner:
                 return f"the lease on tendon '{name}' has ended; acquire it again (tendon/lease)"
         return ""

@@ -28,7 +28,7 @@ class SafetyRefusal(Exception):  # noqa: N818  an answer, not a failure
 class Safety:
     """The state, shared by the threads of a driver.
 
-    A stop holds in memory from the moment it is asked for, and on disk when `persist` returned no problem. Everything that
+    A stop holds in memory from the moment it is asked for, and on disk when `persist` returned no problem. Whatever
     makes the cell less safe (reset, unlock) is on disk first: where it can not be written it does not happen.
 
     Args:
@@ -106,7 +106,7 @@ class Safety:
         """Note on disk that torque may be on, or that this process has let go of its drives.
 
         Raises:
-            SafetyStoreError: it could not be written; without it an unclean end would not be seen, so nothing may be armed.
+            SafetyStoreError: it could not be written; an unclean end would not be seen, so nothing may be armed.
         """
         if self._record.is_armed != armed or self._on_disk != self._record:
             self._replace(is_armed=armed)
@@ -145,8 +145,8 @@ class Safety:
         if override_owner:
             if not record.is_stopped or not reason.strip():
                 raise SafetyRefusal(
-                    "an override needs a latched emergency stop and a reason; call estop, see that nobody's hands are in "
-                    "the cell, and say who releases the lock and why"
+                    "an override needs a latched emergency stop and a reason; call estop, see that nobody's hands are "
+                    "in the cell, and say who releases the lock and why"
                 )
         else:
             self._check_token(token)

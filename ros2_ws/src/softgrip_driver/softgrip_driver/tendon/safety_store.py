@@ -109,7 +109,7 @@ class SafetyStore:
             SafetyStoreError: it could not be written.
         """
         body = {**asdict(record), "cause": record.cause.value}
-        text = "# Written by tendon_driver: emergency stop and lock. Call estop_reset or tendon/unlock instead of editing.\n"
+        text = "# Written by tendon_driver: emergency stop and lock. Call estop_reset or tendon/unlock, do not edit.\n"
         text += yaml.safe_dump({"schema": SCHEMA, "safety": body, "sha256": _digest(body)}, sort_keys=False)
         temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:
@@ -128,7 +128,7 @@ class SafetyStore:
     def _unreadable(self, found: str) -> SafetyRecord:
         return SafetyRecord(
             cause=StopCause.UNREADABLE,
-            stop_reason=f"{self.path}: expected the safety state (schema {SCHEMA}), found something unreadable: {found}",
+            stop_reason=f"{self.path}: expected the safety state (schema {SCHEMA}), found none readable: {found}",
         )
 
 

@@ -57,9 +57,7 @@ class Trajectory:
             )
         fastest = max(map(abs, speeds), default=0.0)
         if fastest > max_speed:
-            raise ConfigurationError(
-                f"trajectory: expected velocities up to {max_speed:g} m/s, found {fastest:g} m/s"
-            )
+            raise ConfigurationError(f"trajectory: expected velocities up to {max_speed:g} m/s, found {fastest:g} m/s")
         return cls(tuple(times), tuple(lengths), tuple(speeds))
 
     @property
