@@ -18,6 +18,7 @@ from softgrip_driver.tendon.loop import BusLoop
 
 LIMITS = TendonLimits(no_reply=5.0)
 DEADLINE_S = 30.0
+POLICIES = Policies()
 
 
 class Device:
@@ -35,13 +36,13 @@ class Device:
         self.broken: BaseException | None = None
         self._reading = reading
 
-    def connect(self, *, keep_torque=False):
+    def connect(self, **_keep_torque):
         return [DriveIdentity(name, "closed form") for name in self.tendons]
 
-    def is_powered(self, tendon):
+    def is_powered(self, _tendon):
         return False
 
-    def goal_position(self, tendon):
+    def goal_position(self, _tendon):
         return math.nan
 
     def read(self):
@@ -75,7 +76,7 @@ class Device:
 
 
 class Cell:
-    def __init__(self, finger, reading, policies=Policies()):
+    def __init__(self, finger, reading, policies=POLICIES):
         self.device = Device(finger, reading)
         self.block = None
         self.controller = GripperController(

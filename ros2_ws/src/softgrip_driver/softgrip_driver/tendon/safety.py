@@ -64,14 +64,15 @@ class Safety:
     def refusal(self) -> str:
         """Return why nothing may move now, empty when it may."""
         record = self._record
+        reasons = []
         if record.is_stopped:
-            return f"{ESTOP_IS_ON} ({record.stop_reason})"
+            reasons.append(f"{ESTOP_IS_ON} ({record.stop_reason})")
         if record.is_locked:
-            return (
+            reasons.append(
                 f"the cell is locked by {record.lock_owner} ({record.lock_reason}); wait until the same owner calls "
                 "tendon/unlock"
             )
-        return ""
+        return "; ".join(reasons)
 
     # --- emergency stop --------------------------------------------------------------------------------------------
 
