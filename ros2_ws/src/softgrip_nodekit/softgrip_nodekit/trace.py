@@ -11,11 +11,13 @@ The node's executor must be single-threaded: steps do not overlap.
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from rclpy.action import ActionClient, ActionServer
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -33,6 +35,9 @@ _QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+
+#: Timers go on while a simulated clock stands.
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 Answered = Callable[[Any], None]
 
@@ -99,6 +104,9 @@ class Doors(Protocol):
 
     def monotonic_s(self) -> float:
         """The monotonic clock at the beginning of the present step [s]."""
+
+    def draw_token(self) -> str:
+        """Draw a secret that nobody can guess; in a replay the one that was drawn then."""
 
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:
         """Begin the first step: write down what the node remembers (``save``); in a replay put it back (``load``)."""
@@ -201,6 +209,12 @@ class TracedDoors:
         """Return the monotonic clock of the present step."""
         return (self._log.begun[1] if self._log.begun else time.monotonic_ns()) * 1e-9
 
+    def draw_token(self) -> str:
+        """Draw 128 random bits as 32 hex digits."""
+        token = secrets.token_hex(16)
+        self._log.say("drew", token.encode())
+        return token
+
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a replay's part
         """Begin the first step with what the node remembers."""
         self._log.begin("start", save())
@@ -235,7 +249,7 @@ class TracedDoors:
             self._log.begin("timer")
             callback()
 
-        self._node.create_timer(period, due)
+        self._node.create_timer(period, due, clock=_STEADY)
 
     def action_server(
         self, kind: Any, name: str, execute: Callable[[Goal], Awaitable[Any]], cancel: Callable[[Goal], Any]
