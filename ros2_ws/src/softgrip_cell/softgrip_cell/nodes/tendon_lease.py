@@ -18,6 +18,9 @@ OWN_LEASE_GRACE_S: Final = 0.5
 #: After a hand-over the tendons are left alone for so long, so that whoever asked gets them [s].
 HAND_OVER_S: Final = 5.0
 
+#: tendon/owners may say so long after the grant what was true before it [s].
+SETTLED_S: Final = 2.0
+
 #: Called with "" when the tendons are ours, else with why not.
 Answered = Callable[[str], None]
 
@@ -63,7 +66,8 @@ class TendonLease:
         self._owners: dict[str, tuple[str, str]] = {}
         self._request: _Request | None = None
         self._releasing: list[tuple[float, Callable[[], None]]] = []
-        self._is_seen = False  # tendon/owners has shown us as owner since it was granted
+        self._is_seen = False  # tendon/owners has shown us as owner since we asked
+        self._granted_s = 0.0
         self._left_until_s = 0.0
         #: Goes with every order; empty while the tendons are not ours.
         self.token = ""
@@ -112,12 +116,18 @@ class TendonLease:
     def observe_owners(self, message: TendonOwners) -> None:
         """Take tendon/owners: another owner means that the lease was lost."""
         self._owners = {entry.tendon: (entry.owner, entry.requested_by) for entry in message.owners}
-        if not self.token:
-            return
-        others = sorted({self._owners.get(name, ("", ""))[0] or "nobody" for name in self._tendons} - {self._owner})
-        if not others:
-            self._is_seen = True
-        elif self._is_seen:
+        self._is_seen = self._is_seen or not self._others()
+        self._check_ownership()
+
+    def _others(self) -> list[str]:
+        """Return who else owns some of the tendons, as tendon/owners said last."""
+        return sorted({self._owners.get(name, ("", ""))[0] or "nobody" for name in self._tendons} - {self._owner})
+
+    def _check_ownership(self) -> None:
+        """Find out that the lease was lost; what tendon/owners said before it was granted does not count."""
+        others = self._others()
+        is_settled = self._is_seen or self._doors.monotonic_s() - self._granted_s > SETTLED_S
+        if self.token and others and is_settled:
             self.token = ""
             self._lost(
                 f"lost the tendons: expected '{self._owner}' to own them (tendon/owners), found {_named(others)}"
@@ -130,6 +140,7 @@ class TendonLease:
             message = LeaseHeartbeat(token=self.token)
             message.header.stamp = to_time_message(self._doors.now_ns())
             self._publish(message)
+        self._check_ownership()
         for entry in [entry for entry in self._releasing if now_s > entry[0]]:
             self._released(entry)
         request = self._request
@@ -141,7 +152,7 @@ class TendonLease:
             self._ask(request)
 
     def _ask(self, request: _Request) -> None:
-        request.is_asked = True
+        request.is_asked, self._is_seen = True, False
         goal = AcquireLease.Request(owner=self._owner, tendons=list(self._tendons), duration=self._duration_s)
         self._acquire.call(goal, lambda response: self._on_answer(request, response))
 
@@ -152,7 +163,7 @@ class TendonLease:
                 self._release.call(ReleaseLease.Request(token=response.token), lambda _response: None)
             return
         if granted:
-            self.token, self._is_seen = response.token, False
+            self.token, self._granted_s = response.token, self._doors.monotonic_s()
             self._finish(request, "")
         elif response is None:
             self._finish(request, "tendon_driver went away before it answered tendon/lease")

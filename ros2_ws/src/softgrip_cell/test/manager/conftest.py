@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import secrets
 import signal
 import socket
@@ -321,7 +322,7 @@ class ScriptedDriver(Node):
         self.moved += 1
         tendons = list(goal.tendons) or list(SLOTS)
         slots = tuple(SLOTS.index(name) for name in tendons)
-        targets = tuple(goal.targets)
+        targets = tuple(goal.targets) if len(goal.targets) == len(slots) else tuple(goal.targets) * len(slots)
         if goal.mode == goal.TENSION:
             self.bench.obey(Step(Phase.HOLD, (Press(slots, targets, goal.speed),)))
             handle.succeed()
@@ -452,7 +453,12 @@ class Cell:
         until(future.done, timeout_s, expected)
         return future.result()
 
-    def start(self, *parameters: str, mode: int = CellState.IDLE) -> None:
+    def start_with_full_disk(self) -> None:
+        """As `start`, where no file can be written from the first moment on."""
+        _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        self.start(mode=CellState.FAULT, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard)))
+
+    def start(self, *parameters: str, mode: int = CellState.IDLE, **options: Any) -> None:
         self.driver.cell = None
         settings = [f"database_url:={self.url}", "lift_window_s:=0.3", "check_speed_m_per_s:=0.08", *parameters]
         arguments = [argument for setting in settings for argument in ("-p", setting)]
@@ -460,6 +466,7 @@ class Cell:
             [sys.executable, "-m", "softgrip_cell.nodes.grasp_mix_manager", "--ros-args", *arguments],
             stderr=subprocess.PIPE,
             text=True,
+            **options,
         )
         until(lambda: self.driver.cell is not None, 20.0, "cell/state", self.process)
         self.state(lambda state: state.mode == mode, f"mode {mode}")

@@ -82,7 +82,7 @@ def test_kill_9_in_a_swap_leaves_the_truth_or_unknown(cell: Any, step: str) -> N
     cell.start()
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
     token = cut_off(cell, step)
-    if step in HANDS_IN:
+    if step in HANDS_IN - {"unlock"}:  # there the scripted driver is held up in its answer
         refuses_everybody(cell)
     cell.stop(signal.SIGKILL)
 
