@@ -33,7 +33,13 @@ class DriveLock:
     def lock(self, reason: str, answered: Answered) -> None:
         """Switch the torque off and have every motion refused; answers with the token that ends it."""
         request = AcquireLock.Request(owner=f"{self._owner}: {reason}", reason=reason)
-        self._call(self._acquire, request, lambda response: answered(bool(response.success), _said(response)), answered)
+
+        def responded(response: Any) -> None:
+            if response.token and not response.success:  # locked, but some torque could not be switched off
+                self._release.call(ReleaseLock.Request(token=response.token, reason="not safe"), lambda _response: None)
+            answered(bool(response.success), str(response.token if response.success else response.message))
+
+        self._call(self._acquire, request, responded, answered)
 
     def unlock(self, token: str, reason: str, answered: Answered) -> None:
         """End the lock; nothing moves and nothing is powered by it."""
@@ -54,7 +60,3 @@ class DriveLock:
                 responded(response)
 
         client.call(request, on_response)
-
-
-def _said(response: Any) -> str:
-    return str(response.token if response.success else response.message)
