@@ -16,6 +16,7 @@ from typing import Any
 
 import zenoh
 
+from embedded_ros import limits
 from embedded_ros.errors import WireError
 
 ROUTER_PORT = 7447
@@ -45,6 +46,8 @@ _COMMON = {
     "transport/link/tx/queue/size/data": 16,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 5_000,
     "transport/shared_memory/enabled": False,
+    # Zenoh's default is 1 GiB: gathered in memory before anybody can refuse it.
+    "transport/link/rx/max_message_size": limits.LINK_BYTES,
 }
 
 

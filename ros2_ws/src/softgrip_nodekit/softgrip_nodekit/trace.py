@@ -17,7 +17,6 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from rclpy.action import ActionClient, ActionServer
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -25,6 +24,7 @@ from rclpy.task import Future
 
 from softgrip_interfaces.msg import NodeTrace
 from softgrip_nodekit.stamps import to_time_message
+from softgrip_nodekit.timers import steady_timer
 
 #: [s] between two messages of a trace.
 _PERIOD = 0.1
@@ -35,9 +35,6 @@ _QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-
-#: Timers go on while a simulated clock stands.
-_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 Answered = Callable[[Any], None]
 
@@ -150,7 +147,7 @@ class _Log:
         self.begun: tuple[int, int] | None = None  # clocks of the present step [ns]
         self.to_cancel: set[bytes] = set()
         self._publisher = node.create_publisher(NodeTrace, "~/trace", _QOS)
-        node.create_timer(_PERIOD, self.publish)
+        steady_timer(node, _PERIOD, self.publish)
 
     def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
         """Begin a step."""
@@ -243,13 +240,13 @@ class TracedDoors:
         self._node.create_service(kind, name, requested)
 
     def timer(self, period: float, callback: Callable[[], None]) -> None:
-        """Make a timer."""
+        """Make a timer on the steady clock: what watches for silence must not stand still with a simulated time."""
 
         def due() -> None:
             self._log.begin("timer")
             callback()
 
-        self._node.create_timer(period, due, clock=_STEADY)
+        steady_timer(self._node, period, due)
 
     def action_server(
         self, kind: Any, name: str, execute: Callable[[Goal], Awaitable[Any]], cancel: Callable[[Goal], Any]
