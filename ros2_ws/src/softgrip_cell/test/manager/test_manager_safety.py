@@ -36,6 +36,7 @@ def held(cell: Any) -> None:
     cell.driver.bench.contact_m = TOUCHED
     result = cell.controller.grasp("orange")
     assert GRASP_OUTCOMES[result.outcome] == "GRIPPED", result.reason
+    cell.state(lambda s: s.mode == CellState.HOLDING, "mode holding, which is on disk then")
 
 
 def grasped(cell: Any, during: Callable[[], None], phase: str = "lift") -> Any:
