@@ -11,6 +11,7 @@ The node's executor must be single-threaded: steps do not overlap.
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
@@ -100,6 +101,9 @@ class Doors(Protocol):
 
     def monotonic_s(self) -> float:
         """The monotonic clock at the beginning of the present step [s]."""
+
+    def draw_token(self) -> str:
+        """Draw a secret that nobody can guess; in a replay the one that was drawn then."""
 
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:
         """Begin the first step: write down what the node remembers (``save``); in a replay put it back (``load``)."""
@@ -201,6 +205,12 @@ class TracedDoors:
     def monotonic_s(self) -> float:
         """Return the monotonic clock of the present step."""
         return (self._log.begun[1] if self._log.begun else time.monotonic_ns()) * 1e-9
+
+    def draw_token(self) -> str:
+        """Draw 128 random bits as 32 hex digits."""
+        token = secrets.token_hex(16)
+        self._log.say("drew", token.encode())
+        return token
 
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a replay's part
         """Begin the first step with what the node remembers."""
