@@ -19,9 +19,10 @@ EMBEDDED = ("embedded_ros",)
 MAY_IMPORT = {
     "softgrip_model": set(),
     "softgrip_nodekit": set(),
+    "softgrip_description": {"softgrip_model"},
     "softgrip_design": {"softgrip_model"},
     "softgrip_driver": {"softgrip_model"},
-    "softgrip_emulator": {"softgrip_model"},
+    "softgrip_emulator": {"softgrip_description", "softgrip_model"},
     "softgrip_vision": {"softgrip_model"},
     "softgrip_cell": {"softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
