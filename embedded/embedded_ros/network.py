@@ -25,8 +25,9 @@ OVERRIDE_VARIABLE = "ZENOH_CONFIG_OVERRIDE"
 _OF_SESSIONS = ("mode", "id", "connect", "listen")
 _KEEPER_PERIOD_S = 1.0
 _LEASE_MS = 2000
-_ROUTER_DEADLINE_S = 4.0
+_ROUTER_DEADLINE_S = 10.0
 _LOOK_PERIOD_S = 0.002
+_PROBE_PERIOD_S = 0.1
 _FILE_DESCRIPTORS = 1024
 _INTERNET = (socket.AF_INET, socket.AF_INET6)
 
@@ -142,12 +143,22 @@ def may_host() -> bool:
 
 
 def port_is_open(port: int) -> bool:
-    """Whether something on this machine accepts connections on a port."""
+    """Whether something on this machine listens on a port.
+
+    Asked of the kernel, by taking the port and giving it back: a connection that says nothing would cost a router with
+    TLS a tenth of a second in which it accepts nobody (zenoh-link-tls throttles after a failed handshake).
+    """
+    return any(_is_taken(family, host, port) for family, host in ((_INTERNET[0], "127.0.0.1"), (_INTERNET[1], "::1")))
+
+
+def _is_taken(family: socket.AddressFamily, host: str, port: int) -> bool:
     try:
-        socket.create_connection(("localhost", port), timeout=1.0).close()
-    except OSError:
-        return False
-    return True
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # only a listener is in the way
+            probe.bind((host, port))
+    except OSError as error:
+        return error.errno == errno.EADDRINUSE  # else there is no such family here
+    return False
 
 
 def drop_connection(port: int) -> None:
@@ -249,11 +260,15 @@ def open_session(domain: int, *, host: bool = True) -> tuple[zenoh.Session, Rout
 
 def _meet_router(session: zenoh.Session, keeper: RouterKeeper | None, port: int) -> None:
     """Wait until the session has met the router; WireError when what answers on the port is none."""
-    end = time.monotonic() + _ROUTER_DEADLINE_S
+    probe_at = time.monotonic()
+    end = probe_at + _ROUTER_DEADLINE_S
     while not session.info.routers_zid():
-        if not port_is_open(port) and (keeper is None or keeper.try_host()):
-            return  # nobody there: alone, or the host itself
-        if time.monotonic() > end:
+        now = time.monotonic()
+        if now >= probe_at:
+            probe_at = now + _PROBE_PERIOD_S
+            if not port_is_open(port) and (keeper is None or keeper.try_host()):
+                return  # nobody there: alone, or the host itself
+        if now > end:
             raise WireError(
                 f"port {port} of this machine is taken by something that is no Zenoh router, or by one that does not "
                 f"accept this process's certificate (no answer within {_ROUTER_DEADLINE_S:.0f} s); end it, set "
