@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime as dt
 import ipaddress
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ CA_NAME = "softgrip CA"
 CA_DAYS = 3650
 #: A certificate is good from yesterday on: clocks differ.
 _BEFORE = dt.timedelta(days=1)
+_HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9-]+(?:\.[A-Za-z0-9-]+)*")
 
 
 @dataclass(frozen=True)
@@ -130,11 +132,9 @@ def _common_name(name: str) -> x509.Name:
 
 
 def _host(name: str) -> x509.GeneralName:
+    if _HOST_NAME.fullmatch(name) and not name.replace(".", "").isdigit():
+        return x509.DNSName(name)
     try:
         return x509.IPAddress(ipaddress.ip_address(name))
-    except ValueError:
-        pass  # a name, not an address
-    try:
-        return x509.DNSName(name)
     except ValueError as error:
         raise SecurityError(f"host: expected a host name or an address, found {name!r}") from error

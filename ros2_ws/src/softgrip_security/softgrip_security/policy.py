@@ -156,7 +156,8 @@ class _Reader:
         own = [] if is_tool else [name, f"{name}_*"]
         grants = self._grants(body, name, ())
         full = {
-            grant: _sorted(full for one in names for full in self._expand(one, name)) for grant, names in grants.items()
+            grant: _sorted(full for one in names for full in self._expand(one, [name, *named]))
+            for grant, names in grants.items()
         }
         return Identity(name, (*own, *named), full, is_tool)
 
@@ -170,16 +171,19 @@ class _Reader:
             below = _mapping(self._groups[group], f"groups: {group}", ("groups", *Grant))
             for grant, names in self._grants(below, f"groups: {group}", (*inside, group)).items():
                 found[grant] += names
-        if EVERY_TOPIC in {name for grant in Grant if grant is not Grant.SUBSCRIBE for name in found[grant]}:
-            raise SecurityError(f"{where}: expected names, found '*', which only subscribe may have")
+        elsewhere = {name for grant in Grant if grant is not Grant.SUBSCRIBE for name in found[grant]}
+        if several := elsewhere & {EVERY_TOPIC, _PUBLISHED}:
+            raise SecurityError(f"{where}: expected names, found {several}, which only subscribe may have")
         return found
 
-    def _expand(self, name: str, identity: str) -> Iterable[str]:
+    def _expand(self, name: str, nodes: Iterable[str]) -> Iterable[str]:
         if name.startswith(f"{_NODE}/"):
             return [f"{node}{name.removeprefix(_NODE)}" for node in self._node_names]
         if name in {EVERY_TOPIC, _PUBLISHED}:
             return [name]
-        return [self._full(name.replace("~", self._full(identity), 1))]
+        if name.startswith("~"):
+            return [f"{self._full(node)}{name[1:]}" for node in nodes if not node.endswith("*")]
+        return [self._full(name)]
 
     def _full(self, name: str) -> str:
         return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
