@@ -27,6 +27,7 @@ MAY_IMPORT = {
     "softgrip_cell": {"softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
+    "softgrip_security": set(),
     "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
 }
 
