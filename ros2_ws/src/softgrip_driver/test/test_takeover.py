@@ -27,7 +27,7 @@ def holding(bench):
 
 
 def kill(bench, silence_s=2.0):
-    """The process ends without a word; nobody speaks on the bus for a while. Return the lowest tension of each tendon."""
+    """End the process without a word and leave the bus silent; return the lowest tension of each tendon."""
     bench.loop._runs = False
     lowest = bench.plant.bank.tension_n.copy()
     for _ in range(round(silence_s / 0.01)):
