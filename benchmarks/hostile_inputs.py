@@ -20,7 +20,7 @@ from pathlib import Path
 
 import zenoh
 from _claim import claim
-from _hostile import Generator, Input, Stranger
+from _hostile import Generator, Input, Stranger, open_client
 from _live_cell import START_S, cell
 
 from embedded_ros import wire
@@ -28,11 +28,15 @@ from embedded_ros.wire import EntityKind
 
 DOMAIN = 213
 COUNT = 100_000
+#: [1/s] A stranger that sends as fast as it can shows how fast the computer is. 0 = that.
+RATE = 500.0
 #: Inputs before memory is measured first: what nodes make on first use is no growth.
 WARM_UP = 5_000
 SETTLE_S = 8.0
 BASELINE_S = 15.0
 LOOK_S = 0.5
+#: Inputs of one session; then the stranger leaves in the middle of everything and comes back.
+SESSION_INPUTS = 5_000
 GOAL_ENDED, GOAL_GROWTH_MB, GOAL_GAP_S = 0, 50.0, 0.1
 NODES = (
     "emulated_cell", "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
@@ -125,7 +129,8 @@ class Stamps:
         self._gid = wire.gid_of(wire.encode_token(entity))
         self._stamps: list[int] = []
         key = wire.data_key(stranger.domain, entity.name, entity.type, entity.hash)
-        self._subscriber = stranger.session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
+        self._session = open_client(stranger.domain)
+        self._subscriber = self._session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
 
     def _take(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
@@ -137,14 +142,20 @@ class Stamps:
     def longest_s(self) -> float:
         """Return the longest time [s] between two samples since the last call."""
         stamps, self._stamps = self._stamps, []
+        if not stamps:
+            raise RuntimeError("expected samples of tendon/state, found none")
         return max(((b - a) * 1e-9 for a, b in itertools.pairwise(stamps)), default=float("nan"))
 
 
-def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int) -> float:
+def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int, rate: float) -> float:
     """Send inputs and watch; return how many were sent a second. What preceded an end goes to stderr."""
     last: deque[Input] = deque(maxlen=200)
     started = looked = time.monotonic()
-    for _ in range(count):
+    for number in range(1, count + 1):
+        if number % SESSION_INPUTS == 0:
+            stranger.come_back()
+        if rate:
+            time.sleep(max(0.0, started + number / rate - time.monotonic()))
         item = generator.next()
         last.append(item)
         stranger.send(item)
@@ -172,6 +183,9 @@ def main() -> None:
     """Run the cell, attack it, print the claims."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=COUNT, help="inputs (default %(default)s)")
+    parser.add_argument(
+        "--rate", type=float, default=RATE, help="inputs a second, 0 = all it can (default %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--baseline", type=float, default=BASELINE_S, help="[s] without the stranger")
     parser.add_argument("--log", type=Path, help="file for what the cell says")
@@ -195,10 +209,11 @@ def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Pa
     watch = Watch(session)
     targets = stranger.targets()
     generator = Generator(targets, arguments.seed, DOMAIN)
-    attack(stranger, generator, watch, min(WARM_UP, arguments.count // 2))
+    warm_up = min(WARM_UP, arguments.count // 2)
+    attack(stranger, generator, watch, warm_up, arguments.rate)
     watch.begin()
     logged = log.stat().st_size
-    rate = attack(stranger, generator, watch, arguments.count - min(WARM_UP, arguments.count // 2))
+    rate = attack(stranger, generator, watch, arguments.count - warm_up, arguments.rate)
     during = stamps.longest_s()
     time.sleep(SETTLE_S)
     watch.look()
