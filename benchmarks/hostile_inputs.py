@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import multiprocessing
 import sys
 import tempfile
 import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import zenoh
 from _claim import claim
@@ -118,7 +120,11 @@ class Watch:
 
 
 class Stamps:
-    """The source stamps of one publisher's samples: the longest time between two of them."""
+    """Listens to one publisher from a process of its own, which nothing the stranger does holds up.
+
+    Args:
+        stranger: who finds the publisher.
+    """
 
     def __init__(self, stranger: Stranger) -> None:
         entity = next(
@@ -126,25 +132,47 @@ class Stamps:
             for entity in stranger.entities()
             if entity.kind is EntityKind.PUBLISHER and (entity.node, entity.name) == ("tendon_driver", "/tendon/state")
         )
-        self._gid = wire.gid_of(wire.encode_token(entity))
-        self._stamps: list[int] = []
+        gid = wire.gid_of(wire.encode_token(entity))
         key = wire.data_key(stranger.domain, entity.name, entity.type, entity.hash)
-        self._session = open_client(stranger.domain)
-        self._subscriber = self._session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
+        spawn = multiprocessing.get_context("spawn")
+        self._questions, theirs = spawn.Pipe()
+        spawn.Process(target=listen, args=(stranger.domain, key, gid, theirs), daemon=True).start()
+        self._questions.recv()
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def longest_s(self) -> tuple[float, int]:
+        """Return the longest time [s] between two samples since the last call, and how many were lost on the way."""
+        self._questions.send(None)
+        found: tuple[float, int] = self._questions.recv()
+        return found
+
+
+def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:
+    """Answer each question with the longest time between two samples since the last one, and how many are missing."""
+    heard: list[tuple[int, int]] = []
+
+    def take(sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         if attachment is not None and len(attachment) == wire.ATTACHMENT_BYTES:
-            _, stamp_ns, gid = wire.decode_attachment(attachment.to_bytes())
-            if gid == self._gid:
-                self._stamps.append(stamp_ns)
+            sequence, stamp_ns, sender = wire.decode_attachment(attachment.to_bytes())
+            if sender == gid:
+                heard.append((sequence, stamp_ns))
 
-    def longest_s(self) -> float:
-        """Return the longest time [s] between two samples since the last call."""
-        stamps, self._stamps = self._stamps, []
-        if not stamps:
-            raise RuntimeError("expected samples of tendon/state, found none")
-        return max(((b - a) * 1e-9 for a, b in itertools.pairwise(stamps)), default=float("nan"))
+    session = open_client(domain)
+    subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+    questions.send(None)
+    while True:
+        try:
+            questions.recv()
+        except EOFError:
+            subscriber.undeclare()
+            session.close()
+            return
+        count = len(heard)
+        pairs = list(itertools.pairwise(heard[:count]))
+        # of samples that got lost nobody knows the times: the time between their neighbours is shared out
+        longest = max(((b[1] - a[1]) * 1e-9 / max(1, b[0] - a[0]) for a, b in pairs), default=float("inf"))
+        questions.send((longest, sum(max(0, b[0] - a[0] - 1) for a, b in pairs)))
+        del heard[: max(0, count - 1)]
 
 
 def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int, rate: float) -> float:
@@ -204,8 +232,9 @@ def main() -> None:
 def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Path) -> None:
     """Attack a running cell and print the claims."""
     stamps = Stamps(stranger)
+    stamps.longest_s()
     time.sleep(arguments.baseline)
-    without = stamps.longest_s()
+    without, _ = stamps.longest_s()
     watch = Watch(session)
     targets = stranger.targets()
     generator = Generator(targets, arguments.seed, DOMAIN)
@@ -214,7 +243,7 @@ def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Pa
     watch.begin()
     logged = log.stat().st_size
     rate = attack(stranger, generator, watch, arguments.count - warm_up, arguments.rate)
-    during = stamps.longest_s()
+    during, lost = stamps.longest_s()
     time.sleep(SETTLE_S)
     watch.look()
     growth = watch.growth()
@@ -222,7 +251,8 @@ def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Pa
     note = (
         f"{arguments.count} inputs, seed {arguments.seed}, {rate:.0f} a second, over {len(targets) - services} topics, "
         f"{services} services and tokens; {stranger.answered} answered, {stranger.refused} refused; "
-        f"tendon/state stopped for {1e3 * during:.0f} ms at most, {1e3 * without:.0f} ms without; "
+        f"tendon/state stopped for {1e3 * during:.0f} ms at most, {1e3 * without:.0f} ms without "
+        f"({lost} samples lost on the way); "
         f"log {(log.stat().st_size - logged) / MIB:.1f} MiB"
     )
     ended = ", ".join(watch.ended) or "none"
