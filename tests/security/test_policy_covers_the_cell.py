@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import configparser
+import importlib.util
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,3 +113,12 @@ def test_every_documented_interface_is_offered_by_somebody(policy: Policy, name:
     offers = (Grant.PUBLISH, Grant.SERVE, Grant.SERVE_ACTION, Grant.SUBSCRIBE)
     full = f"/{name.strip('/')}"
     assert [one.name for one in policy.identities for grant in offers if full in one.names(grant)]
+
+
+def test_the_tables_of_the_documentation_are_those_of_the_policy() -> None:
+    spec = importlib.util.spec_from_file_location("security_page", ROOT / "tools" / "docs" / "security.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.PAGE.read_text() == module.page(), "out of date: run tools/docs/security.py"
