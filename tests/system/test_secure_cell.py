@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import subprocess
 import time
 from collections.abc import Callable
@@ -134,7 +132,6 @@ def test_a_cell_without_its_keys_does_not_start(launch: Callable[..., Any], tmp_
 
 
 @pytest.mark.ros
-@pytest.mark.skipif(shutil.which("ros2") is None or os.name != "posix", reason="modes of files")
 def test_a_cell_whose_key_lies_open_does_not_start(launch: Callable[..., Any], tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     Keystore(keys, read_policy()).make()
