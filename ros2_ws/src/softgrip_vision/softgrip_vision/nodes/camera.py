@@ -220,7 +220,8 @@ class CameraNode(Node):
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
     # OpenCV would warn of every attempt to connect; /diagnostics says why, once.
-    cv2.setLogLevel(OPENCV_ERRORS)
+    # OpenCV 4.14 has it here only, that of Ubuntu 24.04 (4.6) one level up
+    getattr(cv2.utils, "logging", cv2).setLogLevel(OPENCV_ERRORS)
     sys.exit(run(CameraNode, args))
 
 
