@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from softgrip_cell.errors import CatalogueError
+from softgrip_cell.grasp.grip import Grip
 from softgrip_cell.grasp.leaning import Leaning
 from softgrip_cell.grasp.pressing import Pressing
 from softgrip_cell.grasp.reading import Baseline, Reader, Reading
@@ -44,10 +45,55 @@ def closing(task, bench, **options):  # type: ignore[no-untyped-def]
 
 
 def test_one_sample_that_comes_again_and_again_decides_nothing(task, bench) -> None:
+    """Closed on nothing takes three samples."""
     sequence, made = closing(task, bench)
+    sequence.closing_ended()
     pair = made.pair()
-    broken = with_sample(pair, tension_n=(0.0,) * 3, pulled_m=(0.012,) * 3)
-    assert all(sequence.observe(broken).verdict is None for _ in range(1_000))
+    assert all(sequence.observe(pair).verdict is None for _ in range(100))
+    for _ in range(2):
+        step = sequence.observe(made.pair())
+    assert step.verdict is not None
+    assert step.verdict.outcome is Outcome.EMPTY
+
+
+def test_fingers_that_follow_what_creeps_away_have_not_gripped_it_yet(task, bench) -> None:
+    """It creeps by 8 mm/s when the second of watching is over, and stands after 1.6 mm."""
+    sequence, made = GraspSequence(task("orange", confirm_lift=True), SETTINGS), bench(contact_m=EVERYWHERE)
+    step = sequence.start()
+    made.obey(step)
+    lifted_ns = 0
+    while step.verdict is None:
+        step = sequence.observe(made.pair())
+        made.obey(step)
+        if step.phase is Phase.LIFT:
+            lifted_ns = lifted_ns or made.now_ns
+            if 0.85 < (made.now_ns - lifted_ns) / SECOND < 1.05:
+                made.contact_m = tuple(contact + 0.008 * 0.005 for contact in made.contact_m)
+                made.pulled_m = [pulled + 0.008 * 0.005 for pulled in made.pulled_m]
+    assert step.verdict.outcome is Outcome.GRIPPED
+    assert (made.now_ns - lifted_ns) / SECOND > 1.15
+
+
+def test_what_was_touched_and_gets_away_before_it_is_enclosed_was_there(task, bench) -> None:
+    """Index and thumb meet it where their checked paths end, which proves no grip; the middle finger closes on."""
+    made, full = bench(contact_m=(0.0094, math.inf, 0.0094), stiffness_n_per_m=8000.0), task("orange")
+    short = replace(
+        full.references[0],
+        pulled_m=full.references[0].pulled_m[:11],
+        offset_n=full.references[0].offset_n[:11],
+        tension_n=full.references[0].tension_n[:11],
+    )
+    sequence = GraspSequence(replace(full, references=(short, full.references[1], short)), SETTINGS)
+    step = sequence.start()
+    made.obey(step)
+    while step.verdict is None and made.pulled_m[1] < 0.019:
+        step = sequence.observe(made.pair())
+        made.obey(step)
+        if made.pulled_m[1] > 0.013:
+            made.contact_m = (math.inf,) * 3
+    assert step.verdict is not None
+    assert step.verdict.outcome is Outcome.SLIPPED
+    assert "got away while closing" in step.verdict.reason
 
 
 def test_a_prediction_that_says_not_to_be_trusted_ends_the_grasp(task, bench) -> None:
@@ -138,6 +184,52 @@ def test_three_single_samples_of_a_slack_tendon_are_no_broken_one(task, bench) -
         step = sequence.observe(with_sample(pair, tension_n=(0.0,) * 3) if lost else pair)
         made.obey(step)
         assert step.verdict is None or step.verdict.outcome is not Outcome.TENDON_FAULT
+
+
+@pytest.mark.parametrize(("gone_s", "broken"), [(0.15, False), (0.25, True)])
+def test_a_tendon_has_to_pull_nothing_for_a_fifth_of_a_second(task, bench, gone_s: float, broken: bool) -> None:
+    sequence, made = closing(task, bench)
+    made.contact_m = (math.inf,) * 3
+    while made.pulled_m[0] < 0.011:
+        made.obey(sequence.observe(made.pair()))
+    for _ in range(round(gone_s / 0.005)):
+        pair = made.pair()
+        step = sequence.observe(with_sample(pair, tension_n=(0.0, *pair.sample.tension_n[1:])))
+        if step.verdict is not None:
+            break
+    assert (step.verdict is not None and step.verdict.outcome is Outcome.TENDON_FAULT) is broken
+
+
+def test_a_finger_that_meets_a_product_alone_stops_before_it_hurts_it(run, task, bench) -> None:
+    """6 N are 12.6 N of excess tension by virtual work: the tip goes 4.19 m a metre pulled, the contact half of it."""
+    one = task("orange")
+    one = replace(one, recipe=replace(one.recipe, hold_excess_n=100.0, force_limit_n=6.0))
+    made = bench(contact_m=(0.008, math.inf, math.inf))
+    last = list(run(GraspSequence(one, SETTINGS), made))[-1]
+    assert last.verdict is not None
+    assert last.verdict.outcome is Outcome.EMPTY
+    assert made.peak_excess_n < 6.0 * 4.19 / 2.0
+
+
+def test_fingers_that_press_on_their_own_stops_enclose_nothing(task) -> None:
+    made = task("orange")
+    one = Pressing(made, SETTINGS, Reader(made.references, SETTINGS))
+    end_m = one.path_m(0)
+    for short_m, enclosed in ((0.0007, False), (0.0009, True)):
+        grip = Grip(made, SETTINGS, one)
+        for number in range(1, 6):
+            grip.look(number * 5_000_000, (reading(end_m - short_m, 5.0, 2.0 + 0.1 * number),) * 3)
+        assert grip.touched()
+        assert grip.enclosed() is enclosed
+
+
+def test_a_touch_without_the_holding_force_is_no_grip(task) -> None:
+    made = task("orange")
+    grip = Grip(made, SETTINGS, Pressing(made, SETTINGS, Reader(made.references, SETTINGS)))
+    for number in range(1, 200):
+        grip.look(number * 5_000_000, (reading(0.008, 5.0, 2.0),) * 3)
+    assert grip.touched()
+    assert not grip.grips()
 
 
 # --- readings, references ------------------------------------------------------------------------------------------
