@@ -16,8 +16,23 @@ from pathlib import Path
 
 from mutant import Mutant
 
-#: packages whose Python comes from the copy; those with a compiled core stay the checkout's, and have no mutants
-_REDIRECTED = ("softgrip_driver", "softgrip_cell", "softgrip_bag", "softgrip_nodekit", "softgrip_demo")
+#: packages of pure Python: PYTHONPATH brings them from the copy
+_PURE = ("softgrip_driver", "softgrip_cell", "softgrip_bag", "softgrip_nodekit", "softgrip_demo")
+#: packages with a compiled core: their Python is found by scikit-build's finder, which _SITE turns to the copy
+_COMPILED = ("softgrip_model", "softgrip_emulator", "softgrip_vision")
+_SITE = """
+import sys
+
+def moved(path):
+    return path.replace({root!r}, {copy!r}, 1) if path.startswith({root!r} + "/ros2_ws/") else path
+
+for finder in sys.meta_path:
+    if type(finder).__name__ == "ScikitBuildRedirectingFinder":
+        finder.known_source_files = {{name: moved(path) for name, path in finder.known_source_files.items()}}
+        finder.submodule_search_locations = {{
+            name: [moved(path) for path in paths] for name, paths in finder.submodule_search_locations.items()
+        }}
+"""
 #: pytest: all passed, some failed
 PASSED, FAILED = 0, 1
 
@@ -63,6 +78,9 @@ class Workshop:
             if (root / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(root / name, folder / name)
+        site = folder / ".mutants" / "sitecustomize.py"
+        site.parent.mkdir()
+        site.write_text(_SITE.format(root=str(root), copy=str(folder)), encoding="utf-8")
         self._check_redirection()
 
     @property
@@ -115,7 +133,7 @@ class Workshop:
 
     def _environment(self) -> dict[str, str]:
         sources = self._folder / "ros2_ws" / "src"
-        paths = [self._folder / "embedded", *(sources / name for name in _REDIRECTED)]
+        paths = [self._folder / ".mutants", self._folder / "embedded", *(sources / name for name in _PURE)]
         return {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(map(str, paths)),
@@ -125,7 +143,7 @@ class Workshop:
 
     def _check_redirection(self) -> None:
         """Raise WorkshopError unless the redirected packages are imported from the copy."""
-        names = ("rclpy", *_REDIRECTED)
+        names = ("rclpy", *_PURE, *_COMPILED)
         found = subprocess.run(
             [sys.executable, "-c", f"for n in {names}: print(__import__(n).__file__)"],
             cwd=self._folder, env=self._environment(), capture_output=True, text=True, check=False,
