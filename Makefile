@@ -6,6 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SRC := ros2_ws/src
 TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
+UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --generate-hashes
 SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
@@ -13,7 +14,7 @@ CORES := softgrip_model softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants test-ros2 clean
+.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -92,9 +93,22 @@ bench: setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl an
 docs: setup  ## write the documents that scripts make
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 
-lock:  ## write requirements.lock anew
+lock:  ## write the two locks anew, with the hash of every file that may be installed
 	$(BIN)/python -m pip install -q uv
-	$(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate requirements.in -o requirements.lock
+	$(UV_LOCK) requirements.in -o requirements.lock
+	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
+
+sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
+	@mkdir -p $(OUT)
+	$(BIN)/python tools/sbom.py $(OUT)/sbom.json
+
+audit: setup  ## known holes in what the locks name, where a package index can be reached
+	$(BIN)/python tools/audit.py
+
+KEYS ?= $(HOME)/.softgrip/keys
+
+keys: setup  ## the cell's keys, where there are none, for secure:=true; KEYS=folder ARGS="--rotate"
+	@$(WITH_VENV) ros2 run softgrip_security keys $(KEYS) $(ARGS)
 
 test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, then the tests of all packages and of tests/ on the real rclpy
 	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }

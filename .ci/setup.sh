@@ -47,9 +47,9 @@ if [ ! -x "$VENV/bin/python" ]; then
 fi
 pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
 echo "== Python packages of requirements.lock"
-pip install -r requirements.lock
+pip install --require-hashes --only-binary :all: -r requirements.lock
 echo "== hand capture (MediaPipe; its own pins are older than they need to be, so without them)"
-pip install --no-deps -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
+pip install --no-deps --require-hashes --only-binary :all: -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
 for package in softgrip_model softgrip_emulator softgrip_vision; do
   echo "== C++ cores of $package"
   pip install --no-deps --no-build-isolation -e "ros2_ws/src/$package"

@@ -7,7 +7,6 @@ import contextlib
 import errno
 import json
 import os
-import re
 import socket
 import stat
 import threading
@@ -16,15 +15,19 @@ from typing import Any
 
 import zenoh
 
+from embedded_ros import limits, network_files
 from embedded_ros.errors import WireError
+from embedded_ros.network_files import ROUTER_PORT
 
-ROUTER_PORT = 7447
 PORT_VARIABLE = "EMBEDDED_ROUTER_PORT"
 OVERRIDE_VARIABLE = "ZENOH_CONFIG_OVERRIDE"
+#: What ZENOH_CONFIG_OVERRIDE says of these is meant for the session of a process, not for a router that it hosts.
+_OF_SESSIONS = ("mode", "id", "connect", "listen")
 _KEEPER_PERIOD_S = 1.0
 _LEASE_MS = 2000
-_ROUTER_DEADLINE_S = 4.0
+_ROUTER_DEADLINE_S = 10.0
 _LOOK_PERIOD_S = 0.002
+_PROBE_PERIOD_S = 0.1
 _FILE_DESCRIPTORS = 1024
 _INTERNET = (socket.AF_INET, socket.AF_INET6)
 
@@ -45,6 +48,8 @@ _COMMON = {
     "transport/link/tx/queue/size/data": 16,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 5_000,
     "transport/shared_memory/enabled": False,
+    # Zenoh's default is 1 GiB: gathered in memory before anybody can refuse it.
+    "transport/link/rx/max_message_size": limits.LINK_BYTES,
 }
 
 
@@ -70,10 +75,14 @@ def overrides() -> dict[str, Any]:
     return found
 
 
-def _configuration(values: dict[str, Any], patch: dict[str, Any]) -> zenoh.Config:
+def _configuration(values: dict[str, Any]) -> zenoh.Config:
     configuration = zenoh.Config()
     for key, value in values.items():
         configuration.insert_json5(key, json.dumps(value))
+    return configuration
+
+
+def _override(configuration: zenoh.Config, patch: dict[str, Any]) -> zenoh.Config:
     for key, text in patch.items():
         try:
             configuration.insert_json5(key, text)
@@ -82,7 +91,14 @@ def _configuration(values: dict[str, Any], patch: dict[str, Any]) -> zenoh.Confi
     return configuration
 
 
-def _session_configuration(port: int) -> zenoh.Config:
+def session_configuration(domain: int) -> zenoh.Config:
+    """Return the configuration of a session: ZENOH_SESSION_CONFIG_URI or ours, with ZENOH_CONFIG_OVERRIDE on top."""
+    port = router_port(domain)
+    configuration = network_files.read_configuration(network_files.SESSION_VARIABLE, port)
+    return _override(configuration or _default_session(port), overrides())
+
+
+def _default_session(port: int) -> zenoh.Config:
     values = {
         **_COMMON,
         "mode": "peer",
@@ -96,10 +112,17 @@ def _session_configuration(port: int) -> zenoh.Config:
         "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
         "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
     }
-    return _configuration(values, overrides())
+    return _configuration(values)
 
 
-def _router_configuration(port: int) -> zenoh.Config:
+def router_configuration(port: int) -> zenoh.Config:
+    """Return the configuration of the router: ZENOH_ROUTER_CONFIG_URI or ours, with ZENOH_CONFIG_OVERRIDE on top."""
+    configuration = network_files.read_configuration(network_files.ROUTER_VARIABLE, port)
+    patch = {key: text for key, text in overrides().items() if key.split("/")[0] not in _OF_SESSIONS}
+    return _override(configuration or _default_router(port), patch)
+
+
+def _default_router(port: int) -> zenoh.Config:
     values = {
         **_COMMON,
         "mode": "router",
@@ -112,25 +135,32 @@ def _router_configuration(port: int) -> zenoh.Config:
         "scouting/gossip/autoconnect_strategy": {"router": {"to_router": "always", "to_peer": "always"}},
         "routing/router/peers_failover_brokering": False,
     }
-    return _configuration(values, {})
+    return _configuration(values)
 
 
-def host_port(domain: int) -> int | None:
-    """Return the port a router of this machine listens on; None when the override connects to another machine."""
-    text = overrides().get("connect/endpoints")
-    if text is None:
-        return router_port(domain)
-    match = re.search(r"tcp/(?:localhost|127\.0\.0\.1|\[::1\]):(\d+)", text)
-    return int(match[1]) if match else None
+def may_host() -> bool:
+    """Whether this process may host the router: sessions that a file configures meet no router that none does."""
+    environment = os.environ.get
+    return not environment(network_files.SESSION_VARIABLE) or bool(environment(network_files.ROUTER_VARIABLE))
 
 
 def port_is_open(port: int) -> bool:
-    """Whether something on this machine accepts connections on a port."""
+    """Whether something on this machine listens on a port.
+
+    Asked of the kernel, by taking the port and giving it back: a connection that says nothing would cost a router with
+    TLS a tenth of a second in which it accepts nobody (zenoh-link-tls throttles after a failed handshake).
+    """
+    return any(_is_taken(family, host, port) for family, host in ((_INTERNET[0], "127.0.0.1"), (_INTERNET[1], "::1")))
+
+
+def _is_taken(family: socket.AddressFamily, host: str, port: int) -> bool:
     try:
-        socket.create_connection(("localhost", port), timeout=1.0).close()
-    except OSError:
-        return False
-    return True
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # only a listener is in the way
+            probe.bind((host, port))
+    except OSError as error:
+        return error.errno == errno.EADDRINUSE  # else there is no such family here
+    return False
 
 
 def drop_connection(port: int) -> None:
@@ -162,7 +192,7 @@ class RouterKeeper:
         """Host the router unless something already listens on the port; return whether one runs here."""
         if self._router is None and not port_is_open(self._port):
             try:
-                self._router = zenoh.open(_router_configuration(self._port))
+                self._router = zenoh.open(router_configuration(self._port))
             except zenoh.ZError as error:
                 if "in use" not in str(error) and os.strerror(errno.EADDRINUSE) not in str(error):
                     raise WireError(f"cannot host the router on port {self._port}: {error}") from error
@@ -208,11 +238,11 @@ def open_session(domain: int, *, host: bool = True) -> tuple[zenoh.Session, Rout
     Raises:
         WireError: the configuration is refused, or something that is no Zenoh router answers on the port.
     """
-    port = host_port(domain)
-    keeper = RouterKeeper(port) if host and port is not None else None
+    configuration = session_configuration(domain)
+    port = network_files.own_router_port(configuration)
+    keeper = RouterKeeper(port) if host and port is not None and may_host() else None
     if keeper is not None:
         keeper.try_host()
-    configuration = _session_configuration(port or ROUTER_PORT)
     try:
         session = zenoh.open(configuration)
     except zenoh.ZError as error:
@@ -232,13 +262,18 @@ def open_session(domain: int, *, host: bool = True) -> tuple[zenoh.Session, Rout
 
 def _meet_router(session: zenoh.Session, keeper: RouterKeeper | None, port: int) -> None:
     """Wait until the session has met the router; WireError when what answers on the port is none."""
-    end = time.monotonic() + _ROUTER_DEADLINE_S
+    probe_at = time.monotonic()
+    end = probe_at + _ROUTER_DEADLINE_S
     while not session.info.routers_zid():
-        if not port_is_open(port) and (keeper is None or keeper.try_host()):
-            return  # nobody there: alone, or the host itself
-        if time.monotonic() > end:
+        now = time.monotonic()
+        if now >= probe_at:
+            probe_at = now + _PROBE_PERIOD_S
+            if not port_is_open(port) and (keeper is None or keeper.try_host()):
+                return  # nobody there: alone, or the host itself
+        if now > end:
             raise WireError(
-                f"port {port} of this machine is taken by something that is no Zenoh router (no answer within "
-                f"{_ROUTER_DEADLINE_S:.0f} s); end it, or set {PORT_VARIABLE} to a free port for the whole cell"
+                f"port {port} of this machine is taken by something that is no Zenoh router, or by one that does not "
+                f"accept this process's certificate (no answer within {_ROUTER_DEADLINE_S:.0f} s); end it, set "
+                f"{PORT_VARIABLE} to a free port for the whole cell, or check the keys"
             )
         time.sleep(_LOOK_PERIOD_S)

@@ -54,3 +54,12 @@ def test_the_demo_hands_on_what_the_cell_takes_with_the_cells_default() -> None:
 )
 def test_frames_priority_reaches_all_that_a_frame_passes(executable: str, parameter: str) -> None:
     assert parameters(executable)[parameter] == "$(var frames_priority)"
+
+
+def test_only_nodes_that_hold_hardware_end_the_cell_when_they_are_gone() -> None:
+    nodes = entities("cell.launch.yaml", "node")
+    ends = {node["exec"] for node in nodes if node.get("on_exit") == "shutdown"}
+    assert ends == {"emulated_cell", "tendon_driver", "friction_rig"}
+    for node in nodes:
+        # the others end it only where they refuse to start
+        assert node["launch-prefix"].endswith(" --end-launch-on-refusal") == (node["exec"] not in ends)

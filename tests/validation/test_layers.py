@@ -19,13 +19,15 @@ EMBEDDED = ("embedded_ros",)
 MAY_IMPORT = {
     "softgrip_model": set(),
     "softgrip_nodekit": set(),
+    "softgrip_description": {"softgrip_model"},
     "softgrip_design": {"softgrip_model"},
     "softgrip_driver": {"softgrip_model"},
-    "softgrip_emulator": {"softgrip_model"},
+    "softgrip_emulator": {"softgrip_description", "softgrip_model"},
     "softgrip_vision": {"softgrip_model"},
     "softgrip_cell": {"softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
+    "softgrip_security": set(),
     "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
 }
 

@@ -25,6 +25,7 @@ from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.sensor import OtherLine
 from softgrip_emulator.wire.faulty import FaultyWire
+from softgrip_emulator.wire.folder import open_wire_folder
 from softgrip_emulator.wire.pty import PtyPort
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ class EmulatedCell:
             EmulatorError: a wire cannot be made; says which and what to do.
         """
         try:
-            self.wire_dir.mkdir(parents=True, exist_ok=True)
+            open_wire_folder(self.wire_dir)
             self.bus_port.start()
             self.rig.open_ports(self.wire_dir)
         except OSError as error:

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from softgrip_driver.errors import DriverError, NoReplyError, PortLostError
 from softgrip_driver.nodes import convert_friction as convert
 from softgrip_driver.nodes.rig_parameters import PARAMETERS, make_bench, measurement_settings
+from softgrip_driver.nodes.rig_safety import FollowedSafety, OwnSafety, RigSafety
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.clock import ScaledClock
 from softgrip_driver.rig.errors import StoppedError
@@ -79,7 +80,22 @@ class FrictionRig(LifecycleNode):
             callback_group=ReentrantCallbackGroup(),
         )
         self.create_timer(_IDLE_PERIOD, self._look, callback_group=MutuallyExclusiveCallbackGroup())
+        self._safety = self._make_safety(MutuallyExclusiveCallbackGroup())
         self._open_store()
+
+    def _make_safety(self, group: MutuallyExclusiveCallbackGroup) -> RigSafety:
+        if self._values["safety_source"] == "topic":
+            return FollowedSafety(self, group, self._stop_now)
+        text = "the cell's emergency stop does not reach this rig; rig/stop does"
+        self._diagnostics.set("safety", Health.WARN, text)
+        return OwnSafety(self, self._folder, group, self._stop_now)
+
+    def _stop_now(self, reason: str) -> None:
+        """End a running pull: the stand stands still and holds by its screw, since letting down is a motion, too."""
+        with self._session_lock:
+            session = self._session
+        if session is not None:
+            session.stop(reason)
 
     def _open_store(self) -> None:
         try:
@@ -131,6 +147,7 @@ class FrictionRig(LifecycleNode):
     def close(self) -> None:
         """Stop the stage and disconnect; called on every exit path."""
         self._halt()
+        self._safety.close()
         bench, self._bench = self._bench, None
         if bench is not None:
             bench.close()
@@ -157,7 +174,7 @@ class FrictionRig(LifecycleNode):
             result.outcome = CalibrateFriction.Result.SUCCEEDED
         except StoppedError as error:
             result.outcome = CalibrateFriction.Result.CANCELLED
-            result.reason = f"{error}; {_KEPT}"
+            result.reason = f"{session.stop_reason or error}; {_KEPT}"
             self.announce(goal_handle.canceled if goal_handle.is_cancel_requested else goal_handle.abort)
         except (DriverError, FrictionError) as error:
             result.outcome = CalibrateFriction.Result.FAILED
@@ -182,11 +199,15 @@ class FrictionRig(LifecycleNode):
         bench = self._bench
         if bench is None or not self._active:
             raise DriverError("expected friction_rig to be active, found it is not; configure and activate it first")
+        refusal = self._safety.refusal
+        if refusal:
+            raise DriverError(refusal)
         pulley = read_pulley(self._folder) or Pulley(1.0, self._values["pulley_stddev"])
         settings = measurement_settings(self._values, pulley.ratio, pulley.stddev)
         with bench.measuring():
             with self._session_lock:
                 self._session = session
+            session.stop_if(self._safety.refusal)  # it may have come while the session began
             self._diagnostics.set("plan", Health.OK, "measuring")
             try:
                 procedure = Procedure(bench.stage, bench.gauge, session, session.clock, settings, self._folder / _PLANS)
@@ -312,6 +333,7 @@ class _Session(Operator):
         self._goal_handle = goal_handle
         self._waiting = False
         self._answer = threading.Condition()
+        self.stop_reason = ""
 
     def tell(self, step: Step) -> None:
         if not self._node.announce(self._goal_handle.publish_feedback, convert.feedback_message(step)):
@@ -343,8 +365,14 @@ class _Session(Operator):
             self._answer.notify_all()
         return waited
 
-    def stop(self) -> None:
+    def stop_if(self, reason: str) -> None:
+        """Stop where there is a reason to."""
+        if reason:
+            self.stop(reason)
+
+    def stop(self, reason: str = "") -> None:
         """End all waits; the procedure stops the stage."""
+        self.stop_reason = self.stop_reason or reason
         self.clock.stop()
         with self._answer:
             self._answer.notify_all()

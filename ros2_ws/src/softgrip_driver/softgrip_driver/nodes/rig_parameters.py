@@ -28,6 +28,13 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("gauge_frame", "load_cell", "frame of the gauge; tension is along its z"),
     Parameter("connect_timeout", 1.0, "to go on trying while a device is not ready when configuring", "s", 0.0, 60.0),
+    Parameter(
+        "safety_source",
+        "topic",
+        "topic: follow the cell's emergency stop and lock on safety/state; none: a bench without tendons, which gets "
+        "rig/stop and rig/stop_reset of its own",
+        choices=("topic", "none"),
+    ),
     Parameter("model_dir", "~/.softgrip/friction", "folder of friction models and of the record of plans"),
     Parameter("initial_model", "braid-tpu", "id of the active model until one is chosen"),
     Parameter("time_scale", 1.0, "rig seconds per second; above 1 only with an emulated rig", "1", 0.01, 1000.0),

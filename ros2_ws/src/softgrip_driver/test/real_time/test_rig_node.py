@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_interfaces.action import CalibrateFriction
-from softgrip_interfaces.msg import FrictionModel, FrictionSample
+from softgrip_interfaces.msg import FrictionModel, FrictionSample, SafetyState
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.published import published_ids
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
@@ -62,6 +62,8 @@ class Person(Node):
         self.create_subscription(FrictionSample, "rig/sample", self.samples.append, RELIABLE)
         self.create_subscription(FrictionModel, "friction/active", self.active.append, LATCHED)
         self.create_subscription(WrenchStamped, "load_cell/wrench", self._on_wrench, SENSOR)
+        self.safety = self.create_publisher(SafetyState, "safety/state", LATCHED)
+        self.safety.publish(SafetyState())
         self._confirm = self.create_client(Trigger, "rig/confirm")
         self._calibrate = ActionClient(self, CalibrateFriction, "rig/calibrate")
         self.executor_ = SingleThreadedExecutor()
@@ -258,3 +260,86 @@ def test_a_missing_device_ends_the_process_with_a_reason(person: Person, tmp_pat
     assert process.returncode == 2
     assert "/nonexistent" in heard
     assert "check cable" in heard
+
+
+# --- the emergency stop -----------------------------------------------------------------------------------------------
+
+STOPS = {
+    "stopped": SafetyState(estop=True, estop_reason="a person"),
+    "locked": SafetyState(locked=True, lock_owner="manager", lock_reason="hands in the palm"),
+}
+
+
+def pulling(person: Person) -> Any:
+    """Start a plan and return its handle once the stand pulls."""
+    handle = person.goal()
+    person.until(lambda: any(step.phase == CalibrateFriction.Feedback.PULLING for step in person.steps), "a pull")
+    return handle
+
+
+def stands_still(person: Person) -> None:
+    """By the truth of the emulated stand: its carriage does not move any more."""
+    plant = person.rig.plant
+
+    def still() -> bool:
+        before = plant.travel
+        for _ in range(20):
+            person.executor_.spin_once(timeout_sec=0.01)
+        return bool(plant.travel == before)
+
+    person.until(still, "a stand that stands still")
+
+
+@pytest.mark.parametrize("kind", STOPS)
+def test_a_stop_of_the_cell_stops_a_pull_and_nothing_is_pulled_until_it_has_ended(person, tmp_path, kind):
+    person.start(tmp_path)
+    handle = pulling(person)
+    person.safety.publish(STOPS[kind])
+    result = person.result(handle)
+    assert result.outcome == CalibrateFriction.Result.CANCELLED
+    assert {"stopped": "emergency stop is on (a person)", "locked": "locked by manager"}[kind] in result.reason
+    stands_still(person)
+    refused = person.result(person.goal(resume=True))
+    assert refused.outcome == CalibrateFriction.Result.FAILED
+    person.safety.publish(SafetyState())
+    person.until(lambda: True, "a moment")
+    handle = person.goal(resume=True)
+    assert person.result(handle).outcome == CalibrateFriction.Result.SUCCEEDED
+
+
+def test_nothing_is_pulled_before_the_safety_state_was_seen_or_after_its_publisher_has_gone(person, tmp_path):
+    person.destroy_publisher(person.safety)
+    person.start(tmp_path)
+    result = person.result(person.goal())
+    assert result.outcome == CalibrateFriction.Result.FAILED
+    assert "found none yet; start tendon_driver" in result.reason
+    person.safety = person.create_publisher(SafetyState, "safety/state", LATCHED)
+    person.safety.publish(SafetyState())
+
+    def begun() -> Any:
+        handle = person.goal()
+        seen = len(person.steps)
+        person.until(lambda: handle.status != 2 or len(person.steps) > seen, "an answer")
+        return handle
+
+    handle = begun()
+    person.until(lambda: any(step.phase == CalibrateFriction.Feedback.PULLING for step in person.steps), "a pull")
+    person.destroy_publisher(person.safety)
+    result = person.result(handle)
+    assert result.outcome == CalibrateFriction.Result.CANCELLED
+    assert "nobody publishes safety/state" in result.reason
+    stands_still(person)
+
+
+def test_a_bench_without_tendons_has_a_stop_of_its_own_that_stays(person, tmp_path):
+    process = person.start(tmp_path, "safety_source:=none")
+    handle = pulling(person)
+    assert person.call(Trigger, "rig/stop", Trigger.Request()).success
+    assert "rig/stop" in person.result(handle).reason
+    stands_still(person)
+    process.kill()
+    process.wait(60)
+    person.start(tmp_path, "safety_source:=none")
+    assert "rig/stop_reset" in person.result(person.goal()).reason
+    assert person.call(Trigger, "rig/stop_reset", Trigger.Request()).success
+    assert person.result(person.goal(resume=True)).outcome == CalibrateFriction.Result.SUCCEEDED

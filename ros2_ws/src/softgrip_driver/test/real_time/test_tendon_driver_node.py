@@ -30,9 +30,10 @@ def domain(monkeypatch):
 
 
 @pytest.fixture
-def start(domain):
+def start(domain, tmp_path):
     patient = ("no_reply_s:=0.5", "bus_watchdog_s:=1.0", "reply_margin_s:=0.02")
-    with node_processes("softgrip_driver.nodes.tendon_driver", patient) as started:
+    kept = (f"safety_file:={tmp_path / 'safety.yaml'}", f"zero_file:={tmp_path / 'zeros.yaml'}")
+    with node_processes("softgrip_driver.nodes.tendon_driver", (*patient, *kept)) as started:
         yield started
 
 
@@ -42,9 +43,19 @@ def peer(domain):
         yield one
 
 
-def move(peer, client, **goal):
-    handle = peer.wait(client.send_goal_async(MoveTendon.Goal(**goal)))
+def length_goal(*targets, speed=0.02, **fields):
+    return MoveTendon.Goal(
+        mode=MoveTendon.Goal.LENGTH, targets=list(targets), speed=speed, tension_limit=20.0, **fields
+    )
+
+
+def move(peer, client, goal):
+    handle = peer.wait(client.send_goal_async(goal))
     return peer.wait(handle.get_result_async())
+
+
+def torque(wire):
+    return [servo.registers.get("torque_enable") for servo in wire.plant.servos]
 
 
 @pytest.fixture
@@ -56,14 +67,14 @@ def wire(bench):
 
 
 def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):
-    process = start(f"port:={wire.bus.port.port_name}", f"zero_file:={tmp_path / 'zeros.yaml'}")
+    process = start(f"port:={wire.bus.port.port_name}")
     states = peer.hear(JointState, "tendon/state", SENSOR)
     statuses = peer.hear(TendonStatusArray, "tendon/status", SENSOR)
     health = peer.hear(DiagnosticArray, "/diagnostics", RELIABLE)
     client = ActionClient(peer.node, MoveTendon, "tendon/move")
     assert client.wait_for_server(timeout_sec=PATIENCE)
 
-    refused = move(peer, client, mode=MoveTendon.Goal.LENGTH, targets=[0.01])
+    refused = move(peer, client, length_goal(0.01))
     assert refused.status == GoalStatus.STATUS_ABORTED
     assert refused.result.outcome == MoveTendon.Result.REFUSED
     assert "call tendon/home" in refused.result.reason
@@ -72,16 +83,20 @@ def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):
     assert homed.success, homed.message
     assert (tmp_path / "zeros.yaml").exists()
 
-    reached = move(peer, client, tendons=["index"], mode=MoveTendon.Goal.LENGTH, targets=[0.008], speed=0.02)
+    reached = move(peer, client, length_goal(0.008, tendons=["index"]))
     assert reached.result.outcome == MoveTendon.Result.REACHED, reached.result.reason
     assert list(reached.result.tendons) == ["index"]
     assert reached.result.pulled_lengths[0] == pytest.approx(0.008, abs=1.5e-3)
 
-    point = JointTrajectoryPoint(positions=[0.004], time_from_start=Duration(sec=0, nanosec=500_000_000))
+    point = JointTrajectoryPoint(positions=[0.004], time_from_start=Duration(sec=0, nanosec=100_000_000))
     streamed = peer.node.create_publisher(JointTrajectory, "tendon/trajectory", RELIABLE)
     peer.spin_until(lambda: streamed.get_subscription_count() > 0)
-    streamed.publish(JointTrajectory(joint_names=["index"], points=[point]))
-    peer.spin_until(lambda: states and abs(states[-1].position[0] - 0.004) < 1.5e-3)
+
+    def followed():
+        streamed.publish(JointTrajectory(joint_names=["index"], points=[point]))
+        return states and abs(states[-1].position[0] - 0.004) < 1.5e-3
+
+    peer.spin_until(followed)
 
     stopped = peer.trigger("estop")
     assert stopped.success
@@ -107,7 +122,7 @@ def test_a_move_can_be_cancelled_and_holds(wire, start, peer):
     assert client.wait_for_server(timeout_sec=PATIENCE)
     statuses, feedback = peer.hear(TendonStatusArray, "tendon/status", SENSOR), []
     peer.spin_until(lambda: statuses and all(status.homed for status in statuses[-1].tendons))
-    goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[0.012], speed=0.003)
+    goal = length_goal(0.012, speed=0.003)
     handle = peer.wait(client.send_goal_async(goal, feedback_callback=feedback.append))
     peer.spin_until(lambda: len(feedback) > 3)
     peer.wait(handle.cancel_goal_async())
@@ -149,15 +164,16 @@ def test_what_keeps_it_from_starting_is_said(wire, start, parameter, message):
     assert message in errors
 
 
-class ToldLoop:
-    """Stands in for the bus: notes what is asked of it."""
+class RecordingLoop:
+    """Stands in for the bus: records what is asked of it."""
 
-    snapshot = None
+    snapshot, failure = None, None
 
     def __init__(self):
         self.asked = []
 
-    def call(self, request):
+    def order(self, request, *, power):
+        assert power
         request(self, 0.0)
         raise DriverError("noted")
 
@@ -165,7 +181,7 @@ class ToldLoop:
         self.asked.append(tuple(request.targets))
 
 
-def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch):
+def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch, tmp_path):
     """Whatever thread comes first to wait for its end: the first move's is held up here."""
     at_once = ServerGoalHandle.execute
     held_up = []
@@ -178,8 +194,9 @@ def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch
             at_once(handle, *arguments)
 
     monkeypatch.setattr(ServerGoalHandle, "execute", execute)
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
     driver = TendonDriver()
-    driver._loop, driver._active = ToldLoop(), True
+    driver._loop, driver._active = RecordingLoop(), True
     executor = MultiThreadedExecutor(num_threads=4)
     executor.add_node(driver)
     spinning = threading.Thread(target=executor.spin, daemon=True)
@@ -187,7 +204,7 @@ def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch
     try:
         client = ActionClient(peer.node, MoveTendon, "tendon/move")
         assert client.wait_for_server(timeout_sec=PATIENCE)
-        goals = [MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[target]) for target in (0.0, 0.012)]
+        goals = [length_goal(target) for target in (0.0, 0.012)]
         handles = [peer.wait(sent) for sent in [client.send_goal_async(goal) for goal in goals]]
         results = [peer.wait(handle.get_result_async()).result for handle in handles]
         assert driver._loop.asked == [(0.0,), (0.012,)]
@@ -196,4 +213,5 @@ def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch
         driver._loop = None
         executor.shutdown()
         spinning.join(5.0)
+        driver.close()
         driver.destroy_node()

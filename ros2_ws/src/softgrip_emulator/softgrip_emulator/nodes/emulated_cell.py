@@ -20,6 +20,7 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
 from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
+from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_model.profile import Profile, ProfileError, load_directory
@@ -37,7 +38,11 @@ from softgrip_nodekit import (
 )
 
 PARAMETERS = ParameterTable(
-    Parameter("wire_dir", "/tmp/softgrip", "folder where servos, stand, gauge and the camera's files appear"),  # noqa: S108  a default for one user; the launch file gives a folder of its own
+    Parameter(
+        "wire_dir",
+        "",
+        "folder where servos, stand, gauge and the camera's files appear; empty = this user's own softgrip",
+    ),
     Parameter(
         "seed", 1, "of everything the emulated cell draws: fingers, friction, products, camera", "", 0, 2**31 - 1
     ),
@@ -191,7 +196,7 @@ def _open_cell(values: dict[str, Any]) -> EmulatedCell:
     try:
         cell = EmulatedCell(
             _profiles(values["profiles_directory"]),
-            Path(values["wire_dir"]),
+            Path(values["wire_dir"]) if values["wire_dir"] else default_wire_folder(),
             seed=values["seed"],
             rig_time_scale=values["time_scale"],
             time_scale=values["cell_time_scale"],

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import yaml
 
+import softgrip_description
 from softgrip_emulator.errors import EmulatorError
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Product:
 
 @dataclass(frozen=True)
 class SlotPlace:
-    """Where a finger starts: side +1 = fingers, -1 = thumb; `across_m` is the place out of the grasp plane."""
+    """Where a finger starts in the grasp plane: side +1 = fingers, -1 = thumb; `across_m` out of that plane."""
 
     side: int
     along_m: float
@@ -67,26 +68,23 @@ class SlotPlace:
 
 @dataclass(frozen=True)
 class Hand:
-    """Geometry of palm and approach (data/hand.yaml explains it)."""
+    """The described hand in its grasp plane (along, out of the palm) and the world around it (data/hand.yaml)."""
 
     palm_m: float
-    pitch_m: float
     finger_width_m: float
     slots: dict[str, SlotPlace]
-    approach_m: dict[str, float]
-    approach_default_m: float
-    along_m: dict[str, float]
+    description: softgrip_description.Hand
     clearance_m: float
     table_m: float
 
     def presented_at(self, product: Product, profile: str) -> tuple[float, float]:
         """Centre of a product (along, out) [m] when the arm has gone down with a finger set."""
-        depth = self.approach_m.get(profile, self.approach_default_m)
+        along, _, depth = self.description.tool_centre_point_m(profile)
         depth = max(depth, self.palm_m + self.clearance_m + product.height_m / 2.0)
         lowest = self.table_m - max(product.height_m / 2.0, product.stem_above_table_m)
         if product.height_m / 2.0 + self.clearance_m < lowest:
             depth = min(depth, lowest)
-        return self.along_m.get(profile, 0.0), depth
+        return along, depth
 
 
 @cache
@@ -112,5 +110,16 @@ def product(name: str) -> Product:
 def hand() -> Hand:
     """The hand of the cell."""
     data = yaml.safe_load((_DATA / "hand.yaml").read_text(encoding="utf-8"))
-    data["slots"] = {name: SlotPlace(**row) for name, row in data["slots"].items()}
-    return Hand(**data)
+    described = softgrip_description.shipped_hand()
+    slots = {
+        name: SlotPlace(
+            side=-slot.closes_towards_x,
+            along_m=slot.position_m[0],
+            out_m=slot.position_m[2],
+            rest_angle_rad=slot.rest_angle_rad,
+            across_m=slot.position_m[1],
+        )
+        for name, slot in described.slots.items()
+    }
+    # The surface of the palm is the plane z = 0 of its frame.
+    return Hand(palm_m=0.0, slots=slots, description=described, **data)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The hand, described once: palm, slots, finger bases, tool centre points; URDF, tf, joint states and MJCF from it.
+
+Example:
+    >>> from softgrip_description import shipped_hand, urdf_of
+    >>> from softgrip_model.profile import load
+    >>> profile = load(profiles / "power.yaml")
+    >>> text = urdf_of(shipped_hand(), {slot: (profile.id, profile.finger(slot)) for slot in profile.slots})
+"""
+
+from softgrip_description.errors import HandError
+from softgrip_description.geometry import finger_joint_names, link_poses, slot_pose
+from softgrip_description.hand import Hand, Slot, load_hand, shipped_hand
+from softgrip_description.mjcf import mjcf_of
+from softgrip_description.urdf import urdf_of
+
+__all__ = [
+    "Hand",
+    "HandError",
+    "Slot",
+    "finger_joint_names",
+    "link_poses",
+    "load_hand",
+    "mjcf_of",
+    "shipped_hand",
+    "slot_pose",
+    "urdf_of",
+]

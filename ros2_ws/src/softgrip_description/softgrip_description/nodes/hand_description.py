@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""hand_description: the mounted hand as robot_description, joint_states and tf, for RViz, MoveIt and others."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+from tf2_msgs.msg import TFMessage
+
+from softgrip_description.errors import HandError
+from softgrip_description.geometry import Array, quaternion_of
+from softgrip_description.hand import Hand, load_hand, shipped_hand
+from softgrip_description.pose_feed import HandPose
+from softgrip_description.urdf import fixed_transforms, urdf_of
+from softgrip_interfaces.msg import CellState, FingerStates, MountedFinger
+from softgrip_model.profile import Profile, ProfileError, load_directory, shipped_directory
+from softgrip_nodekit import (
+    LATCHED,
+    RELIABLE,
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    StartupError,
+    run,
+)
+
+PARAMETERS = ParameterTable(
+    Parameter("hand_file", "", "hand file; empty = the shipped hand"),
+    Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
+    Parameter("fingers", ["index", "middle", "thumb"], "slots that hold a finger until cell/state says otherwise"),
+    Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
+    Parameter("joint_source", "predicted", "where joint angles come from", choices=("predicted", "measured")),
+    Parameter("frame_prefix", "", "before every link and joint name, so that several hands fit one tf tree"),
+    Parameter("publish_tf", True, "false where robot_state_publisher computes tf from the description"),
+)
+
+
+class HandDescription(Node):
+    """Translates between topics and a `HandPose`."""
+
+    def __init__(self) -> None:
+        super().__init__("hand_description")
+        values = PARAMETERS.declare(self)
+        self._prefix: str = values["frame_prefix"]
+        self._publish_tf: bool = values["publish_tf"]
+        self._hand = _load_hand(values["hand_file"])
+        self._pose = HandPose(self._hand, _load_profiles(values["profiles_directory"]), self._prefix)
+        self._diagnostics = Diagnostics(self)
+        self._description = self.create_publisher(String, "robot_description", LATCHED)
+        self._joints = self.create_publisher(JointState, "joint_states", RELIABLE)
+        # tf2 listens to these two absolute names; the prefix keeps several hands apart.
+        self._tf = self.create_publisher(TFMessage, "/tf", RELIABLE)
+        self._tf_static = self.create_publisher(TFMessage, "/tf_static", LATCHED)
+        try:
+            self._pose.set_mounted(_start_mounting(values["fingers"], values["profiles"]))
+        except HandError as error:
+            raise StartupError(str(error)) from error
+        self._publish_description()
+        self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
+        source = f"finger/{values['joint_source']}"
+        self.create_subscription(FingerStates, source, self._on_fingers, SENSOR)
+        self.get_logger().info(f"describing {self._mounted()}; joint angles from {source}")
+
+    def _on_cell(self, message: CellState) -> None:
+        mounted = {
+            finger.finger: finger.profile
+            for finger in message.mounted
+            if finger.profile and finger.state != MountedFinger.EMPTY
+        }
+        try:
+            changed = self._pose.set_mounted(mounted)
+        except (HandError, ProfileError) as error:
+            self._diagnostics.set("hand", Health.WARN, f"{error}; still describing {self._mounted()}")
+            return
+        if changed:
+            self._publish_description()
+
+    def _on_fingers(self, message: FingerStates) -> None:
+        taken = [self._pose.set_joint_angles(finger.finger, finger.joint_angles) for finger in message.fingers]
+        if not any(taken):
+            return
+        names, angles = self._pose.joint_state()
+        self._joints.publish(JointState(header=Header(stamp=message.header.stamp), name=names, position=angles))
+        if self._publish_tf:
+            transforms = self._pose.link_transforms()
+            self._tf.publish(TFMessage(transforms=[_transform(message.header.stamp, *one) for one in transforms]))
+
+    def _publish_description(self) -> None:
+        self._description.publish(String(data=urdf_of(self._hand, self._pose.fingers, prefix=self._prefix)))
+        if self._publish_tf:
+            stamp = self.get_clock().now().to_msg()
+            transforms = [*fixed_transforms(self._hand, self._pose.fingers, self._prefix)]
+            transforms += self._pose.mount_transforms()
+            self._tf_static.publish(TFMessage(transforms=[_transform(stamp, *one) for one in transforms]))
+        self._diagnostics.set("hand", Health.OK, "as mounted by cell/state", self._mounted())
+
+    def _mounted(self) -> dict[str, str]:
+        return {slot: profile for slot, (profile, _) in self._pose.fingers.items()}
+
+
+def _load_hand(path: str) -> Hand:
+    try:
+        return load_hand(Path(path)) if path else shipped_hand()
+    except HandError as error:
+        raise StartupError(str(error)) from error
+
+
+def _load_profiles(directory: str) -> dict[str, Profile]:
+    try:
+        return load_directory(Path(directory) if directory else shipped_directory())
+    except ProfileError as error:
+        raise StartupError(str(error)) from error
+
+
+def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:
+    each = list(profiles) * len(fingers) if len(profiles) == 1 else list(profiles)
+    if len(each) != len(fingers):
+        raise StartupError(f"parameter 'profiles': expected 1 or {len(fingers)} for {list(fingers)}, found {each}")
+    return dict(zip(fingers, each, strict=True))
+
+
+def _transform(stamp: Any, parent: str, child: str, pose: Array) -> TransformStamped:
+    x, y, z = (float(value) for value in pose[:3, 3])
+    qx, qy, qz, qw = quaternion_of(pose)
+    return TransformStamped(
+        header=Header(stamp=stamp, frame_id=parent),
+        child_frame_id=child,
+        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw)),
+    )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    return run(HandDescription, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""hand_description as a process: description, joint states and tf follow what is mounted and predicted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+from tf2_msgs.msg import TFMessage
+
+from softgrip_description import link_poses, shipped_hand, slot_pose
+from softgrip_interfaces.msg import CellState, FingerState, FingerStates, MountedFinger
+from softgrip_model.profile import load, shipped_directory
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
+from softgrip_nodekit.testing import Peer, node_processes, own_domain, peer_node
+
+pytestmark = pytest.mark.ros
+SLOTS = ("index", "middle", "thumb")
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    os.environ["ROS_DOMAIN_ID"] = own_domain()
+    with peer_node("viewer") as node, node_processes("softgrip_description.nodes.hand_description") as start:
+        node.start = start
+        yield node
+
+
+def matrix(transform) -> np.ndarray:
+    """(4, 4) of a TransformStamped, the rotation by MuJoCo."""
+    pose, flat = np.eye(4), np.zeros(9)
+    rotation, shift = transform.transform.rotation, transform.transform.translation
+    mujoco.mju_quat2Mat(flat, np.array([rotation.w, rotation.x, rotation.y, rotation.z]))
+    pose[:3, :3], pose[:3, 3] = flat.reshape(3, 3), (shift.x, shift.y, shift.z)
+    return pose
+
+
+def chain(transforms: dict, frame: str, root: str) -> np.ndarray:
+    """Compose tf from a frame up to the root, as tf2 does."""
+    pose = np.eye(4)
+    while frame != root:
+        transform = transforms[frame]
+        pose, frame = matrix(transform) @ pose, transform.header.frame_id
+    return pose
+
+
+def cell_state(profile: str) -> CellState:
+    return CellState(mounted=[MountedFinger(finger=slot, serial="x", profile=profile, state=3) for slot in SLOTS])
+
+
+def predicted(profile: str, angle_rad: float) -> FingerStates:
+    design = load(shipped_directory() / f"{profile}.yaml")
+    return FingerStates(
+        header=Header(stamp=to_time_message(1_000_000_000)),
+        fingers=[
+            FingerState(finger=slot, profile=profile, joint_angles=[angle_rad] * design.finger(slot).joints)
+            for slot in SLOTS
+        ],
+    )
+
+
+def test_tf_and_description_follow_a_swap_and_a_closing(peer: Peer) -> None:
+    descriptions = peer.hear(String, "robot_description", LATCHED)
+    moving, fixed = peer.hear(TFMessage, "/tf", RELIABLE), peer.hear(TFMessage, "/tf_static", LATCHED)
+    joints = peer.hear(JointState, "joint_states", RELIABLE)
+    cell = peer.node.create_publisher(CellState, "cell/state", LATCHED)
+    fingers = peer.node.create_publisher(FingerStates, "finger/predicted", SENSOR)
+    peer.start()
+    peer.spin_until(lambda: descriptions and fixed)
+    before = descriptions[-1].data
+    cell.publish(cell_state("hook"))
+    peer.spin_until(lambda: descriptions[-1].data != before and len(fixed) > 1)
+
+    def published() -> bool:
+        fingers.publish(predicted("hook", 0.3))
+        return bool(moving and joints)
+
+    peer.spin_until(published)
+    transforms = {t.child_frame_id: t for message in [*fixed, *moving] for t in message.transforms}
+    hook, hand = load(shipped_directory() / "hook.yaml"), shipped_hand()
+    for slot in SLOTS:
+        design = hook.finger(slot)
+        tip = slot_pose(hand.slots[slot]) @ link_poses(design, [0.3] * design.joints)[-1]
+        assert chain(transforms, f"{slot}_tip", "palm") == pytest.approx(tip, abs=1e-9)
+    assert chain(transforms, "tcp", "palm")[:3, 3] == pytest.approx(hand.tool_centre_points_m["hook"])
+    assert chain(transforms, "tcp", "flange")[2, 3] == pytest.approx(
+        hand.flange_position_m[2] + hand.tool_centre_points_m["hook"][2]
+    )
+    assert joints[-1].header.stamp.sec == 1
+    assert set(joints[-1].position) == {0.3}
+
+
+def test_a_finger_that_cannot_be_mounted_is_named_and_the_last_description_stays(peer: Peer) -> None:
+    descriptions = peer.hear(String, "robot_description", LATCHED)
+    health = peer.hear(DiagnosticArray, "/diagnostics", RELIABLE)
+    cell = peer.node.create_publisher(CellState, "cell/state", LATCHED)
+    peer.start()
+    peer.spin_until(lambda: descriptions)
+    cell.publish(cell_state("velcro"))
+
+    def named() -> bool:
+        texts = [status.message for message in health for status in message.status]
+        return any("expected one of" in text and "velcro" in text for text in texts)
+
+    peer.spin_until(named)
+    assert len(descriptions) == 1
+
+
+def test_a_hand_file_that_does_not_exist_is_a_reason_to_refuse_to_start(peer: Peer) -> None:
+    process = peer.start("hand_file:=/nonexistent/hand.yaml")
+    assert process.wait(60.0) == 2
+    assert "cannot be read as a hand file" in process.stderr.read()

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""friction_rig's side of the emergency stop: it follows safety/state, or serves a stop of its own on a bench alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from softgrip_driver.rig.stop_guard import HeardState, StopGuard
+from softgrip_driver.tendon.safety import Safety
+from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
+from softgrip_interfaces.msg import SafetyState
+from softgrip_nodekit import LATCHED, UrgentServer, steady_timer
+
+#: [s] without a publisher of safety/state before the stand stops, and between looks
+MAX_ABSENCE_S = 1.0
+LOOK_PERIOD_S = 0.2
+
+
+class RigSafety(Protocol):
+    """Where the stand learns whether it may move."""
+
+    @property
+    def refusal(self) -> str:
+        """Why it may not, empty when it may."""
+
+    def close(self) -> None:
+        """Stop listening."""
+
+
+class FollowedSafety:
+    """Follows the cell's safety state; ``on_stop`` gets the reason whenever the stand may not move any more."""
+
+    def __init__(self, node: Node, group: Any, on_stop: Callable[[str], None]) -> None:
+        self._guard = StopGuard(MAX_ABSENCE_S)
+        self._node = node
+        self._on_stop = on_stop
+        node.create_subscription(SafetyState, "safety/state", self._on_state, LATCHED, callback_group=group)
+        self._timer = steady_timer(node, LOOK_PERIOD_S, self._look)
+
+    @property
+    def refusal(self) -> str:
+        """Why the stand may not move, empty when it may."""
+        return self._guard.refusal(time.monotonic())
+
+    def close(self) -> None:
+        """Nothing of its own is open."""
+
+    def _on_state(self, message: SafetyState) -> None:
+        self._guard.take_state(
+            HeardState(bool(message.estop), message.estop_reason, bool(message.locked), message.lock_owner)
+        )
+        self._check()
+
+    def _look(self) -> None:
+        self._guard.take_publishers(self._node.count_publishers("safety/state"), time.monotonic())
+        self._check()
+
+    def _check(self) -> None:
+        refusal = self.refusal
+        if refusal:
+            self._on_stop(refusal)
+
+
+class OwnSafety:
+    """A latched stop of the stand's own, for a bench without tendons: rig/stop and rig/stop_reset.
+
+    The stop has a session and thread of its own, and is on disk before it is answered.
+    """
+
+    def __init__(self, node: Node, folder: Path, group: Any, on_stop: Callable[[str], None]) -> None:
+        self._on_stop = on_stop
+        self._safety = Safety(SafetyStore(folder / "rig_safety.yaml"))
+        node.create_service(Trigger, "rig/stop_reset", self._on_reset, callback_group=group)
+        self._urgent = UrgentServer(node, Trigger, "rig/stop", self._serve_stop)
+
+    @property
+    def refusal(self) -> str:
+        """Why the stand may not move, empty when it may."""
+        return self._safety.refusal.replace("estop_reset", "rig/stop_reset")
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._urgent.close()
+
+    def _serve_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+        self._safety.latch_stop("asked for through the service rig/stop")
+        self._on_stop(self.refusal)
+        problem = self._safety.persist()
+        response.success = not problem
+        response.message = f"stopped; {problem or 'rig/stop_reset returns'}"
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+        try:
+            self._safety.reset_stop()
+            response.success, response.message = True, "reset; resume the plan to go on"
+        except SafetyStoreError as error:
+            response.success, response.message = False, str(error)
+        return response

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What DDS reads. Expected topics are those that sros2 0.13 makes of the same grants (its permissions.xsl)."""
+
+from __future__ import annotations
+
+import datetime as dt
+import xml.etree.ElementTree as ET
+
+from softgrip_security.policy import Grant, Identity, Policy
+from softgrip_security.sros2 import governance_xml, permissions_xml, policy_xml
+
+BEGIN, END = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC), dt.datetime(2027, 1, 2, tzinfo=dt.UTC)
+
+
+def topics(document, direction):
+    return [found.text for found in ET.fromstring(document).findall(f".//allow_rule/{direction}/topics/topic")]
+
+
+def permissions(**grants):
+    return permissions_xml(
+        Identity("camera", ("camera",), {Grant(name): names for name, names in grants.items()}), BEGIN, END
+    )
+
+
+def test_an_action_client_has_the_topics_that_sros2_gives_it():
+    document = permissions(call_action=("/fibonacci",))
+    assert topics(document, "publish") == [
+        "ros_discovery_info",
+        "rq/fibonacci/_action/cancel_goalRequest",
+        "rq/fibonacci/_action/get_resultRequest",
+        "rq/fibonacci/_action/send_goalRequest",
+    ]
+    assert topics(document, "subscribe") == [
+        "ros_discovery_info",
+        "rr/fibonacci/_action/cancel_goalReply",
+        "rr/fibonacci/_action/get_resultReply",
+        "rr/fibonacci/_action/send_goalReply",
+        "rt/fibonacci/_action/feedback",
+        "rt/fibonacci/_action/status",
+    ]
+
+
+def test_a_server_reads_requests_and_writes_replies():
+    document = permissions(serve=("/estop",), publish=("/rosout",), subscribe=("/clock",))
+    assert topics(document, "publish") == ["ros_discovery_info", "rr/estopReply", "rt/rosout"]
+    assert topics(document, "subscribe") == ["ros_discovery_info", "rq/estopRequest", "rt/clock"]
+
+
+def test_a_recorder_reads_every_topic_and_no_requests():
+    assert topics(permissions(subscribe=("*",)), "subscribe") == ["ros_discovery_info", "rt/*"]
+
+
+def test_all_else_is_denied_to_the_holder_of_the_certificate_for_its_time():
+    root = ET.fromstring(permissions(publish=("/rosout",)))
+    grant = root.find("permissions/grant")
+    assert grant is not None
+    assert [child.tag for child in grant] == ["subject_name", "validity", "allow_rule", "default"]
+    assert grant.findtext("subject_name") == "CN=/softgrip/camera"
+    assert grant.findtext("validity/not_before") == "2026-01-02T03:04:05"
+    assert grant.findtext("validity/not_after") == "2027-01-02T00:00:00"
+    assert grant.findtext("default") == "DENY"
+
+
+def test_the_domain_admits_nobody_without_a_certificate():
+    rule = ET.fromstring(governance_xml()).find("domain_access_rules/domain_rule")
+    assert rule is not None
+    assert rule.findtext("allow_unauthenticated_participants") == "false"
+    assert rule.findtext("enable_join_access_control") == "true"
+    for name in ("enable_read_access_control", "enable_write_access_control"):
+        assert rule.findtext(f"topic_access_rules/topic_rule/{name}") == "true"
+
+
+def test_the_policy_is_written_as_sros2_reads_it():
+    grants = {Grant.PUBLISH: ("/image",), Grant.SERVE: ("/camera/ping",), Grant.CALL_ACTION: ("/tendon/move",)}
+    root = ET.fromstring(policy_xml(Policy((Identity("camera", ("camera",), grants),))))
+    enclave = root.find("enclaves/enclave")
+    assert enclave is not None
+    assert enclave.get("path") == "/softgrip/camera"
+    profile = enclave.find("profiles/profile")
+    assert profile is not None
+    assert profile.attrib == {"ns": "/", "node": "camera"}
+    assert [(child.tag, child.attrib, [name.text for name in child]) for child in profile] == [
+        ("topics", {"publish": "ALLOW"}, ["/image"]),
+        ("services", {"reply": "ALLOW"}, ["/camera/ping"]),
+        ("actions", {"call": "ALLOW"}, ["/tendon/move"]),
+    ]
