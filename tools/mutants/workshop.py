@@ -16,10 +16,8 @@ from pathlib import Path
 
 from mutant import Mutant
 
-#: packages of pure Python: PYTHONPATH brings them from the copy
-_PURE = ("softgrip_driver", "softgrip_cell", "softgrip_bag", "softgrip_nodekit", "softgrip_demo")
-#: packages with a compiled core: their Python is found by scikit-build's finder, which _SITE turns to the copy
-_COMPILED = ("softgrip_model", "softgrip_emulator", "softgrip_vision")
+#: what turns scikit-build's finder, which finds the Python of packages with a compiled core, to the copy; PYTHONPATH
+#: does that for all others
 _SITE = """
 import sys
 
@@ -131,9 +129,15 @@ class Workshop:
         self._stamp += 2
         os.utime(path, (self._stamp, self._stamp))
 
+    def _packages(self) -> list[Path]:
+        """The folders of the workspace's packages that have Python."""
+        sources = self._folder / "ros2_ws" / "src"
+        return sorted(folder.parents[1] for folder in sources.glob("*/*/__init__.py") if _is_package(folder))
+
     def _environment(self) -> dict[str, str]:
         sources = self._folder / "ros2_ws" / "src"
-        paths = [self._folder / ".mutants", self._folder / "embedded", *(sources / name for name in _PURE)]
+        pure = [folder for folder in self._packages() if not (folder / "CMakeLists.txt").exists()]
+        paths = [self._folder / ".mutants", self._folder / "embedded", *pure]
         return {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(map(str, paths)),
@@ -143,7 +147,7 @@ class Workshop:
 
     def _check_redirection(self) -> None:
         """Raise WorkshopError unless the redirected packages are imported from the copy."""
-        names = ("rclpy", *_PURE, *_COMPILED)
+        names = ("rclpy", *(folder.name for folder in self._packages()))
         found = subprocess.run(
             [sys.executable, "-c", f"for n in {names}: print(__import__(n).__file__)"],
             cwd=self._folder, env=self._environment(), capture_output=True, text=True, check=False,
@@ -153,3 +157,8 @@ class Workshop:
             raise WorkshopError(
                 f"expected {', '.join(names)} from {self._folder}, found {strangers or found.stderr}; run make setup"
             )
+
+
+def _is_package(init: Path) -> bool:
+    """Whether an __init__.py is that of a package of the workspace, whose folder has the same name."""
+    return init.parent.name == init.parents[1].name
