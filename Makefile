@@ -14,7 +14,7 @@ CORES := softgrip_model softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock sbom audit keys test-ros2 clean
+.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -79,6 +79,9 @@ fuzz: setup  ## bytes into every parser: atheris on both ends of the wires, 100,
 	$(BIN)/python tools/fuzz.py driver --streams 100000
 	SOFTGRIP_FUZZ_EXAMPLES=100000 $(BIN)/python -m pytest -q -n 2 --timeout 7200 $(SRC)/softgrip_driver/test/test_protocol.py \
 	  $(SRC)/softgrip_emulator/test/test_fuzz.py -k "no_stream_breaks or any_bytes_in_any_pieces"
+
+mutants: setup  ## deliberate errors that tests must notice, score by area; AREA=guards one area, ARGS=--check the list only
+	$(BIN)/python tools/mutants $(if $(AREA),--area $(AREA)) $(ARGS)
 
 crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
 	$(BIN)/python benchmarks/recorder_crash.py
