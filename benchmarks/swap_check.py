@@ -124,6 +124,7 @@ def _unknown(rng: Random) -> Trial:
         passports[serials[slot]] = replace(passports[serials[slot]], state=state)
     sequence = SwapSequence(read_catalogue().finger_sets[finger_set], [Slot(name) for name in SLOTS], passports)
     sequence.released()
+    sequence.locked()
     sequence.confirm("open_palm")
     sequence.confirm("remove")
     try:

@@ -12,7 +12,7 @@ import array
 import struct
 from typing import TYPE_CHECKING, Any
 
-from embedded_ros import arrays
+from embedded_ros import arrays, limits
 from embedded_ros.errors import CdrError
 from embedded_ros.interface_text import FieldType
 
@@ -235,11 +235,16 @@ class _Reader(_Source):
             length = self.fresh("n")
             self.run.append(("I", length))
         self.flush()
+        if kind.array == "bounded":
+            self.emit(f"if {length} > {kind.size}: raise ValueError")
         if kind.base in ARRAY_CODES:
             self.numbers(kind, place, length)
             return
         items, item = self.fresh("l"), self.fresh("i")
         self.emit(f"if {length} > size - o: raise ValueError")
+        if kind.array != "fixed":
+            self.emit(f"parts -= {_parts(kind.element, owner)} * {length}")
+            self.emit("if parts < 0: raise TooManyParts")
         memo = ""
         if kind.base == "string":  # as in _Writer.strings
             if kind.array == "fixed":
@@ -284,6 +289,24 @@ class _Reader(_Source):
             self.run.clear()
 
 
+class _TooManyPartsError(ValueError):
+    def __init__(self) -> None:
+        super().__init__(f"more than {limits.max_parts()} parts; {limits.MAX_PARTS_VARIABLE} says how many may be")
+
+
+def _parts(kind: FieldType, owner: type[Message]) -> int:
+    """Return how many objects, texts and lists an element consists of, without those in lists of its own."""
+    if kind.text or kind.primitive:
+        return 1
+    nested = owner.DEFINITION.nested(kind.base)
+    fields = nested.DEFINITION.text.fields
+    return 1 + sum(1 if field.type.array else _parts(field.type, nested) for field in fields if _is_made(field.type))
+
+
+def _is_made(kind: FieldType) -> bool:
+    return bool(kind.array or kind.text or not kind.primitive)
+
+
 def make_serializer(kind: type[Message]) -> Callable[[Any], bytearray]:
     """Return ``f(message) -> bytearray`` with the encapsulation header for a message class."""
     writer = _Writer()
@@ -298,7 +321,9 @@ def make_deserializer(kind: type[Message]) -> Callable[[bytes], Any]:
     """Return ``f(bytes) -> message``; it raises CdrError when the bytes cannot be a message of the class."""
     reader = _Reader()
     reader.names["new"] = object.__new__
-    reader.emit("o = 4; size = len(d)")
+    reader.names["TooManyParts"] = _TooManyPartsError
+    reader.names["PARTS"] = limits.max_parts()
+    reader.emit("o = 4; size = len(d); parts = PARTS")
     reader.message(kind, "m")
     reader.flush()
     reader.emit("return m")

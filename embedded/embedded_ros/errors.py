@@ -38,6 +38,10 @@ class CdrError(EmbeddedError, ValueError):
     """Received bytes that are no message of the expected type."""
 
 
+class RequestRefusedError(EmbeddedError):
+    """A server answered a request with an error: too many are waiting, it is malformed, or its callback failed."""
+
+
 def needs_ros2(feature: str) -> NotImplementedError:
     """Return the refusal of a feature outside the scope of the stand-in."""
     return NotImplementedError(f"{feature} is not part of embedded/; it needs ROS 2 (source a Jazzy installation)")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from embedded_ros import wire
+from embedded_ros.throttle import Throttle
 from embedded_ros.wire import Entity, EntityKind
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _QUERY_TIMEOUT_S = 5.0
+#: A cell has some hundreds. Whoever announces more than this costs no more memory.
+_MAX_ENTITIES = 20_000
 
 
 class Graph:
@@ -32,6 +35,7 @@ class Graph:
         self._changed = threading.Condition(self._lock)
         self._listeners: list[Callable[[Entity, bool], None]] = []
         self._subscriber: object = None
+        self._throttle = Throttle()
 
     def watch(self, session: zenoh.Session, domain: int) -> None:
         """Fill from the tokens that are up, then follow changes."""
@@ -66,14 +70,17 @@ class Graph:
         with self._lock:
             if token in self._entities:
                 return
+            if len(self._entities) >= _MAX_ENTITIES:
+                if self._throttle.admit("full") is not None:
+                    _LOG.error("more than %d nodes and endpoints: ignored %s", _MAX_ENTITIES, token)
+                return
             self._entities[token] = entity
             self._by_kind[entity.kind][token] = entity
             self._by_name.setdefault(entity.name, {})[token] = entity
             self._by_gid[wire.gid_of(token)] = entity
             self._changed.notify_all()
             listeners = list(self._listeners)
-        for listener in listeners:
-            listener(entity, True)
+        self._tell(listeners, entity, appeared=True)
 
     def remove(self, token: str) -> None:
         """Drop a token that is gone."""
@@ -89,8 +96,15 @@ class Graph:
             self._by_gid.pop(wire.gid_of(token), None)
             self._changed.notify_all()
             listeners = list(self._listeners)
+        self._tell(listeners, entity, appeared=False)
+
+    def _tell(self, listeners: list[Callable[[Entity, bool], None]], entity: Entity, *, appeared: bool) -> None:
         for listener in listeners:
-            listener(entity, False)
+            try:
+                listener(entity, appeared)
+            except Exception:  # noqa: BLE001  a listener of someone else must not stop the others
+                if self._throttle.admit("listener") is not None:
+                    _LOG.exception("a listener failed over %s", entity)
 
     def listen(self, listener: Callable[[Entity, bool], None]) -> None:
         """Call ``listener(entity, appeared)`` on each change, on the thread that brought it."""

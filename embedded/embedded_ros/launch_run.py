@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import queue
 import signal
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
 
     from embedded_ros.launch_description import Process
 
+#: [B] of a log file, and how many older ones are kept.
+_LOG_BYTES, _LOG_FILES = 20 << 20, 3
+#: What a node that refuses to start ends with (softgrip's convention); its keeper then interrupts the launch.
+_CANNOT_START = 2
 _STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 5.0))
 
 
@@ -40,6 +45,41 @@ class _Running:
         self.readers: list[threading.Thread] = []
 
 
+class RotatingLog:
+    """A text file that is put aside when it has grown long; the oldest of those is dropped.
+
+    Args:
+        path: of the file; older ones are ``path.1``, ``path.2``, ...
+        max_bytes: [B] of one file.
+        kept: older files that are kept.
+    """
+
+    def __init__(self, path: Path, max_bytes: int = _LOG_BYTES, kept: int = _LOG_FILES) -> None:
+        self._path = path
+        self._max_bytes = max_bytes
+        self._kept = kept
+        self._file = path.open("a", encoding="utf-8")
+
+    def write_line(self, text: str) -> None:
+        """Append a line."""
+        if self._file.tell() > self._max_bytes:
+            self._rotate()
+        self._file.write(text + "\n")
+        self._file.flush()
+
+    def _rotate(self) -> None:
+        self._file.close()
+        names = [self._path, *(self._path.with_name(f"{self._path.name}.{n}") for n in range(1, self._kept + 1))]
+        for newer, older in reversed(list(itertools.pairwise(names))):
+            if newer.exists():
+                newer.replace(older)
+        self._file = self._path.open("a", encoding="utf-8")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
 class LaunchRunner:
     """Runs until all processes have ended, one with on_exit=shutdown ends, or a signal comes."""
 
@@ -52,7 +92,7 @@ class LaunchRunner:
         self._step_at = 0.0
         self._failed = False
         log_folder.mkdir(parents=True, exist_ok=True)
-        self._log = (log_folder / "launch.log").open("a", encoding="utf-8")
+        self._log = RotatingLog(log_folder / "launch.log")
 
     def run(self) -> int:
         """Run; return 0, or 1 when a process failed to start or ended everything by failing."""
@@ -172,6 +212,7 @@ class LaunchRunner:
                 f"process has died [pid {running.popen.pid}, exit code {code}, cmd '{command}'].",
             )
         if self._stopping:
+            self._failed = self._failed or code == _CANNOT_START
             return
         if process.on_exit_shutdown:  # before respawn, as upstream
             self._failed = self._failed or code != 0
@@ -209,8 +250,7 @@ class LaunchRunner:
         self._write(f"[{level}] [{who}]: {text}", to_screen=True)
 
     def _write(self, text: str, *, to_screen: bool) -> None:
-        self._log.write(text + "\n")
-        self._log.flush()
+        self._log.write_line(text)
         if to_screen:
             with contextlib.suppress(BrokenPipeError):
                 sys.stdout.write(text + "\n")

@@ -15,7 +15,7 @@ from typing import Any
 
 import zenoh
 
-from embedded_ros import network_files
+from embedded_ros import limits, network_files
 from embedded_ros.errors import WireError
 from embedded_ros.network_files import ROUTER_PORT
 
@@ -48,6 +48,8 @@ _COMMON = {
     "transport/link/tx/queue/size/data": 16,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 5_000,
     "transport/shared_memory/enabled": False,
+    # Zenoh's default is 1 GiB: gathered in memory before anybody can refuse it.
+    "transport/link/rx/max_message_size": limits.LINK_BYTES,
 }
 
 

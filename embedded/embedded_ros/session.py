@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import logging
 import threading
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 import zenoh.ext
+
+from embedded_ros.throttle import Throttle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,6 +24,8 @@ _FOREVER_S = 10.0 * 365 * 24 * 3600
 
 
 _known_threads: set[int] = set()
+_LOG = logging.getLogger(__name__)
+_throttle = Throttle()
 
 
 def _direct(function: Callable[[Any], None]) -> Any:
@@ -29,7 +34,11 @@ def _direct(function: Callable[[Any], None]) -> Any:
     def called(item: Any) -> None:
         if threading.get_ident() not in _known_threads:
             _stay_known()
-        function(item)
+        try:
+            function(item)
+        except Exception as error:  # noqa: BLE001  what comes from outside ends no thread and no process
+            if _throttle.admit(type(error)) is not None:
+                _LOG.exception("could not take in what arrived")
 
     return zenoh.handlers.Callback(called, indirect=False)
 

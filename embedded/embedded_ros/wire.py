@@ -7,16 +7,24 @@ Pure: text and bytes in, values out. Nothing else in the package knows these for
 from __future__ import annotations
 
 import functools
+import re
 import struct
 from dataclasses import dataclass
 from enum import StrEnum
 
 import xxhash
 
+from embedded_ros.names import full_topic_problem, namespace_problem, node_problem
+
 INFINITE_NS = 9223372036 * 10**9 + 854775807
 _DEFAULT_DEPTH = 42
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
+ATTACHMENT_BYTES = _ATTACHMENT.size
+#: What rmw's enumerations hold for an endpoint that exists (rmw/types.h).
+_POLICIES = {"reliability": (1, 2), "durability": (1, 2), "history": (1, 2), "liveliness": (1, 3)}
+_MAX_TOKEN_CHARS = 4096
+_TYPE_NAME = re.compile(r"[a-zA-Z]\w*::(?:msg|srv|action)::dds_::[a-zA-Z]\w*_", re.ASCII)
 
 
 class EntityKind(StrEnum):
@@ -86,7 +94,7 @@ def decode_qos(text: str) -> WireQos:
     def duration(seconds: str, nanoseconds: str) -> int:
         return int(seconds) * 10**9 + int(nanoseconds) if seconds or nanoseconds else INFINITE_NS
 
-    return WireQos(
+    found = WireQos(
         number(reliability, 1),
         number(durability, 2),
         number(history, 1),
@@ -96,6 +104,17 @@ def decode_qos(text: str) -> WireQos:
         number(liveliness, 1),
         duration(lease_s, lease_ns),
     )
+    _check_qos(found)
+    return found
+
+
+def _check_qos(qos: WireQos) -> None:
+    for name, known in _POLICIES.items():
+        if getattr(qos, name) not in known:
+            raise ValueError(f"{name}: expected one of {known}, found {getattr(qos, name)}")
+    for name in ("depth", "deadline_ns", "lifespan_ns", "lease_ns"):
+        if not 0 <= getattr(qos, name) < 1 << 63:
+            raise ValueError(f"{name}: expected 0 .. 2^63, found {getattr(qos, name)}")
 
 
 @dataclass(frozen=True)
@@ -172,17 +191,25 @@ def encode_token(entity: Entity) -> str:
 
 def decode_token(key: str) -> Entity:
     """Read a liveliness key; ValueError when it is none of rmw_zenoh's."""
+    if len(key) > _MAX_TOKEN_CHARS:
+        raise ValueError(f"expected a liveliness key of {_MAX_TOKEN_CHARS} characters at most, found {len(key)}")
     parts = key.split("/")
     if len(parts) not in {9, 13} or parts[0] != "@ros2_lv":
         raise ValueError(f"expected a liveliness key of 9 or 13 parts, found {key!r}")
     kind = EntityKind(parts[5])
     enclave, namespace, node = (part.replace("%", "/") for part in parts[6:9])
     ids = int(parts[1]), parts[2], int(parts[3]), int(parts[4])
+    if (problem := node_problem(node) or namespace_problem(namespace)) is not None:
+        raise ValueError(f"{problem[0]}: found {namespace!r}, {node!r}")
     if kind is EntityKind.NODE:
         return Entity(*ids, kind, namespace, node, enclave)
     if len(parts) != 13:
         raise ValueError(f"expected 13 parts for an endpoint, found {key!r}")
     name, type_name, type_hash = (part.replace("%", "/") for part in parts[9:12])
+    if (problem := full_topic_problem(name)) is not None:
+        raise ValueError(f"{problem[0]}: found {name!r}")
+    if not _TYPE_NAME.fullmatch(type_name):
+        raise ValueError(f"expected a type like std_msgs::msg::dds_::String_, found {type_name!r}")
     return Entity(*ids, kind, namespace, node, enclave, name, type_name, type_hash, decode_qos(parts[12]))
 
 

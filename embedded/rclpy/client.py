@@ -9,11 +9,11 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from rclpy.endpoint import Endpoint
+from rclpy.endpoint import Endpoint, full_type_name
 from rclpy.task import Future
 
-from embedded_ros import wire
-from embedded_ros.errors import CdrError, needs_ros2
+from embedded_ros import limits, wire
+from embedded_ros.errors import CdrError, RequestRefusedError, needs_ros2
 from embedded_ros.messages import deserialize, serialize
 from embedded_ros.session import Link
 from embedded_ros.wire import EntityKind
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
 
+_MAX_REASON = 4096  # [B]
 REACH_PERIOD_S = 0.001  # between looks whether Zenoh has a way to what a token has announced
 
 
@@ -43,7 +44,8 @@ class Client(Endpoint):
         self._sequence = 0
         self._pending: dict[int, Future] = {}
         self._lock = threading.Lock()
-        self._replies: collections.deque[tuple[int, bytes]] = collections.deque()
+        self._max_bytes = limits.max_bytes(full_type_name(srv_type) + "_Response", "message")
+        self._replies: collections.deque[tuple[int, bytes | Exception]] = collections.deque()
         self._querier = self._link.querier(self._key)
         self._announce()
 
@@ -87,13 +89,24 @@ class Client(Endpoint):
         attachment = wire.encode_attachment(sequence, time.time_ns(), self._gid)
 
         def on_reply(reply: zenoh.Reply) -> None:
-            sample = reply.ok
-            if sample is not None and sequence in self._pending:
-                self._replies.append((sequence, sample.payload.to_bytes()))
+            if sequence in self._pending and (answer := self._answer(reply)) is not None:
+                self._replies.append((sequence, answer))
                 self._node._rcl_ready(self)
 
         Link.ask(self._querier, payload, attachment, on_reply)
         return future
+
+    def _answer(self, reply: zenoh.Reply) -> bytes | Exception | None:
+        """Return the CDR of a response, or why there is none; None while another answer may come."""
+        sample, error = reply.ok, reply.err
+        if sample is not None:
+            if len(sample.payload) > self._max_bytes:
+                text = f"expected a response of {self._max_bytes} bytes at most, found {len(sample.payload)}"
+                return RequestRefusedError(f"'{self._name}': {text}")
+            return sample.payload.to_bytes()
+        if error is None or len(error.payload) > _MAX_REASON:
+            return None
+        return RequestRefusedError(error.payload.to_bytes().decode(errors="replace"))
 
     def _is_ready(self) -> bool:
         return bool(self._replies)
@@ -107,12 +120,13 @@ class Client(Endpoint):
             future = self._pending.get(sequence)
         if future is None or future._pending_is_over():
             return None
+        future._set_executor(self._node.executor)
+        if isinstance(payload, Exception):
+            return future.set_exception, (payload,)
         try:
             response = deserialize(payload, self.srv_type.Response)
         except (CdrError, struct.error) as error:
-            self._node.get_logger().error(f"dropped a response of '{self._name}': {error}")
-            return None
-        future._set_executor(self._node.executor)
+            return future.set_exception, (RequestRefusedError(f"'{self._name}': malformed response: {error}"),)
         return future.set_result, (response,)
 
     def remove_pending_request(self, future: Future) -> None:

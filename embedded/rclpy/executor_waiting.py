@@ -8,6 +8,7 @@ import contextlib
 import sys
 import threading
 import time
+import traceback
 from typing import TYPE_CHECKING, Any, cast
 
 from rclpy.endpoint import Endpoint
@@ -206,7 +207,12 @@ class Waiting:
             entity._executor_event = False
             return None
         work = Work(self._itself(), entity, node)
-        taken = entity._take()
+        try:
+            taken = entity._take()
+        except Exception as error:  # noqa: BLE001  a fault of this package over what arrived must not end the node
+            taken = None
+            if node._rcl_throttle.admit((entity, type(error))) is not None:
+                node.get_logger().error(f"could not take what arrived: {traceback.format_exc()}")
         if taken is None:
             work.finish()
             return None

@@ -34,6 +34,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from embedded_ros import names
 from embedded_ros.session import Link
+from embedded_ros.throttle import Throttle
 from embedded_ros.wire import Entity, EntityKind, encode_token
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ class Node(NodeParameters, NodeGraph, NodeEntities):
         self._rcl_executor_reference: weakref.ref[Executor] | None = None
         self._rcl_init_entities()
         self._rcl_handle = Destroyable()
+        self._rcl_throttle = Throttle()
         self._default_callback_group = MutuallyExclusiveCallbackGroup()
         if not self._context.ok():
             raise NotInitializedException("cannot create node")

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 
+#: What a value that cannot be raises; Jazzy's rclpy lets it end the node.
+_REFUSALS = (AttributeError, TypeError, ValueError)
+
+
 class ParameterService:
     """Belongs to a node."""
 
@@ -72,7 +76,7 @@ class ParameterService:
         for message in request.parameters:
             try:
                 result = self._node.set_parameters_atomically([Parameter.from_parameter_msg(message)])
-            except ParameterNotDeclaredException as error:
+            except (ParameterNotDeclaredException, *_REFUSALS) as error:
                 result = SetParametersResult(successful=False, reason=str(error))
             response.results.append(result)
         return response
@@ -80,9 +84,9 @@ class ParameterService:
     def _set_atomically(self, request: Any, response: Any) -> Any:
         from rcl_interfaces.msg import SetParametersResult  # noqa: PLC0415  classes are made on first use
 
-        parameters = [Parameter.from_parameter_msg(message) for message in request.parameters]
         try:
+            parameters = [Parameter.from_parameter_msg(message) for message in request.parameters]
             response.result = self._node.set_parameters_atomically(parameters)
-        except ParameterNotDeclaredException as error:
+        except (ParameterNotDeclaredException, *_REFUSALS) as error:
             response.result = SetParametersResult(successful=False, reason=str(error))
         return response

@@ -6,13 +6,14 @@ from __future__ import annotations
 import collections
 import inspect
 import struct
+import threading
 import time
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from rclpy.endpoint import Endpoint
+from rclpy.endpoint import Endpoint, full_type_name
 
-from embedded_ros import wire
+from embedded_ros import limits, wire
 from embedded_ros.errors import CdrError, needs_ros2
 from embedded_ros.graph import incompatible_policy
 from embedded_ros.wire import EntityKind
@@ -25,6 +26,13 @@ if TYPE_CHECKING:
     from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
+
+
+#: [B] Samples that are not counted: as many of them as the queue is deep may wait.
+_SMALL = 4096
+#: Publishers that are remembered at a time.
+_MAX_PUBLISHERS = 1024
+_CDR_HEADER_BYTES = 4
 
 
 class Subscription(Endpoint):
@@ -61,6 +69,9 @@ class Subscription(Endpoint):
         self.callback = callback
         depth = None if self._wire_qos.history == 2 else max(1, self._wire_qos.depth)
         self._queue: collections.deque[tuple[zenoh.ZBytes, bytes, int]] = collections.deque(maxlen=depth)
+        self._max_bytes = limits.max_bytes(full_type_name(msg_type), "message")
+        self._waiting_bytes = 0  # of the samples in the queue that are not small
+        self._bytes_lock = threading.Lock()
         self._accepted: dict[bytes, bool] = {}
         self._last: dict[bytes, int] = {}
         self.event_handlers: list[EventHandler] = event_callbacks.create_event_handlers(callback_group, self, topic)
@@ -91,6 +102,13 @@ class Subscription(Endpoint):
         attachment = sample.attachment
         if attachment is None:
             return  # rmw_zenoh drops those too: nobody of ROS 2 sends them
+        payload = sample.payload
+        size = len(payload)
+        if len(attachment) != wire.ATTACHMENT_BYTES or not _CDR_HEADER_BYTES <= size <= self._max_bytes:
+            self._drop(
+                f"expected {self._max_bytes} bytes at most and an attachment, found {size} and {len(attachment)}"
+            )
+            return
         data = attachment.to_bytes()
         accepted = self._accepted.get(data[17:])
         if accepted is None:
@@ -100,8 +118,10 @@ class Subscription(Endpoint):
         queue = self._queue
         waiting = len(queue)
         if waiting == queue.maxlen:
-            self._lost(1)
-        queue.append((sample.payload, data, time.time_ns()))
+            self._forget_oldest()
+        if size > _SMALL:
+            self._count(size)
+        queue.append((payload, data, time.time_ns()))
         # The executor may have emptied the queue in between: then it does not look for this one.
         if not waiting or len(queue) == 1:
             self._node._rcl_ready(self)
@@ -112,8 +132,36 @@ class Subscription(Endpoint):
         if publisher is None:
             return True
         accepted = incompatible_policy(publisher.qos, self._wire_qos) is None
+        if len(self._accepted) >= _MAX_PUBLISHERS:
+            self._accepted.clear()
         self._accepted[gid] = accepted
         return accepted
+
+    def _count(self, size: int) -> None:
+        """Make room for a large sample: all that wait together are no longer than one may be."""
+        while self._waiting_bytes + size > self._max_bytes and self._queue:
+            self._forget_oldest()
+        with self._bytes_lock:
+            self._waiting_bytes += size
+
+    def _forget_oldest(self) -> None:
+        try:
+            payload, _, _ = self._queue.popleft()
+        except IndexError:
+            return  # it has just been taken
+        self._uncount(payload)
+        self._lost(1)
+
+    def _uncount(self, payload: zenoh.ZBytes) -> None:
+        if (size := len(payload)) > _SMALL:
+            with self._bytes_lock:
+                self._waiting_bytes -= size
+
+    def _drop(self, reason: str) -> None:
+        held = self._node._rcl_throttle.admit(self)
+        if held is not None:
+            more = f" ({held} more since the last line)" if held else ""
+            self._node.get_logger().error(f"dropped a sample on '{self._name}': {reason}{more}")
 
     def _lost(self, count: int) -> None:
         for handler in self.event_handlers:
@@ -127,6 +175,7 @@ class Subscription(Endpoint):
             sample, attachment, received_ns = self._queue.popleft()
         except IndexError:
             return None
+        self._uncount(sample)
         if self._queue:
             self._node._rcl_ready(self)
         try:
@@ -134,10 +183,12 @@ class Subscription(Endpoint):
             payload = sample.to_bytes()
             message = payload if self.raw else self.msg_type.DEFINITION.deserialize(payload)
         except (CdrError, struct.error, ValueError) as error:
-            self._node.get_logger().error(f"dropped a sample on '{self._name}': {error}")
+            self._drop(str(error))
             return None
         last = self._last.get(gid, 0)
         if sequence > last:
+            if not last and len(self._last) >= _MAX_PUBLISHERS:
+                self._last.clear()
             self._last[gid] = sequence
             if last and sequence > last + 1:
                 self._lost(sequence - last - 1)

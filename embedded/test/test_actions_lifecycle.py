@@ -146,3 +146,27 @@ def test_lifecycle(context: Context, make_node: Make, spin_until: Spin) -> None:
     assert to("cleanup") == (False, "unconfigured")  # on_error is handled, so it goes back to unconfigured
     assert machine.trigger_shutdown() is TransitionCallbackReturn.SUCCESS
     machine.destroy_node()
+
+
+def test_goals_that_are_over_are_kept_for_late_questions_but_not_in_any_number(
+    make_node: Make, context: Context
+) -> None:
+    node = make_node("n")
+    follower = _Follower(node)
+    client = ActionClient(node, Fibonacci, "fib")
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def wait(future: Any) -> Any:
+        executor.spin_until_future_complete(future, 10.0)
+        return future.result()
+
+    goals = [wait(client.send_goal_async(Fibonacci.Goal(order=3))) for _ in range(130)]
+    last = wait(goals[-1].get_result_async())
+    assert (last.status, list(last.result.sequence)) == (4, [0, 1, 1])
+    assert len(follower.server._goal_handles) == len(follower.server._result_futures) == 100
+    assert wait(goals[0].get_result_async()).status == 0  # forgotten: UNKNOWN
+    assert wait(goals[30].get_result_async()).status == 4  # the oldest of the last hundred
+    executor.shutdown()
+    client.destroy()
+    follower.server.destroy()

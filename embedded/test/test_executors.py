@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import rclpy
+import zenoh
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
@@ -95,8 +96,8 @@ def test_a_message_that_comes_while_the_one_before_is_taken_is_run_at_once(
     said: list[Any] = []
     monkeypatch.setattr(node, "_rcl_ready", said.append)
     sample = SimpleNamespace(
-        attachment=SimpleNamespace(to_bytes=lambda: wire.encode_attachment(1, 2, bytes(16))),
-        payload=SimpleNamespace(to_bytes=lambda: serialize_message(String(data="x"))),
+        attachment=zenoh.ZBytes(wire.encode_attachment(1, 2, bytes(16))),
+        payload=zenoh.ZBytes(serialize_message(String(data="x"))),
     )
     subscription._queue = EmptiedMeanwhile(["being taken"], maxlen=10)
     subscription._on_sample(sample)

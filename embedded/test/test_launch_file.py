@@ -13,6 +13,7 @@ from embedded_ros import workspace as workspaces
 from embedded_ros.errors import LaunchError
 from embedded_ros.launch_description import Description
 from embedded_ros.launch_file import LaunchReader
+from embedded_ros.launch_run import RotatingLog
 from embedded_ros.substitutions import Scope, substitute
 
 
@@ -182,3 +183,16 @@ def test_substitutions(tmp_path: Path, workspace: Path, text: str, value: str) -
     scope = Scope(tmp_path / "f")
     scope.variables["x"] = "1"
     assert substitute(text, scope) == value.replace("{share}", str(workspace / "talk_interfaces"))
+
+
+def test_a_log_that_grows_long_is_put_aside_and_the_oldest_is_dropped(tmp_path: Path) -> None:
+    log = RotatingLog(tmp_path / "launch.log", max_bytes=100, kept=2)
+    for number in range(100):
+        log.write_line(f"line {number:04}")
+    log.close()
+    names = sorted(path.name for path in tmp_path.glob("launch.log*"))
+    assert names == ["launch.log", "launch.log.1", "launch.log.2"]
+    text = "".join((tmp_path / name).read_text() for name in reversed(names))
+    lines = text.split("\n")[:-1]
+    assert lines == [f"line {number:04}" for number in range(100 - len(lines), 100)]
+    assert all((tmp_path / name).stat().st_size <= 110 for name in names)

@@ -58,7 +58,9 @@ def test_node_token() -> None:
 
 
 def test_names_with_slashes_survive_a_token() -> None:
-    entity = Entity(0, "a1", 0, 3, EntityKind.SERVICE, "/ns/deep", "n", "/enclave", "/ns/deep/srv", "t", "h")
+    entity = Entity(
+        0, "a1", 0, 3, EntityKind.SERVICE, "/ns/deep", "n", "/enclave", "/ns/deep/srv", "p::srv::dds_::T_", "h"
+    )
     assert wire.decode_token(wire.encode_token(entity)) == entity
 
 

@@ -91,3 +91,12 @@ def test_a_launch_is_either_secure_on_every_middleware_or_on_this_machine_alone(
     assert made["ROS_AUTOMATIC_DISCOVERY_RANGE"]["unless"] == "$(var secure)"
     (secure,) = [one for one in entities(name, "arg") if one["name"] == "secure"]
     assert secure["default"] == "false"
+
+
+def test_only_nodes_that_hold_hardware_end_the_cell_when_they_are_gone() -> None:
+    nodes = entities("cell.launch.yaml", "node")
+    ends = {node["exec"] for node in nodes if node.get("on_exit") == "shutdown"}
+    assert ends == {"emulated_cell", "tendon_driver", "friction_rig"}
+    for node in nodes:
+        # the others end it only where they refuse to start
+        assert node["launch-prefix"].endswith(" --end-launch-on-refusal") == (node["exec"] not in ends)

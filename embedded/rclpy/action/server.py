@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import collections
 import inspect
 import threading
 import time
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from rclpy.service import RequestHeader
 
 _RESULT_TIMEOUT_S = 900
+#: Goals that are over and still known, beside the timeout: each is in every status message.
+_MAX_ENDED = 100
 
 
 class GoalResponse(Enum):
@@ -100,6 +103,7 @@ class ServerGoalHandle:
             self._status = next_status(self._status, event)
             if self._status not in ACTIVE:
                 self._ended_at = time.monotonic()
+                self._action_server._keep_ended(self)
         self._action_server._publish_status()
 
     def _set_result(self, response: Any) -> None:
@@ -107,7 +111,9 @@ class ServerGoalHandle:
         message = server._action_type.Impl.GetResultService.Response()
         message.status = self.status
         message.result = response if response is not None else server._action_type.Result()
-        server._result_futures[bytes(self.goal_id.uuid)].set_result(message)
+        future = server._result_futures.get(bytes(self.goal_id.uuid))
+        if future is not None:  # a hundred others may have ended meanwhile
+            future.set_result(message)
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
         """Run the execute callback; a goal that is canceled already stays so."""
@@ -203,6 +209,7 @@ class ActionServer(Waitable):
         self._action_type = action_type
         self._result_timeout = result_timeout
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
+        self._ended: collections.deque[ServerGoalHandle] = collections.deque()  # the oldest first
         self._result_futures: dict[bytes, Future] = {}
         self._lock = threading.RLock()
         base = node.resolve_service_name(action_name) + "/_action/"
@@ -237,8 +244,11 @@ class ActionServer(Waitable):
     def _seconds_until_due(self) -> float | None:
         if self._result_timeout < 0:
             return None
-        ends = [goal._ended_at for goal in list(self._goal_handles.values()) if goal._ended_at is not None]
-        return min(ends) + self._result_timeout - time.monotonic() if ends else None
+        try:
+            ended_at = self._ended[0]._ended_at or 0.0
+        except IndexError:
+            return None
+        return ended_at + self._result_timeout - time.monotonic()
 
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
         self._expire()
@@ -256,11 +266,23 @@ class ActionServer(Waitable):
         if self._result_timeout < 0:
             return
         limit = time.monotonic() - self._result_timeout
-        for key, goal in list(self._goal_handles.items()):
-            if goal._ended_at is not None and goal._ended_at <= limit:
-                goal.destroy()
-                del self._goal_handles[key]
-                self._result_futures.pop(key, None)
+        with self._lock:
+            while self._ended and (self._ended[0]._ended_at or 0.0) <= limit:
+                self._forget_oldest()
+
+    def _keep_ended(self, goal: ServerGoalHandle) -> None:
+        """Keep a goal that is over for who asks for its result late; with it the last hundred."""
+        with self._lock:
+            self._ended.append(goal)
+            while len(self._ended) > _MAX_ENDED:
+                self._forget_oldest()
+
+    def _forget_oldest(self) -> None:
+        goal = self._ended.popleft()
+        goal.destroy()
+        key = bytes(goal.goal_id.uuid)
+        self._goal_handles.pop(key, None)
+        self._result_futures.pop(key, None)
 
     # -- requests ---------------------------------------------------------------------------------------------
 
@@ -311,7 +333,9 @@ class ActionServer(Waitable):
         infos, code = goals_to_cancel(request, list(self._goal_handles.values()))
         response = self._action_type.Impl.CancelGoalService.Response(return_code=code)
         for info in infos:
-            goal_handle = self._goal_handles[bytes(info.goal_id.uuid)]
+            goal_handle = self._goal_handles.get(bytes(info.goal_id.uuid))
+            if goal_handle is None:
+                continue
             verdict = await await_or_execute(self._cancel_callback, goal_handle)
             if verdict is CancelResponse.ACCEPT:
                 try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,6 +27,10 @@ _COLOURS = {
 _FILTERS = {
     "throttle_duration_sec", "throttle_time_source_type", "skip_first", "once", "name",
 }  # fmt: skip
+
+#: Lines that a process may say at once, and each second from then on. Whatever makes it say more, the log does not
+#: grow without end, and neither does what others must read on /rosout.
+MAX_LINES, LINES_PER_S = 1000.0, 50.0
 
 _levels: dict[str, int] = {}
 _sinks: dict[str, Callable[[float, int, str, str, CallerId], None]] = {}
@@ -83,6 +88,37 @@ def remove_sink(name: str, sink: Callable[[float, int, str, str, CallerId], None
     """Stop sending."""
     if _sinks.get(name) == sink:
         del _sinks[name]
+
+
+class Budget:
+    """Lines that may still be said: a bucket that fills again.
+
+    Args:
+        clock: monotonic [s].
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._left = MAX_LINES
+        self._at = clock()
+        self._left_out = 0
+        self._lock = threading.Lock()
+
+    def spend(self, *, anyway: bool = False) -> int | None:
+        """Return how many lines were left out before this one; None: leave this one out, too, unless it goes anyway."""
+        with self._lock:
+            now = self._clock()
+            self._left = min(MAX_LINES, self._left + (now - self._at) * LINES_PER_S)
+            self._at = now
+            if self._left < 1.0 and not anyway:
+                self._left_out += 1
+                return None
+            self._left -= 1.0
+            left_out, self._left_out = self._left_out, 0
+            return left_out
+
+
+_budget = Budget()
 
 
 def _write(stamp_ns: int, severity: LoggingSeverity, name: str, text: str, caller: CallerId) -> None:
@@ -147,8 +183,13 @@ class RcutilsLogger:
         caller = _caller()
         if not self._passes(caller, severity, kwargs) or severity < effective_level(name):
             return False
+        left_out = _budget.spend(anyway=severity >= LoggingSeverity.FATAL)
+        if left_out is None:
+            return False
         stamp_ns = time.time_ns()
         text = str(message)
+        if left_out:
+            text += f" ({left_out} other lines were left out before this one: too many at once)"
         _write(stamp_ns, severity, name, text, caller)
         owner = name
         while owner:

@@ -1,40 +1,74 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a node and starts it again when it was killed: ``python3 -IS keep_running.py COMMAND...`` as a launch-prefix.
+"""Runs a node and starts it again when it ends.
 
-What `respawn` of a launch file cannot tell apart, this does: a node that refuses to start (a wrong parameter, a missing
-device) passes its exit code on, so that ``on_exit: shutdown`` ends the cell with the reason; a node that is killed or
-crashes in the middle of its work is started again, and the other nodes go on.
+    python3 -IS keep_running.py [--end-launch-on-refusal] COMMAND...
+
+It stands in a launch file as a launch-prefix. What `respawn` of a launch file cannot tell apart, this does: a node that
+refuses to start (a wrong parameter, a missing device) ends the cell with its reason; a node that has worked comes back
+for ever, however it ended, after a pause that grows while it does not last. A refusal is passed on as an exit code,
+which ``on_exit: shutdown`` waits for. Without that attribute, ``--end-launch-on-refusal`` ends the launch instead, and
+the death of this process alone ends nothing.
 """
 
 from __future__ import annotations
 
-import collections
 import ctypes
+import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from types import FrameType
 
-#: What softgrip's nodes end with when they cannot start, however long a busy machine takes to get that far.
+OPTION = "--end-launch-on-refusal"
+#: What softgrip's nodes end with when they cannot start.
 CANNOT_START = 2
-#: [s] A node that ends by itself sooner than this has not begun its work: it refused to start.
+#: [s] However busy the machine is, a node that cannot start has said so by then.
+START_LIMIT = 120.0
+#: [s] A node that ends by itself sooner than this, at the first start, has not begun its work either.
 STARTED_AFTER = 10.0
-#: [s] before a node is started again
-PAUSE = 1.0
-#: As many restarts within this time [s] are a node that cannot run.
-MOST_RESTARTS, WITHIN = 5, 60.0
+#: [s] before a node is started again: the first pause, and the longest. Each is twice the one before.
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
+#: [s] A node that worked for so long has its first pause again.
+LASTED = 60.0
 _PR_SET_PDEATHSIG = 1
 
 
-class Keeper:
-    """Keeps one command running until it ends by itself or a signal ends both."""
+class Restarts:
+    """Decides what follows the end of a node."""
 
-    def __init__(self, command: list[str]) -> None:
+    def __init__(self) -> None:
+        self._has_worked = False
+        self._pause = FIRST_PAUSE
+
+    def pause_after(self, code: int, lasted: float) -> float | None:
+        """Return how long [s] to wait before the next start; None where the node refused the first one.
+
+        Args:
+            code: as subprocess gives it: negative = the signal that killed the node.
+            lasted: [s] how long the node ran.
+        """
+        limit = START_LIMIT if code == CANNOT_START else STARTED_AFTER
+        if not self._has_worked and code >= 0 and lasted < limit:
+            return None
+        self._has_worked = True
+        if lasted >= LASTED:
+            self._pause = FIRST_PAUSE
+        pause, self._pause = self._pause, min(2.0 * self._pause, LONGEST_PAUSE)
+        return pause
+
+
+class Keeper:
+    """Keeps one command running until it refuses to start or a signal ends both."""
+
+    def __init__(self, command: list[str], *, end_launch: bool = False) -> None:
         self._command = command
+        self._end_launch = end_launch
         self._child: subprocess.Popen[bytes] | None = None
         self._ended_by: int | None = None  # signal
-        self._restarts: collections.deque[float] = collections.deque(maxlen=MOST_RESTARTS)
+        self._told = threading.Event()
+        self._restarts = Restarts()
 
     def run(self) -> int:
         """Return the exit code of the command's last run."""
@@ -43,17 +77,14 @@ class Keeper:
         while True:
             started = time.monotonic()
             code = self._run_once()
-            early = code > 0 and time.monotonic() - started < STARTED_AFTER
-            refused = code in {0, CANNOT_START} or early
-            if self._ended_by is not None or refused:
+            pause = None if self._told.is_set() else self._restarts.pause_after(code, time.monotonic() - started)
+            if pause is None:
+                if self._end_launch and not self._told.is_set() and os.getppid() != 1:
+                    os.kill(os.getppid(), signal.SIGINT)
                 return code if code >= 0 else 128 - code
             how = f"ended with exit code {code}" if code >= 0 else f"was killed by {signal.Signals(-code).name}"
-            if self._too_often():
-                self._say(f"{how}, for the {MOST_RESTARTS}th time within {WITHIN:.0f} s; giving up")
-                return 1
-            self._say(f"{how}; starting it again")
-            time.sleep(PAUSE)
-            if self._ended_by is not None:
+            self._say(f"{how}; starting it again" + (f" in {pause:.0f} s" if pause > FIRST_PAUSE else ""))
+            if self._told.wait(pause):
                 return 0
 
     def _run_once(self) -> int:
@@ -66,13 +97,9 @@ class Keeper:
     def _pass_on(self, number: int, frame: FrameType | None) -> None:
         del frame
         self._ended_by = number
+        self._told.set()
         if self._child is not None:
             self._child.send_signal(number)
-
-    def _too_often(self) -> bool:
-        now = time.monotonic()
-        self._restarts.append(now)
-        return len(self._restarts) == MOST_RESTARTS and now - self._restarts[0] < WITHIN
 
     def _say(self, text: str) -> None:
         print(f"[keep_running] the node {text}", file=sys.stderr, flush=True)  # noqa: T201
@@ -86,4 +113,6 @@ def _end_with_parent() -> None:
 
 if __name__ == "__main__":
     _end_with_parent()
-    sys.exit(Keeper(sys.argv[1:]).run())
+    words = sys.argv[1:]
+    ends_launch = words[:1] == [OPTION]
+    sys.exit(Keeper(words[ends_launch:], end_launch=ends_launch).run())

@@ -3,25 +3,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
 from softgrip_cell import gates
+from softgrip_cell.agreement import Agreement
 from softgrip_cell.counters import Availability
-from softgrip_cell.errors import RefusedError
-from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits
+from softgrip_cell.errors import RefusedError, StorageError
+from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.values import GraspTask, Outcome, Verdict
 from softgrip_cell.observation import TendonSample
 from softgrip_cell.outcomes import SuccessEstimate, Tally, estimate
 from softgrip_cell.planner import Durations, Order, Plan, admissible_sets, plan_mix
 from softgrip_cell.products import Catalogue, FingerSet, Grasp, Product, TableMark
-from softgrip_cell.storage.journal import Journal, OpenOperation, Slot
+from softgrip_cell.storage.journal import Counts, HeldLock, Journal, OpenOperation, Slot, SlotState
 from softgrip_cell.storage.library import Library
+from softgrip_cell.storage.pending import PendingWrites
 from softgrip_cell.swap.check import Finding, FingerCheck
-from softgrip_cell.swap.sequence import Remember, SwapSequence, SwapStep, Turn
+from softgrip_cell.swap.sequence import HANDS_OUT_TEXT, Remember, SwapSequence, SwapStep, Turn
 
 
 class Mode(IntEnum):
@@ -55,8 +58,21 @@ class Clocks:
     monotonic_s: Callable[[], float]
 
 
+@dataclass(frozen=True)
+class Agreements:
+    """How many messages in a row are believed.
+
+    Attributes:
+        open_samples: tendon samples with all fingers open, until what was held counts as gone.
+        worn_residuals: residuals that call a finger worn, until its passport says so for good.
+    """
+
+    open_samples: int = 10
+    worn_residuals: int = 5
+
+
 class Cell:
-    """One cell.
+    """One cell. A database that cannot be written is a fault, never the end: what happened is written when it can be.
 
     Args:
         library: products, finger sets, passports.
@@ -64,15 +80,29 @@ class Cell:
         thumb: index of the slot that presses against the others.
         limits: how far a friction model is trusted.
         clocks: time.
+        agreements: how many messages in a row are believed.
+        prepare: opens and fills the database; called before it is used, again until it does not raise StorageError.
     """
 
-    def __init__(self, library: Library, journal: Journal, thumb: int, limits: FrictionLimits, clocks: Clocks) -> None:
+    def __init__(
+        self,
+        library: Library,
+        journal: Journal,
+        thumb: int,
+        limits: FrictionLimits,
+        clocks: Clocks,
+        agreements: Agreements = Agreements(),
+        prepare: Callable[[], None] = lambda: None,
+    ) -> None:
         self._library = library
         self._journal = journal
         self._thumb = thumb
         self._limits = limits
         self._clocks = clocks
+        self._agreements = agreements
+        self._prepare = prepare
         self._driver = DriverFacts(heard=False, estop=False)
+        self._safety = SafetyFacts(heard=False)
         self._friction: Callable[[], FrictionFacts | None] = lambda: None
         self._busy: Mode | None = None
         self._product = ""
@@ -80,17 +110,38 @@ class Cell:
         #: Why mounted fingers were found worn in this run, by serial.
         self._worn: dict[str, str] = {}
         self._availability = Availability(clocks.monotonic_s())
-        self._catalogue = library.catalogue()
+        self._open_run = Agreement(agreements.open_samples)
+        self._worn_runs: dict[str, Agreement] = {}
+        self._catalogue = Catalogue({}, {})
+        self._slots: tuple[Slot, ...] = tuple(Slot(name) for name in journal.names)
+        self._counts = Counts({}, 0, 0.0)
         #: What was going on when the last manager ended without finishing it.
-        self.cut_off: OpenOperation | None = journal.recover()
+        self.cut_off: OpenOperation | None = None
+        #: Lock of the drives that this cell holds; hands may be inside.
+        self._lock: HeldLock | None = None
+        self._swap: SwapSequence | None = None
+        self._writes = PendingWrites()
+        self._writes.do(self._take_up)
+
+    def _take_up(self) -> None:
+        """Take up what the last run left."""
+        self._prepare()
+        self._catalogue = self._library.catalogue()
+        self.cut_off = self._journal.recover() or self.cut_off
+        self._lock = self._journal.lock()
+        self._slots = self._journal.slots()
+        self._counts = self._journal.counts()
         cut = self.cut_off
-        self._slots = journal.slots()
-        self._counts = journal.counts()
         if cut is not None:
             self._note = f"restarted during {cut.kind} '{cut.subject}' at step '{cut.step}'"
             if cut.kind == "grasp":
                 self._busy, self._product = Mode.UNKNOWN, cut.subject
                 self._note += "; a product may be held: call tendon/release when it may be let go"
+            elif self._lock is None:
+                self._note += "; nothing moves by itself: call tendon/release or cell/swap when all hands are out"
+        if self._lock is not None:
+            self._busy = Mode.SWAPPING
+            self._note = "; ".join(filter(None, (self._note, HANDS_OUT_TEXT)))
 
     def now_s(self) -> float:
         """Monotonic time [s]."""
@@ -102,7 +153,8 @@ class Cell:
 
     def catalogue(self) -> Catalogue:
         """Read products and finger sets in force: they may be edited while the cell runs."""
-        self._catalogue = self._library.catalogue()
+        with self._storage():
+            self._catalogue = self._library.catalogue()
         return self._catalogue
 
     def mounted_set(self) -> FingerSet | None:
@@ -112,33 +164,54 @@ class Cell:
     @property
     def mode(self) -> Mode:
         """What the cell is doing; a fault outranks everything but the e-stop. Unknown until the driver was heard."""
-        if self._driver.estop:
+        if self._driver.estop or self._safety.estop:
             return Mode.ESTOP
-        if self._driver.faults:
+        if self._driver.faults or self._writes.fault:
             return Mode.FAULT
         if self._busy is not None:
             return self._busy
         return Mode.IDLE if self._driver.heard else Mode.UNKNOWN
 
+    @property
+    def may_hold(self) -> bool:
+        """Whether a product is held, or may be."""
+        return self._busy in (Mode.HOLDING, Mode.UNKNOWN)
+
+    @property
+    def lock(self) -> HeldLock | None:
+        """The lock of the drives that this cell holds; hands may be inside while there is one."""
+        return self._lock
+
     def update_driver(self, driver: DriverFacts) -> None:
         """Take what the driver says."""
         self._driver = driver
-        self._availability.update(self.now_s(), down=driver.estop or bool(driver.faults))
+        self._availability.update(self.now_s(), down=self.mode in (Mode.FAULT, Mode.ESTOP))
+
+    def update_safety(self, safety: SafetyFacts) -> None:
+        """Take what keeps the actuators from moving."""
+        self._safety = safety
+
+    def retry_writes(self) -> None:
+        """Write what the database did not take before, if anything."""
+        self._writes.retry()
 
     def update_friction(self, facts: Callable[[], FrictionFacts | None]) -> None:
         """Take the active friction model, as a function because its age grows."""
         self._friction = facts
 
     def observe_sample(self, sample: TendonSample, open_m: float) -> None:
-        """Notice that the fingers were opened: whatever was held is gone."""
-        if self._busy in (Mode.HOLDING, Mode.UNKNOWN) and all(pulled <= open_m for pulled in sample.pulled_m):
+        """Notice that the fingers were opened, by samples in a row that say so: whatever was held is gone."""
+        if not self.may_hold:
+            self._open_run.forget()
+        elif self._open_run.observe(all(pulled <= open_m for pulled in sample.pulled_m)):
             self._busy, self._product, self._note = None, "", ""
 
     def state(self) -> dict[str, Any]:
         """Return the fields of CellState beside mode, slots and stamp."""
         mounted = self.mounted_set()
         outcomes = self._counts.outcomes
-        faults = "; ".join(self._driver.faults)
+        faults = "; ".join(filter(None, (*self._driver.faults, self._writes.fault)))
+        foreign_lock = "" if self._lock is not None else self._safety.lock_text
         return {
             "finger_set": mounted.id if mounted else "",
             "product": self._product,
@@ -152,7 +225,7 @@ class Cell:
             "mean_swap_time": self._counts.mean_swap_s,
             "availability": self._availability.share(self.now_s()),
             "fault": faults,
-            "reason": self._note,
+            "reason": "; ".join(filter(None, (self._note, foreign_lock))),
         }
 
     def estimates(self, catalogue: Catalogue) -> dict[str, dict[str, SuccessEstimate]]:
@@ -219,6 +292,7 @@ class Cell:
             RefusedError: with the reason.
         """
         self._refuse_when_busy()
+        gates.check_safety(self._safety)
         gates.check_driver(self._driver, homed=True)
         catalogue = self.catalogue()
         product = catalogue.products.get(product_id)
@@ -233,7 +307,7 @@ class Cell:
         references = self._references()
         recipe = product.recipe_for(mounted.id)
         gates.check_friction(self._friction(), self._limits, references, recipe.pull_limit_m)
-        self._journal.begin("grasp", product_id, mounted.id)
+        self._begin("grasp", product_id, mounted.id)
         self._busy, self._product, self._note = Mode.GRASPING, product_id, ""
         names = tuple(slot.name for slot in self._slots)
         opposed = mounted.grasp is not Grasp.HOOK
@@ -245,15 +319,20 @@ class Cell:
         held = verdict.outcome is Outcome.GRIPPED
         self._busy = Mode.HOLDING if held else None
         self._note = f"{task.product.id}: {verdict.outcome.value}: {verdict.reason}"
-        self._journal.finish_grasp(
-            task.product.id,
-            task.product.version,
-            mounted.id if mounted else "",
-            verdict.outcome.value,
-            verdict.reason,
-            duration_s,
-        )
-        self._counts = self._journal.counts()
+        finger_set = mounted.id if mounted else ""
+
+        def write() -> None:
+            self._journal.finish_grasp(
+                task.product.id, task.product.version, finger_set, verdict.outcome.value, verdict.reason, duration_s
+            )
+            self._counts = self._journal.counts()
+
+        self._writes.do(write)
+
+    def abandon_grasp(self, reason: str) -> None:
+        """Give the cell back: the grasp never began."""
+        self._busy, self._note = None, reason
+        self._writes.do(self._journal.abandon)
 
     def begin_swap(self, finger_set: str, serials: Sequence[str]) -> SwapSequence:
         """Check every gate and take the cell.
@@ -262,27 +341,48 @@ class Cell:
             RefusedError: with the reason.
         """
         self._refuse_when_busy()
+        gates.check_safety(self._safety)
         gates.check_driver(self._driver, homed=False)
         catalogue = self.catalogue()
         if finger_set not in catalogue.finger_sets:
             known = ", ".join(catalogue.finger_sets)
             raise RefusedError(f"expected one of the finger sets {known}, found '{finger_set}'")
         sequence = SwapSequence(catalogue.finger_sets[finger_set], self._slots, self._library.passports(), serials)
-        self._journal.begin("swap", finger_set, SwapStep.RELEASE.value)
+        self._begin("swap", finger_set, SwapStep.RELEASE.value)
+        self._swap = sequence
         self._busy, self._note = Mode.SWAPPING, f"swapping to '{finger_set}'"
         return sequence
 
-    def remember(self, turn: Turn) -> None:
-        """Write down what has to be written before a step of a swap begins."""
-        if turn.remember is Remember.FORGET_SLOTS:
-            self._journal.forget_slots(turn.step.value)
-        elif turn.remember is Remember.PARK_FINGERS:
-            self._journal.park_fingers(turn.step.value)
-        elif turn.remember is Remember.READ_IN:
-            self._journal.read_in(turn.step.value, turn.serials)
-        else:
-            self._journal.reach(turn.step.value)
+    def keep_lock(self, turn: Turn, lock: HeldLock) -> None:
+        """Write down the lock of the drives, and that a person may touch the fingers from the step of ``turn`` on.
+
+        Raises:
+            StorageError: neither was written; nobody may reach in.
+        """
+        with self._storage():
+            self._journal.forget_slots(turn.step.value, lock)
+        self._lock = lock
         self._slots = self._journal.slots()
+
+    def drop_lock(self, reason: str = "") -> None:
+        """Take note that the drives are not locked by this cell any more, and why (empty: as the swap wanted it)."""
+        self._lock = None
+        self._writes.do(self._journal.drop_lock)
+        if reason:
+            self._note = reason
+        if self._swap is None:
+            self._busy = None
+
+    def remember(self, turn: Turn) -> None:
+        """Write down what has to be written before a step of a swap begins; the lock goes with `keep_lock`."""
+        with self._storage():
+            if turn.remember is Remember.PARK_FINGERS:
+                self._journal.park_fingers(turn.step.value)
+            elif turn.remember is Remember.READ_IN:
+                self._journal.read_in(turn.step.value, turn.serials)
+            else:
+                self._journal.reach(turn.step.value)
+            self._slots = self._journal.slots()
 
     def earlier_references(self, sequence: SwapSequence) -> dict[str, FreeReference]:
         """Return what the last checks of the fingers of a swap saw, per slot; nothing for new fingers."""
@@ -295,46 +395,85 @@ class Cell:
     def end_swap(
         self, sequence: SwapSequence, outcome: str, reason: str, duration_s: float, checks: Mapping[str, FingerCheck]
     ) -> None:
-        """Write down what came of a swap and give the cell back."""
+        """Write down what came of a swap and give the cell back, unless hands may still be inside."""
+        by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=False))
+        self._swap = None
+        self._busy = Mode.SWAPPING if self._lock is not None else None
+        self._note = f"swap to '{sequence.finger_set.id}': {outcome}: {reason}"
+        self._writes.do(lambda: self._write_swap(sequence, outcome, reason, duration_s, checks, by_slot))
+
+    def _write_swap(
+        self,
+        sequence: SwapSequence,
+        outcome: str,
+        reason: str,
+        duration_s: float,
+        checks: Mapping[str, FingerCheck],
+        by_slot: Mapping[str, str],
+    ) -> None:
         references: dict[str, Any] = {}
         bad = {name: check for name, check in checks.items() if check.finding is not Finding.GOOD}
         if outcome == "SUCCEEDED":
-            by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=True))
             references = {
                 by_slot[name]: check.reference.document()
                 for name, check in checks.items()
                 if check.reference is not None
             }
         elif checks and any(check.finding is not Finding.UNSEEN for check in bad.values()):
-            by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=True))
             worn = [by_slot[name] for name, check in bad.items() if check.finding is Finding.WORN]
             self._journal.distrust([by_slot[name] for name in bad if by_slot[name] not in worn], worn)
         self._journal.finish_swap(
             sequence.finger_set.id, outcome, reason, duration_s, changed=not sequence.only_check, references=references
         )
-        self._busy, self._note = None, f"swap to '{sequence.finger_set.id}': {outcome}: {reason}"
         self._slots = self._journal.slots()
         self._counts = self._journal.counts()
 
-    def wear(self, slot: str, reason: str) -> None:
+    def observe_residual(self, slot: str, *, worn: bool, reason: str) -> None:
+        """Take the verdict of a residual; enough in a row that call a finger worn end its use."""
+        if self._worn_runs.setdefault(slot, Agreement(self._agreements.worn_residuals)).observe(worn):
+            self._wear(slot, reason)
+
+    def _wear(self, slot: str, reason: str) -> None:
         """Take note that a mounted finger is worn: its passport says so, and no grasp uses it any more."""
         mounted = next((item for item in self._slots if item.name == slot), None)
-        if mounted is None or mounted.serial in self._worn or self._busy is Mode.SWAPPING:
+        known = mounted is not None and mounted.serial and mounted.state is not SlotState.UNKNOWN
+        if mounted is None or not known or mounted.serial in self._worn or self._busy is Mode.SWAPPING:
             return
-        serial = self._journal.wear(slot, reason)
-        if serial:
-            self._worn[serial] = reason
+        self._worn[mounted.serial] = reason
+        self._note = f"slot {slot}: finger {mounted.serial} is worn: {reason}"
+
+        def write() -> None:
+            self._journal.wear(slot, reason)
             self._slots = self._journal.slots()
-            self._note = f"slot {slot}: finger {serial} is worn: {reason}"
+
+        self._writes.do(write)
 
     def _mark(self, catalogue: Catalogue, product_id: str, mounted: FingerSet | None) -> TableMark:
         """What table and counted grasps say of the mounted set and a product."""
         return TableMark.FAILURE if mounted is None else self.estimates(catalogue)[product_id][mounted.id].mark
 
+    @contextmanager
+    def _storage(self) -> Iterator[None]:
+        """Put the cell at fault where the database fails what cannot wait; whoever asked is told."""
+        try:
+            yield
+        except StorageError as error:
+            self._writes.refuse(error, self._journal.probe)
+            raise
+
+    def _begin(self, kind: str, subject: str, step: str) -> None:
+        """Write that a swap or grasp starts; where that cannot be written it does not."""
+        with self._storage():
+            self._journal.begin(kind, subject, step)
+
     def _refuse_when_busy(self) -> None:
+        if self._writes.fault:
+            raise RefusedError(f"what happens could not be written down: {self._writes.fault}")
         if self._busy is Mode.HOLDING:
             raise RefusedError(f"'{self._product}' is held; call tendon/release when it may be let go")
         if self._busy is Mode.UNKNOWN:
+            raise RefusedError(self._note)
+        if self._lock is not None and self._swap is None:
             raise RefusedError(self._note)
         if self._busy is not None:
             raise RefusedError(f"the cell is {self._busy.name.lower()}; wait for its end or cancel it")

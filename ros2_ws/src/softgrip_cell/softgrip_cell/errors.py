@@ -18,6 +18,10 @@ class ConflictError(StorageError):
     """Somebody else changed the same entry since it was read; nothing was written."""
 
 
+class SchemaError(StorageError):
+    """The database was written by another release."""
+
+
 class OccupiedError(StorageError):
     """Another manager already runs this cell."""
 

@@ -19,12 +19,15 @@ class FrictionFacts:
     """What matters of the active friction model.
 
     Attributes:
+        digest: of its numbers; what models are compared by.
         age_s: since its fit [s].
         tension_high_n: upper end of its calibrated range [N].
-        usable: its own verdict allows use.
+        usable: its own verdict allows use, and its numbers can be true.
+        reason: why not, or what it says of itself.
     """
 
     id: str
+    digest: str
     age_s: float
     tension_high_n: float
     usable: bool
@@ -61,6 +64,47 @@ class DriverFacts:
     unhomed: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class SafetyFacts:
+    """What safety/state says; a cell that has heard none does not move.
+
+    Attributes:
+        heard: there was one.
+        estop: the emergency stop is latched.
+        estop_reason: who or what stopped.
+        locked: somebody's hands are in the cell.
+        lock_owner: whose lock it is.
+        lock_reason: what it is for.
+    """
+
+    heard: bool
+    estop: bool = False
+    estop_reason: str = ""
+    locked: bool = False
+    lock_owner: str = ""
+    lock_reason: str = ""
+
+    @property
+    def lock_text(self) -> str:
+        """Who locked the drives and what for, empty when nobody did."""
+        return f"the drives are locked by '{self.lock_owner}': {self.lock_reason}" if self.locked else ""
+
+
+def check_safety(safety: SafetyFacts) -> None:
+    """Refuse when nothing may move.
+
+    Raises:
+        RefusedError: with the reason.
+    """
+    if not safety.heard:
+        raise RefusedError("expected safety/state, found none; nothing moves before; start or check tendon_driver")
+    if safety.estop:
+        why = f" ({safety.estop_reason})" if safety.estop_reason else ""
+        raise RefusedError(f"the emergency stop is latched{why}; clear the cause, then call estop_reset")
+    if safety.locked:
+        raise RefusedError(f"{safety.lock_text}; wait until the owner releases them (tendon/unlock)")
+
+
 def check_driver(driver: DriverFacts, *, homed: bool) -> None:
     """Refuse when the driver cannot move safely.
 
@@ -88,17 +132,17 @@ def check_friction(
     if friction is None:
         raise RefusedError("no friction model is active; calibrate (rig/calibrate) or activate one (friction/activate)")
     if not friction.usable:
-        raise RefusedError(f"friction model '{friction.id}' says of itself: do not use: {friction.reason}")
+        raise RefusedError(f"friction model '{friction.id}' is not to be used: {friction.reason}")
     if friction.age_s > limits.age_s:
         raise RefusedError(
             f"friction model '{friction.id}' is {friction.age_s / 86400:.1f} days old, the limit is "
             f"{limits.age_s / 86400:.1f} days; calibrate again (rig/calibrate)"
         )
     for reference in references:
-        if reference.friction_model != friction.id:
+        if reference.friction_digest != friction.digest:
             raise RefusedError(
-                f"the fingers were checked with friction model '{reference.friction_model}', active is "
-                f"'{friction.id}'; check them again (cell/swap with the same set)"
+                f"the fingers were checked with {_model(reference.friction_model, reference.friction_digest)}, active "
+                f"is {_model(friction.id, friction.digest)}; check them again (cell/swap with the same set)"
             )
         needed_n, allowed_n = reference.tension(pull_m), limits.range_factor * friction.tension_high_n
         if needed_n > allowed_n:
@@ -106,6 +150,11 @@ def check_friction(
                 f"closing to {pull_m * 1e3:.1f} mm needs {needed_n:.1f} N; friction model '{friction.id}' is trusted "
                 f"up to {allowed_n:.1f} N; calibrate with a heavier weight"
             )
+
+
+def _model(name: str, digest: str) -> str:
+    """Name a friction model so that two of the same id are told apart."""
+    return f"friction model '{name}' with digest {digest[:12] or 'unknown'}"
 
 
 def check_passports(slots: Sequence[Slot], passports: Mapping[str, Passport], worn: Mapping[str, str]) -> None:

@@ -31,6 +31,7 @@ class FreeMotion:
         tension_n: actuator tension [N]; NaN where the model has no solution.
         tip_m: (x, y) of the fingertip in the finger's base frame [m].
         friction_model: id of the friction model used.
+        friction_digest: of its numbers.
         objection: why all of it must not be trusted, empty when it may.
         objections: the same per slot.
     """
@@ -42,6 +43,7 @@ class FreeMotion:
     friction_model: str = ""
     objection: str = ""
     objections: tuple[str, ...] = ("", "", "")
+    friction_digest: str = ""
 
 
 @dataclass(frozen=True)

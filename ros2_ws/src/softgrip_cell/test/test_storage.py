@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import subprocess
 import sys
@@ -18,11 +19,13 @@ from softgrip_cell.catalogue_file import catalogue_text, read_catalogue
 from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.passports import FingerState, read_passports
-from softgrip_cell.storage import Database, Journal, Library, SlotState
+from softgrip_cell.storage import Database, HeldLock, Journal, Library, PendingWrites, SlotState
+from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
 from softgrip_cell.storage.schema import META
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
+LOCK = HeldLock("token of the driver", "token of the swap", "pinch")
 
 
 HOLD_THE_CELL = """
@@ -68,7 +71,7 @@ def journal(database: Database, library: Library) -> Journal:
 
 def mount(journal: Journal, serials: tuple[str, ...] = POWER, *, verify: bool = True) -> None:
     journal.begin("swap", "power", "release")
-    journal.forget_slots("open_palm")
+    journal.forget_slots("open_palm", LOCK)
     journal.park_fingers("insert")
     journal.read_in("close_palm", serials)
     if verify:
@@ -151,7 +154,7 @@ def test_a_kill_in_a_swap_leaves_the_truth_or_unknown(
     mount(journal)
     journal.begin("swap", "pinch", "release")
     if steps > 1:
-        journal.forget_slots("open_palm")
+        journal.forget_slots("open_palm", LOCK)
     if steps > 2:
         journal.park_fingers("insert")
     if steps > 3:
@@ -182,7 +185,7 @@ def test_a_distrusted_finger_does_not_come_back_by_being_parked(library: Library
     journal.distrust(["PW-I-01"], ["PW-T-01"])
     assert {slot.state for slot in journal.slots()} == {SlotState.UNKNOWN}
     journal.begin("swap", "power", "release")
-    journal.forget_slots("open_palm")
+    journal.forget_slots("open_palm", LOCK)
     journal.park_fingers("insert")
     states = [library.passports()[serial].state for serial in POWER]
     assert states == [FingerState.UNKNOWN, FingerState.STORE, FingerState.WORN]
@@ -214,10 +217,103 @@ def test_the_cell_is_free_again_after_kill_9(database_url: str) -> None:
     _until(lambda: _opens(database_url))
 
 
+def test_the_lock_outlives_the_swap_and_a_restart_until_it_is_dropped(database: Database, journal: Journal) -> None:
+    assert journal.lock() is None
+    journal.begin("swap", "pinch", "release")
+    journal.forget_slots("open_palm", LOCK)
+    journal.finish_swap("pinch", "CANCELLED", "", 1.0, changed=True)
+    again = Journal(database, SLOTS, Clock())
+    again.recover()
+    assert again.lock() == LOCK
+    again.drop_lock()
+    assert journal.lock() is None
+
+
+def test_the_lock_and_unknown_slots_are_written_together_or_not_at_all(database: Database, journal: Journal) -> None:
+    mount(journal)
+    journal.drop_lock()
+    journal.begin("swap", "pinch", "release")
+    with database.write() as connection:
+        LOCK_TABLE.drop(connection)
+    with pytest.raises(StorageError):
+        journal.forget_slots("open_palm", LOCK)
+    assert {slot.state for slot in journal.slots()} == {SlotState.VERIFIED}
+
+
+def test_a_database_of_the_release_before_gets_the_tables_that_it_lacks(database_url: str) -> None:
+    with Database(database_url) as opened, opened.write() as connection:
+        LOCK_TABLE.drop(connection)
+        connection.execute(update(META).values(value="1"))
+    with Database(database_url) as opened:
+        library = Library(opened, Clock())
+        library.import_catalogue(read_catalogue(), "test")
+        journal = Journal(opened, SLOTS, Clock())
+        journal.recover()
+        assert journal.lock() is None
+        journal.forget_slots("open_palm", LOCK)
+        assert journal.lock() == LOCK
+
+
+def test_what_an_older_release_remembered_is_put_back(database: Database, journal: Journal) -> None:
+    mount(journal)
+    tables = json.loads(database.save())
+    del tables[LOCK_TABLE.name]
+    database.load(json.dumps(tables).encode())
+    assert journal.lock() is None
+    assert [slot.serial for slot in journal.slots()] == list(POWER)
+
+
+def test_every_connection_to_sqlite_writes_through_to_the_disk(tmp_path: Path) -> None:
+    """synchronous=FULL (2): what was committed survives a power cut; the connection itself is asked."""
+    with Database(f"sqlite:///{tmp_path}/cell.db") as opened:
+        for _ in range(3):
+            with opened.write() as connection:
+                assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == 2
+                assert connection.exec_driver_sql("PRAGMA journal_mode").scalar() == "wal"
+                assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
+
+
+def test_writes_that_fail_are_kept_in_their_order_until_they_can_be_done() -> None:
+    done: list[str] = []
+    full = True
+
+    def write(what: str) -> Callable[[], None]:
+        def attempt() -> None:
+            if full:
+                raise StorageError("disk full")
+            done.append(what)
+
+        return attempt
+
+    writes = PendingWrites()
+    assert writes.fault == ""
+    writes.do(write("first"))
+    assert writes.fault == "disk full"
+    full = False
+    writes.do(write("second"))  # not before the first
+    assert done == []
+    writes.retry()
+    assert done == ["first", "second"]
+    assert writes.fault == ""
+
+
+def test_a_database_that_could_not_be_opened_is_opened_later(tmp_path: Path) -> None:
+    blocker = tmp_path / "folder"
+    blocker.write_text("not a folder")
+    database = Database(f"sqlite:///{blocker}/cell.db", exclusive=True, deferred=True)
+    with pytest.raises(StorageError):
+        database.open()
+    blocker.unlink()
+    database.open()
+    database.open()  # it is open already
+    Library(database, Clock()).import_catalogue(read_catalogue(), "test")
+    database.close()
+
+
 def test_a_newer_schema_is_refused(database_url: str) -> None:
     with Database(database_url) as opened, opened.write() as connection:
         connection.execute(update(META).values(value="99"))
-    with pytest.raises(StorageError, match="expected schema 1, found 99"):
+    with pytest.raises(StorageError, match="expected schema 2, found 99"):
         Database(database_url)
 
 

@@ -30,25 +30,28 @@ def mounted(serials=POWER, profile: str = "power", state: SlotState = SlotState.
 
 def test_a_swap_goes_through_its_steps_and_writes_before_it_acts() -> None:
     sequence = SwapSequence(SETS["pinch"], mounted(), read_passports())
-    turns = [sequence.start(), sequence.released()]
+    turns = [sequence.start(), sequence.released(), sequence.locked()]
     turns.append(sequence.confirm("open_palm"))
     turns.append(sequence.confirm("remove"))
     turns.append(sequence.confirm("insert", PINCH))
     turns.append(sequence.confirm("close_palm"))
+    turns.append(sequence.unlocked())
     turns.append(sequence.homed())
     assert [(turn.step, turn.remember) for turn in turns] == [
         (SwapStep.RELEASE, Remember.NOTHING),
+        (SwapStep.LOCK, Remember.NOTHING),
         (SwapStep.OPEN_PALM, Remember.FORGET_SLOTS),
         (SwapStep.REMOVE, Remember.NOTHING),
         (SwapStep.INSERT, Remember.PARK_FINGERS),
         (SwapStep.CLOSE_PALM, Remember.READ_IN),
+        (SwapStep.UNLOCK, Remember.NOTHING),
         (SwapStep.HOME, Remember.NOTHING),
         (SwapStep.VERIFY, Remember.NOTHING),
     ]
-    assert [turn.confirmation for turn in turns] == [False, True, True, True, True, False, False]
-    assert "take out PW-I-01 from index" in turns[2].instruction
-    assert "PI-T-01 into thumb" in turns[3].instruction
-    assert turns[4].serials == PINCH
+    assert [turn.confirmation for turn in turns] == [False, False, True, True, True, True, False, False, False]
+    assert "take out PW-I-01 from index" in turns[3].instruction
+    assert "PI-T-01 into thumb" in turns[4].instruction
+    assert turns[5].serials == PINCH
 
 
 def test_fingers_that_are_in_already_are_only_checked() -> None:
@@ -77,6 +80,7 @@ def test_the_least_used_fingers_are_proposed() -> None:
     sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, passports)
     sequence.start()
     sequence.released()
+    sequence.locked()
     sequence.confirm("open_palm")
     assert "PI-I-02 into index, PI-M-01 into middle" in sequence.confirm("remove").instruction
 
@@ -103,6 +107,7 @@ def test_wrong_worn_and_unknown_fingers_are_refused_when_read_in(serials, expect
     sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, passports)
     sequence.start()
     sequence.released()
+    sequence.locked()
     sequence.confirm("open_palm")
     sequence.confirm("remove")
     with pytest.raises(RefusedError, match=expected):
@@ -126,6 +131,9 @@ def test_confirmations_out_of_turn_are_refused() -> None:
     with pytest.raises(RefusedError, match="no step waits"):
         sequence.confirm("open_palm")
     sequence.released()
+    with pytest.raises(RefusedError, match="no step waits"):
+        sequence.confirm("open_palm")
+    sequence.locked()
     with pytest.raises(RefusedError, match="expected a confirmation of step 'open_palm', found 'insert'"):
         sequence.confirm("insert", PINCH)
 
@@ -134,12 +142,16 @@ def test_every_step_names_the_condition_it_leaves_when_cancelled() -> None:
     sequence = SwapSequence(SETS["pinch"], mounted(), read_passports())
     said = [sequence.safe_condition()]
     sequence.released()
+    sequence.locked()
     for step, serials in (("open_palm", ()), ("remove", ()), ("insert", PINCH), ("close_palm", ())):
         said.append(sequence.safe_condition())
         sequence.confirm(step, serials)
     said.append(sequence.safe_condition())
+    sequence.unlocked()
+    said.append(sequence.safe_condition())
     assert said[0] == "tendons slack, fingers as before but to be verified"
     assert said[3] == "tendons slack, palm open, slots unknown: run the swap again before any grasp"
+    assert said[-2] == "tendons slack, fingers to be verified before any grasp"
     assert said[-1] == "tendons released, fingers to be verified before any grasp"
 
 

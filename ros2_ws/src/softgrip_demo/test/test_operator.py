@@ -6,6 +6,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
+from softgrip_cell.swap.sequence import HANDS_OUT_TEXT
 from softgrip_demo.errors import ShiftError
 from softgrip_demo.nodes.operator import Operator
 
@@ -18,6 +19,10 @@ class Cell:
     def __init__(self, *reasons: str) -> None:
         self.reasons = list(reasons)
         self.shown: list[str] = []
+        self.freed = 0
+
+    def hands_out(self):
+        self.freed += 1
 
     def swap(self, _finger_set, confirm, _serials):
         confirm("remove", "")
@@ -100,3 +105,24 @@ def test_what_cannot_be_resumed_is_given_up_at_once():
     with pytest.raises(ShiftError, match="expected a law"):
         Operator(link, MagicMock(), Cell(), SLOTS).calibrate(1e-4, 1e-3)
     assert resumed == [False]
+
+
+def test_drives_that_a_swap_left_locked_are_unlocked_before_the_next_try():
+    cell = Cell(f"not done within 5 s; {HANDS_OUT_TEXT}")
+    Operator(MagicMock(), MagicMock(), cell, SLOTS).swap("pinch")
+    assert cell.freed == 1
+    assert len(cell.shown) == 2
+
+
+def test_a_movement_is_ordered_with_its_speed_and_the_tension_it_may_have():
+    sent = []
+
+    def act(_kind, _name, goal, **_):
+        sent.append(goal)
+        return SimpleNamespace(outcome=1, REACHED=1, TENSION_LIMIT=2, reason="")
+
+    Operator(MagicMock(act=act), MagicMock(), Cell(), SLOTS).move(0.02, 0.016)
+    (goal,) = sent
+    assert (goal.mode, list(goal.targets), goal.speed) == (goal.LENGTH, [0.02], 0.016)
+    assert 0.0 < goal.tension_limit <= 35.0
+    assert goal.lease == ""

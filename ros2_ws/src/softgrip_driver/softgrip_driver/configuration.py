@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -16,7 +17,7 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import TendonBackend
-from softgrip_driver.tendon.gripper import GripperController, Policies, StopPolicy
+from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import Spool, TorqueModel
 
@@ -88,6 +89,7 @@ class DriverConfiguration:
         bus_watchdog: [s]
         write_eeprom: correct persistent settings.
         zero_file: None keeps no zeros.
+        safety_file: the emergency stop and the lock on disk.
     """
 
     kind: str
@@ -104,10 +106,11 @@ class DriverConfiguration:
     bus_watchdog: float
     write_eeprom: bool
     zero_file: Path | None
+    safety_file: Path
 
-    def controller(self) -> GripperController:
-        """Return the controller, knowing nothing yet."""
-        return GripperController(self.limits, self.policies, self.grippers, 1.0 / self.loop_rate)
+    def controller(self, block: Callable[[], Block | None] = never_blocked) -> GripperController:
+        """Return the controller, knowing nothing yet; ``block`` says whether anything may move."""
+        return GripperController(self.limits, self.policies, self.grippers, 1.0 / self.loop_rate, block)
 
     def backend(self, report: Callable[[str], object]) -> TendonBackend:
         """Return the backend, not connected; ``report`` is told what it is about to change in a device for good."""
@@ -117,7 +120,14 @@ class DriverConfiguration:
             gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
             return StageBackend(tendon, stage, gauge, STAGE_HASTE * limits.speed)
         bus = Bus(self.port, self.baud, self.reply_margin)
-        return DynamixelBackend(bus, self.servos, self.bus_watchdog, write_eeprom=self.write_eeprom, report=report)
+        return DynamixelBackend(
+            bus,
+            self.servos,
+            self.bus_watchdog,
+            write_eeprom=self.write_eeprom,
+            report=report,
+            hold_unwatched=self.policies.unclean_end is StopPolicy.HOLD,
+        )
 
 
 def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
@@ -159,15 +169,31 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         grippers=dict(zip(tendons, _per_tendon(values, "grippers", tendons), strict=True)),
         policies=Policies(
             estop=StopPolicy[values["estop_policy"].upper()],
+            unclean_end=StopPolicy[values["unclean_end_policy"].upper()],
             command_timeout=values["command_timeout_s"],
             release_after=values["release_after_s"],
+            stream_timeout=values["stream_timeout_s"],
+            lease_max=values["lease_max_s"],
             continuous_tension=values["continuous_tension_n"],
         ),
         loop_rate=values["loop_rate"],
         bus_watchdog=values["bus_watchdog_s"],
         write_eeprom=values["write_eeprom"],
         zero_file=Path(values["zero_file"]).expanduser() if values["zero_file"] else None,
+        safety_file=_safety_file(values),
     )
+
+
+def _safety_file(values: Mapping[str, Any]) -> Path:
+    """Return where emergency stop and lock are kept: as given, else one file for each port in the user's ROS folder.
+
+    There is no way to keep them nowhere: a stop that a restart forgets is none.
+    """
+    if values["safety_file"]:
+        return Path(values["safety_file"]).expanduser()
+    home = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser()
+    port = "".join(character if character.isalnum() else "-" for character in values["port"]).strip("-")
+    return home / "softgrip" / f"tendon_safety-{port}.yaml"
 
 
 def _limits(values: Mapping[str, Any]) -> TendonLimits:

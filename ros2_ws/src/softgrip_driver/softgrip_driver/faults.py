@@ -85,6 +85,10 @@ _ROWS = (
           "check the tendon and the homing parameters"),
     Fault("command_timeout", Reaction.REPORT, Recovery.COMMAND, "no command for too long",
           "the drive holds with reduced tension and then releases slowly; send a new command"),
+    Fault("owner_lost", Reaction.HOLD, Recovery.COMMAND, "whoever commanded the tendon fell silent",
+          "see why its owner stopped; acquire the tendon again (tendon/lease), then send the next command"),
+    Fault("invalid_setpoint", Reaction.HOLD, Recovery.RESET, "the motion asked for something that is not a number",
+          "report it with the bag; estop_reset goes on"),
     # Whether it holds or lets go is the gripper's policy.
     Fault("estop", Reaction.HOLD, Recovery.RESET, "emergency stop", "make the cell safe, then estop_reset"),
 )  # fmt: skip

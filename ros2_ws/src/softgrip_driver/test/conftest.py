@@ -23,9 +23,12 @@ from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import DriveReading
+from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.safety import Safety
+from softgrip_driver.tendon.safety_store import SafetyStore
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.table import load_model
@@ -83,9 +86,24 @@ class RunningLoop:
         assert self.until(lambda seen: seen.time >= end, duration + 5.0)
         return self.loop.since(first, 0.0)
 
-    def move(self, targets, speed=0.02, tension_limit=0.0, tendons=(), mode=MoveMode.LENGTH):
-        request = MoveRequest(list(tendons), mode, list(targets), speed, tension_limit)
+    def move(self, targets, speed=None, tension_limit=None, tendons=(), mode=MoveMode.LENGTH, **order):
+        limits = next(iter(self.controller.drives.values())).limits
+        limit = limits.tension_soft if tension_limit is None else tension_limit
+        speed = min(0.02, limits.speed) if speed is None else speed
+        request = MoveRequest(list(tendons), mode, list(targets), speed, limit, **order)
         return self.loop.call(lambda controller, now: controller.move(request, now))
+
+    def stop(self) -> str:
+        """Stop as the service does: latch, enforce, put on disk; return what could not be done."""
+        self.safety.latch_stop("a test")
+        undone = self.loop.enforce_block()
+        assert self.safety.persist() == ""
+        return undone
+
+    def reset(self, *, power=True) -> str:
+        """Reset as the service does."""
+        self.safety.reset_stop()
+        return self.loop.reset(power=power)
 
     def now(self) -> float:
         """[s] by the driver's clock."""
@@ -131,7 +149,10 @@ class Bench(RunningLoop):
         ]
         self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=0.004 if world.quiet else 0.02)
         self.backend = DynamixelBackend(self.bus, self.servos, watchdog=0.08 if world.quiet else 0.6)
-        self.controller = GripperController(dict.fromkeys(TENDONS, limits), policies, grippers, 1.0 / rate)
+        self.safety = Safety(SafetyStore(folder / "safety.yaml"))
+        self.controller = GripperController(
+            dict.fromkeys(TENDONS, limits), policies, grippers, 1.0 / rate, lambda: block_of(self.safety, policies)
+        )
         self.loop = world.loop(self.backend, self.controller, rate, history)
 
     def open(self) -> Bench:
@@ -192,7 +213,10 @@ class StageBench(RunningLoop):
             1.2 * limits.speed,
         )
         rate = STAGE_RATES[stage]
-        self.controller = GripperController({"pull": limits}, POLICIES, period=1.0 / rate)
+        self.safety = Safety(SafetyStore(folder / "safety.yaml"))
+        self.controller = GripperController(
+            {"pull": limits}, POLICIES, period=1.0 / rate, block=lambda: block_of(self.safety, POLICIES)
+        )
         self.loop = world.loop(self.backend, self.controller, rate, 256)
 
     def open(self) -> StageBench:

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, StopPolicy
+from softgrip_driver.tendon.gripper import Block, GripperController, MoveMode, MoveRequest, Policies, StopPolicy
 from softgrip_driver.tendon.homing import Sample, knee
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, Outcome
@@ -17,13 +17,24 @@ DT = 0.005
 LIMITS = TendonLimits()
 
 
+def length_move(*targets, names=(), speed=LIMITS.speed, tension_limit=LIMITS.tension_soft, **others):
+    return MoveRequest(names, MoveMode.LENGTH, list(targets), speed, tension_limit, **others)
+
+
+def tension_move(target):
+    return MoveRequest([], MoveMode.TENSION, [target], LIMITS.speed)
+
+
 class Rig:
     """A gripper of closed-form fingers and its controller, with time passed in."""
 
     def __init__(self, finger, reading, names=("a", "b"), policies=None, grippers=None):
         self.fingers = {name: finger() for name in names}
         self.reading, self.now = reading, 0.0
-        self.controller = GripperController(dict.fromkeys(names, LIMITS), policies or Policies(), grippers)
+        self.block = None
+        self.controller = GripperController(
+            dict.fromkeys(names, LIMITS), policies or Policies(), grippers, block=lambda: self.block
+        )
         self.others = {name: {} for name in names}
         self.silent, self.actions = set(), {}
         self.cycle()
@@ -58,7 +69,7 @@ class Rig:
             self.cycle()
 
     def move(self, length, names=(), **others):
-        return self.controller.move(MoveRequest(names, MoveMode.LENGTH, [length], **others), self.now)
+        return self.controller.move(length_move(length, names=names, **others), self.now)
 
     def drive(self, name="a"):
         return self.controller.drives[name]
@@ -104,7 +115,7 @@ def test_a_move_stops_at_its_tension_limit(rig):
 
 def test_a_move_to_a_tension_gets_there_from_both_sides(rig):
     for target in (12.0, 4.0):
-        ticket = rig.controller.move(MoveRequest([], MoveMode.TENSION, [target]), rig.now)
+        ticket = rig.controller.move(tension_move(target), rig.now)
         outcome, reason = rig.run(ticket)
         assert outcome is Outcome.REACHED, reason
         rig.pass_time(0.2)
@@ -114,13 +125,17 @@ def test_a_move_to_a_tension_gets_there_from_both_sides(rig):
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (MoveRequest(["c"], MoveMode.LENGTH, [0.01]), r"out of \['a', 'b'\]"),
-        (MoveRequest([], MoveMode.LENGTH, [0.05]), "between 0 and 0.035 m, found 0.05 m"),
-        (MoveRequest([], MoveMode.LENGTH, [float("nan")]), "between 0 and"),
-        (MoveRequest([], MoveMode.TENSION, [99.0]), "between 0 and 35 N"),
-        (MoveRequest([], MoveMode.LENGTH, [0.01], speed=9.0), "speed up to"),
-        (MoveRequest([], MoveMode.LENGTH, [0.01], tension_limit=99.0), "tension limit up to"),
-        (MoveRequest([], MoveMode.LENGTH, [0.01, 0.01, 0.01]), "one target or 2"),
+        (length_move(0.01, names=["c"]), r"out of \['a', 'b'\]"),
+        (length_move(0.05), "between 0 and 0.035 m, found 0.05 m"),
+        (length_move(float("nan")), "between 0 and"),
+        (length_move(0.01, speed=0.0), "a speed above 0 and up to"),
+        (length_move(0.01, speed=float("nan")), "a speed above 0 and up to"),
+        (length_move(0.01, tension_limit=0.0), "a tension limit above 0 and up to"),
+        (length_move(0.01, tension_limit=float("nan")), "a tension limit above 0 and up to"),
+        (tension_move(99.0), "between 0 and 35 N"),
+        (length_move(0.01, speed=9.0), "a speed above 0 and up to"),
+        (length_move(0.01, tension_limit=99.0), "a tension limit above 0 and up to"),
+        (length_move(0.01, 0.01, 0.01), "one target or 2"),
     ],
 )
 def test_a_wrong_request_is_refused_with_its_reason_and_moves_nothing(rig, request_, text):
@@ -171,12 +186,13 @@ def test_too_few_samples_show_no_knee():
     assert knee([Sample(0.001 * i, 0.0, 0.1 * i) for i in range(7)], 0.007) is None
 
 
-def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(rig):
-    first = Trajectory.checked([0.5], [0.010], [], LIMITS.travel)
+def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(spring_finger, reading):
+    rig = Rig(spring_finger, reading, policies=Policies(stream_timeout=1.0)).on()
+    first = Trajectory.checked([0.5], [0.010], [], LIMITS.travel, LIMITS.speed)
     rig.controller.follow({"a": first}, rig.now)
     rig.pass_time(0.25)
     before = rig.fingers["a"].position
-    second = Trajectory.checked([0.5], [0.012], [], LIMITS.travel)
+    second = Trajectory.checked([0.5], [0.012], [], LIMITS.travel, LIMITS.speed)
     ticket = rig.controller.follow({"a": second}, rig.now)
     rig.cycle()
     assert abs(rig.fingers["a"].position - before) < LIMITS.speed * DT * 1.5
@@ -211,13 +227,15 @@ def test_estop_lets_go_or_holds_as_the_policy_says_and_stays_until_reset(spring_
         rig = Rig(spring_finger, reading, policies=Policies(estop=policy)).on()
         rig.move(0.020)
         rig.pass_time(0.1)
-        actions = rig.controller.stop_emergency()
+        rig.block = Block("call estop_reset", is_stop=True, lets_go=policy is StopPolicy.LET_GO)
+        actions = rig.controller.enforce_block()
         assert {action.power for action in actions.values()} == ({False} if policy is StopPolicy.LET_GO else set())
         before = rig.fingers["a"].position
         rig.pass_time(0.3)
         assert abs(rig.fingers["a"].position - before) < 1e-3
         assert rig.drive("a").powered is (policy is StopPolicy.HOLD)
-        assert "estop_reset" in rig.move(0.01).refusal
+        assert rig.move(0.01).refusal == "call estop_reset"
+        rig.block = None
         rig.controller.reset()
         assert rig.drive().fault == ""
 
@@ -358,11 +376,11 @@ def test_a_ramp_in_pieces_is_followed_as_one(spring_finger, reading):
     """A planner sends the rest of its way again and again: each successor goes on from the setpoint, not the drive."""
 
     def setpoints(period):
-        rig, goals = Rig(spring_finger, reading, names=("a",)).on(), []
+        rig, goals = Rig(spring_finger, reading, names=("a",), policies=Policies(stream_timeout=2.0)).on(), []
         for step in range(200):
             if step == 0 or (period and step % period == 0):
                 left = 1.0 - step * DT
-                path = Trajectory.checked([left], [0.020], [], LIMITS.travel)
+                path = Trajectory.checked([left], [0.020], [], LIMITS.travel, LIMITS.speed)
                 rig.controller.follow({"a": path}, rig.now)
             rig.cycle()
             goals.append(rig.drive()._m.setpoint)
@@ -380,9 +398,10 @@ def test_a_ramp_in_pieces_is_followed_as_one(spring_finger, reading):
 @pytest.mark.parametrize(("end", "speeds"), [(0.0345, (0.25, 0.0, 0.0)), (0.0005, (-0.25, 0.0, 0.0))])
 def test_a_curve_that_swings_out_between_its_points_stays_within_the_travel(spring_finger, reading, end, speeds):
     """All its points lie within the travel; a cubic that begins at 250 mm/s leaves it by a centimetre and more."""
-    rig = Rig(lambda: spring_finger(stiffness=300.0), reading, names=("a",)).on()
+    policies = Policies(stream_timeout=2.0)
+    rig = Rig(lambda: spring_finger(stiffness=300.0), reading, names=("a",), policies=policies).on()
     rig.run(rig.move(0.015))
-    path = Trajectory.checked([0.1, 0.9, 1.4], [0.015, end, end], speeds, LIMITS.travel)
+    path = Trajectory.checked([0.1, 0.9, 1.4], [0.015, end, end], speeds, LIMITS.travel, 0.25)
     between = [path.length(t) for t in np.linspace(0.1, 0.9, 100)]
     assert max(between) > LIMITS.travel + 0.01 or min(between) < -0.01
     ticket, goals = rig.controller.follow({"a": path}, rig.now), []

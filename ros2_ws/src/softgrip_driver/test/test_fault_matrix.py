@@ -155,7 +155,7 @@ def test_fault(bench, row, matrix):
     ticket = None
     if row.on == "closing":
         on_bus = row.device == "bus"
-        request = MoveRequest([], MoveMode.LENGTH, [0.030 if on_bus else 0.013], 0.008 if on_bus else 0.003)
+        request = MoveRequest([], MoveMode.LENGTH, [0.030 if on_bus else 0.013], 0.008 if on_bus else 0.003, 20.0)
         ticket = bench.loop.call(lambda c, now: c.move(request, now))
         assert bench.until(lambda seen: all(drive.state is DriveState.MOVING for drive in seen.drives))
     else:
@@ -164,7 +164,7 @@ def test_fault(bench, row, matrix):
     before = bench.loop.snapshot.sequence
     began = bench.cause(row.cause, **dict(row.arguments))
     if row.on == "opening":
-        ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.0], 0.02), now))
+        ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.0], 0.015, 20.0), now))
     seen = named(bench, row, before, began, ticket) if row.fault else rode_through(bench, row, began)
     bench.clear()
     if row.cause in {"heating", "overheating"}:
@@ -228,7 +228,7 @@ def recover(bench, row):
         unhomed = [d.tendon for d in bench.loop.snapshot.drives if not d.homed]
         assert unhomed, "a fault that voids the zero must demand homing"
         assert homed(bench, unhomed)
-    ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.004], 0.015), now))
+    ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.004], 0.015, 20.0), now))
     outcome, reason = bench.run(ticket)
     assert outcome is Outcome.REACHED, reason
     return {"self": "by itself", "command": "next command", "home": "reset, home"}.get(row.recovery, row.recovery)

@@ -295,7 +295,7 @@ def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(taut):
     lengths, seen = [], []
     taut.world.live(lambda _: lengths.append(float(taut.plant.wound_m()[0] - taut.plant.bank.slack_m[0])))
     for step in range(1, 9):
-        trajectory = Trajectory.checked([0.1], [0.004 + 0.001 * step], [], 0.035)
+        trajectory = Trajectory.checked([0.1], [0.004 + 0.001 * step], [], 0.035, 0.05)
         ticket = taut.loop.call(lambda controller, now, one=trajectory: controller.follow({"index": one}, now))
         assert not ticket.refusal
         seen += taut.pass_time(0.1)

@@ -37,14 +37,14 @@ def torque(bench):
 @pytest.mark.parametrize("bench", [{"policies": HOLD}], indirect=True)
 def test_an_emergency_stop_that_holds_goes_on_holding_and_nothing_moves_until_the_reset(holding):
     before = holding.plant.bank.tension_n.copy()
-    assert holding.loop.stop_emergency() == ""
+    assert holding.stop() == ""
     seen = holding.pass_time(0.5)
     assert torque(holding) == [True] * 3
     assert holding.plant.bank.tension_n == pytest.approx(before, rel=0.1)
     assert {(d.state, d.fault) for d in seen[-1].drives} == {(DriveState.STOPPED, "estop")}
     ticket = holding.loop.call(lambda controller, now: controller.release(now))
     assert "estop_reset" in ticket.refusal
-    holding.loop.reset(power=True)
+    holding.reset(power=True)
     outcome, reason = holding.run(holding.loop.call(lambda controller, now: controller.release(now)))
     assert outcome is Outcome.REACHED, reason
 
@@ -54,7 +54,7 @@ def test_an_emergency_stop_reaches_a_drive_as_soon_as_it_can_be_told(holding, ca
     arguments, word = CAUSES[cause]
     holding.cause(cause, **arguments)
     holding.pass_time(0.02)
-    assert word in holding.loop.stop_emergency()
+    assert word in holding.stop()
     holding.pass_time(0.5)
     assert torque(holding)[0], "the test needs a servo that could not be told"
     holding.clear()
@@ -127,7 +127,7 @@ def test_reset_after_a_lost_position_moves_nothing(holding):
     wound = holding.plant.wound_m()[0]
     holding.clear()
     holding.pass_time(0.1)
-    holding.loop.reset(power=True)
+    holding.reset(power=True)
     holding.pass_time(0.5)
     assert holding.plant.wound_m()[0] == pytest.approx(wound, abs=2e-3)
 
@@ -213,6 +213,7 @@ def test_an_overload_whose_torque_is_seen_off_before_its_alert_is_no_restart(hol
     assert holding.until(lambda _: torque(holding) == [True] * 3, 3.0), holding.drive("index").fault_reason
 
 
+@pytest.mark.parametrize("bench", [{"policies": Policies(stream_timeout=5.0)}], indirect=True)
 @pytest.mark.parametrize(("end", "streamed"), [(0.001, False), (0.010, False), (0.001, True)])
 def test_a_jam_under_a_trajectory_is_a_stall(bench, end, streamed):
     """While it opens: while it closes a jam pulls as a taut tendon does, and ends at the tension limit."""
@@ -220,7 +221,7 @@ def test_a_jam_under_a_trajectory_is_a_stall(bench, end, streamed):
     bench.run(bench.move([0.014]))
 
     def follow():
-        path = Trajectory.checked([1.0], [end], [], TendonLimits().travel)
+        path = Trajectory.checked([1.0], [end], [], TendonLimits().travel, TendonLimits().speed)
         return bench.loop.call(lambda controller, now: controller.follow({"index": path}, now))
 
     ticket = follow()

@@ -146,13 +146,13 @@ class OwnLoop(BusLoop):
     def stop(self, _timeout=2.0):
         if self._runs:
             self._runs = False
-            self._let_go()
+            self._leave()
 
     @property
     def running(self):
         return self._runs
 
-    def call(self, request, _timeout=1.0):
+    def call(self, request, _timeout=1.0, **_urgent):
         if not self._runs:
             raise DriverError("the bus loop does not run")
         return request(self._controller, self._clock.now_s())

@@ -13,7 +13,12 @@ except ImportError:
         from hashlib import sha256
 
 
+def text_sha256(text: str) -> str:
+    """Return the SHA-256 of the text in 64 hex digits."""
+    digest: str = sha256(text.encode()).hexdigest()
+    return digest
+
+
 def text_digest(text: str) -> str:
     """Return the first sixteen hex digits of the text's SHA-256."""
-    digest: str = sha256(text.encode()).hexdigest()
-    return digest[:16]
+    return text_sha256(text)[:16]

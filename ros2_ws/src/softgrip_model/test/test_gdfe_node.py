@@ -113,8 +113,8 @@ def capstan(coefficient, **changes):
 
 def test_an_active_friction_model_is_used_instead_of_the_profiles_own(bench):
     own = bench.pull(7_000_000_000, 0.004)
-    bench.friction.publish(capstan(0.0))
-    bench.spin(lambda: bench.node._session.friction_id == "capstan-0.0")
+    bench.friction.publish(capstan(0.001))
+    bench.spin(lambda: bench.node._session.friction_id == "capstan-0.001")
     without = bench.pull(8_000_000_000, 0.004)
     bench.friction.publish(capstan(0.4))
     bench.spin(lambda: bench.node._session.friction_id == "capstan-0.4")
@@ -128,16 +128,35 @@ def test_an_active_friction_model_is_used_instead_of_the_profiles_own(bench):
 
 @pytest.mark.parametrize(
     "bad",
-    [{"verdict": FrictionModel.DO_NOT_USE, "reason": "too few points"}, {"law": "velcro"}],
-    ids=["verdict", "law"],
+    [
+        {"verdict": FrictionModel.DO_NOT_USE, "reason": "too few points"},
+        {"verdict": FrictionModel.UNSET},
+        {"verdict": 200},
+        {"law": "velcro"},
+        {"coefficients": [-1.0]},
+        {"coefficients": [1e300]},
+        {"digest": "0" * 64},
+    ],
+    ids=["verdict", "unset", "unknown verdict", "law", "negative", "huge", "digest"],
 )
-def test_a_friction_model_that_cannot_be_used_changes_nothing(bench, bad):
-    before = bench.node._session.friction_id
+def test_a_friction_model_that_cannot_be_used_changes_nothing(bench, monkeypatch, bad):
+    used, session = [], bench.node._session
+    use = session.set_friction
+    monkeypatch.setattr(session, "set_friction", lambda friction: used.append(friction.id) or use(friction))
     bench.friction.publish(capstan(0.7, **bad))
     bench.friction.publish(capstan(0.2))
-    bench.spin(lambda: bench.node._session.friction_id == "capstan-0.2")
-    assert before != "capstan-0.7"
-    assert bench.pull(10_000_000_000 + len(bad) * PERIOD_NS, 0.004).converged
+    bench.spin(lambda: "capstan-0.2" in used)
+    assert used == ["capstan-0.2"]
+    assert session.friction_id == "capstan-0.2"
+
+
+def test_a_model_of_the_same_name_with_other_numbers_is_another_configuration(bench):
+    bench.friction.publish(capstan(0.3, id="rig"))
+    bench.spin(lambda: bench.node._session.friction_id == "rig")
+    first = bench.pull(12_000_000_000, 0.004).configuration
+    bench.friction.publish(capstan(0.31, id="rig"))
+    bench.spin(lambda: bench.node._session._friction.law.coefficients == (0.31,))
+    assert bench.pull(13_000_000_000, 0.004).configuration != first
 
 
 def test_shapes_at_less_than_the_rate_asked_for_say_so(bench):

@@ -50,6 +50,7 @@ def friction(model_id: str, alpha: float = 0.27049) -> FrictionModel:
         surface_radius=0.003,
         angle_range=[0.1745, 1.5708],
         tension_range=[1.962, 9.81],
+        verdict=FrictionModel.USABLE,
     )
 
 
@@ -173,7 +174,12 @@ def test_it_follows_friction_and_mounted_fingers(cell: Cell) -> None:
     assert calibrated.tension > own.tension
     assert all(deviation > 0.0 for deviation in calibrated.joint_angles_stddev)
 
-    before = cell.predicted[0].configuration
+    named = cell.predicted[-1].friction_digest
+    assert len(named) == 64
+    cell.friction.publish(friction("rig-1", alpha=0.36))  # the same name, other numbers
+    cell.until(lambda: cell.predicted[-1].friction_digest != named, "another digest", lambda: cell.tendons(0.010))
+
+    before = cell.predicted[-1].configuration
     cell.cell.publish(CellState(mode=CellState.IDLE, mounted=[MountedFinger(finger="index", profile="hook", state=3)]))
     hook = cell.prediction(0.010, "rig-1", profile="hook")
     assert hook.joint_angles[1] > hook.joint_angles[0]
@@ -190,8 +196,14 @@ def test_what_it_cannot_use_it_names_and_goes_on(cell: Cell) -> None:
     bad.coefficients = [0.3, 1.4, 0.1, 0.0]
     cell.friction.publish(bad)
     cell.until(lambda: cell.health.get("friction", (0, ""))[0] == 1, "a warning about the friction model")
-    assert "0 < n < 1" in cell.health["friction"][1]
+    assert "expected 0.001 <= n <= 0.999" in cell.health["friction"][1]
     assert "still using rig-1" in cell.health["friction"][1]
+
+    unset = friction("rig-3")
+    unset.verdict = FrictionModel.UNSET
+    cell.friction.publish(unset)
+    cell.until(lambda: "'rig-3'" in cell.health["friction"][1], "a warning about the missing verdict")
+    assert "expected a verdict, found none" in cell.health["friction"][1]
 
     cell.cell.publish(CellState(mounted=[MountedFinger(finger="index", profile="glove", state=3)]))
     cell.until(lambda: cell.health.get("profile", (0, ""))[0] == 1, "a warning about the profile")

@@ -4,39 +4,50 @@
 Node-level code: it imports rclpy, and only modules under a package's ``nodes/`` import it.
 """
 
+from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
 from softgrip_nodekit.diagnostics import Diagnostics, Health
-from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import make_executor, with_message_info
+from softgrip_nodekit.health import HealthMonitor, HealthWatch
 from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim_processor, realtime_parameter
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
+from softgrip_nodekit.timers import steady_timer
 from softgrip_nodekit.trace import Caller, Commander, Doors, Goal, SentGoal, TracedDoors
+from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [
     "LATCHED",
     "REALTIME_PRIORITY",
     "RELIABLE",
     "SENSOR",
+    "CallbackErrors",
     "Caller",
     "Commander",
     "Diagnostics",
     "Doors",
+    "FatalError",
     "Goal",
     "Health",
+    "HealthMonitor",
+    "HealthWatch",
     "Parameter",
     "ParameterTable",
     "Rank",
     "SentGoal",
     "StartupError",
     "TracedDoors",
+    "UrgentServer",
     "WhileBrief",
+    "callback_errors",
     "claim_processor",
     "make_executor",
     "realtime_parameter",
     "run",
     "seconds",
+    "steady_timer",
     "to_time_message",
     "with_message_info",
 ]

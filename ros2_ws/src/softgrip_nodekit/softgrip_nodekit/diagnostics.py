@@ -3,17 +3,23 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Mapping
 from enum import IntEnum
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from softgrip_nodekit.callback_errors import callback_errors
 from softgrip_nodekit.presence import Presence, diagnosed_nodes, published_inputs
 from softgrip_nodekit.qos import RELIABLE
+from softgrip_nodekit.timers import steady_timer
 
 #: [s] between looks at who is still there
 PRESENCE_PERIOD = 0.2
+#: [s] An executor that is later than this is said to be.
+LATE_LIMIT_S = 1.0
 
 
 class Health(IntEnum):
@@ -28,6 +34,8 @@ class Health(IntEnum):
 class Diagnostics:
     """Publishes the health of a node's components, and of those of its inputs that lost their publisher.
 
+    A component ``executor`` is always there: how late callbacks were run since the last message, and how many raised.
+
     Args:
         node: the node that owns them.
         hardware_id: serial or name of the device behind the node, empty for none.
@@ -40,16 +48,22 @@ class Diagnostics:
         self._hardware_id = hardware_id
         self._components: dict[str, tuple[Health, str, dict[str, str]]] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        self._timer = node.create_timer(period, self.publish)
+        self._lock = threading.Lock()
+        self._errors = callback_errors(node)
+        self._looked = time.monotonic()
+        self._late_s = 0.0  # the latest since the last message
+        self._timer = steady_timer(node, period, self.publish)
         self._inputs = Presence(lambda topic, there: self._report_presence(f"input {topic}", there))
         self._nodes = Presence(lambda name, there: self._report_presence(f"node {name}", there))
         self._watch_nodes = watch_nodes
-        self._presence_timer = node.create_timer(PRESENCE_PERIOD, self._look_around)
+        self._presence_timer = steady_timer(node, PRESENCE_PERIOD, self._look_around)
 
     def set(self, component: str, health: Health, message: str, values: Mapping[str, object] | None = None) -> None:
         """Set a component's health; ``message`` says what is wrong in words and what to do."""
-        before = self._components.get(component)
-        self._components[component] = (health, message, {k: str(v) for k, v in (values or {}).items()})
+        texts = {k: str(v) for k, v in (values or {}).items()}
+        with self._lock:
+            before = self._components.get(component)
+            self._components[component] = (health, message, texts)
         if before is None or before[0] != health:
             if health >= Health.ERROR:
                 self._node.get_logger().error(f"{component}: {message}")
@@ -58,6 +72,10 @@ class Diagnostics:
             self.publish()
 
     def _look_around(self) -> None:
+        now = time.monotonic()
+        with self._lock:
+            self._late_s = max(self._late_s, now - self._looked - PRESENCE_PERIOD)
+        self._looked = now
         self._inputs.update(published_inputs(self._node))
         if self._watch_nodes:
             self._nodes.update(diagnosed_nodes(self._node))
@@ -70,7 +88,10 @@ class Diagnostics:
             self.set(component, Health.WARN, "gone: ended, dead, frozen or cut off; start it again if it was not meant")
 
     def publish(self) -> None:
-        """Publish the present health of every component."""
+        """Publish the present health of every component; any thread may."""
+        with self._lock:
+            components = {**self._components, "executor": self._executor_health()}
+            self._late_s = 0.0
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
         array.status = [
@@ -81,6 +102,14 @@ class Diagnostics:
                 hardware_id=self._hardware_id,
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
-            for component, (health, message, values) in self._components.items()
+            for component, (health, message, values) in components.items()
         ]
         self._publisher.publish(array)
+
+    def _executor_health(self) -> tuple[Health, str, dict[str, str]]:
+        values = {"callback_errors": str(self._errors.count), "late_ms": f"{1000.0 * self._late_s:.0f}"}
+        if self._late_s > LATE_LIMIT_S:
+            return Health.WARN, f"callbacks were run {self._late_s:.1f} s late; see what takes so long", values
+        if self._errors.is_recent():
+            return Health.WARN, f"a callback failed, see the log: {self._errors.last}", values
+        return Health.OK, "", values

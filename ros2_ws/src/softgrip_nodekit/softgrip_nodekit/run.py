@@ -18,8 +18,10 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
-from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
+from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import make_executor
+from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
 from softgrip_nodekit.priority import REALTIME_PRIORITY, claim_processor, own_threads
 
 #: Exit code of a process that could not start.
@@ -27,8 +29,6 @@ CANNOT_START = 2
 #: [s] how long device files may take to appear at start, and between looks.
 DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
-#: [s] from a signal to the end of rclpy's context, at most.
-SIGNAL_WAIT = 0.2
 #: [s] for the middleware to take leave of the others; launch sends its next signal after five.
 FAREWELL_LIMIT = 3.0
 STDERR = 2
@@ -43,6 +43,10 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     A lifecycle node whose parameter ``autostart`` is true is configured and activated first; where that fails the
     process ends with code 2, so that a launch file can bring the cell down. A node may have a method ``close()``: it is
     called on every exit path, before the node is destroyed, and leaves hardware safe.
+
+    What a callback raises does not end the node: it is logged, counted and shown on /diagnostics (`callback_errors`).
+    A callback that must end it raises FatalError. The node also answers ``~/ping`` (`softgrip_nodekit.health`), and
+    refuses another ``use_sim_time`` while it runs.
 
     Args:
         factory: makes the node; raises StartupError when that cannot be done.
@@ -63,6 +67,9 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     try:
         node = factory()
         _refuse_unknown_parameters(node)
+        settle_time(node)
+        guard_parameter_services(node)
+        serve_ping(node)
         _claim_processor(node)
         executor = make_executor(node, threads)
         executor.add_node(node)
@@ -71,11 +78,14 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         # What the start made stays. A collection that walks through all of it stops the node for tens of milliseconds.
         gc.collect()
         gc.freeze()
-        executor.spin()
+        _spin(executor, callback_errors(node))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StartupError as error:
         code = _cannot_start(node.get_name() if node is not None else getattr(factory, "__name__", "node"), error)
+    except FatalError as error:
+        code = 1
+        print(f"[{node.get_name() if node else ''}] ends: {error}", file=sys.stderr, flush=True)  # noqa: T201  as above
     except Exception:
         if not _is_told_to_stop():
             raise
@@ -83,6 +93,21 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     finally:
         _leave(node, executor)
     return code
+
+
+def _spin(executor: Any, errors: CallbackErrors) -> None:
+    """Run callbacks until the context ends; executors let out what a callback raised, and can be run again."""
+    while True:
+        try:
+            executor.spin()
+        except (ExternalShutdownException, FatalError, StartupError):
+            raise
+        except Exception as error:  # noqa: BLE001  no message from outside may end a node
+            if not rclpy.ok():
+                return
+            errors.report(error)
+        else:
+            return
 
 
 def _cannot_start(name: str, error: Exception) -> int:
@@ -112,7 +137,7 @@ def _claim_processor(node: Node) -> None:
 
 def _is_told_to_stop() -> bool:
     """Whether a signal ends this process; rclpy's thread for signals may be a little later than the error it caused."""
-    deadline = time.monotonic() + SIGNAL_WAIT
+    deadline = time.monotonic() + SIGNAL_WAIT_S
     while rclpy.ok() and time.monotonic() < deadline:
         time.sleep(DEVICE_POLL)
     return not rclpy.ok()

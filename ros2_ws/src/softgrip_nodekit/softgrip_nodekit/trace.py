@@ -11,6 +11,7 @@ The node's executor must be single-threaded: steps do not overlap.
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
@@ -23,6 +24,7 @@ from rclpy.task import Future
 
 from softgrip_interfaces.msg import NodeTrace
 from softgrip_nodekit.stamps import to_time_message
+from softgrip_nodekit.timers import steady_timer
 
 #: [s] between two messages of a trace.
 _PERIOD = 0.1
@@ -100,6 +102,9 @@ class Doors(Protocol):
     def monotonic_s(self) -> float:
         """The monotonic clock at the beginning of the present step [s]."""
 
+    def draw_token(self) -> str:
+        """Draw a secret that nobody can guess; in a replay the one that was drawn then."""
+
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:
         """Begin the first step: write down what the node remembers (``save``); in a replay put it back (``load``)."""
 
@@ -142,7 +147,7 @@ class _Log:
         self.begun: tuple[int, int] | None = None  # clocks of the present step [ns]
         self.to_cancel: set[bytes] = set()
         self._publisher = node.create_publisher(NodeTrace, "~/trace", _QOS)
-        node.create_timer(_PERIOD, self.publish)
+        steady_timer(node, _PERIOD, self.publish)
 
     def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
         """Begin a step."""
@@ -201,6 +206,12 @@ class TracedDoors:
         """Return the monotonic clock of the present step."""
         return (self._log.begun[1] if self._log.begun else time.monotonic_ns()) * 1e-9
 
+    def draw_token(self) -> str:
+        """Draw 128 random bits as 32 hex digits."""
+        token = secrets.token_hex(16)
+        self._log.say("drew", token.encode())
+        return token
+
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a replay's part
         """Begin the first step with what the node remembers."""
         self._log.begin("start", save())
@@ -229,13 +240,13 @@ class TracedDoors:
         self._node.create_service(kind, name, requested)
 
     def timer(self, period: float, callback: Callable[[], None]) -> None:
-        """Make a timer."""
+        """Make a timer on the steady clock: what watches for silence must not stand still with a simulated time."""
 
         def due() -> None:
             self._log.begin("timer")
             callback()
 
-        self._node.create_timer(period, due)
+        steady_timer(self._node, period, due)
 
     def action_server(
         self, kind: Any, name: str, execute: Callable[[Goal], Awaitable[Any]], cancel: Callable[[Goal], Any]

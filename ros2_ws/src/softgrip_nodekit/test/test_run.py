@@ -3,26 +3,50 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 import time
+from collections.abc import Callable
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
-from softgrip_nodekit import run
+from softgrip_nodekit import (
+    CallbackErrors,
+    Diagnostics,
+    FatalError,
+    Health,
+    StartupError,
+    callback_errors,
+    run,
+)
+from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S
+from softgrip_nodekit.testing import PATIENCE
+
+ERROR = "Unable to convert call argument '0' to Python object"
 
 
 class Failing(Node):
-    """Fails in its first callback."""
+    """Fails in each callback, until it has been asked often enough."""
 
-    def __init__(self) -> None:
+    def __init__(self, calls: int = 3) -> None:
         super().__init__("failing")
+        self._left = calls
         self.create_timer(0.01, self._fail)
+        self.health: list[DiagnosticStatus] = []
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._hear, 10)
+        self.diagnostics = Diagnostics(self, period=0.05)
         self.closed = False
 
     def _fail(self) -> None:
-        raise RuntimeError("Unable to convert call argument '0' to Python object")
+        self._left -= 1
+        if self._left >= 0:
+            raise RuntimeError(ERROR)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        self.health += [status for status in message.status if status.name == "failing: executor"]
+        if self._left < 0 and len(self.health) > 2:
+            rclpy.shutdown()
 
     def close(self) -> None:
         self.closed = True
@@ -32,24 +56,98 @@ class Interrupted(Failing):
     """The same while a signal ends the process: rclpy says this when SIGINT cuts the taking of a message short."""
 
     def _fail(self) -> None:
-        threading.Timer(0.05, rclpy.shutdown).start()
+        rclpy.try_shutdown()
         super()._fail()
 
 
-@pytest.mark.parametrize(("kind", "fails"), [(Failing, True), (Interrupted, False)])
-def test_an_error_counts_unless_the_node_is_being_stopped(kind: type[Failing], fails: bool) -> None:
-    made: list[Failing] = []
+class Fatal(Failing):
+    """Says itself that it cannot go on."""
 
+    def _fail(self) -> None:
+        raise FatalError("the bus loop has ended")
+
+
+class Refusing(Failing):
+    """Finds only when it runs that it cannot."""
+
+    def _fail(self) -> None:
+        raise StartupError("no such device")
+
+
+def keep(made: list[Failing], kind: type[Failing]) -> Callable[[], Failing]:
     def make() -> Failing:
         made.append(kind())
         return made[0]
 
-    if fails:
-        with pytest.raises(RuntimeError, match="Unable to convert"):
-            run(make, [])
-    else:
-        assert run(make, []) == 0
+    return make
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_callback_that_raises_is_counted_and_shown_and_the_node_goes_on(
+    threads: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made: list[Failing] = []
+    assert run(keep(made, Failing), [], threads=threads) == 0
     assert made[0].closed
+    health = made[0].health[-1]
+    assert {value.key: value.value for value in health.values}["callback_errors"] == "3"
+    assert health.level == bytes([Health.WARN])
+    assert ERROR in health.message
+    time.sleep(2 * SIGNAL_WAIT_S)  # lines of a node that is being stopped would be held back that long
+    assert capfd.readouterr().err.count("a callback failed, the node goes on") <= 1
+
+
+def test_what_a_callback_raises_while_the_node_is_being_stopped_is_no_error(capfd: pytest.CaptureFixture[str]) -> None:
+    made: list[Failing] = []
+    assert run(keep(made, Interrupted), []) == 0
+    assert made[0].closed
+    assert callback_errors(made[0]).count == 0
+    assert ERROR not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("kind", "code", "text"), [(Fatal, 1, "the bus loop has ended"), (Refusing, 2, "no such")])
+def test_only_a_node_that_says_so_ends_over_a_callback(
+    kind: type[Failing], code: int, text: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made: list[Failing] = []
+    assert run(keep(made, kind), []) == code
+    assert made[0].closed
+    assert text in capfd.readouterr().err
+
+
+def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None:
+    now, said = [0.0], []
+    errors = CallbackErrors(said.append, lambda: False, clock=lambda: now[0])
+
+    def fail(kind: type[Exception]) -> None:
+        try:
+            raise kind("x")
+        except kind as error:
+            errors.report(error)
+
+    for _ in range(100):
+        fail(ValueError)
+    fail(KeyError)
+    await_lines(said, 2)
+    assert errors.count == 101
+    now[0] = 5.0
+    fail(ValueError)
+    await_lines(said, 3)
+    assert "102 such errors so far" in said[2]
+    assert errors.is_recent()
+    now[0] = 100.0
+    assert not errors.is_recent()
+    for number in range(1000):
+        fail(type(f"Error{number}", (Exception,), {}))
+    assert len(errors._said) == 64
+
+
+def await_lines(said: list[str], count: int) -> None:
+    end = time.monotonic() + PATIENCE
+    while len(said) < count:
+        assert time.monotonic() < end, said
+        time.sleep(0.01)
+    assert len(said) == count
 
 
 CLINGING = """

@@ -17,6 +17,9 @@ from softgrip_vision.errors import FrameError
 START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 #: Markers without a length: TEM, RST0..7, SOI, EOI.
 STAND_ALONE = frozenset({0x01, *range(0xD0, 0xDA)})
+#: [px] An industrial camera has 25 million at most; some hundred bytes of PNG can claim a thousand times as many.
+MAX_PIXELS = 32_000_000
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,15 @@ class FrameSource(Protocol):
 
 
 def decode(data: bytes | bytearray | memoryview) -> Image:
-    """Return the (h, w, 3) BGR image of a compressed one (JPEG, PNG, ...).
+    """Return the (h, w, 3) BGR image of a JPEG or PNG, after a look at the size that its header claims.
 
     Raises:
-        FrameError: when the bytes are no image.
+        FrameError: when the bytes are no JPEG or PNG, or claim more than MAX_PIXELS.
     """
     raw = np.frombuffer(data, dtype=np.uint8)
+    claimed = image_size(raw.tobytes())
+    if claimed[0] * claimed[1] > MAX_PIXELS:
+        raise FrameError(f"expected an image of {MAX_PIXELS} pixels at most, found {claimed[0]}x{claimed[1]}")
     image = None
     if raw.size:
         try:
@@ -84,6 +90,20 @@ def decode(data: bytes | bytearray | memoryview) -> Image:
     if image is None:
         raise FrameError(f"expected a compressed image (JPEG, PNG), found {raw.size} bytes that are none")
     return np.asarray(image, dtype=np.uint8)
+
+
+def image_size(data: bytes) -> tuple[int, int]:
+    """Return (width, height) [px] that a JPEG or PNG claims, without decoding it.
+
+    Raises:
+        FrameError: when the bytes are neither.
+    """
+    if data[:8] == _PNG and data[12:16] == b"IHDR" and len(data) >= 24:  # PNG (ISO 15948) 11.2.2
+        width, height = struct.unpack_from(">II", data, 16)
+        return width, height
+    if data[:2] != b"\xff\xd8":
+        raise FrameError(f"expected a compressed image (JPEG, PNG), found {len(data)} bytes that are none")
+    return jpeg_size(data)
 
 
 def jpeg_size(data: bytes) -> tuple[int, int]:
@@ -108,4 +128,4 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
             return width, height
         else:
             at += 2 + struct.unpack_from(">H", data, at + 2)[0]
-    raise FrameError(f"expected a JPEG with a frame header, found {len(data)} bytes without one")
+    raise FrameError(f"expected a compressed image: a JPEG with a frame header, found {len(data)} bytes without one")

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import io
 import os
+import struct
 import threading
 import time
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +18,16 @@ import numpy as np
 import pytest
 
 from softgrip_vision.errors import FrameError, SourceError
-from softgrip_vision.sources import Capture, CaptureState, Frame, SourceOptions, decode, jpeg_size, open_source
+from softgrip_vision.sources import (
+    Capture,
+    CaptureState,
+    Frame,
+    SourceOptions,
+    decode,
+    image_size,
+    jpeg_size,
+    open_source,
+)
 from softgrip_vision.sources.mjpeg import PartReader, boundary_of, capture_time_ns
 from softgrip_vision.sources.opencv import DeviceStream
 from softgrip_vision.sources.opening import SourceKind, dereference, kind_of
@@ -95,6 +106,36 @@ def test_jpeg_size_without_decoding() -> None:
 @pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"hello", bytes(1000)])
 def test_bytes_that_are_no_image(data: bytes) -> None:
     with pytest.raises(FrameError, match="expected a compressed image"):
+        decode(data)
+
+
+def png_that_claims(width: int, height: int) -> bytes:
+    """A black PNG of some hundred bytes, valid but for the number of its rows."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes(1 + width), 9)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_the_size_of_an_image_is_read_without_decoding_it(suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = bytes(cv2.imencode(suffix, np.zeros((48, 64, 3), np.uint8))[1])
+    assert decode(data).shape == (48, 64, 3)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    assert image_size(data) == (64, 48)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [png_that_claims(20_000, 20_000), b"BM" + bytes(100), b"II*\0" + bytes(100)],
+    ids=["png bomb", "bmp", "tiff"],
+)
+def test_huge_images_and_other_formats_do_not_reach_the_decoder(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(FrameError, match=r"32000000 pixels at most, found 20000x20000|expected a compressed image"):
         decode(data)
 
 

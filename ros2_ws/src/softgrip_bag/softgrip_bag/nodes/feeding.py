@@ -17,7 +17,7 @@ from softgrip_bag.nodes.types import message_class
 from softgrip_bag.reader import RawMessage, as_published, latched_topics, read
 
 #: Fields that name the configuration a result was computed with.
-CONFIGURATION_FIELDS = ("friction_model", "configuration")
+CONFIGURATION_FIELDS = ("friction_model", "friction_digest", "configuration")
 #: [ns] a node may be this much behind: what it works on was published so long before a latched message that it knows.
 BEHIND = 2_000_000_000
 #: So many messages before the first recorded answer the node may have answered before the recorder found its topic.

@@ -73,6 +73,10 @@ class ReplayedDoors:
         """Return the recorded monotonic clock of the present step."""
         return self._now.monotonic * 1e-9
 
+    def draw_token(self) -> str:
+        """Return the secret that was drawn then."""
+        return self.value("drew").decode()
+
     def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a running node's
         """Give back what the node remembered."""
         load(self._enter("start").data)

@@ -35,7 +35,8 @@ class FreeReference:
         offset_n: mean difference [N].
         tension_n: mean tension measured [N].
         stddev_n: one standard deviation of a single sample about the table [N].
-        friction_model: the predictor's friction model when it was taken; another one makes the table void.
+        friction_model: id of the predictor's friction model when it was taken.
+        friction_digest: of its numbers; a model with another one makes the table void.
     """
 
     pulled_m: tuple[float, ...]
@@ -43,6 +44,7 @@ class FreeReference:
     tension_n: tuple[float, ...]
     stddev_n: float
     friction_model: str
+    friction_digest: str = ""
 
     def __post_init__(self) -> None:
         rows = len(self.pulled_m)
@@ -88,6 +90,7 @@ class FreeReference:
             "tension_n": list(self.tension_n),
             "stddev_n": self.stddev_n,
             "friction_model": self.friction_model,
+            "friction_digest": self.friction_digest,
         }
 
     @staticmethod
@@ -99,11 +102,16 @@ class FreeReference:
             tension_n=tuple(document["tension_n"]),
             stddev_n=float(document["stddev_n"]),
             friction_model=str(document["friction_model"]),
+            friction_digest=str(document.get("friction_digest", "")),  # tables of older releases have none
         )
 
 
 def learn_reference(
-    pulled_m: ArrayLike, measured_n: ArrayLike, predicted_n: ArrayLike, friction_model: str
+    pulled_m: ArrayLike,
+    measured_n: ArrayLike,
+    predicted_n: ArrayLike,
+    friction_model: str,
+    friction_digest: str = "",
 ) -> FreeReference:
     """Build the table from an empty closing.
 
@@ -112,6 +120,7 @@ def learn_reference(
         measured_n: tension measured [N].
         predicted_n: tension predicted [N].
         friction_model: id used by the predictor.
+        friction_digest: of that model's numbers.
 
     Raises:
         CatalogueError: too few samples for a single row.
@@ -131,4 +140,4 @@ def learn_reference(
     scatter = difference - np.interp(lengths, centres, offsets)
     spread = 1.4826 * float(np.median(np.abs(scatter - np.median(scatter))))  # MAD of a normal distribution
     tensions = [float(np.median(measured[rows == row])) for row in kept]
-    return FreeReference(tuple(centres), tuple(offsets), tuple(tensions), spread, friction_model)
+    return FreeReference(tuple(centres), tuple(offsets), tuple(tensions), spread, friction_model, friction_digest)

@@ -69,11 +69,11 @@ class Close:
 
 @dataclass(frozen=True)
 class Press:
-    """Keep a tension [N] in these slots and follow an object that gives way; 0 m/s = as fast as the driver may."""
+    """Keep a tension [N] in these slots and follow an object that gives way, at most so fast [m/s]."""
 
     slots: tuple[int, ...]
     tensions_n: tuple[float, ...]
-    speed_m_per_s: float = 0.0
+    speed_m_per_s: float
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 from softgrip_cell.errors import CellError, RefusedError
+from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep, PlanMix, SelectProduct
 
@@ -66,6 +67,7 @@ class CellController:
         self._release = node.create_client(Trigger, "tendon/release")
         self._swap = ActionClient(node, SwapFingers, "cell/swap")
         self._grasp = ActionClient(node, Grasp, "cell/grasp")
+        self._token = ""  # of the last swap
 
     def select(self, product: str) -> Any:
         """Ask how a product is to be grasped; returns SelectProduct.Response.
@@ -100,13 +102,23 @@ class CellController:
 
         def on_feedback(message: Any) -> None:
             feedback = message.feedback
+            self._token = feedback.token
             if feedback.confirmation:
                 told = list(confirm(feedback.step, feedback.instruction))
-                answer = self._confirm.call_async(ConfirmStep.Request(step=feedback.step, serials=told))
+                request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=told)
+                answer = self._confirm.call_async(request)
                 answer.add_done_callback(self._log_refusal)
 
         goal = SwapFingers.Goal(finger_set=finger_set, serials=list(serials))
         return self._act(self._swap, "cell/swap", goal, on_feedback, timeout_s)
+
+    def hands_out(self) -> None:
+        """Say that a person's hands are out of the cell after the last swap ended early: the drives are unlocked.
+
+        Raises:
+            RefusedError: no swap of this client left the drives locked.
+        """
+        self._call(self._confirm, ConfirmStep.Request(step=HANDS_OUT, token=self._token))
 
     def grasp(
         self,
@@ -214,6 +226,9 @@ def main(args: Sequence[str] | None = None) -> int:
                 if controller.select(step.product).swap_needed:
                     swapped = controller.swap(step.finger_set, _ask)
                     if swapped.outcome != swapped.SUCCEEDED:
+                        if HANDS_OUT_TEXT in swapped.reason:
+                            _ask(HANDS_OUT, "Take your hands out of the cell.")
+                            controller.hands_out()
                         raise RefusedError(f"swap to '{step.finger_set}': {swapped.reason}")
                 result = controller.grasp(step.product, confirm_lift=not options.no_lift)
                 print(f"{step.product}: {GRASP_OUTCOMES[result.outcome]}: {result.reason}")  # noqa: T201  its output

@@ -11,7 +11,7 @@ import yaml
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
-from softgrip_cell.gates import DriverFacts, FrictionFacts
+from softgrip_cell.gates import DriverFacts, FrictionFacts, SafetyFacts
 from softgrip_cell.grasp.values import Outcome, Verdict
 from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
 from softgrip_cell.planner import PlannedOrder
@@ -23,9 +23,12 @@ from softgrip_interfaces.msg import (
     FrictionModel,
     MountedFinger,
     PlanStep,
+    SafetyState,
     TendonStatus,
     TendonStatusArray,
 )
+from softgrip_model.friction.acceptance import accept
+from softgrip_model.friction.errors import FrictionError
 
 _SLOT_STATES = {
     SlotState.UNKNOWN: MountedFinger.UNKNOWN,
@@ -41,6 +44,9 @@ _OUTCOMES = {
     Outcome.ABORTED: Grasp.Result.ABORTED,
 }
 
+#: Verdicts of friction models that may be used.
+_USABLE = {FrictionModel.USABLE, FrictionModel.REPEAT_POINTS}
+
 
 def nanoseconds(stamp: Time) -> int:
     """Return a stamp as nanoseconds of its clock."""
@@ -48,8 +54,10 @@ def nanoseconds(stamp: Time) -> int:
 
 
 def tendon_sample(message: JointState, slots: Sequence[str]) -> TendonSample | None:
-    """Return a tendon/state as a sample, None when it lacks a slot or a number."""
+    """Return a tendon/state as a sample, None when a slot, a number or a column is missing, or one is not finite."""
     where = {name: index for index, name in enumerate(message.name)}
+    if not len(where) == len(message.name) == len(message.position) == len(message.effort):
+        return None
     try:
         pulled = tuple(float(message.position[where[slot]]) for slot in slots)
         tension = tuple(float(message.effort[where[slot]]) for slot in slots)
@@ -79,7 +87,7 @@ def free_motion(message: FingerStates, slots: Sequence[str], profiles: Sequence[
     ordered = [fingers[slot] for slot in slots]
     objections = tuple(
         f"{finger.finger}: {finger.reason or 'no solution'}"
-        if finger.validity == finger.FAILED or not math.isfinite(finger.tension)
+        if finger.validity == finger.FAILED or not all(map(math.isfinite, (finger.tension, finger.pulled_length)))
         else ""
         for finger in ordered
     )
@@ -96,6 +104,7 @@ def free_motion(message: FingerStates, slots: Sequence[str], profiles: Sequence[
         friction_model=message.friction_model,
         objection="; ".join(other_profiles),
         objections=objections,
+        friction_digest=message.friction_digest,
     )
 
 
@@ -142,12 +151,33 @@ def driver_facts(message: TendonStatusArray | None, slots: Sequence[str], *, fre
 
 def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
     """Return what a friction/active means for the gates."""
+    try:
+        digest, objection = accept(message).digest, ""
+    except FrictionError as error:
+        digest, objection = "", str(error)
+    if message.verdict == FrictionModel.UNSET:
+        objection = "expected a verdict, found none; calibrate (rig/calibrate)"
+    elif message.verdict not in _USABLE:
+        objection = f"it says so of itself: {message.reason}"
     return FrictionFacts(
         id=message.id,
+        digest=digest,
         age_s=(now_ns - nanoseconds(message.header.stamp)) * 1e-9,
         tension_high_n=float(message.tension_range[1]),
-        usable=message.verdict != FrictionModel.DO_NOT_USE,
-        reason=message.reason,
+        usable=not objection,
+        reason=objection,
+    )
+
+
+def safety_facts(message: SafetyState) -> SafetyFacts:
+    """Return what a safety/state means for the gates."""
+    return SafetyFacts(
+        heard=True,
+        estop=bool(message.estop),
+        estop_reason=message.estop_reason,
+        locked=bool(message.locked),
+        lock_owner=message.lock_owner,
+        lock_reason=message.lock_reason,
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The manager as a client of tendon_driver: close, open, hold, release, home."""
+"""The manager as a client of tendon_driver: close, open, hold, release, home; as the owner of the tendons."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from softgrip_cell.grasp.values import Close, Command, Open, Press
+from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
-from softgrip_nodekit import Caller, Doors
+from softgrip_nodekit import Caller, Doors, to_time_message
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
@@ -28,6 +29,21 @@ class _Movement:
     replaced: bool = False
 
 
+@dataclass(frozen=True)
+class MotionLimits:
+    """What goes with every order to the driver.
+
+    Attributes:
+        open_speed_m_per_s: for opening [m/s].
+        tension_limit_n: largest tension asked of the driver, also while fingers open [N].
+        order_s: an order that the driver would begin later than this is refused by it [s].
+    """
+
+    open_speed_m_per_s: float
+    tension_limit_n: float
+    order_s: float
+
+
 class DriverLink:
     """Commands to the driver; a new one takes the place of those that move the same tendons.
 
@@ -37,12 +53,15 @@ class DriverLink:
     Args:
         doors: the manager's way to other nodes.
         slots: tendon names, in slot order.
-        open_speed_m_per_s: for opening [m/s].
+        lease: of these tendons; its token goes with every movement.
+        limits: what no movement may exceed.
     """
 
-    def __init__(self, doors: Doors, slots: Sequence[str], open_speed_m_per_s: float) -> None:
+    def __init__(self, doors: Doors, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
+        self._doors = doors
         self._slots = tuple(slots)
-        self._open_speed = open_speed_m_per_s
+        self.lease = lease
+        self._limits = limits
         self._move = doors.action_client(MoveTendon, "tendon/move")
         self._release = doors.client(Trigger, "tendon/release")
         self._home = doors.client(Trigger, "tendon/home")
@@ -55,7 +74,7 @@ class DriverLink:
             "service tendon/release": self._release.ready(),
             "service tendon/home": self._home.ready(),
         }
-        return [name for name, ready in servers.items() if not ready]
+        return [name for name, ready in servers.items() if not ready] + self.lease.missing()
 
     def run(self, command: Command, ended: Ended) -> None:
         """Do what a grasp commands.
@@ -68,10 +87,11 @@ class DriverLink:
             tendons = [self._slots[slot] for slot in command.slots]
             self.move(tendons, command.targets_m, command.speed_m_per_s, command.tension_limit_n, ended)
         elif isinstance(command, Open):
-            self.move(self._slots, [0.0] * len(self._slots), self._open_speed, 0.0, ended)
+            self.open(self._limits.open_speed_m_per_s, ended)
         elif isinstance(command, Press):
             tendons = [self._slots[slot] for slot in command.slots]
-            self._send(tendons, MoveTendon.Goal.TENSION, command.tensions_n, command.speed_m_per_s, 0.0, ended)
+            limit_n = self._limits.tension_limit_n  # of LENGTH only, but never 0
+            self._send(tendons, MoveTendon.Goal.TENSION, command.tensions_n, command.speed_m_per_s, limit_n, ended)
         else:
             self.hold()
 
@@ -83,8 +103,13 @@ class DriverLink:
         tension_limit_n: float,
         ended: Ended,
     ) -> None:
-        """Move tendons to pulled lengths [m]; a tension limit of 0 leaves it to the driver."""
+        """Move tendons to pulled lengths [m]; they stop at the tension limit [N]."""
         self._send(tendons, MoveTendon.Goal.LENGTH, targets_m, speed_m_per_s, tension_limit_n, ended)
+
+    def open(self, speed_m_per_s: float, ended: Ended) -> None:
+        """Let every finger go back to straight."""
+        targets_m = [0.0] * len(self._slots)
+        self.move(self._slots, targets_m, speed_m_per_s, self._limits.tension_limit_n, ended)
 
     def _send(
         self,
@@ -107,6 +132,8 @@ class DriverLink:
             targets=[float(target) for target in targets],
             speed=float(speed_m_per_s),
             tension_limit=float(tension_limit_n),
+            lease=self.lease.token,
+            deadline=to_time_message(self._doors.now_ns() + round(self._limits.order_s * 1e9)),
         )
 
         def on_goal(handle: Any) -> None:

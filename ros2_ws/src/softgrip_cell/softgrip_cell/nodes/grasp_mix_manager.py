@@ -14,23 +14,35 @@ from sensor_msgs.msg import JointState
 from softgrip_cell.catalogue_file import SHIPPED as SHIPPED_CATALOGUE
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.cell import Cell, Clocks, Mode
-from softgrip_cell.errors import CellError
+from softgrip_cell.errors import CellError, OccupiedError, SchemaError, StorageError
 from softgrip_cell.gates import DriverFacts, FrictionLimits
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.nodes import convert
+from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.nodes.grasp_server import GraspServer
-from softgrip_cell.nodes.parameters import PARAMETERS, check_settings, grasp_settings
+from softgrip_cell.nodes.parameters import PARAMETERS, agreements, check_settings, grasp_settings, motion_limits
 from softgrip_cell.nodes.swap_server import SwapServer
+from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_cell.observation import Pair, Pairing, Silence
 from softgrip_cell.passports import SHIPPED as SHIPPED_PASSPORTS
 from softgrip_cell.passports import read_passports
 from softgrip_cell.planner import Order
 from softgrip_cell.storage import Database, Journal, Library
-from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual, TendonStatusArray
+from softgrip_interfaces.msg import (
+    CellState,
+    FingerStates,
+    FrictionModel,
+    LeaseHeartbeat,
+    PredictionResidual,
+    SafetyState,
+    TendonOwners,
+    TendonStatusArray,
+)
 from softgrip_interfaces.srv import PlanMix, SelectProduct
 from softgrip_nodekit import (
     LATCHED,
+    RELIABLE,
     SENSOR,
     Diagnostics,
     Doors,
@@ -44,9 +56,11 @@ from softgrip_nodekit import (
 #: Who the audit names for what the node does by itself.
 WHO = "grasp_mix_manager"
 
-#: Silence of the driver after which it counts as gone, and how often that is looked at [s].
-SILENCE_S = 1.0
+#: How often silence and time limits are looked at; each look is a heartbeat of the lease as well [s].
 LOOK_S = 0.1
+
+#: What could not be written is tried again, and tendons that may hold something are asked for again, so often [s].
+RETRY_S = 2.0
 
 #: After its start the driver may take so long before its silence is an error [s].
 START_S = 10.0
@@ -68,31 +82,36 @@ class GraspMixManager(Node):
             )
         self._grasp_settings: GraspSettings = grasp_settings(values)
         self._status: TendonStatusArray | None = None
-        self._status_silence, self._state_silence = (Silence(round(SILENCE_S / LOOK_S)) for _ in range(2))
+        self._silence_s: float = values["silence_s"]
+        self._status_silence, self._state_silence = (Silence(round(self._silence_s / LOOK_S)) for _ in range(2))
+        self._dropped = 0  # tendon/state messages without a number for every slot
+        self._next_retry_s = 0.0
         self._friction: FrictionModel | None = None
         self._pairing = Pairing()
         self._published: Any = None
-        self._to_release = False
         self._diagnostics = Diagnostics(self, watch_nodes=True)
-        self._database = self._start(lambda: Database(values["database_url"], exclusive=True))
+        self._database = self._start(lambda: Database(values["database_url"], exclusive=True, deferred=True))
         try:
             self._cell = self._start(lambda: self._open_cell(values))
         except StartupError:
             self._database.close()
             raise
         self._started_at_s = self._doors.monotonic_s()
-        # A swap that was cut off may have left fingers half closed, with nothing between them.
-        self._to_release = self._cell.cut_off is not None and self._cell.cut_off.kind == "swap"
-        self._driver = DriverLink(self._doors, self._slots, values["open_speed_m_per_s"])
-        self._grasp = GraspServer(self._doors, self._cell, self._driver, self._grasp_settings)
-        self._swap = SwapServer(
-            self._doors, self._cell, self._driver, check_settings(values), self._slots, values["swap_limit_s"]
+        heartbeats = self.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
+        self._lease = TendonLease(
+            self._doors, heartbeats.publish, WHO, self._slots, values["lease_s"], self._on_lease_lost
         )
+        self._driver = DriverLink(self._doors, self._slots, self._lease, motion_limits(values))
+        self._grasp = GraspServer(self._doors, self._cell, self._driver, self._grasp_settings)
+        lock, check = DriveLock(self._doors, WHO), check_settings(values)
+        self._swap = SwapServer(self._doors, self._cell, self._driver, lock, check, self._slots, values["swap_limit_s"])
         self._state_publisher = self.create_publisher(CellState, "cell/state", LATCHED)
         self._doors.service(SelectProduct, "cell/select_product", self._on_select)
         self._doors.service(PlanMix, "cell/plan_mix", self._on_plan)
         self._doors.subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
         self._doors.subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
+        self._doors.subscription(SafetyState, "safety/state", self._on_safety, LATCHED)
+        self._doors.subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
         self._doors.subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
         self._doors.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
         self._doors.subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
@@ -104,23 +123,46 @@ class GraspMixManager(Node):
         """Let go of the cell: whoever grasps or swaps is told, the driver holds or releases by its own rules."""
         self._grasp.abort("grasp_mix_manager is shutting down")
         self._driver.hold()
+        self._lease.release()
         self._database.close()
 
     def _open_cell(self, values: dict[str, Any]) -> Cell:
         """Fill an empty database from the shipped files and take up what the last run left."""
         library = Library(self._database, self._doors.now_ns)
-        if library.is_empty():
-            catalogue = read_catalogue(Path(values["catalogue"]) if values["catalogue"] else SHIPPED_CATALOGUE)
-            passports = read_passports(Path(values["passports"]) if values["passports"] else SHIPPED_PASSPORTS)
-            library.import_catalogue(catalogue, WHO)
-            library.import_passports(passports.values(), WHO)
+
+        def prepare() -> None:
+            self._database.open()
+            if library.is_empty():
+                catalogue = read_catalogue(Path(values["catalogue"]) if values["catalogue"] else SHIPPED_CATALOGUE)
+                passports = read_passports(Path(values["passports"]) if values["passports"] else SHIPPED_PASSPORTS)
+                library.import_catalogue(catalogue, WHO)
+                library.import_passports(passports.values(), WHO)
+
+        try:
+            prepare()
+        except (OccupiedError, SchemaError):
+            raise  # another manager or another release: nothing to wait for
+        except StorageError as error:
+            self.get_logger().error(f"{error}; the cell is at fault until it can be used")
         limits = FrictionLimits(values["friction_age_limit_s"], values["friction_range_factor"])
-        self._doors.state(self._database.save, self._database.load)
+        self._doors.state(self._save, self._load)
         journal = Journal(self._database, self._slots, self._doors.now_ns)
         clocks = Clocks(now_ns=self._doors.now_ns, monotonic_s=self._doors.monotonic_s)
-        cell = Cell(library, journal, self._slots.index(values["thumb"]), limits, clocks)
+        thumb = self._slots.index(values["thumb"])
+        cell = Cell(library, journal, thumb, limits, clocks, agreements(values), prepare)
         cell.update_friction(self._friction_facts)
         return cell
+
+    def _save(self) -> bytes:
+        """Return what the cell remembers; nothing where the database cannot be read."""
+        try:
+            return self._database.save()
+        except StorageError:
+            return b""
+
+    def _load(self, saved: bytes) -> None:
+        if saved:
+            self._database.load(saved)
 
     @staticmethod
     def _start(make: Callable[[], Value]) -> Value:
@@ -137,10 +179,10 @@ class GraspMixManager(Node):
     def _on_tendon_state(self, message: JointState) -> None:
         sample = convert.tendon_sample(message, self._slots)
         if sample is None:
+            self._dropped += 1
             expected = ", ".join(self._slots)
-            self._diagnostics.set(
-                "tendons", Health.ERROR, f"tendon/state: expected numbers for {expected}, found others"
-            )
+            text = f"tendon/state: expected numbers for {expected}, found others in {self._dropped} messages"
+            self._diagnostics.set("tendons", Health.ERROR, text)
             return
         self._state_silence.hear()
         self._cell.observe_sample(sample, 2.0 * self._grasp_settings.open_m)
@@ -164,9 +206,9 @@ class GraspMixManager(Node):
         self._swap.see(tips)
 
     def _on_residual(self, message: PredictionResidual) -> None:
-        if message.verdict == PredictionResidual.WORN:
-            self._cell.wear(message.finger, message.reason)
-            self._publish_state()
+        worn = message.verdict == PredictionResidual.WORN
+        self._cell.observe_residual(message.finger, worn=worn, reason=message.reason)
+        self._publish_state()
 
     def _on_tendon_status(self, message: TendonStatusArray) -> None:
         self._status = message
@@ -175,6 +217,21 @@ class GraspMixManager(Node):
         self._grasp.observe_faults(faults, convert.nanoseconds(message.header.stamp))
         self._swap.observe_faults(faults)
         self._update_driver()
+
+    def _on_safety(self, message: SafetyState) -> None:
+        safety = convert.safety_facts(message)
+        self._cell.update_safety(safety)
+        self._swap.observe_safety(safety)
+        if safety.estop:
+            self._grasp.abort(f"the emergency stop is latched: {safety.estop_reason}")
+        elif safety.locked:
+            self._grasp.abort(safety.lock_text)
+        self._publish_state()
+
+    def _on_lease_lost(self, reason: str) -> None:
+        self.get_logger().warning(reason)
+        self._grasp.abort(reason)
+        self._swap.lose(reason)
 
     def _on_friction(self, message: FrictionModel) -> None:
         self._friction = message
@@ -186,29 +243,61 @@ class GraspMixManager(Node):
         self._publish_state()
 
     def _watch(self) -> None:
-        """What no message tells: silence, and a person who does not come back."""
-        if self._to_release and not self._driver.missing():
-            self._to_release = False
-            self._driver.release(self._released_after_restart)
-        self._swap.watch_clock()
+        """What no message tells: silence, a person who does not come back, a disk that can be written again."""
+        self._lease.look()
         self._status_silence.look()
         self._state_silence.look()
+        self._watch_silence()
+        self._swap.watch_clock()
+        is_due = self._doors.monotonic_s() >= self._next_retry_s
+        if is_due:
+            self._next_retry_s = self._doors.monotonic_s() + RETRY_S
+            self._cell.retry_writes()
+        self._care_for_lease(is_due)
         self._update_driver()
-        if self._status is None and self._doors.monotonic_s() - self._started_at_s < START_S:
+        self._report_cell()
+
+    def _watch_silence(self) -> None:
+        """End what moves when the driver is not heard any more: nobody knows where the fingers are."""
+        silent = [
+            topic
+            for topic, silence in (("tendon/state", self._state_silence), ("tendon/status", self._status_silence))
+            if silence.reached
+        ]
+        if not silent:
+            text = "tendon/state is coming in"
+            if self._dropped:
+                text += f"; {self._dropped} messages without a number for every slot were dropped"
+            self._diagnostics.set("tendons", Health.OK, text)
+        elif self._status is None and self._doors.monotonic_s() - self._started_at_s < START_S:
             self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
-        elif self._state_silence.reached:
-            self._grasp.abort(f"expected tendon/state, found none for {SILENCE_S:g} s")
-            self._diagnostics.set("tendons", Health.ERROR, "no tendon/state; start or check tendon_driver")
         else:
-            self._diagnostics.set("tendons", Health.OK, "tendon/state is coming in")
+            reason = f"expected {' and '.join(silent)}, found none for {self._silence_s:g} s"
+            if self._dropped:
+                reason += f" ({self._dropped} without a number for every slot were dropped)"
+            self._grasp.abort(f"{reason}; the fingers hold where they are")
+            self._swap.fall_silent(reason)
+            self._diagnostics.set("tendons", Health.ERROR, f"{reason}; start or check tendon_driver")
+
+    def _care_for_lease(self, is_due: bool) -> None:
+        """Own the tendons while the cell works or holds something, unless somebody asks for what is only held."""
+        if self._grasp.active or self._swap.active:
+            return
+        if self._lease.is_requested:
+            self._lease.hand_over()
+        elif not self._cell.may_hold:
+            self._lease.release()
+        elif is_due and not self._lease.token and not self._lease.is_left:
+            # What is held is held on by the driver while its owner is alive, also after a restart of this node.
+            self._lease.acquire(lambda _why_not: None)
+
+    def _report_cell(self) -> None:
         mode = self._cell.mode
         health = {Mode.FAULT: Health.ERROR, Mode.ESTOP: Health.ERROR, Mode.UNKNOWN: Health.WARN}.get(mode, Health.OK)
+        if self._cell.lock is not None and not self._swap.active:
+            health = max(health, Health.WARN)
         state = self._cell.state()
         self._diagnostics.set("cell", health, state["fault"] or state["reason"] or mode.name.lower(), state)
-
-    def _released_after_restart(self, success: bool, message: str) -> None:
-        said = "done" if success else message
-        self.get_logger().info(f"a swap was cut off by the last end of this node; tendon/release: {said}")
 
     def _on_select(self, request: Any, response: Any) -> Any:
         try:

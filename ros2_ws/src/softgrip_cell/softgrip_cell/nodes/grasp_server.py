@@ -29,6 +29,9 @@ class GraspHost(Protocol):
     def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
         """Write down what came of it and give the cell back."""
 
+    def abandon_grasp(self, reason: str) -> None:
+        """Give the cell back: the grasp never began."""
+
     def now_s(self) -> float:
         """Monotonic time [s]."""
 
@@ -45,6 +48,7 @@ class GraspServer:
         self._goal: Any = None
         self._done: Future | None = None
         self._sample: TendonSample | None = None
+        self._is_active = False
         self._step = Step(Phase.DONE)
         doors.action_server(Grasp, "cell/grasp", self._execute, self._cancel)
 
@@ -52,6 +56,11 @@ class GraspServer:
     def phase(self) -> Phase | None:
         """Where the running grasp stands, None when none runs."""
         return self._sequence.phase if self._sequence is not None else None
+
+    @property
+    def active(self) -> bool:
+        """Whether a grasp is going on, or is about to begin."""
+        return self._is_active
 
     def observe_sample(self, sample: TendonSample) -> None:
         """Take a tendon sample before its prediction is known."""
@@ -90,13 +99,19 @@ class GraspServer:
         try:
             task = self._host.begin_grasp(request.product, confirm_lift=request.confirm_lift, trial=request.trial)
         except CellError as error:
-            goal_handle.abort()
-            return convert.grasp_result(Verdict(Outcome.ABORTED, f"refused: {error}", 0.0), self._sample, 0.0)
+            return self._refused(goal_handle, f"refused: {error}")
+        self._is_active = True
+        why_not = await self._owned(goal_handle)
+        if why_not:
+            self._is_active = False
+            self._host.abandon_grasp(why_not)
+            return self._refused(goal_handle, why_not)
         self._goal = goal_handle
         self._done = Future()
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
         verdict: Verdict = await self._doors.resumed("grasp", self._done)
+        self._is_active = False
         duration_s = self._host.now_s() - started_s
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
@@ -108,6 +123,22 @@ class GraspServer:
         # After the result has gone out: writing to disk must not delay it.
         self._doors.later(self._host.end_grasp, task, verdict, duration_s)
         return result
+
+    async def _owned(self, goal_handle: Any) -> str:
+        """Become the owner of the tendons; returns why not."""
+        owned = Future()
+        self._driver.lease.acquire(owned.set_result)
+        denied: str = await self._doors.resumed("lease", owned)
+        if goal_handle.is_cancel_requested:
+            return "cancelled by the client before anything moved"
+        return f"refused: {denied}" if denied else ""
+
+    def _refused(self, goal_handle: Any, reason: str) -> Grasp.Result:
+        if goal_handle.is_cancel_requested:
+            goal_handle.canceled()
+        else:
+            goal_handle.abort()
+        return convert.grasp_result(Verdict(Outcome.ABORTED, reason, 0.0), self._sample, 0.0)
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
         self._doors.later(self.abort, "cancelled by the client; the fingers stay where they are")

@@ -6,13 +6,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from softgrip_cell.cell import Agreements
 from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.nodes.driver_link import MotionLimits
 from softgrip_cell.storage import SHIPPED_URL
 from softgrip_cell.swap.check import CheckSettings
 from softgrip_nodekit import Parameter, ParameterTable
 
 _GRASP = GraspSettings()
 _CHECK = CheckSettings()
+_AGREEMENTS = Agreements()
 
 PARAMETERS = ParameterTable(
     Parameter("database_url", SHIPPED_URL, "SQLAlchemy URL: sqlite:///path or postgresql://user@host/name"),
@@ -25,6 +28,15 @@ PARAMETERS = ParameterTable(
     Parameter("friction_age_limit_s", 30 * 86400.0, "oldest friction model that is used", "s", 60.0, 1e9),
     Parameter(
         "friction_range_factor", 5.0, "tension of a closing over the calibrated tension, at most", "", 1.0, 100.0
+    ),
+    Parameter("lease_s", 2.0, "without a heartbeat for so long the driver stops what the cell moves", "s", 0.5, 10.0),
+    Parameter("order_s", 1.0, "an order that the driver would begin later than this is refused", "s", 0.1, 10.0),
+    Parameter("silence_s", 1.0, "silence of the driver that ends a grasp and refuses the next", "s", 0.3, 10.0),
+    Parameter(
+        "open_run", _AGREEMENTS.open_samples, "samples in a row with all fingers open: nothing is held", "", 2, 200
+    ),
+    Parameter(
+        "worn_run", _AGREEMENTS.worn_residuals, "residuals in a row that call a finger worn until it counts", "", 1, 100
     ),
     Parameter("open_speed_m_per_s", 0.05, "speed of opening the fingers", "m/s", 0.001, 0.5),
     Parameter("contact_sigma", _GRASP.contact_sigma, "contact from this many standard deviations", "", 2.0, 20.0),
@@ -97,3 +109,13 @@ def check_settings(values: Mapping[str, Any]) -> CheckSettings:
         change_fraction=values["check_change_fraction"],
         tip_m=values["check_tip_m"],
     )
+
+
+def agreements(values: Mapping[str, Any]) -> Agreements:
+    """Return how many messages in a row are believed."""
+    return Agreements(values["open_run"], values["worn_run"])
+
+
+def motion_limits(values: Mapping[str, Any]) -> MotionLimits:
+    """Return what goes with every order to the driver."""
+    return MotionLimits(values["open_speed_m_per_s"], values["tension_limit_n"], values["order_s"])

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Action cell/swap and service cell/confirm_step: walks a SwapSequence through driver, person and check."""
+"""Action cell/swap and service cell/confirm_step: walks a SwapSequence through driver, person and check.
+
+While a person's hands may be inside, from open_palm to close_palm, the drives are locked (tendon/lock): torque off and
+every motion refused. A swap that ends meanwhile leaves them locked until a person confirms that the hands are out.
+"""
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
@@ -10,19 +15,30 @@ from rclpy.action import CancelResponse
 from rclpy.task import Future
 
 from softgrip_cell.errors import CellError, RefusedError
+from softgrip_cell.gates import SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.nodes import convert
+from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
-from softgrip_cell.storage.journal import Slot
+from softgrip_cell.storage.journal import HeldLock, Slot
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
-from softgrip_cell.swap.sequence import SwapSequence, SwapStep, Turn
+from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, Turn
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
 from softgrip_nodekit import Doors
 
 #: A tendon with less tension than this may be unhooked [N].
 SLACK_N: Final = 2.0
+#: Once tendon/release has answered, the tendons have to be seen slack within this [s].
+SLACK_S: Final = 2.0
+#: At its end a swap waits at most so long for the driver to slacken the tendons and to take the lease back [s].
+GIVE_BACK_S: Final = 5.0
+#: Whether the lock still stands is asked at most so often [s].
+ASK_S: Final = 1.0
+
+#: Steps in which the cell itself moves, or is about to.
+MOVING: Final = frozenset({SwapStep.RELEASE, SwapStep.HOME, SwapStep.VERIFY})
 
 
 class SwapHost(Protocol):
@@ -37,10 +53,20 @@ class SwapHost(Protocol):
     def remember(self, turn: Turn) -> None:
         """Write down what has to be written before a step begins."""
 
+    @property
+    def lock(self) -> HeldLock | None:
+        """The lock of the drives that this cell holds."""
+
+    def keep_lock(self, turn: Turn, lock: HeldLock) -> None:
+        """Write down the lock, and that a person may touch the fingers from now on."""
+
+    def drop_lock(self, reason: str = "") -> None:
+        """Take note that the drives are not locked by this cell any more."""
+
     def end_swap(
         self, sequence: SwapSequence, outcome: str, reason: str, duration_s: float, checks: Mapping[str, FingerCheck]
     ) -> None:
-        """Write down what came of it and give the cell back."""
+        """Write down what came of it and give the cell back, unless hands may still be inside."""
 
     def slots(self) -> Sequence[Slot]:
         """What the slots hold now."""
@@ -59,13 +85,24 @@ class SwapEnded(Exception):  # noqa: N818  not an error: the way out of the proc
 
 
 class SwapServer:
-    """One swap at a time."""
+    """One swap at a time.
+
+    Args:
+        doors: the node's way to others.
+        host: the cell.
+        driver: moves the tendons.
+        lock: of the drives.
+        settings: of the check.
+        slots: tendon names, in slot order.
+        limit_s: longest swap [s].
+    """
 
     def __init__(
         self,
         doors: Doors,
         host: SwapHost,
         driver: DriverLink,
+        lock: DriveLock,
         settings: CheckSettings,
         slots: Sequence[str],
         limit_s: float,
@@ -73,15 +110,23 @@ class SwapServer:
         self._doors = doors
         self._host = host
         self._driver = driver
+        self._lock = lock
         self._settings = settings
         self._slots = tuple(slots)
         self._limit_s = limit_s
         self._sequence: SwapSequence | None = None
         self._goal: Any = None
-        self._waiting: Future | None = None
+        self._token = ""  # of the running swap, for cell/confirm_step
+        self._waiting = Future()
         self._ended: SwapEnded | None = None
         self._closing: EmptyClosing | None = None
         self._started_s = 0.0
+        self._slack: Future | None = None  # waits for slack tendons
+        self._slack_until_s = 0.0
+        self._slack_said = ""
+        self._given_back: tuple[Future, float] | None = None
+        self._lock_stands = False  # the driver has said so since it was taken, or since safety/state said otherwise
+        self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
         doors.action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
         doors.service(ConfirmStep, "cell/confirm_step", self._confirm)
@@ -94,6 +139,9 @@ class SwapServer:
     def observe_sample(self, sample: TendonSample) -> None:
         """Take a tendon sample."""
         self._tension_n = sample.tension_n
+        if self._slack is not None and not self._taut():
+            slack, self._slack = self._slack, None
+            _resolve(slack)
 
     def observe(self, pair: Pair) -> None:
         """Take a tendon sample with its prediction."""
@@ -112,10 +160,39 @@ class SwapServer:
             fault = faults[0]
             self._interrupt("FAILED", f"tendon {fault.tendon}: {fault.name}: {fault.reason}")
 
+    def observe_safety(self, safety: SafetyFacts) -> None:
+        """Take safety/state; a stop or somebody's lock ends a swap that moves."""
+        if not safety.locked:
+            self._lock_stands = False  # whether ours is meant, the driver is asked
+        if self._sequence is None or self._sequence.step not in MOVING:
+            return
+        if safety.estop:
+            self._interrupt("FAILED", f"the emergency stop is latched: {safety.estop_reason}")
+        elif safety.locked:
+            self._interrupt("FAILED", safety.lock_text)
+
+    def lose(self, reason: str) -> None:
+        """End a swap that moves: the tendons are somebody else's."""
+        if self._sequence is not None and self._sequence.step in MOVING:
+            self._interrupt("FAILED", reason)
+
+    def fall_silent(self, reason: str) -> None:
+        """End a swap that moves: the driver is not heard any more."""
+        self.lose(reason)
+
     def watch_clock(self) -> None:
-        """End a swap that takes longer than it may."""
-        if self._sequence is not None and self._host.now_s() - self._started_s > self._limit_s:
+        """End what takes longer than it may; see that the lock of the drives still stands."""
+        now_s = self._host.now_s()
+        if self._sequence is not None and now_s - self._started_s > self._limit_s:
             self._interrupt("FAILED", f"not done within {self._limit_s:g} s, at step '{self._sequence.step}'")
+        if self._slack is not None and now_s > self._slack_until_s:
+            taut = ", ".join(self._taut()) or "(none seen since)"
+            self._interrupt("FAILED", f"tendon/release: {self._slack_said}; tendons {taut} are taut")
+        if self._given_back is not None and now_s > self._given_back[1]:
+            _resolve(self._given_back[0])
+        if self._host.lock is not None and not self._lock_stands and now_s >= self._next_ask_s and self._lock.ready():
+            self._next_ask_s = now_s + ASK_S
+            self._lock.ask(self._host.lock.token, self._on_lock_asked)
 
     async def _execute(self, goal_handle: Any) -> SwapFingers.Result:
         request = goal_handle.request
@@ -124,25 +201,17 @@ class SwapServer:
         except CellError as error:
             goal_handle.abort()
             return convert.swap_result("REFUSED", str(error), self._host.slots(), 0.0)
-        self._sequence, self._goal, self._ended, self._waiting = sequence, goal_handle, None, None
+        self._sequence, self._goal, self._ended = sequence, goal_handle, None
+        self._token = self._doors.draw_token()
         self._started_s = self._host.now_s()
-        checks: Mapping[str, FingerCheck] = {}
-        try:
-            await self._walk(sequence)
-            checks = await self._verify(sequence)
-            bad = [f"{name}: {check.reason}" for name, check in checks.items() if check.finding is not Finding.GOOD]
-            outcome, reason = ("FAILED", "check refused: " + "; ".join(bad)) if bad else ("SUCCEEDED", _praise(checks))
-        except SwapEnded as end:
-            outcome, reason = end.outcome, f"{end.reason}; {sequence.safe_condition()}"
-        except CellError as error:
-            outcome, reason = "FAILED", f"{error}; {sequence.safe_condition()}"
-        self._sequence, self._goal, self._closing = None, None, None
-        self._driver.release(lambda _success, _message: None)
+        outcome, reason, checks = await self._swapped(sequence)
+        self._goal, self._closing, self._slack = None, None, None
         duration_s = self._host.now_s() - self._started_s
-        try:
-            self._host.end_swap(sequence, outcome, reason, duration_s, checks)
-        except CellError as error:
-            outcome, reason = "FAILED", str(error)
+        if self._host.lock is not None:
+            reason = f"{reason}; {HANDS_OUT_TEXT}"
+        await self._give_back()
+        self._sequence = None
+        self._host.end_swap(sequence, outcome, reason, duration_s, checks)
         if outcome == "SUCCEEDED":
             goal_handle.succeed()
         elif goal_handle.is_cancel_requested:
@@ -151,18 +220,49 @@ class SwapServer:
             goal_handle.abort()
         return convert.swap_result(outcome, reason, self._host.slots(), duration_s)
 
+    async def _swapped(self, sequence: SwapSequence) -> tuple[str, str, Mapping[str, FingerCheck]]:
+        """Return outcome, reason, and what was found of the fingers."""
+        try:
+            await self._walk(sequence)
+            checks = await self._verify(sequence)
+        except SwapEnded as end:
+            return end.outcome, f"{end.reason}; {sequence.safe_condition()}", {}
+        except CellError as error:
+            return "FAILED", f"{error}; {sequence.safe_condition()}", {}
+        bad = [f"{name}: {check.reason}" for name, check in checks.items() if check.finding is not Finding.GOOD]
+        return ("FAILED", "check refused: " + "; ".join(bad), checks) if bad else ("SUCCEEDED", _praise(checks), checks)
+
     async def _walk(self, sequence: SwapSequence) -> None:
         """From slack tendons to homed ones."""
         self._tell(sequence.start())
+        await self._owned()
         await self._slackened()
         turn = sequence.released()
-        while turn.confirmation:
-            self._host.remember(turn)
-            self._tell(turn)
-            turn = await self._wait()
+        if turn.step is SwapStep.LOCK:
+            turn = await self._changed_by_hand(sequence, turn)
         self._host.remember(turn)
         self._tell(turn)
         await self._answered(self._driver.home, "tendon/home")
+
+    async def _changed_by_hand(self, sequence: SwapSequence, turn: Turn) -> Turn:
+        """Lock the drives, have a person change the fingers, unlock; returns what follows."""
+        self._host.remember(turn)
+        self._tell(turn)
+        token = await self._locked(sequence)
+        turn = sequence.locked()
+        try:
+            self._host.keep_lock(turn, HeldLock(token, self._token, sequence.finger_set.id))
+        except CellError:
+            self._unlock_unused(token)  # nobody was told to reach in
+            raise
+        while turn.confirmation:
+            self._tell(turn)
+            turn = await self._wait(Future())
+            self._host.remember(turn)
+        self._tell(turn)
+        await self._unlocked(token)
+        await self._owned()
+        return sequence.unlocked()
 
     async def _verify(self, sequence: SwapSequence) -> Mapping[str, FingerCheck]:
         """Close on nothing, open again, and judge."""
@@ -171,67 +271,135 @@ class SwapServer:
         self._tell(turn)
         self._closing = EmptyClosing(self._slots, self._settings, self._host.earlier_references(sequence))
         settings = self._settings
-        await self._moved(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
+        await self._moved(settings.length_m, settings.speed_m_per_s)
         closing, self._closing = self._closing, None
-        await self._moved(0.0, 2.0 * settings.speed_m_per_s, 0.0)
+        await self._moved(0.0, 2.0 * settings.speed_m_per_s)
         return closing.judge()
 
-    async def _moved(self, target_m: float, speed_m_per_s: float, tension_limit_n: float) -> None:
+    async def _moved(self, target_m: float, speed_m_per_s: float) -> None:
+        done = Future()
+
         def ended(outcome: int, reason: str) -> None:
             if outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
-                self._resume(None)
+                _resolve(done)
             else:
                 self._interrupt("FAILED", f"tendon/move to {target_m * 1e3:.1f} mm: {reason}")
 
-        self._driver.move(self._slots, [target_m] * len(self._slots), speed_m_per_s, tension_limit_n, ended)
-        await self._wait()
+        targets_m = [target_m] * len(self._slots)
+        self._driver.move(self._slots, targets_m, speed_m_per_s, self._settings.tension_limit_n, ended)
+        await self._wait(done)
+
+    async def _owned(self) -> None:
+        """Become the owner of the tendons; the driver's words say whose they are."""
+        done = Future()
+        self._driver.lease.acquire(lambda why_not: _resolve(done, why_not))
+        why_not = await self._wait(done)
+        if why_not:
+            raise SwapEnded("FAILED", why_not)
 
     async def _slackened(self) -> None:
-        """Have the tendons released; where the driver has none to release they have to be slack already."""
+        """Have the tendons released, and see that they are slack; where the driver releases none they have to be so."""
+        slack = Future()
 
         def answered(success: bool, message: str) -> None:
-            pulling = [name for name, n in zip(self._slots, self._tension_n, strict=False) if n > SLACK_N]
-            if success or (self._tension_n and not pulling):
-                self._resume(None)
-            else:
-                self._interrupt(
-                    "FAILED", f"tendon/release: {message}; tendons {', '.join(pulling) or 'unseen'} are taut"
-                )
+            self._slack, self._slack_said = slack, "done" if success else message
+            self._slack_until_s = self._host.now_s() + SLACK_S
 
         self._driver.release(answered)
-        await self._wait()
+        await self._wait(slack)
+
+    def _taut(self) -> list[str]:
+        """Return the tendons that pull; all while none was seen."""
+        if not self._tension_n:
+            return list(self._slots)
+        return [name for name, tension_n in zip(self._slots, self._tension_n, strict=True) if tension_n > SLACK_N]
+
+    async def _locked(self, sequence: SwapSequence) -> str:
+        """Lock the drives; returns the token."""
+        done = Future()
+
+        def answered(success: bool | None, said: str) -> None:
+            if not success:
+                self._interrupt("FAILED", f"tendon/lock: {said}")
+            elif done.done() or self._ended is not None:
+                self._unlock_unused(said)  # the swap ended meanwhile, nobody was told to reach in
+            else:
+                self._lock_stands = True
+                _resolve(done, said)
+
+        if not self._lock.ready():
+            raise SwapEnded("FAILED", "expected services tendon/lock and tendon/unlock, found none")
+        self._lock.lock(f"swap to '{sequence.finger_set.id}'", answered)
+        return str(await self._wait(done))
+
+    async def _unlocked(self, token: str) -> None:
+        """Unlock the drives: no hands are inside any more."""
+        done = Future()
+
+        def answered(success: bool | None, said: str) -> None:
+            if success:
+                self._host.drop_lock()
+                _resolve(done)
+            else:
+                self._lock_stands = False
+                self._interrupt("FAILED", f"tendon/unlock: {said}")
+
+        self._lock.unlock(token, "the palm is closed", answered)
+        await self._wait(done)
+
+    def _unlock_unused(self, token: str) -> None:
+        self._lock.unlock(token, "the swap ended before anybody reached in", lambda _success, _said: None)
+
+    def _on_lock_asked(self, success: bool | None, said: str) -> None:
+        if self._host.lock is None or success is None:
+            return
+        self._lock_stands = success
+        if not success:
+            self._host.drop_lock(f"the lock of the drives is gone: {said}; run cell/swap when all hands are out")
+            self._interrupt("FAILED", f"the lock of the drives is gone: {said}; take your hands out")
 
     async def _answered(self, call: Any, name: str) -> None:
+        done = Future()
+
         def answered(success: bool, message: str) -> None:
             if success:
-                self._resume(None)
+                _resolve(done)
             else:
                 self._interrupt("FAILED", f"{name}: {message}")
 
         call(answered)
-        await self._wait()
+        await self._wait(done)
 
-    async def _wait(self) -> Any:
-        """Wait for whoever resumes or interrupts the swap."""
-        if self._waiting is None:
-            self._waiting = Future()
-        result = await self._doors.resumed("swap", self._waiting)
-        self._waiting = None
+    async def _give_back(self) -> None:
+        """Have the tendons slackened, unless the drives are locked, and give them back to whoever comes next."""
+        done = Future()
+        self._given_back = (done, self._host.now_s() + GIVE_BACK_S)
+
+        def give_back(*_: object) -> None:
+            self._driver.lease.release(lambda: _resolve(done))
+
+        if self._host.lock is None:
+            self._driver.release(give_back)
+        else:
+            give_back()
+        await self._doors.resumed("swap", done)
+        self._given_back = None
+
+    async def _wait(self, future: Future) -> Any:
+        """Wait for what resolves the future, or for whoever interrupts the swap."""
+        if self._ended is None:
+            self._waiting = future
+            result = await self._doors.resumed("swap", future)
         if self._ended is not None:
             raise self._ended
         return result
 
-    def _resume(self, value: Any) -> None:
-        if self._waiting is None:
-            self._waiting = Future()
-        if not self._waiting.done():
-            self._waiting.set_result(value)
-
     def _interrupt(self, outcome: str, reason: str) -> None:
-        if self._sequence is not None:
+        if self._goal is not None:
             self._driver.hold()
+            self._slack = None
             self._ended = self._ended or SwapEnded(outcome, reason)
-            self._resume(None)
+            _resolve(self._waiting)
 
     def _tell(self, turn: Turn) -> None:
         self._goal.publish_feedback(
@@ -240,23 +408,63 @@ class SwapServer:
                 instruction=turn.instruction,
                 confirmation=turn.confirmation,
                 elapsed=self._host.now_s() - self._started_s,
+                token=self._token,
             )
         )
 
     def _confirm(self, request: Any, response: Any) -> Any:
         try:
-            if self._sequence is None:
-                raise RefusedError("expected a swap to be going on, found none; start one with cell/swap")
-            turn = self._sequence.confirm(request.step, list(request.serials))
-            response.success, response.message = True, turn.instruction
-            self._resume(turn)
+            if self._sequence is not None:
+                response.message = self._confirm_step(self._sequence, request)
+            else:
+                response.message = self._confirm_hands_out(request)
+            response.success = True
         except RefusedError as error:
             response.success, response.message = False, str(error)
         return response
 
+    def _confirm_step(self, sequence: SwapSequence, request: Any) -> str:
+        _check_token(request.token, self._token)
+        if self._goal is None or self._ended is not None:
+            raise RefusedError("the swap is ending; look at its result")
+        turn = sequence.confirm(request.step, list(request.serials))
+        _resolve(self._waiting, turn)
+        return turn.instruction
+
+    def _confirm_hands_out(self, request: Any) -> str:
+        """Unlock the drives that an interrupted swap left locked, in this or in an earlier run."""
+        lock = self._host.lock
+        if lock is None:
+            raise RefusedError("expected a swap to be going on, found none; start one with cell/swap")
+        if request.step != HANDS_OUT:
+            raise RefusedError(f"expected a confirmation of step '{HANDS_OUT}', found '{request.step}'")
+        _check_token(request.token, lock.confirm_token)
+        if not self._lock.ready():
+            raise RefusedError("expected service tendon/unlock, found none; start tendon_driver, then confirm again")
+
+        def answered(success: bool | None, _said: str) -> None:
+            if success:
+                self._host.drop_lock("hands are out, the drives are unlocked; run cell/swap before any grasp")
+            else:
+                self._lock_stands = False  # the driver is asked what became of it
+
+        self._lock.unlock(lock.token, "a person confirmed that hands are out", answered)
+        return "the drives are being unlocked; run cell/swap before any grasp"
+
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
         self._doors.later(self._interrupt, "CANCELLED", "cancelled by the client")
         return CancelResponse.ACCEPT
+
+
+def _resolve(future: Future, result: Any = None) -> None:
+    if not future.done():
+        future.set_result(result)
+
+
+def _check_token(given: str, expected: str) -> None:
+    if not secrets.compare_digest(given.encode(), expected.encode()):
+        found = "another one" if given else "none"
+        raise RefusedError(f"expected the token that the feedback of this swap gave to its client, found {found}")
 
 
 def _praise(checks: Mapping[str, FingerCheck]) -> str:

@@ -9,14 +9,14 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, Final, Self
+from typing import Any, BinaryIO, Final, Self
 
-from sqlalchemy import Connection, Engine, create_engine, delete, event, insert, inspect, select, text
+from sqlalchemy import Connection, Engine, create_engine, delete, event, insert, inspect, select, text, update
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
-from softgrip_cell.errors import OccupiedError, StorageError
-from softgrip_cell.storage.schema import AUDIT, META, METADATA, SCHEMA_VERSION
+from softgrip_cell.errors import OccupiedError, SchemaError, StorageError
+from softgrip_cell.storage.schema import AUDIT, EXTENSIBLE_VERSIONS, META, METADATA, SCHEMA_VERSION
 
 #: Tables that nothing is decided by.
 _NOT_REMEMBERED: Final = {AUDIT.name, META.name}
@@ -37,21 +37,39 @@ class Database:
     Args:
         url: SQLAlchemy URL; ``sqlite:///path`` (``~`` is the home folder) or ``postgresql://user@host/name``.
         exclusive: take the cell: refuse when another process has it. Tools that only read or edit entries do not.
+        deferred: do not open it yet; `open` does, as often as it has to be tried.
 
     Raises:
         OccupiedError: another manager runs this cell.
-        StorageError: it cannot be opened, written, or has a newer schema.
+        SchemaError: it was written by another release.
+        StorageError: it cannot be opened or written, or the URL names none.
     """
 
-    def __init__(self, url: str = SHIPPED_URL, *, exclusive: bool = False) -> None:
+    def __init__(self, url: str = SHIPPED_URL, *, exclusive: bool = False, deferred: bool = False) -> None:
         self.url = _parse(url)
-        self._lock_file: IO[str] | None = None
+        self._exclusive = exclusive
+        self._is_open = False
+        self._lock_file: BinaryIO | None = None
         self._lock_connection: Connection | None = None
         self._engine: Engine = self._make_engine()
+        if not deferred:
+            self.open()
+
+    def open(self) -> None:
+        """Take the cell where asked to, and create or check the tables.
+
+        Raises:
+            OccupiedError, SchemaError, StorageError: see the class; nothing is held then.
+        """
+        if self._is_open:
+            return
         try:
-            if exclusive:
+            if self._is_file():
+                self._make_folder(Path(str(self.url.database)).parent)
+            if self._exclusive:
                 self._occupy()
             self._prepare()
+            self._is_open = True
         except BaseException:
             self.close()
             raise
@@ -69,6 +87,7 @@ class Database:
 
     def close(self) -> None:
         """Close every connection and give the cell back."""
+        self._is_open = False
         if self._lock_connection is not None:
             self._lock_connection.close()
             self._lock_connection = None
@@ -110,15 +129,13 @@ class Database:
             for table in METADATA.sorted_tables:
                 if table.name not in _NOT_REMEMBERED:
                     connection.execute(delete(table))
-                    if rows[table.name]:
+                    if rows.get(table.name):  # an older release had fewer tables
                         connection.execute(insert(table), rows[table.name])
 
     def _make_engine(self) -> Engine:
         if self.url.get_backend_name() != "sqlite":
             with self._translated():
                 return create_engine(self.url, pool_pre_ping=True, connect_args={"connect_timeout": 5})
-        if self.url.database not in (None, "", ":memory:"):
-            self._make_folder(Path(str(self.url.database)).parent)
         engine = create_engine(self.url, connect_args={"timeout": LOCK_WAIT_S, "check_same_thread": False})
 
         @event.listens_for(engine, "connect")
@@ -147,8 +164,11 @@ class Database:
                 connection.execute(insert(META).values(key="schema", value=str(SCHEMA_VERSION)))
                 return
             found = connection.execute(select(META.c.value).where(META.c.key == "schema")).scalar_one_or_none()
-            if found != str(SCHEMA_VERSION):
-                raise StorageError(
+            if found in {str(version) for version in EXTENSIBLE_VERSIONS}:
+                METADATA.create_all(connection)
+                connection.execute(update(META).where(META.c.key == "schema").values(value=str(SCHEMA_VERSION)))
+            elif found != str(SCHEMA_VERSION):
+                raise SchemaError(
                     f"database {self.place}: expected schema {SCHEMA_VERSION}, found {found}; "
                     "run the softgrip release that wrote it, or name another database_url"
                 )
@@ -163,20 +183,21 @@ class Database:
                 if not taken.scalar_one():
                     raise OccupiedError(busy)
             return
-        if self.url.database in (None, "", ":memory:"):
+        if not self._is_file():
             return
         path = Path(f"{self.url.database}.lock")
         try:
-            self._lock_file = path.open("a+", encoding="utf-8")
+            self._lock_file = path.open("ab+", buffering=0)
             fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock_file.truncate(0)
+            self._lock_file.write(f"{os.getpid()}\n".encode())
         except BlockingIOError:
-            self._lock_file = None
             raise OccupiedError(busy) from None
         except OSError as error:
             raise StorageError(f"lock file {path}: expected to be able to write it: {error}") from error
-        self._lock_file.truncate(0)
-        self._lock_file.write(f"{os.getpid()}\n")
-        self._lock_file.flush()
+
+    def _is_file(self) -> bool:
+        return self.url.get_backend_name() == "sqlite" and self.url.database not in (None, "", ":memory:")
 
     @contextmanager
     def _translated(self) -> Iterator[None]:

@@ -18,7 +18,7 @@ from sqlalchemy import Connection, delete, func, insert, select, update
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.passports import FingerState
 from softgrip_cell.storage.engine import Database
-from softgrip_cell.storage.schema import OPERATION, OUTCOME, PASSPORT, SLOT, SWAP
+from softgrip_cell.storage.schema import LOCK, META, OPERATION, OUTCOME, PASSPORT, SLOT, SWAP
 
 
 class SlotState(StrEnum):
@@ -49,6 +49,21 @@ class OpenOperation:
 
 
 @dataclass(frozen=True)
+class HeldLock:
+    """The lock of the drives that this cell holds: hands may be inside until a person says otherwise.
+
+    Attributes:
+        token: of tendon/lock; releases it.
+        confirm_token: of the swap that took it; a person's confirmation carries it.
+        subject: finger set of that swap.
+    """
+
+    token: str
+    confirm_token: str
+    subject: str
+
+
+@dataclass(frozen=True)
 class Counts:
     """Everything ever counted in this database."""
 
@@ -70,6 +85,11 @@ class Journal:
         self._database = database
         self._names = tuple(slots)
         self._now_ns = now_ns
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the slots, in order."""
+        return self._names
 
     def recover(self) -> OpenOperation | None:
         """Bring the record into a state that can be true after a start: what was verified is to be verified again.
@@ -120,10 +140,48 @@ class Journal:
         with self._database.write() as connection:
             self._set_step(connection, step)
 
-    def forget_slots(self, step: str) -> None:
-        """A person may touch the fingers from here on: slots and the fingers in them become unknown."""
+    def abandon(self) -> None:
+        """Write that the open operation never began: nothing moved, nothing is counted."""
+        with self._database.write() as connection:
+            connection.execute(delete(OPERATION))
+
+    def probe(self) -> None:
+        """Write something that changes nothing, to see whether the database can be written."""
+        with self._database.write() as connection:
+            connection.execute(update(META).where(META.c.key == "schema").values(value=META.c.value))
+
+    def lock(self) -> HeldLock | None:
+        """Return the lock of the drives that is held, None when there is none."""
+        with self._database.read() as connection:
+            row = connection.execute(select(LOCK)).one_or_none()
+        return None if row is None else HeldLock(row.token, row.confirm_token, row.subject)
+
+    def drop_lock(self) -> None:
+        """Write that the drives are not locked by this cell any more."""
+        with self._database.write() as connection:
+            connection.execute(delete(LOCK))
+            self._audit(connection, "unlock", "drives", None)
+
+    def forget_slots(self, step: str, lock: HeldLock) -> None:
+        """A person may touch the fingers from here on: slots and the fingers in them become unknown.
+
+        Args:
+            step: of the swap.
+            lock: of the drives; on disk before anybody reaches in, so that a restart can release it.
+        """
         with self._database.write() as connection:
             self._set_step(connection, step)
+            connection.execute(delete(LOCK))
+            connection.execute(
+                insert(LOCK).values(
+                    id=1,
+                    token=lock.token,
+                    confirm_token=lock.confirm_token,
+                    subject=lock.subject,
+                    at_ns=self._now_ns(),
+                )
+            )
+            self._audit(connection, "lock", lock.subject, None)
             mounted = select(SLOT.c.serial).where(SLOT.c.serial != "").scalar_subquery()
             connection.execute(
                 update(PASSPORT)

@@ -8,7 +8,10 @@ from typing import Final
 from sqlalchemy import BigInteger, Boolean, Column, Float, Index, Integer, MetaData, String, Table, Text
 
 #: Grows when a table changes; a database with a greater number is refused.
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
+
+#: Versions that lack nothing but tables, which are added when such a database is opened.
+EXTENSIBLE_VERSIONS: Final = frozenset({1})
 
 METADATA: Final = MetaData()
 
@@ -61,6 +64,17 @@ OPERATION = Table(
     Column("kind", String(20), nullable=False),
     Column("subject", String(80), nullable=False),
     Column("step", String(40), nullable=False),
+    Column("at_ns", BigInteger, nullable=False),
+)
+
+#: At most one row: the lock of the drives that this cell holds (tendon/lock). Hands may be inside until it is released.
+LOCK = Table(
+    "softgrip_lock",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("token", String(200), nullable=False),  # of tendon/lock
+    Column("confirm_token", String(80), nullable=False),  # of the swap, for cell/confirm_step
+    Column("subject", String(80), nullable=False),
     Column("at_ns", BigInteger, nullable=False),
 )
 

@@ -161,8 +161,9 @@ class EmptyClosing:
         if finding is not Finding.GOOD:
             return FingerCheck(name, finding, reason, course.ratio, tip_m)
         try:
+            last = self._pairs[-1].free
             reference = learn_reference(
-                trace.pulled_m, trace.measured_n, trace.predicted_n, self._pairs[-1].free.friction_model
+                trace.pulled_m, trace.measured_n, trace.predicted_n, last.friction_model, last.friction_digest
             )
         except CatalogueError as error:
             return _unseen(name, str(error))

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 from softgrip_cell.errors import RefusedError
 from softgrip_cell.passports import Passport
@@ -17,10 +18,12 @@ class SwapStep(StrEnum):
     """Steps of a swap, in order; the value is the id that feedback and cell/confirm_step use."""
 
     RELEASE = "release"
+    LOCK = "lock"
     OPEN_PALM = "open_palm"
     REMOVE = "remove"
     INSERT = "insert"
     CLOSE_PALM = "close_palm"
+    UNLOCK = "unlock"
     HOME = "home"
     VERIFY = "verify"
     DONE = "done"
@@ -34,6 +37,15 @@ class Remember(StrEnum):
     PARK_FINGERS = "park fingers"
     READ_IN = "read in"
 
+
+#: What a person confirms when a swap ended while the drives were locked (cell/confirm_step).
+HANDS_OUT: Final = "hands_out"
+
+#: What has to happen before anything else after such a swap.
+HANDS_OUT_TEXT: Final = (
+    "the drives stay locked: take your hands out, then confirm step 'hands_out' with the token of that swap "
+    "(cell/confirm_step); without the token: estop, then tendon/unlock with override_owner"
+)
 
 #: Steps that wait for a person or a tool changer.
 CONFIRMED_STEPS = frozenset({SwapStep.OPEN_PALM, SwapStep.REMOVE, SwapStep.INSERT, SwapStep.CLOSE_PALM})
@@ -102,6 +114,11 @@ class SwapSequence:
         self._expect(SwapStep.RELEASE)
         if self.only_check:
             return self._go(SwapStep.HOME, "The tendons are being homed. Keep your hands away.")
+        return self._go(SwapStep.LOCK, "The drives are being locked. Keep your hands away.")
+
+    def locked(self) -> Turn:
+        """The drives have no torque and refuse everybody."""
+        self._expect(SwapStep.LOCK)
         return self._go(SwapStep.OPEN_PALM, "Open the palm.", Remember.FORGET_SLOTS)
 
     def confirm(self, step: str, serials: Sequence[str] = ()) -> Turn:
@@ -128,6 +145,11 @@ class SwapSequence:
             self._check_serials(serials)
             self.serials = tuple(serials)
             return self._go(SwapStep.CLOSE_PALM, "Close the palm.", Remember.READ_IN, self.serials)
+        return self._go(SwapStep.UNLOCK, "The drives are being unlocked. Keep your hands away.")
+
+    def unlocked(self) -> Turn:
+        """The drives obey again; no hands are inside."""
+        self._expect(SwapStep.UNLOCK)
         return self._go(SwapStep.HOME, "The tendons are being homed. Keep your hands away.")
 
     def homed(self) -> Turn:
@@ -137,10 +159,12 @@ class SwapSequence:
 
     def safe_condition(self) -> str:
         """Say in words how the cell is left when the swap ends now."""
-        if self.step in (SwapStep.RELEASE, SwapStep.OPEN_PALM) and not self.only_check:
+        if self.step in (SwapStep.RELEASE, SwapStep.LOCK, SwapStep.OPEN_PALM) and not self.only_check:
             return "tendons slack, fingers as before but to be verified"
         if self.step in (SwapStep.HOME, SwapStep.VERIFY) or self.only_check:
             return "tendons released, fingers to be verified before any grasp"
+        if self.step is SwapStep.UNLOCK:
+            return "tendons slack, fingers to be verified before any grasp"
         return "tendons slack, palm open, slots unknown: run the swap again before any grasp"
 
     def _go(

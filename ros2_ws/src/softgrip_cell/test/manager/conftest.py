@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import os
+import resource
+import secrets
 import signal
 import socket
 import sqlite3
@@ -11,14 +13,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
 from geometry_msgs.msg import Point
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -33,13 +35,154 @@ from softgrip_interfaces.msg import (
     FingerState,
     FingerStates,
     FrictionModel,
+    LeaseHeartbeat,
     PredictionResidual,
+    SafetyState,
+    TendonOwner,
+    TendonOwners,
     TendonStatus,
     TendonStatusArray,
 )
+from softgrip_interfaces.srv import AcquireLease, AcquireLock, ConfirmStep, ReleaseLease, ReleaseLock
+from softgrip_model.friction.acceptance import accept
 from softgrip_nodekit import LATCHED, SENSOR, to_time_message
 
 SLOTS = ("index", "middle", "thumb")
+
+
+class Guard:
+    """What keeps the tendons from moving: emergency stop, lock, lease; as the texts of the interfaces say."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._safety = node.create_publisher(SafetyState, "safety/state", LATCHED)
+        self._owners = node.create_publisher(TendonOwners, "tendon/owners", LATCHED)
+        node.create_service(AcquireLease, "tendon/lease", self._on_lease)
+        node.create_service(ReleaseLease, "tendon/lease_release", self._on_lease_release)
+        node.create_subscription(LeaseHeartbeat, "tendon/heartbeat", self._on_heartbeat, 10)
+        self._sequence = 0
+        self._estop = False
+        self.lock_token = ""
+        self.lock_owner = ""
+        self.lock_reason = ""
+        self.lease_token = ""
+        self.lease_owner = ""
+        self.requested_by = ""
+        self.heartbeats = 0
+        self._duration_s = 0.0
+        self._beaten_s = 0.0
+        self.publish()
+        self._publish_owners()
+
+    @property
+    def estop(self) -> bool:
+        return self._estop
+
+    @estop.setter
+    def estop(self, latched: bool) -> None:
+        self._estop = latched
+        self.publish()
+
+    @property
+    def locked(self) -> bool:
+        return bool(self.lock_token)
+
+    def publish(self) -> None:
+        self._sequence += 1
+        message = SafetyState(
+            sequence=self._sequence,
+            estop=self._estop,
+            estop_reason="scripted" if self._estop else "",
+            locked=self.locked,
+            lock_owner=self.lock_owner,
+            lock_reason=self.lock_reason,
+        )
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._safety.publish(message)
+
+    def refusal(self, lease: str = "", *, leased: bool = True) -> str:
+        """Why an order is refused, empty when it is not."""
+        if self._estop:
+            return "the emergency stop is latched"
+        if self.locked:
+            return f"the drives are locked by '{self.lock_owner}'"
+        if leased and lease != self.lease_token:
+            return f"the tendons are owned by '{self.lease_owner or 'nobody'}'"
+        return ""
+
+    def lock(self, request: Any, response: Any) -> Any:
+        if request.token:
+            response.success = request.token == self.lock_token
+            response.message = "it stands" if response.success else "no such lock"
+        elif self.locked:
+            response.message = f"locked by '{self.lock_owner}': {self.lock_reason}"
+        else:
+            self.lock_token = secrets.token_hex(8)
+            self.lock_owner, self.lock_reason = request.owner, request.reason
+            response.success, response.token = True, self.lock_token
+            self.publish()
+        return response
+
+    def unlock(self, request: Any, response: Any) -> Any:
+        overridden = request.override_owner and self._estop and request.reason
+        if self.locked and (request.token == self.lock_token or overridden):
+            self.lock_token = self.lock_owner = self.lock_reason = ""
+            response.success = True
+            self.publish()
+        else:
+            response.message = "not the owner's token"
+        return response
+
+    def take_lease(self, owner: str, duration_s: float = 60.0) -> None:
+        """Give the tendons to somebody, whoever had them."""
+        self.lease_token, self.lease_owner = secrets.token_hex(8), owner
+        self._duration_s, self._beaten_s = duration_s, time.monotonic()
+        self.requested_by = ""
+        self._publish_owners()
+
+    def ask_for_hand_over(self, name: str) -> None:
+        self.requested_by = name
+        self._publish_owners()
+
+    def end_lease(self) -> None:
+        self.lease_token = self.lease_owner = ""
+        self._publish_owners()
+
+    def watch(self) -> None:
+        """End a lease whose owner sends no heartbeats."""
+        if self.lease_token and time.monotonic() - self._beaten_s > self._duration_s:
+            self.end_lease()
+
+    def _on_lease(self, request: Any, response: Any) -> Any:
+        if self.lease_token:
+            response.message = f"the tendons are owned by '{self.lease_owner}'"
+        else:
+            self.take_lease(request.owner, request.duration)
+            response.success, response.token, response.duration = True, self.lease_token, request.duration
+        return response
+
+    def _on_lease_release(self, request: Any, response: Any) -> Any:
+        response.success = bool(self.lease_token) and request.token == self.lease_token
+        if response.success:
+            self.end_lease()
+        return response
+
+    def _on_heartbeat(self, message: Any) -> None:
+        if message.token == self.lease_token:
+            self.heartbeats += 1
+            self._beaten_s = time.monotonic()
+
+    def _publish_owners(self) -> None:
+        message = TendonOwners(
+            owners=[
+                TendonOwner(
+                    tendon=name, owner=self.lease_owner, duration=self._duration_s, requested_by=self.requested_by
+                )
+                for name in SLOTS
+            ]
+        )
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._owners.publish(message)
 
 
 class ScriptedDriver(Node):
@@ -48,9 +191,15 @@ class ScriptedDriver(Node):
     def __init__(self, bench: Any) -> None:
         super().__init__("scripted_driver")
         self.bench = bench
+        self.guard = Guard(self)
+        self.refused: list[str] = []
+        self.moved = 0
+        self.status_quiet = False
+        self.spoil: Callable[[JointState], None] = lambda _: None
+        self.release_fails = ""
+        self.digest = ""  # of the friction model that the scripted predictor computes with
         self.profile = "power"
         self.fault = ""
-        self.estop = False
         self.quiet = False
         self.released = 0
         self.blocked: set[str] = set()
@@ -63,6 +212,8 @@ class ScriptedDriver(Node):
         self._friction = self.create_publisher(FrictionModel, "friction/active", LATCHED)
         self.create_service(Trigger, "tendon/release", self._on_release)
         self.create_service(Trigger, "tendon/home", self._on_home)
+        self.create_service(AcquireLock, "tendon/lock", self._on_lock)
+        self.create_service(ReleaseLock, "tendon/unlock", self._on_unlock)
         ActionServer(
             self,
             MoveTendon,
@@ -81,11 +232,18 @@ class ScriptedDriver(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._residual.publish(message)
 
-    def publish_friction(self, *, age_s: float = 60.0, model: str = "synthetic", high_n: float = 9.81) -> None:
+    def publish_friction(self, *, age_s: float = 60.0, **changes: Any) -> None:
         stamp = to_time_message(self.get_clock().now().nanoseconds - int(age_s * 1e9))
-        message = FrictionModel(id=model, tension_range=[2.0, high_n])
+        message = friction_model(**changes)
+        self.digest = accept(message).digest
         message.header.stamp = stamp
         self._friction.publish(message)
+
+    def publish_state(self, pulled_m: Sequence[float]) -> None:
+        """Say once what somebody else's node would: that the tendons are there."""
+        state = JointState(name=list(SLOTS), position=list(pulled_m), velocity=[0.0] * 3, effort=[0.0] * 3)
+        state.header.stamp = self.get_clock().now().to_msg()
+        self._state.publish(state)
 
     def _on_cell(self, message: CellState) -> None:
         self.cell = message
@@ -105,9 +263,25 @@ class ScriptedDriver(Node):
         self._gates.append(gate)
         await gate
 
+    async def _on_lock(self, request: Any, response: Any) -> Any:
+        if "lock" in self.blocked and not request.token:
+            await self._blocked()
+            return response
+        return self.guard.lock(request, response)
+
+    async def _on_unlock(self, request: Any, response: Any) -> Any:
+        if "unlock" in self.blocked:
+            await self._blocked()
+            return response
+        return self.guard.unlock(request, response)
+
     async def _on_release(self, _request: Any, response: Any) -> Any:
         if "release" in self.blocked:
             await self._blocked()
+            return response
+        response.message = self.release_fails or self.guard.refusal(leased=False)
+        if response.message:
+            self.refused.append(f"release: {response.message}")
             return response
         self.released += 1
         self.bench.obey(Step(Phase.APPROACH, (Open(),)))
@@ -118,16 +292,39 @@ class ScriptedDriver(Node):
         if "home" in self.blocked:
             await self._blocked()
             return response
-        response.success = True
+        response.message = self.guard.refusal(leased=False)
+        response.success = not response.message
+        if response.message:
+            self.refused.append(f"home: {response.message}")
         return response
+
+    def _refusal(self, goal: Any) -> str:
+        """What the interface of tendon/move says about orders that are refused."""
+        now_ns = self.get_clock().now().nanoseconds
+        deadline_ns = goal.deadline.sec * 1_000_000_000 + goal.deadline.nanosec
+        if goal.mode not in (goal.LENGTH, goal.TENSION):
+            return f"expected a mode, found {goal.mode}"
+        if not goal.speed > 0.0:
+            return f"expected a speed, found {goal.speed}"
+        if goal.mode == goal.LENGTH and not goal.tension_limit > 0.0:
+            return f"expected a tension limit, found {goal.tension_limit}"
+        if deadline_ns and now_ns > deadline_ns:
+            return "too late"
+        return self.guard.refusal(goal.lease)
 
     async def _move(self, handle: Any) -> MoveTendon.Result:
         goal = handle.request
+        why_not = self._refusal(goal)
+        if why_not:
+            self.refused.append(f"move: {why_not}")
+            handle.abort()
+            return MoveTendon.Result(outcome=MoveTendon.Result.REFUSED, reason=why_not)
+        self.moved += 1
         tendons = list(goal.tendons) or list(SLOTS)
         slots = tuple(SLOTS.index(name) for name in tendons)
-        targets = tuple(goal.targets)
+        targets = tuple(goal.targets) if len(goal.targets) == len(slots) else tuple(goal.targets) * len(slots)
         if goal.mode == goal.TENSION:
-            self.bench.obey(Step(Phase.HOLD, (Press(slots, targets),)))
+            self.bench.obey(Step(Phase.HOLD, (Press(slots, targets, goal.speed),)))
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
         if max(targets) == 0.0:
@@ -147,6 +344,7 @@ class ScriptedDriver(Node):
         return MoveTendon.Result(outcome=outcome)
 
     def _tick(self) -> None:
+        self.guard.watch()
         if self.quiet:
             return
         self.bench.now_ns = self.get_clock().now().nanoseconds - 5_000_000
@@ -159,6 +357,7 @@ class ScriptedDriver(Node):
             effort=[float(n) for n in pair.sample.tension_n],
         )
         state.header.stamp = stamp
+        self.spoil(state)
         self._state.publish(state)
         predicted = FingerStates(
             fingers=[
@@ -172,18 +371,26 @@ class ScriptedDriver(Node):
                 for slot, name in enumerate(SLOTS)
             ],
             friction_model="synthetic",
+            friction_digest=self.digest,
         )
         predicted.header.stamp = stamp
         self._predicted.publish(predicted)
+        if not self.status_quiet:
+            self._publish_status(stamp)
+        self._end_goals()
+
+    def _publish_status(self, stamp: Any) -> None:
         status = TendonStatusArray(
             tendons=[
                 TendonStatus(tendon=name, state=TendonStatus.HOLDING, homed=True, fault=self.fault, reason="scripted")
                 for name in SLOTS
             ],
-            estop=self.estop,
+            estop=self.guard.estop,
         )
         status.header.stamp = stamp
         self._status.publish(status)
+
+    def _end_goals(self) -> None:
         for entry in list(self._goals):
             handle, targets, done = entry
             there = all(self.bench.pulled_m[slot] >= target - 1e-9 for slot, target in targets)
@@ -192,6 +399,23 @@ class ScriptedDriver(Node):
             if there or handle.is_cancel_requested:
                 self._goals.remove(entry)
                 done.set_result(MoveTendon.Result.REACHED if there else MoveTendon.Result.CANCELLED)
+
+
+def friction_model(*, model: str = "synthetic", high_n: float = 9.81, **changes: Any) -> FrictionModel:
+    """A model that can be true; `mu` is what the scripted prediction has nothing to do with."""
+    fields = {
+        "id": model,
+        "law": "capstan",
+        "k_reading": "printed",
+        "coefficient_names": ["mu"],
+        "coefficients": [0.2],
+        "cable_radius": 0.000125,
+        "surface_radius": 0.003,
+        "angle_range": [0.1, 1.6],
+        "tension_range": [0.1, high_n],
+        "verdict": FrictionModel.USABLE,
+    }
+    return FrictionModel(**(fields | changes))
 
 
 def until(condition: Callable[[], bool], timeout_s: float, expected: str, process: Any = None) -> None:
@@ -229,7 +453,12 @@ class Cell:
         until(future.done, timeout_s, expected)
         return future.result()
 
-    def start(self, *parameters: str, mode: int = CellState.IDLE) -> None:
+    def start_with_full_disk(self) -> None:
+        """As `start`, where no file can be written from the first moment on."""
+        _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        self.start(mode=CellState.FAULT, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard)))
+
+    def start(self, *parameters: str, mode: int = CellState.IDLE, **options: Any) -> None:
         self.driver.cell = None
         settings = [f"database_url:={self.url}", "lift_window_s:=0.3", "check_speed_m_per_s:=0.08", *parameters]
         arguments = [argument for setting in settings for argument in ("-p", setting)]
@@ -237,6 +466,7 @@ class Cell:
             [sys.executable, "-m", "softgrip_cell.nodes.grasp_mix_manager", "--ros-args", *arguments],
             stderr=subprocess.PIPE,
             text=True,
+            **options,
         )
         until(lambda: self.driver.cell is not None, 20.0, "cell/state", self.process)
         self.state(lambda state: state.mode == mode, f"mode {mode}")
@@ -264,6 +494,22 @@ class Cell:
     @staticmethod
     def serials(prefix: str) -> list[str]:
         return [f"{prefix}-{name[0].upper()}-01" for name in SLOTS]
+
+    def order(self, lease: str = "") -> tuple[int, str]:
+        """What a client that nobody invited is told when it asks for a movement: outcome and reason."""
+        client = ActionClient(self.node, MoveTendon, "tendon/move")
+        until(client.server_is_ready, 10.0, "tendon/move")
+        goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[0.005], speed=0.01, tension_limit=5.0, lease=lease)
+        handle = self.wait(client.send_goal_async(goal), 10.0, "a goal handle")
+        result = self.wait(handle.get_result_async(), 10.0, "a result").result
+        return result.outcome, result.reason
+
+    def confirm(self, step: str, token: str, serials: Sequence[str] = ()) -> Any:
+        """Answer of cell/confirm_step."""
+        client = self.node.create_client(ConfirmStep, "cell/confirm_step")
+        until(client.service_is_ready, 10.0, "cell/confirm_step")
+        request = ConfirmStep.Request(step=step, token=token, serials=list(serials))
+        return self.wait(client.call_async(request), 10.0, "an answer of cell/confirm_step")
 
     def swap(self, finger_set: str = "power", prefix: str = "PW", **options: Any) -> Any:
         serials = self.serials(prefix)

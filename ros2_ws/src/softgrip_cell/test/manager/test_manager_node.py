@@ -17,6 +17,7 @@ from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
+    FrictionModel,
     MountedFinger,
     PredictionResidual,
 )
@@ -141,20 +142,23 @@ def test_refusals_name_what_is_wrong(cell: Any) -> None:
     assert "expected one of the finger sets power, pinch, hook, found 'claw'" in cell.swap("claw").reason
     cell.driver.publish_friction(age_s=90 * 86400.0)
     cell.until(lambda: "days old, the limit is 30.0 days" in reason(), 5.0, "a refusal for age")
-    cell.driver.publish_friction(model="other")
-    cell.until(lambda: "checked with friction model 'synthetic', active is 'other'" in reason(), 5.0, "another model")
-    cell.driver.publish_friction(high_n=1.0)
-    cell.until(lambda: "is trusted up to 5.0 N" in reason(), 5.0, "a refusal for range")
+    cell.driver.publish_friction(model="other", coefficients=[0.3])
+    cell.until(lambda: "active is friction model 'other'" in reason(), 5.0, "a refusal for another model")
+    cell.driver.publish_friction(coefficients=[0.3])
+    cell.until(lambda: "active is friction model 'synthetic'" in reason(), 5.0, "a refusal for other numbers")
+    cell.driver.publish_friction(coefficients=[0.3], verdict=FrictionModel.UNSET)
+    cell.until(lambda: "expected a verdict, found none" in reason(), 5.0, "a refusal without a verdict")
     cell.driver.publish_friction()
+    cell.until(lambda: "does not hold" in reason("grape"), 5.0, "the model of the check")
     cell.driver.fault = "overload"
     cell.state(lambda s: s.mode == CellState.FAULT and "overload" in s.fault, "mode fault")
     assert "the driver has a fault: index: overload: scripted" in reason()
     assert "the driver has a fault" in cell.swap().reason
     cell.driver.fault = ""
-    cell.driver.estop = True
+    cell.driver.guard.estop = True
     cell.state(lambda s: s.mode == CellState.ESTOP, "mode estop")
-    assert "the emergency stop is latched" in reason()
-    cell.driver.estop = False
+    assert "the emergency stop is latched (scripted)" in reason()
+    cell.driver.guard.estop = False
     cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
     # A trial may do what is known to fail.
     tried = cell.controller.grasp("grape", trial=True)
@@ -166,10 +170,14 @@ def test_a_finger_that_its_residual_calls_worn_is_not_used_any_more(cell: Any) -
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
     heard = cell.driver.count_subscribers
     cell.until(lambda: heard("finger/residual") > 0, 10.0, "somebody who listens to finger/residual")
+    for _ in range(4):
+        cell.driver.publish_residual("middle", PredictionResidual.WORN, "a single outburst")
     cell.driver.publish_residual("middle", PredictionResidual.WATCH, "a little off")
-    cell.driver.publish_residual("middle", PredictionResidual.WORN, "12 % of its length beside the prediction")
+    for _ in range(5):
+        cell.driver.publish_residual("middle", PredictionResidual.WORN, "12 % of its length beside the prediction")
     state = cell.state(lambda s: "worn" in s.reason, "a worn finger")
     assert "PW-M-01" in state.reason
+    assert "outburst" not in state.reason
     refused = cell.controller.grasp("egg").reason
     assert "12 % of its length" in refused
     assert "cell/swap" in refused
@@ -222,7 +230,8 @@ def test_a_driver_that_falls_silent_ends_the_grasp_and_a_manager_that_was_held_u
 
     lost = cell.controller.grasp("orange", on_phase=fall_silent)
     assert GRASP_OUTCOMES[lost.outcome] == "ABORTED"
-    assert "expected tendon/state, found none for 1 s" in lost.reason
+    assert "expected tendon/state and tendon/status, found none for 1 s" in lost.reason
+    assert "the fingers hold where they are" in lost.reason
     cell.state(lambda s: s.mode == CellState.UNKNOWN, "mode unknown")
 
 
@@ -241,7 +250,8 @@ def test_a_cancelled_swap_states_its_safe_condition(cell: Any) -> None:
     answer = cell.wait(handle.get_result_async(), 5.0, "a result")
     assert answer.result.outcome == SwapFingers.Result.CANCELLED
     assert "tendons slack, fingers as before but to be verified" in answer.result.reason
-    cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
+    assert "take your hands out" in answer.result.reason
+    cell.state(lambda s: s.mode == CellState.SWAPPING and "hands_out" in s.reason, "the instruction")
 
 
 def test_a_swap_that_takes_too_long_fails(cell: Any) -> None:

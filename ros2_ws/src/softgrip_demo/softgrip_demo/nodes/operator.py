@@ -10,6 +10,8 @@ from typing import Any, Final
 from std_srvs.srv import Trigger
 
 from softgrip_cell.nodes.controller_client import CellController
+from softgrip_cell.swap.check import CheckSettings
+from softgrip_cell.swap.sequence import HANDS_OUT_TEXT
 from softgrip_demo.errors import ShiftError
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.nodes.link import CellLink
@@ -25,6 +27,7 @@ RESUMABLE: Final = "resume the plan"
 #: Says that a swap was refused for a fault of the drives, not of the fingers.
 DRIVER_FAULT: Final = "the driver has a fault"
 HOMING_TIMEOUT: Final = 30.0  # [s]
+CLOSING_TENSION: Final = CheckSettings().tension_limit_n  # [N] at which a finger has closed as far as it goes
 
 
 class Operator:
@@ -98,6 +101,8 @@ class Operator:
                 return
             self._log.warning(f"swap to {finger_set}: {result.reason}")
             reasons.append(f"{serials[0]} ...: {result.reason}")
+            if HANDS_OUT_TEXT in result.reason:
+                self._cell.hands_out()  # the hands of the emulated cell are out after every call
             if DRIVER_FAULT in result.reason:
                 self._home()
                 continue
@@ -117,10 +122,14 @@ class Operator:
     def move(self, pulled_length: float, speed: float) -> None:
         """Close or open all fingers to a pulled length [m] at a speed [m/s].
 
+        The order carries no lease: between two swaps nobody owns the tendons, and a single movement ends by itself.
+
         Raises:
             ShiftError: they did not get there.
         """
-        goal = MoveTendon.Goal(mode=MoveTendon.Goal.LENGTH, targets=[pulled_length], speed=speed)
+        goal = MoveTendon.Goal(
+            mode=MoveTendon.Goal.LENGTH, targets=[pulled_length], speed=speed, tension_limit=CLOSING_TENSION
+        )
         result = self._link.act(MoveTendon, "tendon/move", goal, timeout=30.0)
         if result.outcome not in {result.REACHED, result.TENSION_LIMIT}:
             raise ShiftError(f"tendon/move to {1000 * pulled_length:g} mm ended otherwise: {result.reason}")

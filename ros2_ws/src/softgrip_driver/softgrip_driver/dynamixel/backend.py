@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.bringup import Servo, examine, identify, refuse, set_up
+from softgrip_driver.dynamixel.bringup import Servo, examine, identify, is_left_holding, refuse, set_up
 from softgrip_driver.dynamixel.bus import Bus, Reply
 from softgrip_driver.dynamixel.live import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, Live, SlowRead
 from softgrip_driver.dynamixel.registers import HardwareError, Item
@@ -38,7 +38,14 @@ class DynamixelBackend:
         watchdog: [s] of silence after which a servo stops by itself; 0 = off.
         write_eeprom: correct persistent settings that differ; otherwise they are an error.
         report: told of each of them, in words, before any of them is written.
+        hold_unwatched: the watchdog runs while a servo moves only, so that a hold outlives this process.
     """
+
+    #: [pulses] a goal must leave the one that a servo rests at to count as motion: 0.15 mm of tendon on a 10 mm spool,
+    #: more than the slow correction of a hold moves it within REST_TIME
+    MOTION_PULSES = 10
+    #: [s] without motion before a servo counts as holding
+    REST_TIME = 0.3
 
     #: misses in a row after which a servo is left out of the group read
     MISSES = 3
@@ -60,8 +67,10 @@ class DynamixelBackend:
         *,
         write_eeprom: bool = True,
         report: Callable[[str], object] = lambda _: None,
+        hold_unwatched: bool = False,
     ) -> None:
         self.bus = bus
+        self._hold_unwatched = hold_unwatched
         self._live = {servo.tendon: Live(servo) for servo in servos}
         self._watchdog_units = (
             0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
@@ -86,22 +95,47 @@ class DynamixelBackend:
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
-    def connect(self) -> Sequence[DriveIdentity]:
-        """Open the port, identify every servo, compare its settings, and only then set up any of them, torque off."""
+    def connect(self, *, keep_torque: bool = False) -> Sequence[DriveIdentity]:
+        """Open the port, identify every servo, compare its settings, and only then set up any of them, torque off.
+
+        With ``keep_torque`` one that holds with the settings it would be given is left as it is.
+        """
         self.bus.open()
         try:
             identities = [identify(self.bus, live.servo) for live in self._live.values()]
             self._tell_differences()
             for live, identity in zip(self._live.values(), identities, strict=True):
-                for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
-                    pass
-                self._after_set_up(live)
+                if keep_torque and is_left_holding(self.bus, live.servo):
+                    self._adopt(live)
+                else:
+                    for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom):
+                        pass
+                    self._after_set_up(live)
                 live.servo = identity.servo
             self.fast = all(live.servo.fast_sync_read for live in self._live.values())
         except DriverError:
             self.bus.close()
             raise
         return [DriveIdentity(identity.servo.tendon, identity.text) for identity in identities]
+
+    def _adopt(self, live: Live) -> None:
+        """Learn what a servo does that was left holding, and leave it doing so.
+
+        A bus watchdog that has tripped keeps the goals read-only until 0 is written to it (e-manual, item 98).
+        """
+        servo_id = live.servo.servo_id
+        self._after_set_up(live)
+        live.goal = live.servo.length(self.bus.read(servo_id, reg.GOAL_POSITION, attempts=3))
+        self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=3)
+        live.powered = True
+
+    def is_powered(self, tendon: str) -> bool:
+        """Whether a servo was left holding."""
+        return not math.isnan(self._live[tendon].goal)
+
+    def goal_position(self, tendon: str) -> float:
+        """Return the goal [m, device frame] of a servo that was left holding, NaN for others."""
+        return self._live[tendon].goal
 
     def _tell_differences(self) -> None:
         """Report what would be written to all servos: a wrong port or ID is noticed while nothing has been."""
@@ -112,9 +146,9 @@ class DynamixelBackend:
         for difference in differences:
             self._report(f"{difference}; it is written now")
 
-    def disconnect(self) -> None:
-        """Torque off and close."""
-        if self.bus.is_open:
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Torque off, unless ``keep_torque`` is set, and close."""
+        if self.bus.is_open and not keep_torque:
             for tendon in self._live:
                 try:
                     self._switch_off(self._live[tendon], attempts=3)
@@ -163,8 +197,9 @@ class DynamixelBackend:
         servo_id = live.servo.servo_id
         live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts)
         live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts)
-        live.powered = False
-        live.current_units = None
+        live.powered = live.armed = False
+        live.current_units = live.anchor = None
+        live.goal = math.nan
 
     # --- a cycle ---------------------------------------------------------------------------------------------------
 
@@ -213,9 +248,24 @@ class DynamixelBackend:
                 currents[servo.servo_id] = live.current_units = units
             if setpoint.position is not None:
                 positions[servo.servo_id] = servo.pulses(setpoint.position)
+                self._watch_motion(live, positions[servo.servo_id])
         # The tension limit first: a raised position must never meet yesterday's higher limit.
         self.bus.sync_write(reg.GOAL_CURRENT, currents)
         self.bus.sync_write(reg.GOAL_POSITION, positions)
+
+    def _watch_motion(self, live: Live, goal: int) -> None:
+        """Let the bus watchdog run while a servo moves; where holds are to outlive this process, only then."""
+        now = time.monotonic()
+        if live.anchor is None or abs(goal - live.anchor) > self.MOTION_PULSES:
+            live.anchor, live.moved_at = goal, now
+        wanted = not self._hold_unwatched or now - live.moved_at < self.REST_TIME
+        if wanted == live.armed or not self._watchdog_units:
+            return
+        try:
+            self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units if wanted else 0)
+        except (NoReplyError, CorruptReplyError):
+            return  # tried again in the next cycle
+        live.armed = wanted
 
     def power(self, tendon: str, on: bool) -> None:
         """Hold the present position, or let go."""
@@ -230,7 +280,8 @@ class DynamixelBackend:
         # Written with torque on: some firmware copies the present position at that moment, and the last word is ours.
         self.bus.write(servo_id, reg.GOAL_POSITION, position, attempts=2)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
-        live.powered, live.current_units = None, None
+        live.powered, live.current_units, live.anchor = None, None, None
+        live.armed = True
 
     def mark_session(self, tendon: str, mark: int) -> None:
         """Keep the mark in the goal PWM, up to 15 units (1.7 %) below its limit, where a restart puts it back."""
@@ -250,7 +301,7 @@ class DynamixelBackend:
         servo_id = live.servo.servo_id
         self.bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts=attempts)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=attempts)
-        live.powered = False
+        live.powered = live.armed = False
 
     def _reading(self, live: Live, reply: Reply) -> DriveReading:
         live.misses, live.absent = 0, False
@@ -359,4 +410,4 @@ class DynamixelBackend:
             live.watchdog_tripped = True
             self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, 0, attempts=2)
             self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
-            live.current_units = None
+            live.current_units, live.armed = None, True

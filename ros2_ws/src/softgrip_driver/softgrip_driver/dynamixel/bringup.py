@@ -222,12 +222,28 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEM
             raise WrongDeviceError(f"{difference}; it was written, but not kept")
         yield str(difference)
     # After the mode: a change of mode resets these.
-    speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
-    volatile = {
-        reg.PROFILE_ACCELERATION: 0,
-        reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units))),
-        reg.GOAL_CURRENT: servo.current_units(0.0),
-    }
+    volatile = {**_profile(servo), reg.GOAL_CURRENT: servo.current_units(0.0)}
     for item, value in volatile.items():
         bus.write(servo_id, item, value, attempts)
         yield ""
+
+
+def is_left_holding(bus: Bus, servo: Servo) -> bool:
+    """Return whether a servo holds with the very settings that `set_up` would give it; nothing is changed.
+
+    Raises:
+        WrongDeviceError: the servo has a hardware error.
+        DriverError: the servo does not answer.
+    """
+    servo_id = servo.servo_id
+    if not bus.read(servo_id, reg.TORQUE_ENABLE, _ATTEMPTS):
+        return False
+    if any(difference is not None for difference in examine(bus, servo)):
+        return False
+    return all(bus.read(servo_id, item, _ATTEMPTS) == value for item, value in _profile(servo).items())
+
+
+def _profile(servo: Servo) -> dict[Item, int]:
+    """Return the servo's own profile, a last limit above the setpoint's speed."""
+    speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
+    return {reg.PROFILE_ACCELERATION: 0, reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units)))}

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.dynamixel.bringup import Servo
@@ -27,7 +28,13 @@ ROUND = (ERRORS, SUPPLY, TORQUE, MARK, WATCHDOG)
 
 @dataclass
 class Live:
-    """What is known of a servo while the loop runs."""
+    """What is known of a servo while the loop runs.
+
+    Attributes (those that do not speak for themselves):
+        goal: [m] of a servo that was left holding; NaN otherwise.
+        anchor: [pulses] goal position that it has rested at; moved_at: [s] when it last left one.
+        armed: its bus watchdog runs.
+    """
 
     servo: Servo
     misses: int = 0
@@ -43,5 +50,9 @@ class Live:
     mark: int | None = None
     pwm_limit: int = 885
     current_units: int | None = None
+    goal: float = math.nan
+    anchor: int | None = None
+    moved_at: float = -math.inf
+    armed: bool = False
     values: dict[str, float] = field(default_factory=dict)
     urgent: list[SlowRead] = field(default_factory=list)

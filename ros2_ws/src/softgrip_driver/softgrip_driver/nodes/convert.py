@@ -12,11 +12,14 @@ from trajectory_msgs.msg import JointTrajectory
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
+from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.loop import LoopSnapshot
+from softgrip_driver.tendon.ownership import OwnerRow
+from softgrip_driver.tendon.safety_store import SafetyRecord
 from softgrip_driver.tendon.status import DriveSnapshot
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.trajectory import MAX_POINTS, Trajectory
 from softgrip_interfaces.action import MoveTendon
-from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
+from softgrip_interfaces.msg import SafetyState, TendonOwner, TendonOwners, TendonStatus, TendonStatusArray
 
 
 def to_joint_state(drives: Sequence[DriveSnapshot], stamp: Time) -> JointState:
@@ -58,8 +61,36 @@ def _to_tendon_status(drive: DriveSnapshot) -> TendonStatus:
     )
 
 
-def from_move_goal(goal: MoveTendon.Goal) -> MoveRequest:
+def to_safety_state(record: SafetyRecord, stamp: Time) -> SafetyState:
+    """Return safety/state."""
+    return SafetyState(
+        header=Header(stamp=stamp),
+        sequence=record.sequence,
+        estop=record.is_stopped,
+        estop_reason=record.stop_reason,
+        locked=record.is_locked,
+        lock_owner=record.lock_owner,
+        lock_reason=record.lock_reason,
+    )
+
+
+def to_owners(rows: Sequence[OwnerRow], stamp: Time) -> TendonOwners:
+    """Return tendon/owners."""
+    return TendonOwners(
+        header=Header(stamp=stamp),
+        owners=[
+            TendonOwner(tendon=row.tendon, owner=row.owner, duration=row.duration_s, requested_by=row.requested_by)
+            for row in rows
+        ],
+    )
+
+
+def from_move_goal(goal: MoveTendon.Goal, monotonic_deadline_s: float) -> MoveRequest:
     """Return the request of an action goal.
+
+    Args:
+        goal: as it came.
+        monotonic_deadline_s: [s] its deadline on the monotonic clock.
 
     Raises:
         ConfigurationError: a mode that there is not.
@@ -70,7 +101,9 @@ def from_move_goal(goal: MoveTendon.Goal) -> MoveRequest:
         raise ConfigurationError(
             f"mode: expected {[f'{m.value} {m.name}' for m in MoveMode]}, found {goal.mode}"
         ) from error
-    return MoveRequest(list(goal.tendons), mode, list(goal.targets), goal.speed, goal.tension_limit)
+    return MoveRequest(
+        list(goal.tendons), mode, list(goal.targets), goal.speed, goal.tension_limit, goal.lease, monotonic_deadline_s
+    )
 
 
 def to_move_feedback(drives: Sequence[DriveSnapshot]) -> MoveTendon.Feedback:
@@ -93,20 +126,24 @@ def to_move_result(outcome: int, reason: str, drives: Sequence[DriveSnapshot]) -
     )
 
 
-def from_trajectory(message: JointTrajectory, travel: Mapping[str, float]) -> dict[str, Trajectory]:
+def from_trajectory(message: JointTrajectory, limits: Mapping[str, TendonLimits]) -> dict[str, Trajectory]:
     """Return one trajectory for each tendon named.
 
     Args:
         message: pulled lengths [m], optionally speeds [m/s].
-        travel: longest pulled length [m] by tendon.
+        limits: by tendon.
 
     Raises:
-        ConfigurationError: unknown tendons or points that do not fit.
+        ConfigurationError: unknown or repeated tendons, or points that do not fit.
     """
     names = list(message.joint_names)
-    unknown = [name for name in names if name not in travel]
-    if not names or unknown:
-        raise ConfigurationError(f"trajectory: expected tendons out of {sorted(travel)}, found {names}")
+    unknown = [name for name in names if name not in limits]
+    if not names or unknown or len(set(names)) != len(names):
+        raise ConfigurationError(f"trajectory: expected tendons out of {sorted(limits)}, each once, found {names[:8]}")
+    if len(message.points) > MAX_POINTS:
+        raise ConfigurationError(
+            f"trajectory: expected at most {MAX_POINTS} points, found {len(message.points)}; stream it"
+        )
     counts = {len(point.positions) for point in message.points} | {len(names)}
     if len(counts) > 1:
         raise ConfigurationError(
@@ -119,7 +156,8 @@ def from_trajectory(message: JointTrajectory, travel: Mapping[str, float]) -> di
             times,
             [point.positions[index] for point in message.points],
             [point.velocities[index] for point in message.points] if with_speeds else [],
-            travel[name],
+            limits[name].travel,
+            limits[name].speed,
         )
         for index, name in enumerate(names)
     }

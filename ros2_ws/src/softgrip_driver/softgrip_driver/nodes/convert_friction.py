@@ -15,6 +15,7 @@ from softgrip_driver.rig.procedure import JudgedPoint, Step
 from softgrip_driver.rig.pull import Sample
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel, FrictionSample
+from softgrip_model.friction.acceptance import model_digest
 from softgrip_model.friction.record import FrictionModel as Model
 from softgrip_model.friction.record import Verdict
 
@@ -50,6 +51,7 @@ def model_message(model: Model) -> FrictionModel:
     message.source = f"{model.source}, sha256 {model.source_sha256}" if model.source_sha256 else model.source
     message.verdict = _VERDICTS[model.verdict]
     message.reason = model.reason
+    message.digest = model_digest(model.law, model.covariance, model.cable_radius_m, model.surface_radius_m)
     return message
 
 

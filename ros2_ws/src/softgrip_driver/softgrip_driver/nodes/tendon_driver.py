@@ -7,7 +7,7 @@ import gc
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -24,16 +24,31 @@ from softgrip_driver.configuration import DriverConfiguration, checked_configura
 from softgrip_driver.errors import ConfigurationError, DriverError
 from softgrip_driver.nodes import convert
 from softgrip_driver.nodes.tendon_health import HealthReport
+from softgrip_driver.nodes.tendon_leases import LeaseServer
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
+from softgrip_driver.nodes.tendon_safety import Drives, SafetyServer
 from softgrip_driver.tendon.backend import TendonBackend
+from softgrip_driver.tendon.blocking import block_of, keeps_torque
 from softgrip_driver.tendon.gripper import Ticket
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
 from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
 from softgrip_driver.tendon.session import ZeroKeeper
 from softgrip_driver.tendon.zero_store import ZeroStore
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatusArray
-from softgrip_nodekit import RELIABLE, SENSOR, Diagnostics, StartupError, run, to_time_message
+from softgrip_nodekit import (
+    RELIABLE,
+    SENSOR,
+    Diagnostics,
+    FatalError,
+    HealthMonitor,
+    StartupError,
+    callback_errors,
+    run,
+    steady_timer,
+    to_time_message,
+)
 
 #: [s] for every drive to answer for the first time
 FIRST_READING = 2.0
@@ -43,6 +58,11 @@ FEEDBACK_PERIOD = 0.1
 HEALTH_PERIOD = 0.5
 #: [s] a move may take beyond the time its way needs
 MOVE_GRACE = 10.0
+#: [s] after which an order that came without a deadline is not obeyed any more
+ORDER_LIFETIME_S = 1.0
+#: [s] between looks whether the bus loop still runs, and whether the stop is on disk
+SUPERVISION_PERIOD_S = 0.5
+NANOSECONDS = 1_000_000_000
 #: [s] after which a thread that computes gives way to the bus thread; Python's default of 5 ms is a control period
 SWITCH_INTERVAL = 0.0005
 
@@ -68,6 +88,8 @@ class TendonDriver(LifecycleNode):
         self._active = False
         #: moves that have begun, until somebody waits for their end
         self._begun: dict[bytes, Ticket | str] = {}
+        self._health_nodes: list[str] = [name for name in values["health_nodes"] if name]
+        self._monitor: HealthMonitor | None = None
         diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
         self._health = HealthReport(diagnostics, self._configuration.loop_rate)
         self._state_publisher = self.create_publisher(JointState, "tendon/state", SENSOR)
@@ -75,18 +97,26 @@ class TendonDriver(LifecycleNode):
         self._make_servers()
 
     def _make_servers(self) -> None:
-        # Homing, release and moves wait for the hardware: they may overlap each other and must never delay an estop.
+        # Homing, release and moves wait for the hardware, and may overlap each other.
         waiting = ReentrantCallbackGroup()
-        urgent = MutuallyExclusiveCallbackGroup()
         # Moves begin in the order in which they were sent: of two in a row the second is the one that holds.
         orders = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "tendon/home", self._on_home, callback_group=waiting)
         self.create_service(Trigger, "tendon/release", self._on_release, callback_group=waiting)
-        self.create_service(Trigger, "estop", self._on_estop, callback_group=urgent)
-        self.create_service(Trigger, "estop_reset", self._on_estop_reset, callback_group=waiting)
+        configuration = self._configuration
+        drives = Drives(loop=lambda: self._loop, may_power=lambda: self._active)
+        store = SafetyStore(configuration.safety_file)
+        self._safety_server = SafetyServer(self, store, configuration.policies, drives, waiting)
+        self._safety = self._safety_server.safety
+        self._leases = LeaseServer(self, lambda: self._loop, waiting)
         self.create_subscription(
-            JointTrajectory, "tendon/trajectory", self._on_trajectory, RELIABLE, callback_group=urgent
+            JointTrajectory,
+            "tendon/trajectory",
+            self._on_trajectory,
+            RELIABLE,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
+        steady_timer(self, SUPERVISION_PERIOD_S, self._supervise)
         self._action = ActionServer(
             self,
             MoveTendon,
@@ -101,19 +131,30 @@ class TendonDriver(LifecycleNode):
     # --- lifecycle -------------------------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the port, identify the devices, check and set them up; torque stays off."""
+        """Open the port, identify the devices, check and set them up; torque stays off.
+
+        What the process before left holding when it was killed goes on holding, where the policy says so.
+        """
         del state
         configuration = self._configuration
+        record = self._safety.record
+        if record.is_stopped:
+            self.get_logger().warning(f"starts with the emergency stop on: {record.stop_reason}; estop_reset ends it")
+        if record.is_locked:
+            self.get_logger().warning(f"starts locked by {record.lock_owner} ({record.lock_reason})")
         backend = configuration.backend(self.get_logger().warning)
         try:
-            identities = backend.connect()
+            identities = backend.connect(keep_torque=keeps_torque(record, configuration.policies))
         except DriverError as error:
             return self._failed(str(error))
         for identity in identities:
             self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
             for warning in identity.warnings:
                 self.get_logger().warning(f"tendon '{identity.tendon}': {warning}")
-        loop = BusLoop(backend, configuration.controller(), configuration.loop_rate)
+        controller = configuration.controller(lambda: block_of(self._safety, configuration.policies))
+        for tendon in backend.tendons:
+            controller.drives[tendon].is_left_holding = backend.is_powered(tendon)
+        loop = BusLoop(backend, controller, configuration.loop_rate)
         loop.start()
         self._backend, self._loop = backend, loop
         self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
@@ -129,21 +170,32 @@ class TendonDriver(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Recall zeros that still hold, take hold of the tendons, home where asked to."""
+        """Recall zeros that still hold, take hold of the tendons, home where asked to.
+
+        While the emergency stop or a lock stands nothing is powered; estop_reset, or the next order, takes hold.
+        """
         loop, keeper = self._loop, self._keeper
         if loop is None or keeper is None:
             return self._failed("not configured")
         try:
             recalled = keeper.recall(loop)
-            loop.power(on=True)
+            # An unclean end must be seen by the next process, so this is on disk before torque goes on.
+            self._safety.set_armed(armed=True)
+            held = loop.take_over()
+            if not self._safety.refusal:
+                loop.power(on=True)
         except (DriverError, TimeoutError) as error:
             return self._failed(str(error))
+        if held:
+            self.get_logger().warning(f"goes on holding {', '.join(held)}, as the driver before left them")
         self._active = True
+        if self._health_nodes and self._monitor is None:
+            self._monitor = HealthMonitor(self, self._health_nodes, on_silent=self._on_silent, on_back=self._say_back)
         for one in recalled:
             text = f"tendon '{one.tendon}': {one.reason}"
             self.get_logger().info(text if one.valid else f"{text}; call tendon/home")
         unhomed = [one.tendon for one in recalled if not one.valid]
-        if unhomed and self._home_on_activate:
+        if unhomed and self._home_on_activate and not self._safety.refusal:
             success, message = self._home(unhomed)
             if not success:
                 return self._failed(message)
@@ -152,8 +204,10 @@ class TendonDriver(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the tendons; the readings go on."""
         self._active = False
+        self._stop_monitor()
         if self._loop is not None and self._loop.running:
             self._loop.power(on=False)
+            self._disarm()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -175,6 +229,36 @@ class TendonDriver(LifecycleNode):
     def close(self) -> None:
         """Leave the hardware safe; called on every exit path of the process."""
         self._disconnect()
+        self._safety_server.close()
+
+    def _disarm(self) -> None:
+        """Note on disk that no drive is left with torque on; where that fails the next process starts stopped."""
+        try:
+            self._safety.set_armed(armed=False)
+        except SafetyStoreError as error:
+            self.get_logger().warning(f"{error}; the next start will be stopped until estop_reset")
+
+    def _stop_monitor(self) -> None:
+        monitor, self._monitor = self._monitor, None
+        if monitor is not None:
+            monitor.close()
+
+    def _on_silent(self, name: str) -> None:
+        """Stop what moves because a node that the cell needs does not answer; what holds goes on holding."""
+        self.get_logger().error(f"node '{name}' has not answered for a second; moving drives stop and hold")
+        loop = self._loop
+        if loop is not None and loop.running:
+            loop.post(lambda controller, _: controller.hold_all(f"node '{name}' does not answer"))
+
+    def _say_back(self, name: str) -> None:
+        self.get_logger().info(f"node '{name}' answers again")
+
+    def _supervise(self) -> None:
+        """End the process when the bus loop has ended, and put a stop on disk that could not be written at first."""
+        loop = self._loop
+        if loop is not None and loop.failure is not None:
+            raise FatalError(f"the bus loop has ended: {loop.failure!r}")
+        self._safety.persist()
 
     def _failed(self, problem: str) -> TransitionCallbackReturn:
         self.startup_problem = problem
@@ -183,12 +267,14 @@ class TendonDriver(LifecycleNode):
 
     def _disconnect(self) -> None:
         self._active = False
-        if self._loop is not None:
-            self._loop.stop()
-            self._loop = None
-        if self._backend is not None:
-            self._backend.disconnect()
-            self._backend = None
+        self._stop_monitor()
+        loop, backend = self._loop, self._backend
+        if loop is not None and backend is not None:
+            loop.stop()
+            backend.disconnect(keep_torque=loop.keeps_hold)
+            if loop.has_let_go:
+                self._disarm()
+        self._loop = self._backend = None
         if self._publishing is not None:
             self._publishing.join(2.0)
             self._publishing = None
@@ -209,19 +295,24 @@ class TendonDriver(LifecycleNode):
                 if snapshot.time >= status_due:
                     status_due = snapshot.time + self._status_period
                     self._publish(self._status_publisher, convert.to_status(snapshot, stamp))
+                    self._guarded(self._leases.publish_owners, loop.owners)
                 if snapshot.time >= health_due:
                     health_due = snapshot.time + HEALTH_PERIOD
-                    self._report(snapshot)
+                    self._guarded(self._report, snapshot)
         if loop.failure is not None:
-            self.get_logger().fatal(f"the bus loop has ended, torque is off: {loop.failure!r}")
+            self.get_logger().fatal(f"the bus loop has ended: {loop.failure!r}")
 
     def _publish(self, publisher: Any, message: Any) -> None:
+        self._guarded(publisher.publish, message)
+
+    def _guarded(self, call: Callable[..., object], *arguments: object) -> None:
+        """Call; what it raises is counted and logged, and readings go on."""
         try:
-            publisher.publish(message)
-        except Exception:
+            call(*arguments)
+        except Exception as error:  # noqa: BLE001  a report must not end the readings
             # Ctrl-C shuts the context down under this thread; rclpy has no public name for what publish raises then.
             if self.context.ok():
-                raise
+                callback_errors(self).report(error)
 
     def _report(self, snapshot: LoopSnapshot) -> None:
         backend = self._backend
@@ -242,7 +333,7 @@ class TendonDriver(LifecycleNode):
 
     def _home(self, tendons: Sequence[str]) -> tuple[bool, str]:
         def home(loop: BusLoop) -> tuple[bool, str]:
-            ticket = loop.call(lambda controller, now: controller.home(now, tendons))
+            ticket = loop.order(lambda controller, now: controller.home(now, tendons), power=self._active)
             outcome, reason = self._wait(loop, ticket, self._homing_timeout())
             if outcome is Outcome.REACHED and self._keeper is not None:
                 self._keeper.keep(loop, datetime.now(UTC).isoformat(timespec="seconds"))
@@ -262,32 +353,11 @@ class TendonDriver(LifecycleNode):
         response.success, response.message = self._with_loop(release)
         return response
 
-    def _on_estop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        del request
-
-        def stop(loop: BusLoop) -> tuple[bool, str]:
-            missed = loop.stop_emergency()
-            policy = self._configuration.policies.estop.name.lower()
-            return not missed, f"stopped ({policy}); {missed or 'estop_reset returns'}"
-
-        response.success, response.message = self._with_loop(stop)
-        return response
-
-    def _on_estop_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        del request
-
-        def reset(loop: BusLoop) -> tuple[bool, str]:
-            return True, loop.reset(power=self._active)
-
-        response.success, response.message = self._with_loop(reset)
-        return response
-
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        travel = {name: limits.travel for name, limits in self._configuration.limits.items()}
-
         def follow(loop: BusLoop) -> tuple[bool, str]:
-            trajectories = convert.from_trajectory(message, travel)
-            ticket = loop.call(lambda controller, now: controller.follow(trajectories, now))
+            trajectories = convert.from_trajectory(message, self._configuration.limits)
+            lease = message.header.frame_id
+            ticket = loop.order(lambda controller, now: controller.follow(trajectories, now, lease), power=self._active)
             return not ticket.refusal, ticket.refusal
 
         accepted, reason = self._with_loop(follow)
@@ -307,10 +377,18 @@ class TendonDriver(LifecycleNode):
         if self._loop is None or not self._active:
             return "the driver is not active"
         try:
-            request = convert.from_move_goal(goal)
-            return self._loop.call(lambda controller, now: controller.move(request, now))
+            request = convert.from_move_goal(goal, self._monotonic_deadline_s(goal.deadline))
+            return self._loop.order(lambda controller, now: controller.move(request, now), power=self._active)
         except (DriverError, TimeoutError) as error:
             return str(error) or repr(error)
+
+    def _monotonic_deadline_s(self, deadline: Time) -> float:
+        """Return a deadline of the node's clock as monotonic time [s]; one that is not set is a second from now."""
+        deadline_ns: int = deadline.sec * NANOSECONDS + deadline.nanosec
+        if deadline_ns == 0:
+            return time.monotonic() + ORDER_LIFETIME_S
+        now_ns: int = self.get_clock().now().nanoseconds
+        return time.monotonic() + (deadline_ns - now_ns) / NANOSECONDS
 
     def _execute_move(self, handle: ServerGoalHandle) -> MoveTendon.Result:
         """Wait for the end of a move that has begun."""
@@ -321,7 +399,9 @@ class TendonDriver(LifecycleNode):
         try:
             outcome, reason = self._wait(loop, begun, self._move_timeout(handle.request.speed), handle)
         except (DriverError, TimeoutError) as error:
-            return self._end(handle, Outcome.REFUSED, str(error), ())
+            # Whatever it still does must not go on behind the back of a client that was told that it ended.
+            loop.post(lambda controller, now: controller.cancel(begun, now))
+            return self._end(handle, Outcome.FAULT, f"{error}; it holds where it is", tuple(begun.jobs))
         return self._end(handle, outcome, reason, tuple(begun.jobs))
 
     def _end(
@@ -382,7 +462,7 @@ class TendonDriver(LifecycleNode):
 
     def _move_timeout(self, speed: float) -> float:
         limits = next(iter(self._configuration.limits.values()))
-        return limits.travel / (speed or limits.speed) + MOVE_GRACE
+        return limits.travel / speed + MOVE_GRACE
 
 
 def main(args: list[str] | None = None) -> int:

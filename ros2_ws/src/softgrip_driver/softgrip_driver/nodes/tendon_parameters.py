@@ -71,14 +71,36 @@ PARAMETERS = ParameterTable(
     Parameter("tension_stddev_share", [0.15], "uncertainty of the torque constant, relative", "", 0.0, 1.0),
     Parameter("continuous_tension_n", 20.0, "what a drive may hold for ever", "N", 0.1, 500.0),
     Parameter("zero_file", "", "where homed zeros are kept; empty = nowhere"),
+    Parameter(
+        "safety_file", "", "where emergency stop and lock are kept; empty = $ROS_HOME/softgrip, one file for each port"
+    ),
     Parameter("home_on_activate", False, "home every tendon whose zero does not hold when activated"),
     Parameter(
         "estop_policy", "let_go", "what estop does: let_go = torque off, hold = stay", choices=("let_go", "hold")
     ),
     Parameter(
-        "command_timeout_s", 0.0, "without a command until a hold reduces its tension; 0 = never", "s", 0.0, 3600.0
+        "unclean_end_policy",
+        "hold",
+        "what becomes of a hold when the driver is killed: hold = it outlives the driver and is taken over, "
+        "let_go = the servos stop by their watchdogs and a new driver switches them off",
+        choices=("let_go", "hold"),
     ),
+    Parameter(
+        "command_timeout_s",
+        30.0,
+        "without a command or heartbeat until a hold above tension_hold_n is reduced to it",
+        "s",
+        0.1,
+        3600.0,
+    ),
+    Parameter("stream_timeout_s", 0.5, "without a message or heartbeat until a streamed motion stops", "s", 0.02, 5.0),
+    Parameter("lease_max_s", 30.0, "longest lease of an owner without a heartbeat", "s", 0.1, 300.0),
     Parameter("release_after_s", 30.0, "after that until it releases slowly", "s", 0.0, 3600.0),
+    Parameter(
+        "health_nodes",
+        [""],
+        "nodes of the cell that must answer their ping: where one is silent for a second, moving drives stop",
+    ),
     Parameter("status_rate", 20.0, "of tendon/status", "Hz", 1.0, 100.0),
     *(
         Parameter(LIMIT_PARAMETERS[field.name], getattr(_LIMITS, field.name), *_LIMIT_TEXTS[field.name])

@@ -7,6 +7,7 @@ current limit: this backend stops it where the gauge reads the tension limit.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
@@ -67,8 +68,12 @@ class StageBackend:
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
-    def connect(self) -> Sequence[DriveIdentity]:
-        """Open stage and gauge; nothing moves. A stage whose controller boots when its port is opened takes seconds."""
+    def connect(self, *, keep_torque: bool = False) -> Sequence[DriveIdentity]:
+        """Open stage and gauge; nothing moves. A stage whose controller boots when its port is opened takes seconds.
+
+        A stage holds by its screw whatever ``keep_torque`` says, and has no goal to take over.
+        """
+        del keep_torque
         stage = self._stage.open()
         try:
             gauge = self._gauge.open()
@@ -80,8 +85,19 @@ class StageBackend:
         device = f"{stage.model} {stage.serial}".strip() + f" with {gauge.model}"
         return (DriveIdentity(self._tendon, device, (*stage.warnings, *gauge.warnings)),)
 
-    def disconnect(self) -> None:
-        """Stop and close."""
+    def is_powered(self, tendon: str) -> bool:
+        """Return False: there is nothing to take over."""
+        del tendon
+        return False
+
+    def goal_position(self, tendon: str) -> float:
+        """Return NaN: there is nothing to take over."""
+        del tendon
+        return math.nan
+
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Stop and close; its screw holds whatever ``keep_torque`` says."""
+        del keep_torque
         self._stage.close()
         self._gauge.close()
 

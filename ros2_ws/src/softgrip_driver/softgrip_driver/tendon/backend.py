@@ -104,14 +104,22 @@ class TendonBackend(Protocol):
     def counters(self) -> Counters:
         """What the port has seen."""
 
-    def connect(self) -> Sequence[DriveIdentity]:
-        """Open the port, identify every device, check and set it up. Nothing moves and nothing holds afterwards.
+    def connect(self, *, keep_torque: bool = False) -> Sequence[DriveIdentity]:
+        """Open the port, identify every device, check and set it up. Nothing moves afterwards.
 
-        Raises DriverError with what was expected, found and what to do. May take seconds.
+        Nothing holds either, unless ``keep_torque`` is set: then a device that is found holding, with the very settings
+        it would be given, goes on holding. Raises DriverError with what was expected, found and what to do. May take
+        seconds.
         """
 
-    def disconnect(self) -> None:
-        """Let go of every device and close the port. Never raises."""
+    def is_powered(self, tendon: str) -> bool:
+        """Whether a device was left holding by `connect`."""
+
+    def goal_position(self, tendon: str) -> float:
+        """Return the goal [m, device frame] of a device that was left holding; NaN where there is none."""
+
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Let go of every device, unless ``keep_torque`` is set, and close the port. Never raises."""
 
     def reconnect(self) -> bool:
         """Try once to reopen a port that went away; return whether it is open. Does not raise; takes milliseconds."""

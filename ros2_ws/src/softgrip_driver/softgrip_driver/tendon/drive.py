@@ -44,6 +44,8 @@ class Drive:
         self._continuous = continuous_tension
         self._period = period
         self.powered = False
+        #: the device was left holding by the process before, and is not switched off until it was decided what for
+        self.is_left_holding = False
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
         self._m = DriveMemory()
@@ -76,6 +78,16 @@ class Drive:
     def busy(self) -> bool:
         """Whether a motion is going on that will end."""
         return self._m.motion is not None and not isinstance(self._m.motion, Hold)
+
+    @property
+    def is_following(self) -> bool:
+        """Whether it follows a streamed trajectory."""
+        return isinstance(self._m.motion, Follow)
+
+    @property
+    def tension(self) -> float:
+        """[N] of the tendon, median of three."""
+        return self._m.tension
 
     @property
     def state(self) -> DriveState:
@@ -174,16 +186,18 @@ class Drive:
         return DriveActions(power=True)
 
     def switch_off(self) -> DriveActions:
-        """Let go of the tendon."""
-        self.powered = False
+        """Let go of the tendon; a motion that was going on ends as cancelled."""
+        self.powered = self.is_left_holding = False
+        if self.busy and self._m.outcome is None:
+            self._m.outcome, self._m.reason = Outcome.CANCELLED, "torque was switched off"
         self._m.motion = None
         return DriveActions(power=False)
 
-    def restore_begun(self) -> None:
-        """Take note that the device is set up again, which costs its turn count; it holds afterwards."""
+    def begin_restore(self, *, power: bool) -> None:
+        """Note that the device is being set up again, which costs its turns; with ``power`` it holds afterwards."""
         self._m.restoring = True
         self._m.zero = self._m.mark = None
-        self.powered = True
+        self.powered = power
 
     def restored(self, *, success: bool) -> DriveActions:
         """Go on after the device was set up again: take hold where it stands now, without a zero."""
@@ -226,6 +240,22 @@ class Drive:
         if self._m.reading is not None and self.powered:
             self._hold_here(pulling=True)
 
+    def take_over(self, goal: float) -> None:
+        """Go on holding what another process left holding, with the goal [m, device frame] that the device has."""
+        m = self._m
+        assert m.reading is not None
+        self.powered, self.is_left_holding = True, False
+        m.origin = m.reading.position
+        self._watch = self._new_watch()
+        m.setpoint = goal - m.frame if math.isfinite(goal) else None
+        self._hold_here(pulling=True)
+
+    def cancel_motion(self, reason: str) -> None:
+        """End the motion as cancelled and hold."""
+        if self.busy:
+            self._m.outcome, self._m.reason = Outcome.CANCELLED, reason
+        self.hold_now()
+
     def abort(self, reason: str) -> None:
         """End the motion as a fault of its own and hold."""
         if self.busy:
@@ -261,7 +291,8 @@ class Drive:
     def step(self, now: float, reading: DriveReading | None) -> DriveActions:
         """Take a reading (None = the drive did not answer in this cycle) and say what the device shall do."""
         m = self._m
-        if reading is None:
+        # A device that answers with no numbers has not answered.
+        if reading is None or not _is_finite(reading):
             return self._unanswered(now)
         if not self._believe(reading):
             return DriveActions()
@@ -279,7 +310,8 @@ class Drive:
         cap = self._tension_cap(reading, dt)
         if not self.powered or m.motion is None:
             # What was switched off while nobody could tell the device is switched off now.
-            return DriveActions(power=False if reading.powered and not m.restoring else None)
+            unwanted = reading.powered and not m.restoring and not self.is_left_holding
+            return DriveActions(power=False if unwanted else None)
         if m.fault in LOST_POSITION:
             # A goal in a frame that is wrong by turns would move it by turns: it keeps the last one it was sent.
             return DriveActions(setpoint=Setpoint(None, min(self.limits.tension_hold, cap)))
@@ -296,6 +328,10 @@ class Drive:
         if m.fault and FAULTS[m.fault].reaction is Reaction.LET_GO:
             return self.switch_off()
         step = motion.step(view)
+        if not (math.isfinite(step.length) and math.isfinite(step.tension_limit)):
+            self.set_fault("invalid_setpoint", f"a length of {step.length} m with a limit of {step.tension_limit} N")
+            motion = m.motion or motion
+            step = motion.step(view)
         if motion.state is DriveState.HOMING:
             self._trim.clear()
         elif not self._watch.suspects_break:
@@ -316,8 +352,6 @@ class Drive:
         return DriveActions()
 
     def _believe(self, reading: DriveReading) -> bool:
-        if not math.isfinite(reading.position):
-            return False
         if not self.powered:
             self._watch.forget_jump()
             return True
@@ -381,3 +415,11 @@ class Drive:
             m.motion = Hold(0.0, self.limits.tension_soft)
             return
         m.motion = Hold(step.length, step.tension_limit)
+
+
+def _is_finite(reading: DriveReading) -> bool:
+    """Whether a reading consists of numbers; current, temperature and voltage may be unknown."""
+    return all(
+        math.isfinite(value)
+        for value in (reading.position, reading.velocity, reading.tension, reading.tension_stddev, reading.pull)
+    )

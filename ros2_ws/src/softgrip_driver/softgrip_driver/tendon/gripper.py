@@ -6,12 +6,13 @@ Pure like drive.py. `GripperController.step` is the control cycle; everything el
 
 from __future__ import annotations
 
+import math
+import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 
-from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.faults import FAULTS
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.drive import Drive
@@ -27,12 +28,11 @@ from softgrip_driver.tendon.motions import (
     Outcome,
     View,
 )
+from softgrip_driver.tendon.ownership import Lease, Ownership
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 from softgrip_driver.tendon.trajectory import Trajectory
 
 MotionFactory = Callable[[View], Motion]
-
-ESTOP_IS_ON = "emergency stop is on; call estop_reset"
 
 
 class MoveMode(IntEnum):
@@ -43,7 +43,7 @@ class MoveMode(IntEnum):
 
 
 class StopPolicy(IntEnum):
-    """What an emergency stop does."""
+    """What a stop does."""
 
     LET_GO = 0
     HOLD = 1
@@ -51,30 +51,68 @@ class StopPolicy(IntEnum):
 
 @dataclass(frozen=True)
 class Policies:
-    """What the whole gripper does when nobody tells it.
+    """What the whole gripper does when nobody commands it.
 
     Attributes:
         estop: torque off, so that springs open the fingers, or hold.
-        command_timeout: [s] without a command until a holding drive reduces its tension; 0 = never.
+        unclean_end: the same for drives that a new process finds holding after the one before was killed.
+        command_timeout: [s] without a command or heartbeat until a hold above the hold tension is reduced to it.
         release_after: [s] more until it releases slowly.
+        stream_timeout: [s] without a message or heartbeat until a streamed motion stops.
+        lease_max: [s] of the longest lease.
         continuous_tension: [N] that a drive may hold for ever.
     """
 
     estop: StopPolicy = StopPolicy.LET_GO
-    command_timeout: float = 0.0
+    unclean_end: StopPolicy = StopPolicy.HOLD
+    command_timeout: float = 30.0
     release_after: float = 30.0
+    stream_timeout: float = 0.5
+    lease_max: float = 30.0
     continuous_tension: float = 20.0
 
 
 @dataclass(frozen=True)
+class Block:
+    """Why nothing may move.
+
+    Attributes:
+        text: for whoever is refused.
+        is_stop: an emergency stop, which is a fault of every drive; else hands are in the cell.
+        lets_go: torque goes off; else what holds goes on holding.
+    """
+
+    text: str
+    is_stop: bool
+    lets_go: bool
+
+
+def never_blocked() -> Block | None:
+    """Return None: no emergency stop, no lock."""
+    return None
+
+
+@dataclass(frozen=True)
 class MoveRequest:
-    """A move of one or more tendons; see MoveTendon.action."""
+    """A move of one or more tendons; see MoveTendon.action.
+
+    Attributes:
+        tendons: names; none = all.
+        mode: what the targets are.
+        targets: [m] or [N], one for each tendon, or one for all.
+        speed: [m/s] of pulled length, above 0.
+        tension_limit: [N] at which a move to a length stops, above 0; a move to a tension has none besides its target.
+        lease: token of the owner; empty where nobody owns the tendons.
+        deadline: [s] monotonic; the move is refused if it would begin later.
+    """
 
     tendons: Sequence[str]
     mode: MoveMode
     targets: Sequence[float]
-    speed: float = 0.0
-    tension_limit: float = 0.0
+    speed: float
+    tension_limit: float = math.nan
+    lease: str = ""
+    deadline: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -125,6 +163,7 @@ class GripperController:
         grippers: which gripper each tendon belongs to, where several hang on one port; a fault concerns its own
             gripper only, the emergency stop all.
         period: [s] between steps.
+        block: says whether anything may move now; asked at every order and in every step.
     """
 
     def __init__(
@@ -133,13 +172,33 @@ class GripperController:
         policies: Policies,
         grippers: Mapping[str, str] | None = None,
         period: float = 0.01,
+        block: Callable[[], Block | None] = never_blocked,
     ) -> None:
         self._grippers = dict(grippers or {})
+        self._block = block
         self.policies = policies
         self.drives = {name: Drive(name, row, policies.continuous_tension, period) for name, row in limits.items()}
         self.estop = False
-        self._commanded_at = dict.fromkeys(limits, 0.0)
+        self.ownership = Ownership(list(limits), policies.lease_max, partial(secrets.token_urlsafe, 16))
+        self._commanded_at: dict[str, float] = {}
         self._opened_for: set[str] = set()
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether a stop or a lock stands."""
+        return self._block() is not None
+
+    @property
+    def is_letting_go(self) -> bool:
+        """Whether a stop or a lock stands that wants torque off."""
+        block = self._block()
+        return block is not None and block.lets_go
+
+    def hold_all(self, reason: str) -> None:
+        """Stop what moves and hold, as a fault that the next order ends."""
+        for drive in self.drives.values():
+            if drive.busy:
+                drive.set_fault("owner_lost", reason)
 
     # --- requests --------------------------------------------------------------------------------------------------
 
@@ -147,16 +206,20 @@ class GripperController:
         """Start a move, all tendons or none."""
         names = list(request.tendons) or list(self.drives)
         targets = list(request.targets) * len(names) if len(request.targets) == 1 else list(request.targets)
-        refusal = self._refusal(names, homed=True) or self._wrong(request, names, targets)
+        refusal = self._refusal(names, now, request.lease) or self._wrong(request, names, targets)
+        if not refusal and now > request.deadline:
+            refusal = (
+                f"expected to begin before its deadline, found it {now - request.deadline:.3f} s late; send it again"
+            )
         if refusal:
             return Ticket({}, refusal)
         for name, target in zip(names, targets, strict=True):
             self._begin(name, self._motion(request, self.drives[name].limits, target), now)
         return Ticket({name: self.drives[name].job for name in names})
 
-    def follow(self, trajectories: Mapping[str, Trajectory], now: float) -> Ticket:
+    def follow(self, trajectories: Mapping[str, Trajectory], now: float, lease: str = "") -> Ticket:
         """Follow streamed trajectories; one that runs is taken over without a step."""
-        refusal = self._refusal(list(trajectories), homed=True)
+        refusal = self._refusal(list(trajectories), now, lease)
         if refusal:
             return Ticket({}, refusal)
         for name, trajectory in trajectories.items():
@@ -168,7 +231,7 @@ class GripperController:
     def home(self, now: float, tendons: Sequence[str] = ()) -> Ticket:
         """Home tendons, all of them when none is named."""
         names = list(tendons) or list(self.drives)
-        refusal = self._refusal(names, homed=False)
+        refusal = self._refusal(names, now, homed=False) or self._owned_refusal(names, now)
         if refusal:
             return Ticket({}, refusal)
         for name in names:
@@ -176,9 +239,13 @@ class GripperController:
         return Ticket({name: self.drives[name].job for name in names})
 
     def release(self, now: float, tendons: Sequence[str] = ()) -> Ticket:
-        """Open slowly to the zero, all tendons when none is named; also with a latched fault, as far as power is on."""
-        if self.estop:
-            return Ticket({}, ESTOP_IS_ON)
+        """Open slowly to the zero, all tendons when none is named; also with a latched fault, as far as power is on.
+
+        Whoever owns the tendons: letting go slowly is what a person at the cell may always ask for.
+        """
+        block = self._block()
+        if block is not None:
+            return Ticket({}, block.text)
         names = [name for name in (tendons or self.drives) if self.drives[name].powered and self.drives[name].homed]
         if not names:
             return Ticket({}, "no tendon is powered and homed; there is nothing to release")
@@ -197,14 +264,20 @@ class GripperController:
         """Return the outcome of a request over all its tendons, None while it runs."""
         return ticket.result(self.snapshots())
 
-    def stop_emergency(self) -> dict[str, DriveActions]:
-        """Stop now; stays until `reset`."""
-        self.estop = True
+    def enforce_block(self) -> dict[str, DriveActions]:
+        """Do what an emergency stop or a lock asks for now; nothing when there is none."""
+        block = self._block()
         actions: dict[str, DriveActions] = {}
+        if block is None:
+            return actions
+        self.estop = self.estop or block.is_stop
         for name, drive in self.drives.items():
             was_powered = drive.powered
-            drive.set_fault("estop", "asked for")
-            if self.policies.estop is StopPolicy.LET_GO:
+            if block.is_stop:
+                drive.set_fault("estop", block.text)
+            elif drive.busy:
+                drive.cancel_motion(block.text)
+            if block.lets_go:
                 actions[name] = drive.switch_off()
             elif was_powered:
                 drive.hold_now()
@@ -221,11 +294,36 @@ class GripperController:
 
     def step(self, now: float, readings: Mapping[str, DriveReading]) -> dict[str, DriveActions]:
         """Take the readings of a cycle and return what each device shall do."""
+        for name in self.drives:
+            self._commanded_at.setdefault(name, now)
+        if self._violates_block():
+            self.enforce_block()
+        self._stop_orphans(now)
         actions = {name: drive.step(now, readings.get(name)) for name, drive in self.drives.items()}
         for name, drive in self.drives.items():
-            self._mind_the_others(name, drive, now)
-            self._mind_the_commander(name, drive, now)
+            self._propagate_fault(name, drive, now)
+            self._check_command_timeout(name, drive, now)
         return actions
+
+    def _violates_block(self) -> bool:
+        """Whether a stop or a lock is not yet what the drives do."""
+        block = self._block()
+        if block is None:
+            return False
+        drives = self.drives.values()
+        if block.is_stop and not self.estop:
+            return True
+        return any(drive.powered for drive in drives) if block.lets_go else any(drive.busy for drive in drives)
+
+    def _stop_orphans(self, now: float) -> None:
+        """Stop what moves for an owner that fell silent, and streams that nobody feeds any more."""
+        for name, owner in self.ownership.end_lapsed(now).items():
+            if self.drives[name].busy:
+                self.drives[name].set_fault("owner_lost", f"no heartbeat of {owner} within its lease")
+        for name, drive in self.drives.items():
+            silent = now - max(self._commanded_at[name], self.ownership.last_heartbeat(name))
+            if drive.is_following and silent > self.policies.stream_timeout:
+                drive.set_fault("owner_lost", f"a stream without a message or a heartbeat for {silent:.2f} s")
 
     def lose_port(self, reason: str) -> None:
         """Take note that the port is gone."""
@@ -236,7 +334,7 @@ class GripperController:
         """Return every drive's state."""
         return tuple(drive.snapshot() for drive in self.drives.values())
 
-    def _mind_the_others(self, name: str, drive: Drive, now: float) -> None:
+    def _propagate_fault(self, name: str, drive: Drive, now: float) -> None:
         """A drive at fault stops what moves together with it; where the table says so the others open."""
         row = FAULTS.get(drive.fault)
         if row is None or drive.fault == "estop" or drive.state not in (DriveState.STOPPED, DriveState.DISCONNECTED):
@@ -254,12 +352,12 @@ class GripperController:
             elif other.busy and other.state is DriveState.MOVING:
                 other.abort(f"stopped because tendon '{name}' has the fault {drive.fault}")
 
-    def _mind_the_commander(self, name: str, drive: Drive, now: float) -> None:
+    def _check_command_timeout(self, name: str, drive: Drive, now: float) -> None:
         limit = self.policies.command_timeout
-        if limit <= 0.0 or not drive.powered or drive.busy or drive.state is not DriveState.HOLDING:
+        if not drive.powered or drive.busy or drive.state is not DriveState.HOLDING:
             return
-        silent = now - self._commanded_at[name]
-        if silent > limit and drive.fault == "" and drive.holds_tension:
+        silent = now - max(self._commanded_at[name], self.ownership.last_heartbeat(name))
+        if silent > limit and drive.fault == "" and drive.tension > drive.limits.tension_hold:
             drive.set_fault("command_timeout", f"none for {silent:.1f} s")
             drive.hold_now()
         elif silent > limit + self.policies.release_after and drive.fault == "command_timeout" and drive.homed:
@@ -271,13 +369,40 @@ class GripperController:
         self._commanded_at[name] = now
         self.drives[name].start(make, now)
 
-    def _refusal(self, names: Sequence[str], *, homed: bool) -> str:
+    def stop_taken(self, tendons: Sequence[str], lease: Lease, reason: str) -> None:
+        """Stop what tendons do that were taken from another owner by force."""
+        for name in tendons:
+            if self.drives[name].busy:
+                self.drives[name].cancel_motion(f"taken over by {lease.owner}: {reason}")
+
+    def release_lease(self, token: str, now: float) -> tuple[str, ...]:
+        """End a lease; what it moved stops and holds. Return its tendons."""
+        tendons = self.ownership.release(token, now)
+        for name in tendons:
+            if self.drives[name].busy:
+                self.drives[name].cancel_motion("its owner released the lease; it holds where it is")
+        return tendons
+
+    def _refusal(self, names: Sequence[str], now: float, lease: str = "", *, homed: bool = True) -> str:
         unknown = [name for name in names if name not in self.drives]
         if unknown:
             return f"expected tendons out of {list(self.drives)}, found {unknown}"
-        if self.estop:
-            return ESTOP_IS_ON
+        block = self._block()
+        if block is not None:
+            return block.text
+        if homed:
+            refusal = self.ownership.refusal(lease, names, now)
+            if refusal:
+                return refusal
         return "; ".join(text for name in names if (text := self.drives[name].refusal(homed=homed)))
+
+    def _owned_refusal(self, names: Sequence[str], now: float) -> str:
+        """Return why homing would disturb an owner: a tendon that moves or is taut for it. Slack ones may be homed."""
+        for name in names:
+            owner, drive = self.ownership.owner_of(name, now), self.drives[name]
+            if owner and (drive.busy or drive.holds_tension):
+                return f"tendon '{name}' is owned by {owner} and taut or moving; release it first (tendon/release)"
+        return ""
 
     def _wrong(self, request: MoveRequest, names: Sequence[str], targets: Sequence[float]) -> str:
         if len(targets) != len(names):
@@ -287,22 +412,24 @@ class GripperController:
             top, unit = (limits.travel, "m") if request.mode is MoveMode.LENGTH else (limits.tension_soft, "N")
             if not 0.0 <= target <= top:
                 return f"tendon '{name}': expected a target between 0 and {top:g} {unit}, found {target:g} {unit}"
-            if not 0.0 <= request.speed <= limits.speed:
-                return f"tendon '{name}': expected a speed up to {limits.speed:g} m/s, found {request.speed:g} m/s"
-            if not 0.0 <= request.tension_limit <= limits.tension_soft:
+            if not 0.0 < request.speed <= limits.speed:
                 return (
-                    f"tendon '{name}': expected a tension limit up to {limits.tension_soft:g} N, "
+                    f"tendon '{name}': expected a speed above 0 and up to {limits.speed:g} m/s, "
+                    f"found {request.speed:g} m/s"
+                )
+            limited = request.mode is MoveMode.LENGTH
+            if limited and not 0.0 < request.tension_limit <= limits.tension_soft:
+                return (
+                    f"tendon '{name}': expected a tension limit above 0 and up to {limits.tension_soft:g} N, "
                     f"found {request.tension_limit:g} N"
                 )
         return ""
 
     @staticmethod
     def _motion(request: MoveRequest, limits: TendonLimits, target: float) -> MotionFactory:
-        speed = request.speed or limits.speed
-        limit = request.tension_limit or limits.tension_soft
         if request.mode is MoveMode.LENGTH:
-            return lambda view: MoveToLength(target, speed, limit, view, limits)
-        return lambda view: MoveToTension(target, speed, view, limits)
+            return lambda view: MoveToLength(target, request.speed, request.tension_limit, view, limits)
+        return lambda view: MoveToTension(target, request.speed, view, limits)
 
     @staticmethod
     def _release_motion(limits: TendonLimits) -> MotionFactory:
@@ -313,9 +440,3 @@ class GripperController:
 
 def _hold_here(view: View, limits: TendonLimits) -> Motion:
     return Hold(view.length, limits.tension_soft)
-
-
-def check_names(names: Sequence[str]) -> None:
-    """Raise ConfigurationError unless tendon names are given and differ."""
-    if not names or len(set(names)) != len(names) or not all(names):
-        raise ConfigurationError(f"tendons: expected names that differ, found {list(names)}")

@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 
 from softgrip_driver.errors import DriverError, PortLostError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
-from softgrip_driver.tendon.gripper import GripperController
+from softgrip_driver.tendon.gripper import GripperController, StopPolicy
+from softgrip_driver.tendon.ownership import OwnerRow
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 
 Result = TypeVar("Result")
@@ -115,6 +116,9 @@ class BusLoop:
         self._history: deque[LoopSnapshot] = deque(maxlen=history)
         self._restores: dict[str, Iterator[None]] = {}
         self._stopping = False
+        self._ended = False
+        #: set at the end: drives were left holding; every drive confirmed that its torque is off
+        self.keeps_hold = self.has_let_go = False
         self._port_lost = ""
         self._reopen_at = 0.0
         self._thread: threading.Thread | None = None
@@ -128,7 +132,7 @@ class BusLoop:
         self._thread.start()
 
     def stop(self, timeout: float = 2.0) -> None:
-        """Let go of every tendon and end the thread."""
+        """Let go of every tendon, or leave it holding where the policy says so, and end the thread."""
         with self._wanted:
             self._stopping = True
             self._wanted.notify_all()
@@ -140,27 +144,96 @@ class BusLoop:
         """Whether the thread lives."""
         return self._thread is not None and self._thread.is_alive()
 
-    def call(self, request: Callable[[GripperController, float], Result], timeout: float = 1.0) -> Result:
-        """Run a request between two cycles and return what it returns; raises what it raises, or TimeoutError."""
-        if not self.running:
-            raise DriverError("the bus loop does not run; configure and activate the driver")
+    def call(
+        self, request: Callable[[GripperController, float], Result], timeout: float = 1.0, *, urgent: bool = False
+    ) -> Result:
+        """Run a request between two cycles and return what it returns, or raise what it raises.
+
+        A request that could not begin within ``timeout`` [s] is never obeyed later; one that has begun is waited for.
+        An urgent one overtakes all others and stays asked for: it is obeyed as soon as the bus is free.
+
+        Raises:
+            DriverError: the loop does not run.
+            TimeoutError: not begun in time.
+        """
         future: Future[Result] = Future()
         with self._wanted:
-            self._requests.append((lambda: request(self._controller, time.monotonic()), future))
+            if self._ended or not self.running:
+                raise DriverError("the bus loop does not run; configure and activate the driver")
+            entry = (lambda: request(self._controller, time.monotonic()), future)
+            if urgent:
+                self._requests.appendleft(entry)
+            else:
+                self._requests.append(entry)
             self._wanted.notify_all()
-        return future.result(timeout)
+        try:
+            return future.result(timeout)
+        except TimeoutError:
+            if not urgent and future.cancel():
+                raise TimeoutError(
+                    f"the bus was busy for {timeout:g} s, so the order was taken back and nothing moves by it; "
+                    "see tendon/status"
+                ) from None
+            if urgent and not future.running() and not future.done():
+                raise TimeoutError(
+                    f"the bus has been busy for {timeout:g} s; the order stands and is obeyed first"
+                ) from None
+            return future.result()
 
     def power(self, *, on: bool, timeout: float = 2.0) -> None:
         """Take hold of every tendon that can be held, or let go of all."""
         self.call(lambda controller, _: self._power_all(controller, on=on), timeout)
 
+    def order(self, request: Callable[[GripperController, float], Result], *, power: bool) -> Result:
+        """With ``power`` take hold of what a lock made slack; then run a request as `call` does.
+
+        Raises:
+            DriverError, TimeoutError: see `call`.
+        """
+
+        def serve(controller: GripperController, now: float) -> Result:
+            if power and not controller.is_blocked:
+                self._power_all(controller, on=True)
+            return request(controller, now)
+
+        return self.call(serve)
+
+    def post(self, request: Callable[[GripperController, float], object]) -> None:
+        """Run a request between two cycles; nobody waits for it. A loop that has ended does nothing."""
+        with self._wanted:
+            if not self._ended:
+                self._requests.append((lambda: request(self._controller, time.monotonic()), Future()))
+                self._wanted.notify_all()
+
+    @property
+    def owners(self) -> tuple[OwnerRow, ...]:
+        """Who owns which tendon."""
+        return self._controller.ownership.rows()
+
+    def take_over(self) -> list[str]:
+        """Go on holding what the process before left holding; return those tendons."""
+
+        def adopt(controller: GripperController, _: float) -> list[str]:
+            held = [name for name in controller.drives if self._backend.is_powered(name)]
+            for name in held:
+                controller.drives[name].take_over(self._backend.goal_position(name))
+            controller.enforce_block()
+            return held
+
+        return self.call(adopt)
+
     def mark_session(self, tendon: str, mark: int, timeout: float = 1.0) -> None:
         """Leave a mark in a device; see TendonBackend.mark_session."""
         self.call(lambda _controller, _now: self._backend.mark_session(tendon, mark), timeout)
 
-    def stop_emergency(self) -> str:
-        """Stop everything now; returns when it is done: what could not be told, and is told as soon as it can be."""
-        return self.call(lambda controller, _: self._stop_emergency(controller))
+    def enforce_block(self) -> str:
+        """Do at once what a latched stop or a lock asks for; return what could not be done yet, empty when all was.
+
+        Raises:
+            DriverError: the loop does not run, so torque is off.
+            TimeoutError: the bus is busy; it is done as soon as it is free.
+        """
+        return self.call(lambda controller, _: self._enforce_block(controller), urgent=True)
 
     def reset(self, *, power: bool) -> str:
         """Leave the emergency stop and latched faults; say what happens now.
@@ -219,7 +292,7 @@ class BusLoop:
         except BaseException as error:  # noqa: BLE001  whatever it is, the tendons are let go and the node is told
             self.failure = error
         finally:
-            self._let_go()
+            self._leave()
 
     def _serve_until(self, due: float) -> None:
         """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
@@ -278,8 +351,8 @@ class BusLoop:
             self._port_lost = ""
         return not self._port_lost
 
-    def _stop_emergency(self, controller: GripperController) -> str:
-        actions = controller.stop_emergency()
+    def _enforce_block(self, controller: GripperController) -> str:
+        actions = controller.enforce_block()
         try:
             deaf = self._act(actions)
         except PortLostError as error:
@@ -324,7 +397,7 @@ class BusLoop:
         affected = [drive for drive in controller.drives.values() if FAULTS_OF_THE_DEVICE & {drive.fault}]
         controller.reset()
         for drive in affected:
-            drive.restore_begun()
+            drive.begin_restore(power=power)
             self._restores[drive.tendon] = self._backend.restore(drive.tendon)
         if power:
             self._power_all(controller, on=True)
@@ -352,16 +425,31 @@ class BusLoop:
             self._history.append(snapshot)
             self._changed.notify_all()
 
-    def _let_go(self) -> None:
+    def _leave(self) -> None:
+        """Let go of every tendon, or leave it holding where the policy says so and nobody's hands are in the cell."""
+        policies = self._controller.policies
+        policy = policies.estop if self.failure is None else policies.unclean_end
+        self.keeps_hold = policy is StopPolicy.HOLD and not self._controller.is_letting_go
+        self.has_let_go = not self.keeps_hold and self._let_go()
+        self._refuse_pending()
+
+    def _let_go(self) -> bool:
+        """Switch every drive off; return whether all of them confirmed it."""
+        confirmed = True
         for tendon, drive in self._controller.drives.items():
             drive.switch_off()
             try:
                 self._backend.power(tendon, False)
             except DriverError:
-                continue
+                confirmed = False
+        return confirmed
+
+    def _refuse_pending(self) -> None:
         with self._changed:
+            self._ended = True
             pending = list(self._requests)
             self._requests.clear()
             self._changed.notify_all()
         for _, future in pending:
-            future.set_exception(DriverError("the bus loop has ended"))
+            if future.set_running_or_notify_cancel():
+                future.set_exception(DriverError("the bus loop has ended"))

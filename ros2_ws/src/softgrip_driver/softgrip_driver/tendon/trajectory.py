@@ -11,6 +11,9 @@ from itertools import pairwise
 
 from softgrip_driver.errors import ConfigurationError
 
+#: of one trajectory: at 100 Hz that is 20 s, and a stream sends the next one long before
+MAX_POINTS = 2000
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -28,14 +31,16 @@ class Trajectory:
 
     @classmethod
     def checked(
-        cls, times: Sequence[float], lengths: Sequence[float], speeds: Sequence[float], travel: float
+        cls, times: Sequence[float], lengths: Sequence[float], speeds: Sequence[float], travel: float, max_speed: float
     ) -> Trajectory:
-        """Return a trajectory within 0 .. ``travel`` [m].
+        """Return a trajectory within 0 .. ``travel`` [m] whose speeds stay within ``max_speed`` [m/s].
 
         Raises:
-            ConfigurationError: no points, wrong counts, times that do not grow, numbers that are none, or lengths
-                outside the travel.
+            ConfigurationError: no points or too many, wrong counts, times that do not grow, numbers that are none,
+                lengths outside the travel, or speeds beyond the limit.
         """
+        if len(times) > MAX_POINTS:
+            raise ConfigurationError(f"trajectory: expected at most {MAX_POINTS} points, found {len(times)}; stream it")
         if not times or len(lengths) != len(times) or len(speeds) not in (0, len(times)):
             raise ConfigurationError(
                 "trajectory: expected as many positions (and velocities, if any) as points, found "
@@ -50,6 +55,9 @@ class Trajectory:
             raise ConfigurationError(
                 f"trajectory: expected pulled lengths between 0 and {travel:.4f} m, found {low:.4f} .. {high:.4f} m"
             )
+        fastest = max(map(abs, speeds), default=0.0)
+        if fastest > max_speed:
+            raise ConfigurationError(f"trajectory: expected velocities up to {max_speed:g} m/s, found {fastest:g} m/s")
         return cls(tuple(times), tuple(lengths), tuple(speeds))
 
     @property

@@ -75,7 +75,7 @@ def test_soak(bench, request):
         if warm is None and elapsed > WARM_UP * SECONDS:
             warm = resident()
         target = rng.uniform(0.002, 0.012)
-        bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [target], 0.01), now))  # noqa: B023
+        bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [target], 0.01, 20.0), now))  # noqa: B023
         fault = rng.choice(CAUSES)
         arguments = {} if fault in WITHOUT_SLOT else {"slot": rng.choice(["index", "middle", "thumb"])}
         first = bench.loop.snapshot.sequence

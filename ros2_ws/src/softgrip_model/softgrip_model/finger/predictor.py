@@ -15,6 +15,7 @@ from softgrip_model.digest import text_digest
 from softgrip_model.finger.design import Finger
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Kernel, Solution, Status, reason
+from softgrip_model.friction.acceptance import model_digest
 from softgrip_model.friction.errors import ModelFileError
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.friction.published import published
@@ -46,6 +47,8 @@ class ActiveFriction:
     law: FrictionLaw
     covariance: Array | None = None
     """(p, p); None when unknown."""
+    digest: str = ""
+    """Of all its numbers (`acceptance.model_digest`); two models with the same one predict the same."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,8 @@ def assumed_friction(profile: Profile) -> ActiveFriction:
         model = published(profile.friction_id)
     except ModelFileError as error:
         raise FingerError(f"profile {profile.id!r}: friction_id: {error}") from error
-    return ActiveFriction(model.id, model.law, model.covariance)
+    digest = model_digest(model.law, model.covariance, model.cable_radius_m, model.surface_radius_m)
+    return ActiveFriction(model.id, model.law, model.covariance, digest)
 
 
 class Configuration:
@@ -138,6 +142,13 @@ class Configuration:
         if self.friction is not None:
             return self.friction.id
         return ",".join(sorted({own.id for own in self._own.values()}))
+
+    @property
+    def friction_digest(self) -> str:
+        """Digest of the friction in use; several, when profiles bring their own."""
+        if self.friction is not None:
+            return self.friction.digest
+        return ",".join(sorted({own.digest for own in self._own.values()}))
 
     def friction_of(self, slot: str) -> ActiveFriction:
         """Return what is assumed for a slot."""

@@ -224,7 +224,7 @@ class Closing:
         self.hexahedra = len(self.finger_mesh.mesh.hexes)
         text = f"{digest(profile)}:{slot}:{self.settings}:{POISSON}"
         if friction is not None:
-            text += f":{friction.id}:{friction.law}"
+            text += f":{friction.id}:{friction.digest}:{friction.law}"
         text += self.body.changes
         self.digest = text_digest(self.finger_mesh.mesh.digest + text)
         # nothing that keyframes hold leads back to this closing: they are large, and go with it

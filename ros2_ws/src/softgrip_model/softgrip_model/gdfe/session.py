@@ -254,7 +254,8 @@ class ShapeSession:
         Raises:
             GdfeError: a finger cannot be simulated with it; all stays.
         """
-        if self._friction is not None and (friction.id, friction.law) == (self._friction.id, self._friction.law):
+        used = self._friction
+        if used is not None and (friction.id, friction.digest, friction.law) == (used.id, used.digest, used.law):
             return
         before, self._friction = self._friction, friction
         try:

@@ -24,10 +24,11 @@ from softgrip_interfaces.msg import (
     PredictionResidual,
 )
 from softgrip_model.finger import FingerError
+from softgrip_model.finger.in_use import InUse
 from softgrip_model.finger.matching import TendonSample
 from softgrip_model.finger.predictor import ActiveFriction, Prediction
 from softgrip_model.finger.session import MeasuredFinger, Residual
-from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law
+from softgrip_model.friction.acceptance import accept
 from softgrip_model.gdfe.session import Shown
 
 NANOSECONDS = 1_000_000_000
@@ -81,46 +82,23 @@ def measured_fingers(message: FingerStates) -> list[MeasuredFinger]:
     ]
 
 
+#: Verdicts of models that may be computed with.
+_USABLE = {FrictionModel.USABLE, FrictionModel.REPEAT_POINTS}
+
+
 def active_friction(message: FrictionModel) -> ActiveFriction:
     """Return a friction model.
 
     Raises:
-        FingerError: an unknown law, coefficients that do not fit it, or a verdict against using it.
-        LawError: coefficients that no law can have.
+        FingerError: its verdict does not say that it may be used.
+        LawError: an unknown law, numbers that it cannot have, or a digest of other numbers.
     """
-    if message.verdict == FrictionModel.DO_NOT_USE:
+    if message.verdict == FrictionModel.UNSET:
+        raise FingerError(f"friction model {message.id!r}: expected a verdict, found none; calibrate (rig/calibrate)")
+    if message.verdict not in _USABLE:
         raise FingerError(f"friction model {message.id!r} says of itself not to use it: {message.reason}")
-    try:
-        law, reading = Law(message.law), KReading(message.k_reading or KReading.PRINTED)
-    except ValueError as error:
-        raise FingerError(
-            f"friction model {message.id!r}: expected a law of {[str(law) for law in Law]} and a reading of "
-            f"{[str(reading) for reading in KReading]}, found {message.law!r} and {message.k_reading!r}"
-        ) from error
-    names = COEFFICIENT_NAMES[law]
-    given = dict(zip(message.coefficient_names, message.coefficients, strict=False))
-    if set(given) != set(names) or len(message.coefficients) != len(names):
-        raise FingerError(f"friction model {message.id!r}: {law} has coefficients {names}, found {sorted(given)}")
-    covariance = np.array(message.covariance, dtype=np.float64)
-    if covariance.size not in {0, len(names) ** 2}:
-        raise FingerError(
-            f"friction model {message.id!r}: expected a covariance of {len(names) ** 2} values or none, "
-            f"found {covariance.size}"
-        )
-    order = [list(message.coefficient_names).index(name) for name in names]
-    square = covariance.reshape(len(names), len(names))[np.ix_(order, order)] if covariance.size else None
-    return ActiveFriction(
-        id=message.id,
-        law=FrictionLaw(
-            law,
-            tuple(float(given[name]) for name in names),
-            1e3 * (message.cable_radius + message.surface_radius),
-            reading,
-            (float(message.angle_range[0]), float(message.angle_range[1])),
-            (float(message.tension_range[0]), float(message.tension_range[1])),
-        ),
-        covariance=square if square is not None and np.isfinite(square).all() else None,
-    )
+    accepted = accept(message)
+    return ActiveFriction(message.id, accepted.law, accepted.covariance, accepted.digest)
 
 
 def mounted_profiles(message: CellState) -> dict[str, str]:
@@ -137,15 +115,14 @@ def is_free(message: CellState) -> bool:
     return message.mode not in _NOT_FREE
 
 
-def predicted_message(
-    header: Header, predictions: Sequence[Prediction], friction_model: str, configuration: str
-) -> FingerStates:
+def predicted_message(header: Header, predictions: Sequence[Prediction], in_use: InUse) -> FingerStates:
     """Return predictions as a message with the header of what they were computed from."""
     return FingerStates(
         header=header,
         fingers=[finger_state(prediction) for prediction in predictions],
-        friction_model=friction_model,
-        configuration=configuration,
+        friction_model=in_use.configuration.friction_id,
+        friction_digest=in_use.configuration.friction_digest,
+        configuration=in_use.digest,
     )
 
 

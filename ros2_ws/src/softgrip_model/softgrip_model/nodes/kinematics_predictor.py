@@ -119,10 +119,7 @@ class KinematicsPredictor(Node):
             return
         predictions = self._session.predict(samples, names)
         if predictions:
-            in_use = self._session.in_use
-            self._predicted.publish(
-                convert.predicted_message(message.header, predictions, in_use.configuration.friction_id, in_use.digest)
-            )
+            self._predicted.publish(convert.predicted_message(message.header, predictions, self._session.in_use))
         self._report("tendons", Health.OK, f"{len(predictions)} of {len(names)} tendons predicted")
         self._publish_residuals(self._session.on_tendons(samples, names))
 
@@ -143,7 +140,7 @@ class KinematicsPredictor(Node):
             self._report("friction", Health.WARN, f"{error}; still using {kept}")
             return
         self._session.set_friction(friction)
-        self._report("friction", Health.OK, f"using {friction.id}")
+        self._report("friction", Health.OK, f"using {friction.id}", {"digest": friction.digest})
         self.get_logger().info(f"friction model {friction.id}")
 
     def _on_cell(self, message: CellState) -> None:

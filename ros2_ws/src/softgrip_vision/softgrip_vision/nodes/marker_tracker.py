@@ -37,7 +37,7 @@ from softgrip_nodekit import (
 )
 from softgrip_vision import calibration, colour
 from softgrip_vision.errors import VisionError
-from softgrip_vision.frame import Frame, decode
+from softgrip_vision.frame import Frame, decode, image_size
 from softgrip_vision.layout import FingerSetup, parse_region
 from softgrip_vision.nodes import convert
 from softgrip_vision.options import TrackerOptions
@@ -178,7 +178,12 @@ class MarkerTrackerNode(Node):
         )
 
     def _on_compressed(self, message: CompressedImage) -> None:
-        self._on_frame(message.header, lambda: decode(message.data))
+        def pixels() -> colour.Image:
+            data = bytes(message.data)
+            self._tracker.calibration.require_size(*image_size(data))
+            return decode(data)
+
+        self._on_frame(message.header, pixels)
 
     def _on_raw(self, message: Image) -> None:
         self._on_frame(message.header, lambda: convert.from_image_message(message))

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Emergency stop and lock of one gripper: latched, on disk before a change counts as done, ended by a person only."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from softgrip_driver.tendon.safety_store import (
+    SafetyRecord,
+    SafetyStore,
+    SafetyStoreError,
+    StopCause,
+    token_digest,
+)
+
+ESTOP_IS_ON = "emergency stop is on; make the cell safe, then call estop_reset"
+
+
+class SafetyRefusal(Exception):  # noqa: N818  an answer, not a failure
+    """A lock that can not be had or released; says why and what to do."""
+
+
+class Safety:
+    """The state, shared by the threads of a driver.
+
+    A stop holds in memory from the moment it is asked for, and on disk when `persist` returned no problem. Whatever
+    makes the cell less safe (reset, unlock) is on disk first: where it can not be written it does not happen.
+
+    Args:
+        store: the file.
+        on_change: called with the new record after each change, without the lock.
+    """
+
+    def __init__(self, store: SafetyStore, on_change: Callable[[SafetyRecord], None] = lambda _: None) -> None:
+        self._store = store
+        self._on_change = on_change
+        self._mutex = threading.Lock()
+        self._on_disk: SafetyRecord | None = None
+        self._record = self._start(store.load())
+
+    @staticmethod
+    def _start(found: SafetyRecord) -> SafetyRecord:
+        """Return the state of a new process: latched where the one before ended without letting go of its drives."""
+        if found.is_armed and not found.is_stopped:
+            return replace(
+                found,
+                cause=StopCause.UNCLEAN_END,
+                stop_reason="the driver before this one ended without letting go of its drives (killed, crashed, or a "
+                "power cut)",
+            )
+        return found
+
+    @property
+    def record(self) -> SafetyRecord:
+        """The present state."""
+        return self._record
+
+    @property
+    def refusal(self) -> str:
+        """Return why nothing may move now, empty when it may."""
+        record = self._record
+        if record.is_stopped:
+            return f"{ESTOP_IS_ON} ({record.stop_reason})"
+        if record.is_locked:
+            return (
+                f"the cell is locked by {record.lock_owner} ({record.lock_reason}); wait until the same owner calls "
+                "tendon/unlock"
+            )
+        return ""
+
+    # --- emergency stop --------------------------------------------------------------------------------------------
+
+    def latch_stop(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
+        """Latch the stop in memory, at once; `persist` puts it on disk."""
+        with self._mutex:
+            if self._record.cause is not StopCause.REQUESTED:
+                self._record = self._changed(cause=cause, stop_reason=reason)
+        self._on_change(self._record)
+
+    def persist(self) -> str:
+        """Put the state on disk if it is not there yet; return the problem in words, empty for none."""
+        with self._mutex:
+            if self._on_disk == self._record:
+                return ""
+            try:
+                self._store.save(self._record)
+            except SafetyStoreError as error:
+                return str(error)
+            self._on_disk = self._record
+            return ""
+
+    def reset_stop(self) -> None:
+        """End the stop; a lock stays.
+
+        Raises:
+            SafetyStoreError: it could not be written, so the stop stays.
+        """
+        self._replace(cause=StopCause.NONE, stop_reason="")
+
+    def set_armed(self, *, armed: bool) -> None:
+        """Note on disk that torque may be on, or that this process has let go of its drives.
+
+        Raises:
+            SafetyStoreError: it could not be written; an unclean end would not be seen, so nothing may be armed.
+        """
+        if self._record.is_armed != armed or self._on_disk != self._record:
+            self._replace(is_armed=armed)
+
+    # --- lock ------------------------------------------------------------------------------------------------------
+
+    def acquire_lock(self, owner: str, reason: str, token: str = "") -> str:
+        """Take the lock, or confirm with its token that it still stands; return the token.
+
+        Raises:
+            SafetyRefusal: no owner or reason given, somebody else has the lock, or the token is another lock's.
+            SafetyStoreError: it could not be written; there is no lock then.
+        """
+        record = self._record
+        if token:
+            self._check_token(token)
+            return token
+        if not owner.strip() or not reason.strip():
+            raise SafetyRefusal("expected an owner and a reason, found none; say who locks the cell and what for")
+        if record.is_locked:
+            raise SafetyRefusal(f"already locked by {record.lock_owner} ({record.lock_reason})")
+        token = secrets.token_urlsafe(16)
+        self._replace(lock_owner=owner.strip(), lock_reason=reason.strip(), lock_digest=token_digest(token))
+        return token
+
+    def release_lock(self, token: str, *, override_owner: bool = False, reason: str = "") -> str:
+        """End the lock; return in words what was released.
+
+        Raises:
+            SafetyRefusal: no lock, another token, or an override without a latched stop and a reason.
+            SafetyStoreError: it could not be written, so the lock stays.
+        """
+        record = self._record
+        if not record.is_locked:
+            raise SafetyRefusal("expected a lock, found none")
+        if override_owner:
+            if not record.is_stopped or not reason.strip():
+                raise SafetyRefusal(
+                    "an override needs a latched emergency stop and a reason; call estop, see that nobody's hands are "
+                    "in the cell, and say who releases the lock and why"
+                )
+        else:
+            self._check_token(token)
+        self._replace(lock_owner="", lock_reason="", lock_digest="")
+        by = f", overridden: {reason.strip()}" if override_owner else ""
+        return f"released the lock of {record.lock_owner}{by}"
+
+    # --- helpers ---------------------------------------------------------------------------------------------------
+
+    def _check_token(self, token: str) -> None:
+        record = self._record
+        if not record.is_locked:
+            raise SafetyRefusal("expected a lock with this token, found none; the lock was released")
+        if not hmac.compare_digest(token_digest(token), record.lock_digest):
+            raise SafetyRefusal(f"another token; the cell is locked by {record.lock_owner} ({record.lock_reason})")
+
+    def _changed(self, **values: object) -> SafetyRecord:
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        return replace(self._record, sequence=self._record.sequence + 1, changed_at=now, **values)  # type: ignore[arg-type]
+
+    def _replace(self, **values: object) -> None:
+        """Change the state on disk first, then in memory."""
+        with self._mutex:
+            changed = self._changed(**values)
+            self._store.save(changed)
+            self._on_disk = self._record = changed
+        self._on_change(self._record)

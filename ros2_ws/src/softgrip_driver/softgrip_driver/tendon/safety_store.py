@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emergency stop and the lock around hands, on disk: what a restarted driver must know before it touches a drive.
+
+The file is read before anything else, and replaced as a whole: the old one stays until the new one is on disk. Whatever
+can not be read with certainty counts as stopped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from softgrip_driver.errors import DriverError
+
+SCHEMA = 1
+
+
+class StopCause(StrEnum):
+    """Why the emergency stop is latched."""
+
+    NONE = ""
+    REQUESTED = "requested"
+    #: the process before ended without letting go of its drives: killed, crashed, or without power
+    UNCLEAN_END = "unclean_end"
+    #: nobody knows what the file said
+    UNREADABLE = "unreadable"
+
+
+class SafetyStoreError(DriverError):
+    """The state could not be put on disk; it holds in memory all the same."""
+
+
+@dataclass(frozen=True)
+class SafetyRecord:
+    """What keeps the drives from moving.
+
+    Attributes:
+        sequence: counts changes, kept over restarts.
+        changed_at: UTC, ISO 8601.
+        cause: why the emergency stop is latched; NONE = it is not.
+        stop_reason: who or what stopped, in words.
+        lock_owner, lock_reason: who has hands in the cell and what for; empty without a lock.
+        lock_digest: SHA-256 of the lock's token; empty without a lock.
+        is_armed: torque may be on; a process that finds this at its start follows one that ended uncleanly.
+    """
+
+    sequence: int = 0
+    changed_at: str = ""
+    cause: StopCause = StopCause.NONE
+    stop_reason: str = ""
+    lock_owner: str = ""
+    lock_reason: str = ""
+    lock_digest: str = ""
+    is_armed: bool = False
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the emergency stop is latched."""
+        return self.cause is not StopCause.NONE
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether hands are in the cell."""
+        return bool(self.lock_digest)
+
+
+class SafetyStore:
+    """The file.
+
+    Args:
+        path: YAML file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def load(self) -> SafetyRecord:
+        """Return what is on disk; a cell that never ran has nothing there and is not stopped.
+
+        A file that can not be read, was edited, or is of another schema gives a latched stop with the cause UNREADABLE.
+        """
+        try:
+            text = self.path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return SafetyRecord()
+        except (OSError, UnicodeDecodeError) as error:
+            return self._unreadable(str(error))
+        try:
+            document = yaml.safe_load(text)
+            body = document["safety"]
+            if document["schema"] != SCHEMA or document["sha256"] != _digest(body):
+                return self._unreadable("schema or checksum differ")
+            return _record_of(body)
+        except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
+            return self._unreadable(repr(error))
+
+    def save(self, record: SafetyRecord) -> None:
+        """Replace the file; file and folder are on disk when this returns.
+
+        Raises:
+            SafetyStoreError: it could not be written.
+        """
+        body = {**asdict(record), "cause": record.cause.value}
+        text = "# Written by tendon_driver: emergency stop and lock. Call estop_reset or tendon/unlock, do not edit.\n"
+        text += yaml.safe_dump({"schema": SCHEMA, "safety": body, "sha256": _digest(body)}, sort_keys=False)
+        temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with temporary.open("w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(self.path)
+            _sync_folder(self.path.parent)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise SafetyStoreError(f"{self.path}: expected a writable file, found: {error}") from error
+
+    def _unreadable(self, found: str) -> SafetyRecord:
+        return SafetyRecord(
+            cause=StopCause.UNREADABLE,
+            stop_reason=f"{self.path}: expected the safety state (schema {SCHEMA}), found none readable: {found}",
+        )
+
+
+def token_digest(token: str) -> str:
+    """Return what is kept of a lock's token: its SHA-256, in hex."""
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def _record_of(body: Mapping[str, Any]) -> SafetyRecord:
+    kinds = {field.name: type(getattr(SafetyRecord(), field.name)) for field in fields(SafetyRecord)}
+    if set(body) != set(kinds):
+        raise ValueError(f"expected the keys {sorted(kinds)}, found {sorted(body)}")
+    values = {**body, "cause": StopCause(body["cause"])}
+    wrong = [name for name, kind in kinds.items() if type(values[name]) is not kind]
+    if wrong:
+        raise ValueError(f"keys of another type: {wrong}")
+    return SafetyRecord(**values)
+
+
+def _digest(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(yaml.safe_dump(body, sort_keys=True).encode()).hexdigest()
+
+
+def _sync_folder(folder: Path) -> None:
+    """A rename is on disk only once its folder is."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A service with a session, queue and thread of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from softgrip_nodekit import UrgentServer
+from softgrip_nodekit.testing import PATIENCE
+
+
+def _await(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, "not in time"
+        time.sleep(0.01)
+
+
+Serve = Callable[[Any, Any], Any]
+Make = Callable[..., "tuple[Node, UrgentServer]"]
+
+
+def _answer(_: Any, response: Any) -> Any:
+    response.success, response.message = True, "stopped"
+    return response
+
+
+@pytest.fixture
+def make() -> Iterator[Make]:
+    made: list[tuple[Context, Node, UrgentServer]] = []
+
+    def build(*arguments: str, callback: Serve = _answer, name: str = "estop", kind: Any = Trigger) -> Any:
+        context = Context()
+        rclpy.init(args=["--ros-args", *arguments] if arguments else [], context=context)
+        node = Node("driver", context=context)
+        server = UrgentServer(node, kind, name, callback)
+        made.append((context, node, server))
+        return node, server
+
+    yield build
+    for context, node, server in made:
+        server.close()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.fixture
+def call() -> Iterator[Callable[..., Any]]:
+    context = Context()
+    rclpy.init(args=[], context=context)
+    node = Node("operator", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def ask(name: str, kind: Any = Trigger) -> Any:
+        client = node.create_client(kind, name)
+        assert client.wait_for_service(timeout_sec=PATIENCE), name
+        future = client.call_async(kind.Request())
+        executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
+        assert future.done(), f"{name} was not answered"
+        return future.result()
+
+    yield ask
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_it_answers_while_nobody_spins_its_node(make: Make, call: Callable[..., Any]) -> None:
+    make()
+    assert call("/estop").message == "stopped"
+
+
+def test_it_answers_while_the_nodes_executor_stands_in_a_callback(make: Make, call: Callable[..., Any]) -> None:
+    node, _ = make()
+    inside, leave = threading.Event(), threading.Event()
+
+    def stand() -> None:
+        inside.set()
+        leave.wait(PATIENCE)
+
+    node.create_timer(0.001, stand)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    spinning = threading.Thread(target=executor.spin)
+    spinning.start()
+    try:
+        assert inside.wait(PATIENCE)
+        assert call("/estop").success
+    finally:
+        leave.set()
+        executor.shutdown()
+        spinning.join()
+
+
+def test_names_follow_the_nodes_arguments_and_both_nodes_keep_names_of_their_own(
+    make: Make, call: Callable[..., Any]
+) -> None:
+    node, server = make("-r", "__node:=left_driver", "-r", "__ns:=/left", "-r", "estop:=all_stop")
+    assert server.service_name == "/left/all_stop"
+    assert call("/left/all_stop").success
+    both = {"/left/left_driver", "/left/left_driver_urgent"}
+    _await(lambda: both <= set(node.get_fully_qualified_node_names()))
+
+
+def test_nothing_else_is_served_by_its_node(make: Make, call: Callable[..., Any]) -> None:
+    node, _ = make()
+    call("/estop")
+    _await(lambda: "driver_urgent" in node.get_node_names())
+    served = node.get_service_names_and_types_by_node("driver_urgent", "/")
+    assert served == [("/estop", ["std_srvs/srv/Trigger"])]
+
+
+def test_a_callback_that_raises_is_answered_with_the_reason_and_the_next_call_is_served(
+    make: Make, call: Callable[..., Any]
+) -> None:
+    def fail(_: Any, response: Any) -> Any:
+        failures.append(1)
+        if len(failures) == 1:
+            raise OSError("the disk is full")
+        return _answer(_, response)
+
+    failures: list[int] = []
+    make(callback=fail, kind=SetBool)
+    first = call("/estop", SetBool)
+    assert not first.success
+    assert first.message == "OSError: the disk is full"
+    assert call("/estop", SetBool).success
+
+
+def test_a_response_of_the_wrong_kind_does_not_end_it(make: Make, call: Callable[..., Any]) -> None:
+    answers: list[Any] = [None]
+
+    def serve(_: Any, response: Any) -> Any:
+        return answers.pop() if answers else _answer(_, response)
+
+    node, _ = make(callback=serve)
+    client = node.create_client(Trigger, "/estop")
+    assert client.wait_for_service(timeout_sec=PATIENCE)
+    client.call_async(Trigger.Request())  # its answer is none
+    assert call("/estop").success
+
+
+def test_its_queue_thread_and_session_are_gone_once_it_is_closed(make: Make) -> None:
+    node, server = make()
+    assert "driver_urgent" in [thread.name for thread in threading.enumerate()]
+    server.close()
+    assert "driver_urgent" not in [thread.name for thread in threading.enumerate()]
+    assert not server._isolated.node.context.ok()
+    assert node.context.ok()
+    server.close()  # a second time is no error
+
+
+def test_parameters_of_the_command_line_do_not_reach_its_node(make: Make) -> None:
+    _, server = make("-p", "use_sim_time:=true")
+    assert not server._isolated.node.get_parameter("use_sim_time").value
