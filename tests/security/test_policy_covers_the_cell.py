@@ -104,7 +104,8 @@ def test_what_a_node_makes_is_granted(policy: Policy, node: str) -> None:
 
 
 def documented() -> list[str]:
-    rows = re.findall(r"^\| ([a-z/][^|]*) \|", ARCHITECTURE.read_text().partition("## Interfaces")[2], re.MULTILINE)
+    table = ARCHITECTURE.read_text().partition("## Interfaces")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| ([a-z/][^|]*) \|", table, re.MULTILINE)
     return [name.strip() for row in rows if row.strip() != "name" for name in row.split(",") if "..." not in name]
 
 

@@ -56,15 +56,6 @@ def test_frames_priority_reaches_all_that_a_frame_passes(executable: str, parame
     assert parameters(executable)[parameter] == "$(var frames_priority)"
 
 
-def test_only_nodes_that_hold_hardware_end_the_cell_when_they_are_gone() -> None:
-    nodes = entities("cell.launch.yaml", "node")
-    ends = {node["exec"] for node in nodes if node.get("on_exit") == "shutdown"}
-    assert ends == {"emulated_cell", "tendon_driver", "friction_rig"}
-    for node in nodes:
-        # the others end it only where they refuse to start
-        assert node["launch-prefix"].endswith(" --end-launch-on-refusal") == (node["exec"] not in ends)
-
-
 @pytest.mark.parametrize("name", ["servo_port", "stage_port", "gauge_port", "camera_source", "calibration"])
 def test_real_hardware_takes_nothing_from_the_folder_of_the_emulated_one(name: str) -> None:
     (argument,) = [one for one in entities("cell.launch.yaml", "arg") if one["name"] == name]
@@ -100,3 +91,12 @@ def test_a_launch_is_either_secure_on_every_middleware_or_on_this_machine_alone(
     assert made["ROS_AUTOMATIC_DISCOVERY_RANGE"]["unless"] == "$(var secure)"
     (secure,) = [one for one in entities(name, "arg") if one["name"] == "secure"]
     assert secure["default"] == "false"
+
+
+def test_only_nodes_that_hold_hardware_end_the_cell_when_they_are_gone() -> None:
+    nodes = entities("cell.launch.yaml", "node")
+    ends = {node["exec"] for node in nodes if node.get("on_exit") == "shutdown"}
+    assert ends == {"emulated_cell", "tendon_driver", "friction_rig"}
+    for node in nodes:
+        # the others end it only where they refuse to start
+        assert node["launch-prefix"].endswith(" --end-launch-on-refusal") == (node["exec"] not in ends)
