@@ -24,12 +24,17 @@ def hanging():
     os.close(slave)
 
 
+def flood(write) -> None:
+    """Write until the adapter takes no more."""
+    for _ in range(2000):
+        write()
+
+
 def test_a_bus_whose_adapter_hangs_is_lost(hanging):
     bus = Bus(hanging, 1_000_000, 0.004)
     bus.open()
-    with pytest.raises(PortLostError, match="[Tt]imeout|went away"):
-        for _ in range(2000):
-            bus.push_through(0.01)
+    with pytest.raises(PortLostError, match="imeout"):
+        flood(lambda: bus.push_through(0.01))
     bus.close()
 
 
@@ -37,6 +42,5 @@ def test_a_line_port_whose_adapter_hangs_is_lost(hanging):
     port = LinePort(hanging, 115200)
     port.open()
     with pytest.raises(PortLostError):
-        for _ in range(2000):
-            port.write(b"x" * 1000)
+        flood(lambda: port.write(b"x" * 1000))
     port.close()
