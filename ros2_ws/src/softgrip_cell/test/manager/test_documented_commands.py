@@ -56,9 +56,7 @@ def test_a_shift_typed_from_the_page(cell: Any) -> None:
             step = value if field == "step" else step
             if field == "token" and step in {"open_palm", "remove", "insert", "close_palm"}:
                 form = "insert" if step == "insert" else "open_palm"
-                confirmed = [
-                    word.replace(form, step).replace("0f2c", value) for word in line(f"{{step: {form}, token")
-                ]
+                confirmed = [word.replace(form, step).replace("0f2c", value) for word in line(f"{{step: {form}, token")]
                 done = subprocess.run(confirmed, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
                 assert "success=True" in done.stdout, done.stdout + done.stderr
         assert swap.wait(TIMEOUT_S) == 0

@@ -48,8 +48,11 @@ def grasped(cell: Any, during: Callable[[], None], phase: str = "lift") -> Any:
 # --- emergency stop and other people's locks -----------------------------------------------------------------------
 
 
-def test_an_emergency_stop_ends_a_grasp_and_refuses_the_next(cell: Any) -> None:
+@pytest.mark.parametrize("by_status", [True, False])
+def test_an_emergency_stop_ends_a_grasp_and_refuses_the_next(cell: Any, by_status: bool) -> None:
+    """Also where safety/state alone tells of it."""
     ready(cell, "lift_window_s:=20.0")
+    cell.driver.status_tells_estop = by_status
     result = grasped(cell, lambda: setattr(cell.driver.guard, "estop", True))
     assert GRASP_OUTCOMES[result.outcome] == "ABORTED"
     assert "the emergency stop is latched" in result.reason
@@ -175,6 +178,11 @@ def test_the_controllers_client_ends_what_its_swap_left_locked(cell: Any) -> Non
 def test_the_tendons_are_owned_while_the_cell_works_or_holds_and_free_otherwise(cell: Any) -> None:
     ready(cell)
     assert cell.driver.guard.lease_owner == "", "free when the swap's result comes"
+    for goal in cell.driver.goals:  # of the manager's own check
+        assert goal.lease
+        assert goal.speed > 0.0
+        assert 0.0 < goal.tension_limit <= 35.0
+        assert 0 < cell.node.get_clock().now().nanoseconds * 1e-9 - goal.deadline.sec < 60
     assert cell.order()[0] == MoveTendon.Result.REACHED
     cell.controller.release()
     held(cell)
