@@ -194,6 +194,7 @@ class ScriptedDriver(Node):
         self.guard = Guard(self)
         self.refused: list[str] = []
         self.moved = 0
+        self.tendon_state = TendonStatus.HOLDING
         self.status_tells_estop = True
         self.goals: list[Any] = []
         self.status_quiet = False
@@ -385,7 +386,7 @@ class ScriptedDriver(Node):
     def _publish_status(self, stamp: Any) -> None:
         status = TendonStatusArray(
             tendons=[
-                TendonStatus(tendon=name, state=TendonStatus.HOLDING, homed=True, fault=self.fault, reason="scripted")
+                TendonStatus(tendon=name, state=self.tendon_state, homed=True, fault=self.fault, reason="scripted")
                 for name in SLOTS
             ],
             estop=self.guard.estop and self.status_tells_estop,

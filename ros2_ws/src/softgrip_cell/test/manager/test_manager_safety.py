@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import Grasp, MoveTendon, SwapFingers
-from softgrip_interfaces.msg import CellState
+from softgrip_interfaces.msg import CellState, TendonStatus
 from softgrip_interfaces.srv import AcquireLock
 
 pytestmark = pytest.mark.ros
@@ -219,6 +219,19 @@ def test_what_is_only_held_is_handed_over_to_whoever_asks(cell: Any) -> None:
     assert cell.driver.cell.mode == CellState.HOLDING
     cell.driver.guard.end_lease()
     cell.until(lambda: cell.driver.guard.lease_owner == "grasp_mix_manager", 15.0, "the tendons to be taken back")
+
+
+def test_the_lease_outlasts_a_slow_release_which_its_end_would_stop(cell: Any) -> None:
+    ready(cell)
+    held(cell)
+    cell.driver.tendon_state = TendonStatus.RELEASING
+    cell.controller.release()
+    cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
+    beats = cell.driver.guard.heartbeats
+    cell.until(lambda: cell.driver.guard.heartbeats > beats + 3, 5.0, "heartbeats while the tendons move")
+    assert cell.driver.guard.lease_owner == "grasp_mix_manager"
+    cell.driver.tendon_state = TendonStatus.HOLDING
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 5.0, "the tendons to be free")
 
 
 def test_a_running_grasp_is_not_handed_over_but_its_end_is(cell: Any) -> None:
