@@ -182,7 +182,7 @@ def test_the_tendons_are_owned_while_the_cell_works_or_holds_and_free_otherwise(
         assert goal.lease
         assert goal.speed > 0.0
         assert 0.0 < goal.tension_limit <= 35.0
-        assert 0 < cell.node.get_clock().now().nanoseconds * 1e-9 - goal.deadline.sec < 60
+        assert abs(cell.node.get_clock().now().nanoseconds * 1e-9 - goal.deadline.sec) < 60.0
     assert cell.order()[0] == MoveTendon.Result.REACHED
     cell.controller.release()
     held(cell)
