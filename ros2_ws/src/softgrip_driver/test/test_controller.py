@@ -210,6 +210,19 @@ def test_a_newer_command_cancels_the_older(rig):
     assert rig.run(newer)[0] is Outcome.REACHED
 
 
+def test_the_end_of_a_lease_stops_what_its_owner_moves_but_no_slow_release(rig):
+    lease, _ = rig.controller.ownership.acquire("manager", [], 30.0, rig.now)
+    moving = rig.controller.move(length_move(0.020, lease=lease.token), rig.now)
+    rig.pass_time(0.05)
+    rig.controller.release_lease(lease.token, rig.now)
+    assert rig.controller.result(moving)[0] is Outcome.CANCELLED
+    lease, _ = rig.controller.ownership.acquire("manager", [], 30.0, rig.now)
+    slow = rig.controller.release(rig.now)
+    rig.controller.release_lease(lease.token, rig.now)
+    outcome, reason = rig.run(slow)
+    assert outcome is Outcome.REACHED, reason
+
+
 def test_release_keeps_its_speed(rig):
     rig.run(rig.move(0.020))
     ticket = rig.controller.release(rig.now)

@@ -379,7 +379,7 @@ class GripperController:
                 self.drives[name].cancel_motion(f"taken over by {lease.owner}: {reason}")
 
     def release_lease(self, token: str, now: float) -> tuple[str, ...]:
-        """End a lease; what it moved stops and holds. Return its tendons."""
+        """End a lease; what it moved stops and holds, a slow release goes on. Return its tendons."""
         tendons = self.ownership.release(token, now)
         for name in tendons:
             if self.drives[name].busy and self._motion_lease[name] == token:
