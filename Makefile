@@ -57,6 +57,7 @@ test: setup lint  ## lint, then every test
 lint: setup  ## ruff and mypy, strict
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python tools/vocabulary.py
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
 clean:  ## remove what was built

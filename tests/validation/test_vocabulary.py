@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The check of identifiers sees what it is for, and nothing in the workspace breaks it."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+TOOL = Path(__file__).resolve().parents[2] / "tools" / "vocabulary.py"
+SPEC = importlib.util.spec_from_file_location("vocabulary", TOOL)
+assert SPEC is not None
+assert SPEC.loader is not None
+vocabulary = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(vocabulary)
+
+
+@pytest.mark.parametrize(
+    ("identifier", "word"),
+    [
+        ("FEWEST_CORNERS", "fewest"),
+        ("import_passports", "passports"),
+        ("TracedDoors", "doors"),
+        ("_excess_n", "excess"),
+        ("least_squares", ""),
+        ("almost_there", ""),
+        ("min_corners", ""),
+        ("MOSTLY", ""),
+    ],
+)
+def test_words_are_found_in_any_spelling_of_an_identifier(identifier: str, word: str) -> None:
+    assert vocabulary.forbidden_word(identifier) == word
+
+
+def test_the_workspace_breaks_no_rule_and_the_pending_list_is_up_to_date() -> None:
+    problems, known = vocabulary.found_problems(), vocabulary.pending()
+    assert sorted(set(problems) - known) == []
+    assert sorted(known - set(problems)) == []
+
+
+def test_a_name_that_breaks_a_rule_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "ros2_ws" / "src" / "softgrip_x" / "softgrip_x"
+    package.mkdir(parents=True)
+    (package / "one.py").write_text("class Verdict: pass\nhaste = 1\n")
+    (package / "two.py").write_text("class Verdict: pass\n")
+    monkeypatch.setattr(vocabulary, "ROOT", tmp_path)
+    assert set(vocabulary.found_problems()) == {"haste", "class Verdict"}
