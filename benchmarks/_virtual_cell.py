@@ -47,6 +47,8 @@ PROFILES = Path(__file__).parents[1] / "ros2_ws/src/softgrip_bringup/profiles"
 
 
 CHECK = CheckSettings()
+#: As the manager opens fingers, and the largest tension that it asks for.
+OPEN_M_PER_S, LIMIT_N = 0.05, GraspSettings().tension_limit_n
 
 #: A product that hangs from the fingers for so long is held (thesis 4.3.3) [s], still for the last part of it [s], [m].
 HANGS_S = 5.0
@@ -192,7 +194,7 @@ class VirtualCell:
         if outcome is not Outcome.REACHED:
             raise RuntimeError(f"homing: {self.controller.result(ticket)}")
 
-    def move(self, target_m: float, speed: float, limit_n: float = 0.0, slots: Sequence[str] = SLOTS) -> Ticket:
+    def move(self, target_m: float, speed: float, limit_n: float = LIMIT_N, slots: Sequence[str] = SLOTS) -> Ticket:
         """Start a move."""
         request = MoveRequest(slots, MoveMode.LENGTH, [target_m] * len(slots), speed, limit_n)
         ticket = self.controller.move(request, self.plant.now_s)
@@ -351,7 +353,7 @@ class VirtualCell:
         now_s = self.plant.now_s
         for command in commands:
             if isinstance(command, Open):
-                self.move(0.0, 0.05)
+                self.move(0.0, OPEN_M_PER_S)
             elif isinstance(command, Close):
                 names = [SLOTS[slot] for slot in command.slots]
                 request = MoveRequest(
@@ -364,7 +366,13 @@ class VirtualCell:
                 self.controller.move(request, now_s)
             else:
                 ticket = self.controller.move(
-                    MoveRequest(SLOTS, MoveMode.LENGTH, [max(0.0, s.length) for s in self.controller.snapshots()]),
+                    MoveRequest(
+                        SLOTS,
+                        MoveMode.LENGTH,
+                        [max(0.0, s.length) for s in self.controller.snapshots()],
+                        OPEN_M_PER_S,
+                        LIMIT_N,
+                    ),
                     now_s,
                 )
                 self.controller.cancel(ticket, now_s)

@@ -95,7 +95,7 @@ def run_driver(link: str, rate: float, *, silent: bool = False) -> tuple[float, 
         for servo in servos[:answering]:
             loop.call(lambda c, _, t=servo.tendon: c.drives[t].set_zero(c.drives[t].position, 0))
         names = [servo.tendon for servo in servos[:answering]]
-        loop.call(lambda c, now: c.move(MoveRequest(names, MoveMode.LENGTH, [0.0], 0.01), now))
+        loop.call(lambda c, now: c.move(MoveRequest(names, MoveMode.LENGTH, [0.0], 0.01, 5.0), now))
         first = loop.snapshot
         assert first is not None
         cpu, began = time.thread_time(), time.monotonic()
