@@ -133,7 +133,7 @@ class _Reader:
         self._groups = _mapping(self._document.get("groups", {}), "groups")
         self._nodes = _mapping(self._document.get("nodes", {}), "nodes")
         self._tools = _mapping(self._document.get("tools", {}), "tools")
-        self._node_names = [self._full(name) for name in self._nodes]
+        self._node_names = [self._full(one) for name, body in self._nodes.items() for one in _node_names(name, body)]
 
     def policy(self) -> Policy:
         found = [self._identity(name, body, is_tool=False) for name, body in self._nodes.items()]
@@ -150,7 +150,7 @@ class _Reader:
         if not isinstance(name, str) or not _IDENTITY.fullmatch(name):
             raise SecurityError(f"identity: expected a name of a-z, 0-9 and _, found {name!r}")
         body = _mapping(body, name, ("groups", "named", *Grant))
-        named = _strings(body.get("named", []), f"{name}: named")
+        named = _strings(body.get("named", []), f"{name}: named")  # beside its own name
         if wrong := [one for one in named if not _NODE_PATTERN.fullmatch(one)]:
             raise SecurityError(f"{name}: named: expected node names, at most with * at the end; found {wrong}")
         own = [] if is_tool else [name, f"{name}_*"]
@@ -187,6 +187,12 @@ class _Reader:
 
     def _full(self, name: str) -> str:
         return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
+
+
+def _node_names(name: Any, body: Any) -> list[str]:
+    """Return the names of an identity's nodes that are known in full."""
+    named = body.get("named", []) if isinstance(body, dict) else []
+    return [str(name), *(str(one) for one in named if not str(one).endswith("*"))]
 
 
 def _with_published(identity: Identity, topics: Iterable[str]) -> Identity:
