@@ -124,7 +124,7 @@ class _Reader:
     """Turns the document into a policy; each method checks what it reads."""
 
     def __init__(self, document: Any, namespace: str) -> None:
-        self._document = _mapping(document, "the file", ("version", "orders", "groups", "nodes", "tools"))
+        self._document = _mapping(document, "the file", ("version", "withheld", "groups", "nodes", "tools"))
         if self._document.get("version") != _VERSION:
             raise SecurityError(f"version: expected {_VERSION}, found {self._document.get('version')!r}")
         if not _NAMESPACE.fullmatch(namespace):
@@ -141,9 +141,9 @@ class _Reader:
         names = [one.name for one in found]
         if repeated := {name for name in names if names.count(name) > 1 or name == ROUTER}:
             raise SecurityError(f"identities: expected different names, none of them 'router'; found {repeated} again")
-        orders = {self._full(name) for name in _names(self._document.get("orders", []), "orders")}
+        withheld = {self._full(name) for name in _names(self._document.get("withheld", []), "withheld")}
         published = [topic for one in found if not one.is_tool for topic in one.topics(Grant.PUBLISH)]
-        open_topics = [topic for topic in published if topic not in orders]
+        open_topics = [topic for topic in published if topic not in withheld]
         return Policy(tuple(_with_published(one, open_topics) for one in found), self._namespace)
 
     def _identity(self, name: Any, body: Any, *, is_tool: bool) -> Identity:
