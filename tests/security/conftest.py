@@ -37,6 +37,8 @@ class Network:
         values: dict[str, Any] = json.loads((self.keys / "zenoh" / f"{name}.json5").read_text())
         side = "listen" if name == "router" else "connect"
         values[side]["endpoints"] = [f"tls/localhost:{self.port}"]
+        # thirty sessions share one process here: on a busy machine none of them is to be given up
+        values["transport"]["link"]["tx"]["lease"] = 60_000
         return values
 
     def open(self, name: str, change: Callable[[dict[str, Any]], None] = lambda _: None) -> zenoh.Session:

@@ -49,7 +49,8 @@ def test_a_whole_shift_ends_with_summary_page_and_a_bag_that_replays(launch: Lau
 
 
 def test_a_missing_device_ends_the_cell_with_a_reason(launch: Launch, tmp_path: Path) -> None:
-    cell = launch(*CELL, "hardware:=real", f"servo_port:={tmp_path}/no-such-port", f"out:={tmp_path}/out")
+    real = ("hardware:=real", f"servo_port:={tmp_path}/no-such-port", f"calibration:={tmp_path}/calibration.yaml")
+    cell = launch(*CELL, *real, f"out:={tmp_path}/out")
     cell.wait_for_end(GIVE_UP)
     assert "cannot start" in cell.output
     assert "no-such-port" in cell.output

@@ -124,7 +124,7 @@ class _Reader:
     """Turns the document into a policy; each method checks what it reads."""
 
     def __init__(self, document: Any, namespace: str) -> None:
-        self._document = _mapping(document, "the file", ("version", "orders", "groups", "nodes", "tools"))
+        self._document = _mapping(document, "the file", ("version", "withheld", "groups", "nodes", "tools"))
         if self._document.get("version") != _VERSION:
             raise SecurityError(f"version: expected {_VERSION}, found {self._document.get('version')!r}")
         if not _NAMESPACE.fullmatch(namespace):
@@ -133,7 +133,7 @@ class _Reader:
         self._groups = _mapping(self._document.get("groups", {}), "groups")
         self._nodes = _mapping(self._document.get("nodes", {}), "nodes")
         self._tools = _mapping(self._document.get("tools", {}), "tools")
-        self._node_names = [self._full(name) for name in self._nodes]
+        self._node_names = [self._full(one) for name, body in self._nodes.items() for one in _node_names(name, body)]
 
     def policy(self) -> Policy:
         found = [self._identity(name, body, is_tool=False) for name, body in self._nodes.items()]
@@ -141,16 +141,16 @@ class _Reader:
         names = [one.name for one in found]
         if repeated := {name for name in names if names.count(name) > 1 or name == ROUTER}:
             raise SecurityError(f"identities: expected different names, none of them 'router'; found {repeated} again")
-        orders = {self._full(name) for name in _names(self._document.get("orders", []), "orders")}
+        withheld = {self._full(name) for name in _names(self._document.get("withheld", []), "withheld")}
         published = [topic for one in found if not one.is_tool for topic in one.topics(Grant.PUBLISH)]
-        open_topics = [topic for topic in published if topic not in orders]
+        open_topics = [topic for topic in published if topic not in withheld]
         return Policy(tuple(_with_published(one, open_topics) for one in found), self._namespace)
 
     def _identity(self, name: Any, body: Any, *, is_tool: bool) -> Identity:
         if not isinstance(name, str) or not _IDENTITY.fullmatch(name):
             raise SecurityError(f"identity: expected a name of a-z, 0-9 and _, found {name!r}")
         body = _mapping(body, name, ("groups", "named", *Grant))
-        named = _strings(body.get("named", []), f"{name}: named")
+        named = _strings(body.get("named", []), f"{name}: named")  # beside its own name
         if wrong := [one for one in named if not _NODE_PATTERN.fullmatch(one)]:
             raise SecurityError(f"{name}: named: expected node names, at most with * at the end; found {wrong}")
         own = [] if is_tool else [name, f"{name}_*"]
@@ -187,6 +187,12 @@ class _Reader:
 
     def _full(self, name: str) -> str:
         return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
+
+
+def _node_names(name: Any, body: Any) -> list[str]:
+    """Return the names of an identity's nodes that are known in full."""
+    named = body.get("named", []) if isinstance(body, dict) else []
+    return [str(name), *(str(one) for one in named if not str(one).endswith("*"))]
 
 
 def _with_published(identity: Identity, topics: Iterable[str]) -> Identity:
