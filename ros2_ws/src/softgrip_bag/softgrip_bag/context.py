@@ -8,6 +8,7 @@ files of a folder).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -15,6 +16,7 @@ import yaml
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
+from softgrip_bag.places import MAX_FILE_BYTES, read_below, yaml_files_below
 from softgrip_bag.reader import attachments
 
 YAML_TYPE = "application/yaml"
@@ -24,19 +26,34 @@ FILE_PARAMETERS = frozenset({"calibration_file", "profiles_directory"})
 
 
 def parameter_attachment(node: str, values: dict[str, Any]) -> Attachment:
-    """Return the parameter file of a node (fully qualified name)."""
+    """Return the parameter file of a node (fully qualified name).
+
+    Raises:
+        BagError: it is too large to be carried.
+    """
     text = yaml.safe_dump({node: {"ros__parameters": values}}, sort_keys=True)
+    if len(text) > MAX_FILE_BYTES:
+        raise BagError(
+            f"expected at most {MAX_FILE_BYTES} bytes of parameters, found {len(text)}; they are not carried"
+        )
     return Attachment(f"parameters{node}.yaml", YAML_TYPE, text.encode())
 
 
-def parameter_files(node: str, parameter: str, path: Path) -> list[Attachment]:
+def parameter_files(roots: Sequence[Path], node: str, parameter: str, path: Path) -> list[Attachment]:
     """Return the file that a parameter names, or the YAML files of the folder.
 
+    Args:
+        roots: only what is below one of these is read.
+        node: fully qualified name.
+        parameter: its name.
+        path: its value.
+
     Raises:
-        OSError: when it cannot be read.
+        BagError: it is outside the roots, is no plain file, or is too large.
+        OSError: it is not there or cannot be read.
     """
-    files = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
-    return [Attachment(f"{_FILES}{node}/{parameter}/{file.name}", YAML_TYPE, file.read_bytes()) for file in files]
+    files = yaml_files_below(roots, path)
+    return [Attachment(f"{_FILES}{node}/{parameter}/{file.name}", YAML_TYPE, read_below(roots, file)) for file in files]
 
 
 def restore(bag: Path, node: str, folder: Path) -> list[str]:

@@ -6,17 +6,20 @@ Most of a cell's bag is pictures and shapes, and most readers want neither. Sour
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Collection, Iterator
 from typing import IO
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
+
+from softgrip_bag import salvage
+from softgrip_bag.chunk_data import chunk_bytes, chunk_records
 
 #: Opcode and length of a record; of a message then channel, sequence, log time and publish time.
 _RECORD = struct.Struct("<BQ")
@@ -38,8 +41,7 @@ def messages(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Foun
     reader = make_reader(stream)
     summary = reader.get_summary()
     if summary is None or not summary.chunk_indexes:
-        stream.seek(0)
-        yield from make_reader(stream).iter_messages(topics=None if topics is None else list(topics))
+        yield from sorted(_from_end_to_end(stream, topics), key=lambda found: found[2].log_time)
         return
     wanted = {number for number, channel in summary.channels.items() if topics is None or channel.topic in topics}
     for together in _overlapping(summary.chunk_indexes):
@@ -51,6 +53,20 @@ def messages(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Foun
         ]
         for *_, message in sorted(found, key=lambda item: item[:3]):
             yield _schema(summary, message), summary.channels[message.channel_id], message
+
+
+def _from_end_to_end(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Found]:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    for record in salvage.stream_records(stream):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            if topics is None or channel.topic in topics:
+                yield schemas.get(channel.schema_id), channel, record
 
 
 def _overlapping(chunks: Collection[ChunkIndex]) -> Iterator[list[ChunkIndex]]:
@@ -68,23 +84,19 @@ def _overlapping(chunks: Collection[ChunkIndex]) -> Iterator[list[ChunkIndex]]:
 
 
 def _taken_apart(stream: IO[bytes], index: ChunkIndex, wanted: Collection[int]) -> Iterator[Message]:
-    stream.seek(index.chunk_start_offset + _RECORD.size)
-    opened, length = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)))
-    data = opened.read(length)
-    start = 0
-    while start < length:
-        if start + _RECORD.size > length:
-            raise EndOfFile
-        opcode, size = _RECORD.unpack_from(data, start)
-        start += _RECORD.size
-        if start + size > length or (opcode == Opcode.MESSAGE and size < _MESSAGE.size):
-            raise EndOfFile
+    stream.seek(index.chunk_start_offset)
+    opcode, length = _RECORD.unpack(stream.read(_RECORD.size))
+    if opcode != Opcode.CHUNK:
+        raise McapError(f"expected a chunk at byte {index.chunk_start_offset}, found record {opcode}")
+    data = chunk_bytes(Chunk.read(ReadDataStream(io.BytesIO(stream.read(length)))))
+    for opcode, start, size in chunk_records(data):
         if opcode == Opcode.MESSAGE:
+            if size < _MESSAGE.size:
+                raise EndOfFile
             channel, sequence, logged, published = _MESSAGE.unpack_from(data, start)
             if channel in wanted:
                 body = data[start + _MESSAGE.size : start + size]
                 yield Message(channel_id=channel, sequence=sequence, log_time=logged, publish_time=published, data=body)
-        start += size
 
 
 def _schema(summary: Summary, message: Message) -> Schema | None:

@@ -33,9 +33,13 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from softgrip_bag.errors import RefusedError
+
 MAGIC = b"\x89MCAP0\r\n"
 #: Opcode, length, then Message's fields before the data: channel, sequence, log time, publish time.
 _MESSAGE = struct.Struct("<BQHIQQ")
+#: Ids of schemas and channels have 16 bits, and begin with 1.
+MAX_ID = 2**16 - 1
 _MESSAGE_FIELDS = _MESSAGE.size - 9  # without opcode and length
 #: zstd's fastest ordinary level: rosbag2's preset `zstd_fast` uses it too.
 _LEVEL = 1
@@ -85,15 +89,30 @@ class McapStream:
         self._metadata: list[MetadataIndex] = []
         sink.write(MAGIC + _bytes(Header("ros2", "softgrip_bag")))
 
+    @property
+    def chunks(self) -> int:
+        """How many chunks the sink has got whole."""
+        return len(self._chunks)
+
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Register a schema; returns its id."""
+        """Register a schema; returns its id.
+
+        Raises:
+            RefusedError: there are as many as ids.
+        """
+        _check_room(len(self._schemas), "schemas")
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
         self._chunk.add(_bytes(schema))
         return schema.id
 
     def add_channel(self, topic: str, schema: int, metadata: dict[str, str]) -> int:
-        """Register a channel of CDR messages; returns its id."""
+        """Register a channel of CDR messages; returns its id.
+
+        Raises:
+            RefusedError: there are as many as ids.
+        """
+        _check_room(len(self._channels), "channels")
         channel = Channel(
             id=len(self._channels) + 1, topic=topic, message_encoding="cdr", schema_id=schema, metadata=metadata
         )
@@ -105,11 +124,11 @@ class McapStream:
     def add_message(self, channel: int, log_time: int, publish_time: int, data: bytes) -> None:
         """Write a message; times in ns since the epoch."""
         chunk = self._chunk
+        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), channel, 0, log_time, publish_time)
         index = chunk.index.get(channel)
         if index is None:
             index = chunk.index[channel] = []
         index += (log_time, chunk.size)
-        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), channel, 0, log_time, publish_time)
         chunk.parts += (head, data)
         chunk.size += _MESSAGE.size + len(data)
         if chunk.size > self._chunk_bytes:
@@ -224,6 +243,11 @@ class McapStream:
             (Opcode.ATTACHMENT_INDEX, [_bytes(attachment) for attachment in self._attachments]),
             (Opcode.METADATA_INDEX, [_bytes(metadata) for metadata in self._metadata]),
         ]
+
+
+def _check_room(present: int, kind: str) -> None:
+    if present >= MAX_ID:
+        raise RefusedError(f"expected at most {MAX_ID} {kind} in a file, which is MCAP's limit, found one more")
 
 
 def _bytes(record: McapRecord) -> bytes:

@@ -4,13 +4,10 @@
 from __future__ import annotations
 
 import fcntl
-import os
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 import yaml
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
@@ -20,6 +17,7 @@ from softgrip_bag import metadata, salvage
 from softgrip_bag.errors import BagError
 from softgrip_bag.metadata import FileEntry, Span, TopicEntry
 from softgrip_bag.reader import bag_files
+from softgrip_model.durable import replacing_durably
 
 
 @dataclass(frozen=True)
@@ -62,13 +60,22 @@ def is_being_written(bag: Path) -> bool:
     return False
 
 
-def repair(bag: Path) -> Repaired:
+def never() -> bool:
+    """Return that nobody wants to cancel."""
+    return False
+
+
+def repair(bag: Path, is_cancelled: Callable[[], bool] = never) -> Repaired:
     """Rewrite the unfinished files of a bag with all that is intact in them, and its metadata.yaml.
 
     A file is replaced only when its successor is complete on the disk.
 
+    Args:
+        bag: folder or .mcap file.
+        is_cancelled: asked at each record; True ends the work and leaves the bag as it is.
+
     Raises:
-        BagError: no bag, no MCAP, being recorded, or no room or permission to write.
+        BagError: no bag, no MCAP, being recorded, no room or permission to write, or cancelled.
     """
     files = bag_files(bag)
     if is_being_written(bag):
@@ -82,7 +89,7 @@ def repair(bag: Path) -> Repaired:
                 contents.append(_content(path))
                 continue
             own = salvage.Damage()
-            contents.append(_rewrite(path, own))
+            contents.append(_rewrite(path, own, is_cancelled))
             damage.lost_bytes += own.lost_bytes
             damage.bad_chunks += own.bad_chunks
             rewritten.append(path)
@@ -95,12 +102,22 @@ def repair(bag: Path) -> Repaired:
     return Repaired(bag, tuple(rewritten), messages, damage.lost_bytes, damage.bad_chunks)
 
 
-def repair_all(root: Path) -> Iterator[Repaired | BagError]:
-    """Repair every broken bag in a folder of bags that nobody is writing; yields what was done or why not."""
-    for bag in sorted(root.iterdir()) if root.is_dir() else ():
+def bags_in(root: Path) -> list[Path]:
+    """Return the folders in a folder of bags; empty when it cannot be read."""
+    try:
+        return sorted(path for path in root.iterdir() if path.is_dir())
+    except OSError:
+        return []
+
+
+def repair_all(bags: Iterable[Path], is_cancelled: Callable[[], bool] = never) -> Iterator[Repaired | BagError]:
+    """Repair every broken bag of some that nobody is writing; yields what was done or why not."""
+    for bag in bags:
+        if is_cancelled():
+            return
         try:
-            if bag.is_dir() and is_broken(bag) and not is_being_written(bag):
-                yield repair(bag)
+            if is_broken(bag) and not is_being_written(bag):
+                yield repair(bag, is_cancelled)
         except BagError as error:
             yield error
         except OSError as error:
@@ -123,14 +140,15 @@ def _content(path: Path) -> _Content:
     return content
 
 
-def _rewrite(path: Path, damage: salvage.Damage) -> _Content:
-    fresh = path.with_suffix(".mcap.repairing")
-    with _replacing(fresh, path) as stream:
+def _rewrite(path: Path, damage: salvage.Damage, is_cancelled: Callable[[], bool]) -> _Content:
+    with replacing_durably(path) as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
         started = False
         for record in salvage.records(path, damage):
+            if is_cancelled():
+                raise BagError(f"{path}: its repair was cancelled; the file is as it was")
             if isinstance(record, Header):
                 started = True
                 writer.start(profile=record.profile, library=record.library)
@@ -151,19 +169,6 @@ def _rewrite(path: Path, damage: salvage.Damage) -> _Content:
             writer.start(profile="ros2", library="softgrip_bag")
         writer.finish()  # type: ignore[no-untyped-call]  # the library has no types
     return _content(path)
-
-
-@contextmanager
-def _replacing(fresh: Path, path: Path) -> Iterator[IO[bytes]]:
-    """Give a new file that takes the place of another when the block has succeeded."""
-    try:
-        with fresh.open("wb") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
 
 
 def _entry(channel: Channel, schemas: dict[int, Schema]) -> TopicEntry:

@@ -6,7 +6,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection
 
+from softgrip_bag.errors import BagError
 from softgrip_bag.reader import RawMessage
+
+
+def snapshot_seconds(seconds: float) -> float:
+    """Return the length of a snapshot that somebody asked for [s], 0 for all that is kept.
+
+    Raises:
+        BagError: not a number, or negative.
+    """
+    if not 0.0 <= seconds < float("inf"):
+        raise BagError(f"expected 0 (all that is kept) or a number of seconds, found {seconds}")
+    return seconds
 
 
 class Ring:

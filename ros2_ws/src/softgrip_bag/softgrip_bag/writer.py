@@ -9,6 +9,8 @@ attachments are repeated in every one.
 from __future__ import annotations
 
 import time
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +18,24 @@ from typing import Any
 import yaml
 
 from softgrip_bag import metadata
-from softgrip_bag.errors import BagError
+from softgrip_bag.errors import BagError, DiskError
 from softgrip_bag.mcap_file import Attachment, McapFile, Topic
 from softgrip_bag.metadata import FileEntry, TopicEntry
+from softgrip_model.durable import make_folder_durably, sync_folder
 
 __all__ = ["Attachment", "BagWriter", "Limits", "Topic"]
 
 #: [s] longest time a message waits in memory.
 FLUSH_INTERVAL = 0.25
+
+
+#: [ns] the times that both MCAP (64 bits without sign) and ROS (64 bits with sign) can write.
+STAMP_RANGE = (0, 2**63 - 1)
+
+
+def clamp_stamp(time_ns: int) -> int:
+    """Return the time that can be written next to one [ns since the epoch]."""
+    return min(max(time_ns, STAMP_RANGE[0]), STAMP_RANGE[1])
 
 
 @dataclass(frozen=True)
@@ -49,8 +61,12 @@ class BagWriter:
         facts: metadata records, name -> {key: value}, written at the start of each file.
         limits: of its files.
 
+    Attributes:
+        clamped_stamps: times that MCAP and ROS cannot write, taken for the nearest that they can.
+
     Raises:
-        BagError: when the folder cannot be made.
+        BagError: the folder is there.
+        DiskError: it cannot be made.
     """
 
     def __init__(
@@ -61,21 +77,40 @@ class BagWriter:
         self._limits = limits or Limits()
         self._attachments: dict[str, Attachment] = {}
         self.topics: dict[str, Topic] = {}
+        self.clamped_stamps = 0
         self._closed: list[McapFile] = []
-        self._opened = 0
+        self._opened: list[McapFile] = []
         try:
-            folder.mkdir(parents=True)
+            make_folder_durably(folder.parent)
+            folder.mkdir()
+            sync_folder(folder.parent)
             self._file = self._open()
         except FileExistsError:
             raise BagError(f"expected a new folder for the bag, found that {folder} exists: name another") from None
         except OSError as error:
-            raise BagError(f"cannot create the bag's folder {folder}: {error.strerror}") from error
+            self.abandon()
+            raise DiskError(
+                f"cannot create the bag's folder {folder}: {error.strerror or error}; make room or name another folder"
+            ) from error
+        except BaseException:
+            self.abandon()
+            raise
         self._flushed = time.monotonic()
 
     @property
     def messages(self) -> int:
         """Messages written so far and still kept."""
-        return sum(file.span.messages for file in (*self._closed, self._file))
+        return sum(file.span.messages for file in {*self._closed, self._file})
+
+    @property
+    def stored(self) -> Counter[str]:
+        """Topic -> messages in whole chunks of the files that are there."""
+        return self._total([file for file in self._opened if file.path.exists()])
+
+    @property
+    def removed(self) -> Counter[str]:
+        """Topic -> messages in files that were deleted because there were more than are kept."""
+        return self._total([file for file in self._opened if not file.path.exists()])
 
     @property
     def path(self) -> Path:
@@ -83,9 +118,13 @@ class BagWriter:
         return self._file.path
 
     def add_topic(self, topic: Topic) -> None:
-        """Register a topic; once per name."""
-        self.topics[topic.name] = topic
+        """Register a topic; once per name.
+
+        Raises:
+            RefusedError: there are as many as a file can have; messages of it are refused.
+        """
         self._file.add_topic(topic)
+        self.topics[topic.name] = topic
 
     def add_fact(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record, here and in the files to come."""
@@ -98,10 +137,16 @@ class BagWriter:
         self._file.add_attachment(attachment, time.time_ns())
 
     def write(self, topic: str, received: int, published: int, data: bytes) -> None:
-        """Write one message; ``received`` and ``published`` [ns since the epoch], ``data`` CDR with its header."""
-        if self._full(received):
+        """Write one message; ``received`` and ``published`` [ns since the epoch], ``data`` CDR with its header.
+
+        Raises:
+            RefusedError: no such topic.
+        """
+        times = clamp_stamp(received), clamp_stamp(published)
+        self.clamped_stamps += times != (received, published)
+        if self._full(times[0]):
             self.split()
-        self._file.write(topic, received, published, data)
+        self._file.write(topic, *times, data)
 
     def flush_if_due(self) -> None:
         """Hand what is in memory to the disk when the flush interval has passed."""
@@ -121,14 +166,19 @@ class BagWriter:
         return done.path
 
     def close(self) -> Path:
-        """Finish the file and write metadata.yaml; returns the bag's folder."""
+        """Finish the file and write metadata.yaml; returns the bag's folder.
+
+        Raises:
+            BagError: the file's end does not say that all messages are in it.
+        """
         self._finish(self._file)
         metadata.write(self.folder, self._information(self._closed))
         return self.folder
 
     def abandon(self) -> None:
-        """Give up after an OSError: what is on the disk stays, cut back to its last complete chunk."""
-        self._file.abandon()
+        """Give up after an error: what is on the disk stays, each open file cut back to its last complete chunk."""
+        for file in self._opened:
+            file.abandon()
 
     def _full(self, received: int) -> bool:
         span, limits = self._file.span, self._limits
@@ -138,14 +188,16 @@ class BagWriter:
         return too_long or 0 < limits.file_bytes <= self._file.size
 
     def _open(self) -> McapFile:
-        file = McapFile(self.folder / f"{self.folder.name}_{self._opened}.mcap")
-        self._opened += 1
+        file = McapFile(self.folder / f"{self.folder.name}_{len(self._opened)}.mcap")
+        self._opened.append(file)  # before it is open: `abandon` closes what is in this list
+        file.open()
         for name, values in self._facts.items():
             file.add_metadata(name, values)
         for attachment in self._attachments.values():
             file.add_attachment(attachment, time.time_ns())
         for topic in self.topics.values():
             file.add_topic(topic)
+        sync_folder(self.folder)
         return file
 
     def _finish(self, file: McapFile) -> None:
@@ -153,6 +205,12 @@ class BagWriter:
         file.add_metadata("rosbag2", {"serialized_metadata": own})
         file.finish()
         self._closed.append(file)
+
+    def _total(self, files: Sequence[McapFile]) -> Counter[str]:
+        total: Counter[str] = Counter()
+        for file in files:
+            total += file.stored
+        return total
 
     def _information(self, files: list[McapFile]) -> dict[str, Any]:
         return metadata.information(

@@ -43,7 +43,7 @@ def recorder(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]
 
     def start(bag: Path, *more: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "softgrip_bag.nodes.recorder", "--ros-args"]
-        command += ["-p", f"root:={tmp_path}", "-p", f"path:={bag}", *more]
+        command += ["-p", f"root:={tmp_path}", "-p", f"path:={bag}", "-p", f"attachment_roots:={tmp_path}", *more]
         running.append(subprocess.Popen(command, env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}))
         return running[-1]
 

@@ -15,7 +15,7 @@ from softgrip_bag import writer as writer_module
 from softgrip_bag.errors import BagError
 from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import attachments, bag_files, facts, read, topic_summaries
-from softgrip_bag.repair import is_being_written, is_broken, repair, repair_all
+from softgrip_bag.repair import bags_in, is_being_written, is_broken, repair, repair_all
 from softgrip_bag.writer import Attachment, BagWriter, Topic
 
 HI = bytes.fromhex("00010000 03000000 686900")
@@ -97,7 +97,7 @@ def test_a_flipped_byte_in_a_chunk_costs_that_chunk_only(whole: Path, tmp_path: 
 def test_a_bag_being_recorded_is_left_alone(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "bags" / "now")
     assert is_being_written(tmp_path / "bags" / "now")
-    assert list(repair_all(tmp_path / "bags")) == []
+    assert list(repair_all(bags_in(tmp_path / "bags"))) == []
     with pytest.raises(BagError, match="being recorded"):
         repair(tmp_path / "bags" / "now")
     bag.close()
@@ -112,12 +112,12 @@ def test_repair_all_finishes_every_broken_bag_and_names_what_is_none(whole: Path
     (root / "empty").mkdir()
     (root / "wrong").mkdir()
     (root / "wrong" / "wrong_0.mcap").write_bytes(b"no bag of any kind, just text in a file")
-    results = list(repair_all(root))
+    results = list(repair_all(bags_in(root)))
     assert [type(result) for result in results] == [type(results[0]), type(results[0]), BagError]
     assert "expected MCAP" in str(results[2])
     assert list(read(root / "without_metadata"))
     assert (root / "half" / "metadata.yaml").is_file()
-    assert len(list(repair_all(root))) == 1
+    assert len(list(repair_all(bags_in(root)))) == 1
 
 
 def test_a_bag_of_zero_bytes_is_an_empty_bag(tmp_path: Path) -> None:

@@ -359,6 +359,8 @@ def test_a_folder_in_place_of_the_database_is_named(tmp_path: Path) -> None:
     [
         ("nonsense", "expected sqlite:///path or postgresql://user@host/name, found 'nonsense'"),
         ("oracle://x", "expected sqlite or postgresql, found 'oracle'"),
+        ("postgresql://me:hidden@127.0.0.1:9/none", "~/.pgpass"),
+        ("postgresql://me@127.0.0.1:9/none?password=hidden", "~/.pgpass"),
         ("postgresql://nobody@127.0.0.1:9/none", "expected to be able to use it"),
     ],
 )

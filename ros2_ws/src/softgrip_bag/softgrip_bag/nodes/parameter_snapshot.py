@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Asks every node for its parameters, and takes along the files that they name."""
+"""Asks every node for its parameters, and takes along the files that they name; secrets stay out."""
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,20 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-from softgrip_bag.context import FILE_PARAMETERS, parameter_attachment, parameter_files
+from softgrip_bag.context import FILE_PARAMETERS, parameter_attachment
+from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
+from softgrip_bag.nodes.file_reader import FileReader
+from softgrip_bag.redaction import redact
 
 #: [s] a node that has not answered until then is asked anew.
 PATIENCE_S = 5.0
+#: [s] between two tries to read a file that is not there.
+RETRY_S = 0.5
+#: As many refusals are kept: they come from anybody.
+MAX_REFUSED = 100
+#: A fully qualified name, as ROS 2 allows it (design.ros2.org, "Topic and Service name mapping").
+_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 class ParameterSnapshot:
@@ -24,16 +34,20 @@ class ParameterSnapshot:
 
     Args:
         node: whose clients are used.
-        found: called with each attachment: a node's parameters, or a file that they name.
+        found: called with each attachment: a node's parameters, or a file that they name (on a thread of its own).
+        roots: folders that these files may be below, or files that they may be.
     """
 
-    def __init__(self, node: Node, found: Callable[[Attachment], None]) -> None:
+    def __init__(self, node: Node, found: Callable[[Attachment], None], roots: Sequence[Path]) -> None:
         self._node = node
         self._found = found
+        self._files = FileReader(roots, found)
         self._asked: dict[str, float] = {}
         self._answered: set[str] = set()
         self._clients: dict[str, tuple[Any, Any]] = {}
-        self._missing_files: dict[tuple[str, str], str] = {}
+        self._missing: dict[tuple[str, str, str], str] = {}
+        self._refused: dict[str, str] = {}
+        self._tried = 0.0
 
     @property
     def nodes(self) -> int:
@@ -43,16 +57,28 @@ class ParameterSnapshot:
     @property
     def missing(self) -> list[str]:
         """Files that parameters name and that could not be read so far."""
-        return [f"{node}: {parameter} = {path}" for (node, parameter), path in self._missing_files.items()]
+        return [f"{node}: {parameter} = {path}: {why}" for (node, parameter, path), why in self._missing.items()]
+
+    @property
+    def refused(self) -> list[str]:
+        """What is not carried and why; what was taken out of parameters."""
+        return list(self._refused.values())
+
+    def close(self) -> None:
+        """End the thread that reads files."""
+        self._files.close()
 
     def look(self) -> None:
         """Ask nodes that have not answered; try again to read files that were not there."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f"{namespace.rstrip('/')}/{name}"
-            if full not in self._answered and full != self._node.get_fully_qualified_name():
+            if full in self._answered or full == self._node.get_fully_qualified_name():
+                continue
+            if _NAME.fullmatch(full):
                 self._ask(full)
-        for (node, parameter), path in list(self._missing_files.items()):
-            self._take_files(node, parameter, path)
+            else:
+                self._refuse(full, f"expected a node's name, found {full!r:.100}; its parameters are not carried")
+        self._look_at_files()
 
     def add_own(self, values: dict[str, Any]) -> None:
         """Take this node's own parameters."""
@@ -90,17 +116,34 @@ class ParameterSnapshot:
     def _take(self, full: str, values: dict[str, Any]) -> None:
         self._answered.add(full)
         plain = {name: list(v) if hasattr(v, "typecode") else v for name, v in values.items() if v is not None}
-        self._found(parameter_attachment(full, plain))
+        clean, hidden = redact(plain)
+        if hidden:
+            self._refuse(
+                f"{full} secrets", f"{full}: {', '.join(hidden)}: secrets taken out; keep them out of parameters"
+            )
+        try:
+            self._found(parameter_attachment(full, clean))
+        except BagError as error:
+            self._refuse(full, f"{full}: {error}")
         for parameter in FILE_PARAMETERS & plain.keys():
             if plain[parameter]:
-                self._take_files(full, parameter, str(plain[parameter]))
+                self._files.request(full, parameter, str(plain[parameter]))
 
-    def _take_files(self, full: str, parameter: str, path: str) -> None:
-        try:
-            files = parameter_files(full, parameter, Path(path))
-        except OSError:
-            self._missing_files[full, parameter] = path
-            return
-        self._missing_files.pop((full, parameter), None)
-        for file in files:
-            self._found(file)
+    def _look_at_files(self) -> None:
+        for asked, problem, is_temporary in self._files.results():
+            self._missing.pop(asked, None)
+            if problem and is_temporary:
+                self._missing[asked] = problem
+            elif problem:
+                node, parameter, _ = asked
+                self._refuse(f"{node} {parameter}", f"{node}: {parameter}: {problem}")
+        now = time.monotonic()
+        if now - self._tried >= RETRY_S:
+            self._tried = now
+            for node, parameter, path in self._missing:
+                self._files.request(node, parameter, path)
+
+    def _refuse(self, key: str, why: str) -> None:
+        if key not in self._refused and len(self._refused) < MAX_REFUSED:
+            self._refused[key] = why
+            self._node.get_logger().warning(why)

@@ -221,6 +221,11 @@ def _parse(url: str) -> URL:
         raise StorageError(
             f"database_url: expected sqlite:///path or postgresql://user@host/name, found {url!r}"
         ) from error
+    if parsed.password is not None or "password" in parsed.query:
+        raise StorageError(
+            "database_url: expected postgresql://user@host/name without a password, found one, which everybody could "
+            "read as a parameter; put it into ~/.pgpass (mode 600) or into PGPASSWORD in the manager's environment"
+        )
     if backend == "postgresql":
         return parsed.set(drivername="postgresql+psycopg")
     if backend != "sqlite":
