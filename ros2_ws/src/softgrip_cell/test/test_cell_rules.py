@@ -184,7 +184,7 @@ def test_after_a_kill_in_a_grasp_nobody_opens_the_hand_unasked(cell: Cell, datab
     again = start(database)
     assert again.mode is Mode.UNKNOWN
     for begin in (lambda: grasp(again), lambda: again.begin_swap("pinch", ())):
-        with pytest.raises(RefusedError, match="restarted during grasp 'egg'.*a product may be held"):
+        with pytest.raises(RefusedError, match=r"restarted during grasp 'egg'.*a product may be held"):
             begin()
 
 
