@@ -33,8 +33,11 @@ CABLE_RADIUS_M, SURFACE_RADIUS_M = 0.000125, 0.003
 
 
 @contextmanager
-def cell(domain: str, *arguments: str, environment: dict[str, str] | None = None) -> Iterator[subprocess.Popen[bytes]]:
+def cell(
+    domain: str, *arguments: str, environment: dict[str, str] | None = None, log: Path | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
     """Run the launch file in a ROS domain and a session of its own; its processes are gone afterwards."""
+    output = log.open("wb") if log is not None else None
     with tempfile.TemporaryDirectory() as folder:
         launch = subprocess.Popen(
             [
@@ -46,8 +49,8 @@ def cell(domain: str, *arguments: str, environment: dict[str, str] | None = None
                 "ROS_DOMAIN_ID": domain,
                 "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             },
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stdout=output or subprocess.DEVNULL,
+            stderr=subprocess.STDOUT if output else subprocess.DEVNULL,
             start_new_session=True,
         )
         try:
@@ -55,6 +58,8 @@ def cell(domain: str, *arguments: str, environment: dict[str, str] | None = None
         finally:
             launch.send_signal(signal.SIGINT)
             launch.wait(END_S)
+            if output is not None:
+                output.close()
 
 
 def outcomes_at_client_s(domain: str, grasps: int) -> list[float]:

@@ -64,6 +64,7 @@ PARTS = {
     "grasps": Part(
         FINGERS
         | {"/grasp_mix_manager/trace", "/tendon/status", "/diagnostics"}
+        | {"/safety/state", "/tendon/owners", "/tendon/heartbeat"}
         | {
             f"/{action}/_action/{topic}"
             for action in ("cell/grasp", "cell/swap", "tendon/move")

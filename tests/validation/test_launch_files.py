@@ -56,6 +56,43 @@ def test_frames_priority_reaches_all_that_a_frame_passes(executable: str, parame
     assert parameters(executable)[parameter] == "$(var frames_priority)"
 
 
+@pytest.mark.parametrize("name", ["servo_port", "stage_port", "gauge_port", "camera_source", "calibration"])
+def test_real_hardware_takes_nothing_from_the_folder_of_the_emulated_one(name: str) -> None:
+    (argument,) = [one for one in entities("cell.launch.yaml", "arg") if one["name"] == name]
+    found = re.fullmatch(r"\$\(if \$\(var is_emulated\) (?P<emulated>\S+ \S+) (?P<real>\S+)\)", argument["default"])
+    assert found is not None, argument["default"]
+    assert "$(var wire_dir)" in found["emulated"]
+    assert "$" not in found["real"]
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted(LAUNCH.glob("*.launch.yaml"))])
+def test_every_node_of_a_secure_launch_has_the_keys_of_its_own_name(name: str) -> None:
+    for node in entities(name, "node"):
+        environment = {row["name"]: row["value"] for row in node["env"]}
+        own = node["name"]
+        assert environment["ZENOH_SESSION_CONFIG_URI"] == (
+            f"$(if $(var secure) $(var keys)/zenoh/{own}.json5 $(var own_session))"
+        )
+        assert environment["ROS_SECURITY_ENCLAVE_OVERRIDE"] == f"$(if $(var secure) /softgrip/{own} $(var own_enclave))"
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted(LAUNCH.glob("*.launch.yaml"))])
+def test_a_launch_is_either_secure_on_every_middleware_or_on_this_machine_alone(name: str) -> None:
+    made = {row["name"]: row for row in entities(name, "set_env")}
+    for variable in (
+        "ZENOH_ROUTER_CONFIG_URI",
+        "ROS_SECURITY_KEYSTORE",
+        "ROS_SECURITY_ENABLE",
+        "ROS_SECURITY_STRATEGY",
+    ):
+        assert made[variable]["if"] == "$(var secure)"
+    assert made["ROS_SECURITY_STRATEGY"]["value"] == "Enforce"
+    assert made["ROS_AUTOMATIC_DISCOVERY_RANGE"]["value"] == "LOCALHOST"
+    assert made["ROS_AUTOMATIC_DISCOVERY_RANGE"]["unless"] == "$(var secure)"
+    (secure,) = [one for one in entities(name, "arg") if one["name"] == "secure"]
+    assert secure["default"] == "false"
+
+
 def test_only_nodes_that_hold_hardware_end_the_cell_when_they_are_gone() -> None:
     nodes = entities("cell.launch.yaml", "node")
     ends = {node["exec"] for node in nodes if node.get("on_exit") == "shutdown"}

@@ -31,6 +31,7 @@ _FILTERS = {
 #: Lines that a process may say at once, and each second from then on. Whatever makes it say more, the log does not
 #: grow without end, and neither does what others must read on /rosout.
 MAX_LINES, LINES_PER_S = 1000.0, 50.0
+MAX_CHARS = 8000
 
 _levels: dict[str, int] = {}
 _sinks: dict[str, Callable[[float, int, str, str, CallerId], None]] = {}
@@ -188,6 +189,8 @@ class RcutilsLogger:
             return False
         stamp_ns = time.time_ns()
         text = str(message)
+        if len(text) > MAX_CHARS:
+            text = f"{text[:MAX_CHARS]}... ({len(text) - MAX_CHARS} more characters)"
         if left_out:
             text += f" ({left_out} other lines were left out before this one: too many at once)"
         _write(stamp_ns, severity, name, text, caller)

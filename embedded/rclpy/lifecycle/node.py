@@ -180,7 +180,7 @@ class LifecycleNodeMixin(ManagedEntity):
             code = self._rcl_change_state(request.transition.label or request.transition.id)
         except RCLError as error:
             if isinstance(self, Node):
-                self.get_logger().warning(str(error))
+                self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return response
         response.success = code is TransitionCallbackReturn.SUCCESS
         return response

@@ -210,6 +210,19 @@ def test_a_newer_command_cancels_the_older(rig):
     assert rig.run(newer)[0] is Outcome.REACHED
 
 
+def test_the_end_of_a_lease_stops_what_its_owner_moves_but_no_slow_release(rig):
+    lease, _ = rig.controller.ownership.acquire("manager", [], 30.0, rig.now)
+    moving = rig.controller.move(length_move(0.020, lease=lease.token), rig.now)
+    rig.pass_time(0.05)
+    rig.controller.release_lease(lease.token, rig.now)
+    assert rig.controller.result(moving)[0] is Outcome.CANCELLED
+    lease, _ = rig.controller.ownership.acquire("manager", [], 30.0, rig.now)
+    slow = rig.controller.release(rig.now)
+    rig.controller.release_lease(lease.token, rig.now)
+    outcome, reason = rig.run(slow)
+    assert outcome is Outcome.REACHED, reason
+
+
 def test_release_keeps_its_speed(rig):
     rig.run(rig.move(0.020))
     ticket = rig.controller.release(rig.now)
@@ -412,3 +425,98 @@ def test_a_curve_that_swings_out_between_its_points_stays_within_the_travel(spri
     assert min(goals) > -1e-9
     assert max(goals) < LIMITS.travel + 1e-9
     assert goals[-1] == pytest.approx(end, abs=1e-6)
+
+
+# --- owners ----------------------------------------------------------------------------------------------------------
+
+
+def lease(rig, duration=1.0):
+    return rig.controller.ownership.acquire("manager", [], duration, rig.now)[0]
+
+
+def test_what_an_owner_moves_stops_with_its_lease_and_a_release_goes_on(rig):
+    rig.run(rig.move(0.012))
+    owned = lease(rig)
+    ticket = rig.move(0.020, lease=owned.token, speed=0.005)
+    rig.pass_time(0.2)
+    assert rig.controller.release_lease(owned.token, rig.now) == ("a", "b")
+    assert rig.controller.result(ticket)[0] is Outcome.CANCELLED
+    owned = lease(rig)
+    ticket = rig.controller.release(rig.now)
+    rig.pass_time(0.1)
+    rig.controller.release_lease(owned.token, rig.now)
+    assert rig.run(ticket)[0] is Outcome.REACHED
+
+
+def test_a_silent_owners_motion_stops_within_a_fifth_of_a_second_and_a_release_goes_on(rig):
+    rig.run(rig.move(0.012))
+    owned = lease(rig, 0.5)
+    ticket = rig.move(0.020, lease=owned.token, speed=0.005)
+    rig.pass_time(0.7)
+    outcome, reason = rig.controller.result(ticket)
+    assert outcome is Outcome.FAULT
+    assert "no heartbeat of manager" in reason
+    lease(rig, 0.5)
+    ticket = rig.controller.release(rig.now)
+    assert rig.run(ticket)[0] is Outcome.REACHED
+
+
+def test_heartbeats_keep_a_motion_a_hold_and_a_stream(spring_finger, reading):
+    policies = Policies(stream_timeout=0.3, command_timeout=0.5)
+    rig = Rig(spring_finger, reading, policies=policies).on()
+    owned = lease(rig, 0.4)
+    path = Trajectory.checked([2.0], [0.020], [], LIMITS.travel, LIMITS.speed)
+    ticket = rig.controller.follow({"a": path}, rig.now, owned.token)
+    while rig.controller.result(ticket)[0] is None:
+        rig.pass_time(0.1)
+        rig.controller.ownership.renew(owned.token, rig.now)
+    assert rig.controller.result(ticket)[0] is Outcome.REACHED
+    assert rig.drive().fault == ""
+
+
+def test_an_unfed_stream_stops_although_its_sender_gave_it_an_hour(rig):
+    path = Trajectory.checked([3600.0], [0.030], [], LIMITS.travel, LIMITS.speed)
+    rig.controller.follow({"a": path}, rig.now)
+    rig.pass_time(0.7)
+    assert rig.drive().fault == "owner_lost"
+    before = rig.fingers["a"].position
+    rig.pass_time(1.0)
+    assert rig.fingers["a"].position == pytest.approx(before, abs=1e-4)
+
+
+def test_a_hold_above_the_hold_tension_is_reduced_when_nobody_cares_and_one_below_is_kept(spring_finger, reading):
+    policies = Policies(command_timeout=1.0, release_after=100.0)
+    for tension, reduced in ((14.0, True), (6.0, False)):
+        rig = Rig(spring_finger, reading, policies=policies).on()
+        assert rig.run(rig.controller.move(tension_move(tension), rig.now))[0] is Outcome.REACHED
+        rig.pass_time(3.0)
+        assert (rig.drive().fault == "command_timeout") is reduced
+        assert (rig.fingers["a"].tension < 0.9 * tension) is reduced
+
+
+def test_a_forced_take_over_stops_what_moves(rig):
+    owned = lease(rig)
+    ticket = rig.move(0.020, lease=owned.token, speed=0.005)
+    rig.pass_time(0.1)
+    new, taken = rig.controller.ownership.acquire("Ann", ["a"], 1.0, rig.now, force=True, reason="jam")
+    rig.controller.stop_taken(taken, new, "jam")
+    outcome, reason = rig.controller.result(ticket)
+    assert outcome is Outcome.CANCELLED
+    assert "taken over by Ann: jam" in reason
+
+
+def test_a_tendon_that_is_taut_for_an_owner_is_not_homed_by_others(rig):
+    rig.run(rig.move(0.012))
+    lease(rig)
+    assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
+
+
+def test_a_setpoint_that_is_no_number_is_a_fault_that_holds(rig):
+    rig.run(rig.move(0.010))
+    rig.move(0.020)
+    rig.cycle()
+    rig.drive()._m.motion._profile.position = float("nan")
+    rig.pass_time(0.2)
+    assert rig.drive().fault == "invalid_setpoint"
+    assert rig.fingers["a"].position - rig.fingers["a"].taut == pytest.approx(0.010, abs=2e-3)
+    assert all(np.isfinite(action.setpoint.position) for action in rig.actions.values())

@@ -20,6 +20,8 @@ from softgrip_nodekit.timers import steady_timer
 PRESENCE_PERIOD = 0.2
 #: [s] An executor that is later than this is said to be.
 LATE_LIMIT_S = 1.0
+#: A message that quotes what came from outside is as long as that.
+MAX_CHARS = 2000
 
 
 class Health(IntEnum):
@@ -60,7 +62,8 @@ class Diagnostics:
 
     def set(self, component: str, health: Health, message: str, values: Mapping[str, object] | None = None) -> None:
         """Set a component's health; ``message`` says what is wrong in words and what to do."""
-        texts = {k: str(v) for k, v in (values or {}).items()}
+        texts = {k: str(v)[:MAX_CHARS] for k, v in (values or {}).items()}
+        message = message[:MAX_CHARS]
         with self._lock:
             before = self._components.get(component)
             self._components[component] = (health, message, texts)

@@ -32,6 +32,8 @@ DEVICE_POLL = 0.02
 #: [s] for the middleware to take leave of the others; launch sends its next signal after five.
 FAREWELL_LIMIT = 3.0
 STDERR = 2
+#: [s] for which a thread may keep Python to itself while others want it; Python's own is five times as long.
+SWITCH_INTERVAL = 0.001
 #: Begins the names of parameters that a publisher or subscription declares when it is made, maybe later.
 _QOS_OVERRIDES = "qos_overrides."
 
@@ -61,6 +63,8 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     except Exception as error:  # noqa: BLE001  rcl's words for arguments and parameter files, in several classes
         return _cannot_start(getattr(factory, "__name__", "node"), error)
     _end_with_the_terminal()
+    # A large message that one thread reads must not hold up a loop, or an emergency stop, of another.
+    sys.setswitchinterval(SWITCH_INTERVAL)
     node: Node | None = None
     executor: Any = None
     code = 0

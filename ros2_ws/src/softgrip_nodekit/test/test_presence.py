@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import itertools
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -84,3 +87,31 @@ def test_diagnostics_tell_of_streams_states_and_nodes_that_are_gone_but_not_of_c
 
     start_source()
     spin_until(executor, lambda: all(reports[name][0] == DiagnosticStatus.OK for name in expected))
+
+
+def test_components_may_be_set_by_one_thread_while_another_publishes(executor: SingleThreadedExecutor) -> None:
+    node = make_node(executor, "busy")
+    diagnostics = Diagnostics(node)
+    for number in range(200):
+        diagnostics.set(f"first {number}", Health.OK, "")
+    stop = threading.Event()
+
+    def extend() -> None:
+        for number in itertools.count():
+            if stop.is_set():
+                return
+            diagnostics._components[f"later {number % 500}"] = (Health.OK, "", {})
+            diagnostics._components.pop(f"later {(number + 250) % 500}", None)
+
+    # As `set` does from the drives' thread, only more often than any node: what is published must be a copy.
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    extending = threading.Thread(target=extend)
+    extending.start()
+    try:
+        for _ in range(50):
+            diagnostics.publish()
+    finally:
+        stop.set()
+        extending.join()
+        sys.setswitchinterval(interval)

@@ -25,7 +25,7 @@ _OF_EVERY_NODE = (
 )
 _TOPICS_OF_EVERY_NODE = ("/rosout", "/parameter_events", "/clock", "/diagnostics")
 #: More names than this are a count.
-_MAX_NAMES = 20
+_MAX_NAMES = 28
 
 
 def policy_tables(policy: Policy) -> str:

@@ -127,9 +127,21 @@ def test_only_the_driver_says_what_the_tendons_do(shipped):
 
 def test_nobody_but_the_manager_the_shift_and_people_moves_a_tendon(shipped):
     goal = "/tendon/move/_action/send_goal"
-    assert holders(shipped, Grant.CALL, goal) == {"grasp_mix_manager", "shift", "operate", "engineer"}
+    assert holders(shipped, Grant.CALL, goal) == {
+        "grasp_mix_manager",
+        "shift",
+        "cell_controller",
+        "operate",
+        "engineer",
+    }
     assert holders(shipped, Grant.PUBLISH, "/tendon/trajectory") == {"engineer"}
-    assert holders(shipped, Grant.CALL, "/tendon/lease") == {"grasp_mix_manager", "shift", "operate", "engineer"}
+    assert holders(shipped, Grant.CALL, "/tendon/lease") == {
+        "grasp_mix_manager",
+        "shift",
+        "cell_controller",
+        "operate",
+        "engineer",
+    }
 
 
 def test_who_only_looks_changes_nothing(shipped):
@@ -152,4 +164,4 @@ def test_parameters_and_lifecycle_are_set_by_an_engineer_alone(shipped):
 
 def test_no_node_knows_the_truth_of_the_emulated_cell(shipped):
     nodes = {one.name for one in shipped.identities if not one.is_tool}
-    assert holders(shipped, Grant.SUBSCRIBE, "/emulator/truth") & nodes <= {"shift"}
+    assert holders(shipped, Grant.SUBSCRIBE, "/emulator/truth") & nodes <= {"shift", "cell_controller"}

@@ -274,7 +274,8 @@ def test_a_tracker_whose_frames_take_long_steps_behind_until_they_are_brief_agai
     trial = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
     if subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False).returncode != 0:
         pytest.skip("no right to real-time priority here")
-    large, small = (bytes(cv2.imencode(".jpg", np.zeros((h, w, 3), np.uint8))[1]) for h, w in ((6000, 8000), (8, 8)))
+    noise = np.random.default_rng(1).integers(0, 256, (720, 1280, 3), np.uint8)  # nothing takes longer to decode
+    large, small = (bytes(cv2.imencode(".jpg", image)[1]) for image in (noise, noise[:8, :8]))
     process = watcher.start("marker_tracker", calibration_file=calibration_file, realtime_priority=10).pid
 
     def goes(policy: int, jpeg: bytes) -> bool:

@@ -140,6 +140,13 @@ def tendon_faults(message: TendonStatusArray, slots: Sequence[str]) -> list[Tend
     return faults
 
 
+def is_moving(message: TendonStatusArray | None, slots: Sequence[str]) -> bool:
+    """Say whether a slot's tendon is on its way somewhere, whoever ordered it."""
+    under_way = (TendonStatus.MOVING, TendonStatus.HOMING, TendonStatus.RELEASING)
+    tendons = [] if message is None else message.tendons
+    return any(tendon.tendon in slots and tendon.state in under_way for tendon in tendons)
+
+
 def driver_facts(message: TendonStatusArray | None, slots: Sequence[str], *, fresh: bool) -> DriverFacts:
     """Return what a tendon/status means for the gates; None when none ever came."""
     if message is None:

@@ -286,7 +286,8 @@ class GraspMixManager(Node):
         if self._lease.is_requested:
             self._lease.hand_over()
         elif not self._cell.may_hold:
-            self._lease.release()
+            if not convert.is_moving(self._status, self._slots):  # the end of a lease stops what moves
+                self._lease.release()
         elif is_due and not self._lease.token and not self._lease.is_left:
             # What is held is held on by the driver while its owner is alive, also after a restart of this node.
             self._lease.acquire(lambda _why_not: None)

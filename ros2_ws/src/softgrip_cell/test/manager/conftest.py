@@ -194,6 +194,9 @@ class ScriptedDriver(Node):
         self.guard = Guard(self)
         self.refused: list[str] = []
         self.moved = 0
+        self.tendon_state = TendonStatus.HOLDING
+        self.status_tells_estop = True
+        self.goals: list[Any] = []
         self.status_quiet = False
         self.spoil: Callable[[JointState], None] = lambda _: None
         self.release_fails = ""
@@ -314,6 +317,7 @@ class ScriptedDriver(Node):
 
     async def _move(self, handle: Any) -> MoveTendon.Result:
         goal = handle.request
+        self.goals.append(goal)
         why_not = self._refusal(goal)
         if why_not:
             self.refused.append(f"move: {why_not}")
@@ -382,10 +386,10 @@ class ScriptedDriver(Node):
     def _publish_status(self, stamp: Any) -> None:
         status = TendonStatusArray(
             tendons=[
-                TendonStatus(tendon=name, state=TendonStatus.HOLDING, homed=True, fault=self.fault, reason="scripted")
+                TendonStatus(tendon=name, state=self.tendon_state, homed=True, fault=self.fault, reason="scripted")
                 for name in SLOTS
             ],
-            estop=self.guard.estop,
+            estop=self.guard.estop and self.status_tells_estop,
         )
         status.header.stamp = stamp
         self._status.publish(status)

@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import Grasp, MoveTendon, SwapFingers
-from softgrip_interfaces.msg import CellState
+from softgrip_interfaces.msg import CellState, TendonStatus
 from softgrip_interfaces.srv import AcquireLock
 
 pytestmark = pytest.mark.ros
@@ -48,8 +48,11 @@ def grasped(cell: Any, during: Callable[[], None], phase: str = "lift") -> Any:
 # --- emergency stop and other people's locks -----------------------------------------------------------------------
 
 
-def test_an_emergency_stop_ends_a_grasp_and_refuses_the_next(cell: Any) -> None:
+@pytest.mark.parametrize("by_status", [True, False])
+def test_an_emergency_stop_ends_a_grasp_and_refuses_the_next(cell: Any, by_status: bool) -> None:
+    """Also where safety/state alone tells of it."""
     ready(cell, "lift_window_s:=20.0")
+    cell.driver.status_tells_estop = by_status
     result = grasped(cell, lambda: setattr(cell.driver.guard, "estop", True))
     assert GRASP_OUTCOMES[result.outcome] == "ABORTED"
     assert "the emergency stop is latched" in result.reason
@@ -175,6 +178,11 @@ def test_the_controllers_client_ends_what_its_swap_left_locked(cell: Any) -> Non
 def test_the_tendons_are_owned_while_the_cell_works_or_holds_and_free_otherwise(cell: Any) -> None:
     ready(cell)
     assert cell.driver.guard.lease_owner == "", "free when the swap's result comes"
+    for goal in cell.driver.goals:  # of the manager's own check
+        assert goal.lease
+        assert goal.speed > 0.0
+        assert 0.0 < goal.tension_limit <= 35.0
+        assert abs(cell.node.get_clock().now().nanoseconds * 1e-9 - goal.deadline.sec) < 60.0
     assert cell.order()[0] == MoveTendon.Result.REACHED
     cell.controller.release()
     held(cell)
@@ -211,6 +219,19 @@ def test_what_is_only_held_is_handed_over_to_whoever_asks(cell: Any) -> None:
     assert cell.driver.cell.mode == CellState.HOLDING
     cell.driver.guard.end_lease()
     cell.until(lambda: cell.driver.guard.lease_owner == "grasp_mix_manager", 15.0, "the tendons to be taken back")
+
+
+def test_the_lease_outlasts_a_slow_release_which_its_end_would_stop(cell: Any) -> None:
+    ready(cell)
+    held(cell)
+    cell.driver.tendon_state = TendonStatus.RELEASING
+    cell.controller.release()
+    cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
+    beats = cell.driver.guard.heartbeats
+    cell.until(lambda: cell.driver.guard.heartbeats > beats + 3, 5.0, "heartbeats while the tendons move")
+    assert cell.driver.guard.lease_owner == "grasp_mix_manager"
+    cell.driver.tendon_state = TendonStatus.HOLDING
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 5.0, "the tendons to be free")
 
 
 def test_a_running_grasp_is_not_handed_over_but_its_end_is(cell: Any) -> None:

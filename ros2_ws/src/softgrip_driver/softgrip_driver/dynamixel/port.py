@@ -18,6 +18,9 @@ from dynamixel_sdk import PortHandler
 
 from softgrip_driver.errors import ConfigurationError, PortLostError
 
+#: [s] that the system may take a packet for. An adapter that hangs with its flow stopped would hold the bus thread for
+#: ever: it counts as gone. No packet is longer than 1 kB, which takes 0.2 s at 57,600 baud.
+WRITE_TIMEOUT_S = 0.5
 #: 8N1: start bit, eight data bits, stop bit
 BITS_PER_BYTE = 10
 #: what pyserial and the tty layer raise when the device goes away (termios.error is no OSError; a closed Serial raises
@@ -47,8 +50,9 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         if self.is_open:
             self.closePort()
         self.ser = serial.Serial(
-            port=self.port_name, baudrate=cflag_baud, bytesize=serial.EIGHTBITS, timeout=0, exclusive=True
-        )
+            port=self.port_name, baudrate=cflag_baud, bytesize=serial.EIGHTBITS, timeout=0, exclusive=True,
+            write_timeout=WRITE_TIMEOUT_S,
+        )  # fmt: skip
         self.is_open = True
         self.is_using = False
         self.ser.reset_input_buffer()

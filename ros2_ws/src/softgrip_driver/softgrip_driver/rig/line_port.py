@@ -12,6 +12,8 @@ import serial
 
 from softgrip_driver.errors import DeviceNotFoundError, NoReplyError, PortLostError
 
+#: [s] that the system may take a line for; an adapter that hangs counts as gone.
+WRITE_TIMEOUT_S = 1.0
 #: What pyserial and the tty layer raise when a device goes away.
 _GONE = (OSError, termios.error, TypeError, ValueError)
 #: Longer than any line of these devices: noise at a wrong baud rate must not fill the memory.
@@ -52,7 +54,9 @@ class LinePort:
                 f"port {self.path}: expected a serial port, found nothing; check cable, power and the port parameter"
             )
         try:
-            self._serial = serial.Serial(port=self.path, baudrate=self._baud, timeout=0, exclusive=True)
+            self._serial = serial.Serial(
+                port=self.path, baudrate=self._baud, timeout=0, exclusive=True, write_timeout=WRITE_TIMEOUT_S
+            )
             self._serial.reset_input_buffer()
         except _GONE as error:
             raise PortLostError(

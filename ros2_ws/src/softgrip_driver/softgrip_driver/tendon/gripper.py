@@ -181,6 +181,8 @@ class GripperController:
         self.estop = False
         self.ownership = Ownership(list(limits), policies.lease_max, partial(secrets.token_urlsafe, 16))
         self._commanded_at: dict[str, float] = {}
+        #: token under which each drive's last motion began; a release or a homing has none
+        self._motion_lease: dict[str, str] = {}
         self._opened_for: set[str] = set()
 
     @property
@@ -214,7 +216,7 @@ class GripperController:
         if refusal:
             return Ticket({}, refusal)
         for name, target in zip(names, targets, strict=True):
-            self._begin(name, self._motion(request, self.drives[name].limits, target), now)
+            self._begin(name, self._motion(request, self.drives[name].limits, target), now, request.lease)
         return Ticket({name: self.drives[name].job for name in names})
 
     def follow(self, trajectories: Mapping[str, Trajectory], now: float, lease: str = "") -> Ticket:
@@ -225,7 +227,7 @@ class GripperController:
         for name, trajectory in trajectories.items():
             limits = self.drives[name].limits
             make = partial(Follow, trajectory, limits.tension_soft, limits=limits)
-            self._begin(name, make, now)
+            self._begin(name, make, now, lease)
         return Ticket({name: self.drives[name].job for name in trajectories})
 
     def home(self, now: float, tendons: Sequence[str] = ()) -> Ticket:
@@ -318,7 +320,7 @@ class GripperController:
     def _stop_orphans(self, now: float) -> None:
         """Stop what moves for an owner that fell silent, and streams that nobody feeds any more."""
         for name, owner in self.ownership.end_lapsed(now).items():
-            if self.drives[name].busy:
+            if self.drives[name].busy and self._motion_lease.get(name):
                 self.drives[name].set_fault("owner_lost", f"no heartbeat of {owner} within its lease")
         for name, drive in self.drives.items():
             silent = now - max(self._commanded_at[name], self.ownership.last_heartbeat(name))
@@ -365,8 +367,9 @@ class GripperController:
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 
-    def _begin(self, name: str, make: MotionFactory, now: float) -> None:
+    def _begin(self, name: str, make: MotionFactory, now: float, lease: str = "") -> None:
         self._commanded_at[name] = now
+        self._motion_lease[name] = lease
         self.drives[name].start(make, now)
 
     def stop_taken(self, tendons: Sequence[str], lease: Lease, reason: str) -> None:
@@ -376,10 +379,10 @@ class GripperController:
                 self.drives[name].cancel_motion(f"taken over by {lease.owner}: {reason}")
 
     def release_lease(self, token: str, now: float) -> tuple[str, ...]:
-        """End a lease; what it moved stops and holds. Return its tendons."""
+        """End a lease; what it moved stops and holds, a slow release goes on. Return its tendons."""
         tendons = self.ownership.release(token, now)
         for name in tendons:
-            if self.drives[name].busy:
+            if self.drives[name].busy and self._motion_lease[name] == token:
                 self.drives[name].cancel_motion("its owner released the lease; it holds where it is")
         return tendons
 

@@ -27,6 +27,7 @@ from softgrip_nodekit import (
     StartupError,
     realtime_parameter,
     run,
+    steady_timer,
     to_time_message,
 )
 from softgrip_vision import calibration
@@ -97,8 +98,8 @@ class CameraNode(Node):
         self._expected = {name.strip() for name in self._values["wait_for"].split(",")} - {""}
         self._waited_s = 0.0
         self._complete_looks = 0
-        self._waiting = self.create_timer(LISTENERS_PERIOD, self._await_listeners)
-        self.create_timer(HEALTH_PERIOD, self._report)
+        self._waiting = steady_timer(self, LISTENERS_PERIOD, self._await_listeners)
+        steady_timer(self, HEALTH_PERIOD, self._report)
 
     def _load_calibration(self) -> calibration.Calibration | None:
         name = self._values["calibration_file"]
@@ -220,7 +221,8 @@ class CameraNode(Node):
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
     # OpenCV would warn of every attempt to connect; /diagnostics says why, once.
-    cv2.setLogLevel(OPENCV_ERRORS)
+    # OpenCV 4.14 has it here only, that of Ubuntu 24.04 (4.6) one level up
+    getattr(cv2.utils, "logging", cv2).setLogLevel(OPENCV_ERRORS)
     sys.exit(run(CameraNode, args))
 
 

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shipped cell with secure:=true, and whether the policy has a place for all that runs without it."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from softgrip_security.keystore import Keystore
+from softgrip_security.policy import Identity, Policy, read_policy
+from softgrip_security.zenoh_access import access_control
+
+zenoh = pytest.importorskip("zenoh", reason="the graph is walked by tokens of rmw_zenoh")
+network = pytest.importorskip("embedded_ros.network", reason="ROS 2 has tools of its own for this")
+
+CELL = {
+    "emulated_cell",
+    "recorder",
+    "tendon_driver",
+    "friction_rig",
+    "kinematics_predictor",
+    "gdfe_simulator",
+    "camera",
+    "marker_tracker",
+    "grasp_mix_manager",
+}
+
+
+def ask(cell: Any, identity: str | None, keys: Path, *arguments: str, timeout: float = 30.0) -> str:
+    """Return what a command prints that an identity runs in a cell's domain; None is somebody without keys."""
+    environment = dict(cell.environment)
+    if identity is not None:
+        environment["ZENOH_SESSION_CONFIG_URI"] = str(keys / "zenoh" / f"{identity}.json5")
+    try:
+        answer = subprocess.run(
+            ["ros2", *arguments], capture_output=True, text=True, env=environment, timeout=timeout, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        return error.stdout.decode() if error.stdout else ""
+    return answer.stdout + answer.stderr
+
+
+def tokens(domain: int, monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Return the liveliness tokens of all nodes of a domain."""
+    found: set[str] = set()
+    monkeypatch.delenv("EMBEDDED_ROUTER_PORT", raising=False)
+    session, _ = network.open_session(domain, host=False)
+    try:
+        session.liveliness().declare_subscriber(
+            f"@ros2_lv/{domain}/**", lambda sample: found.add(str(sample.key_expr)), history=True
+        )
+        deadline = time.monotonic() + 30.0
+        while not {key.split("/")[8] for key in found} >= CELL:
+            assert time.monotonic() < deadline, f"expected {CELL} within 30 s, found {found}"
+            time.sleep(0.05)
+        return set(found)
+    finally:
+        session.close()
+
+
+def owner(policy: Policy, node: str) -> Identity | None:
+    """Return the identity that a node belongs to."""
+    for one in policy.identities:
+        for pattern in one.node_names:
+            if node == pattern or (pattern.endswith("*") and node.startswith(pattern[:-1])):
+                return one
+    return None
+
+
+@pytest.mark.ros
+def test_all_that_a_running_cell_has_is_in_the_policy(
+    launch: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", f"out:={tmp_path}/out")
+    cell.wait_for("bus loop: 100 Hz", 60.0)
+    policy = read_policy()
+    rules = access_control(policy)["rules"]
+    missing = []
+    for token in tokens(cell.domain, monkeypatch):
+        identity = owner(policy, token.split("/")[8])
+        granted = [
+            zenoh.KeyExpr(key)
+            for rule in rules
+            if identity
+            and rule["id"].startswith(f"{identity.name}-ingress-")
+            and "liveliness_token" in rule["messages"]
+            for key in rule["key_exprs"]
+        ]
+        if not any(key.includes(zenoh.KeyExpr(token)) for key in granted):
+            missing.append("/".join(token.split("/")[5:10]))
+    assert sorted(missing) == []
+
+
+@pytest.mark.ros
+def test_a_secure_cell_serves_who_may_and_nobody_else(launch: Callable[..., Any], tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    Keystore(keys, read_policy()).make()
+    cell = launch(
+        *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
+        *(f"out:={tmp_path}/out", "secure:=true", f"keys:={keys}"),
+    )
+    cell.wait_for("bus loop: 100 Hz", 60.0)
+    deadline = time.monotonic() + 60.0
+    while not {f"/{node}" for node in CELL} <= set((nodes := ask(cell, "look", keys, "node", "list")).split()):
+        assert time.monotonic() < deadline, f"expected {CELL}, found {nodes}"
+    stop = ("service", "call", "/estop", "std_srvs/srv/Trigger")
+    assert "/camera" not in ask(cell, None, keys, "node", "list")
+    assert "success=True" not in ask(cell, None, keys, *stop, timeout=8.0)
+    assert "success=True" not in ask(cell, "look", keys, *stop, timeout=8.0)
+    set_parameter = ("param", "set", "/kinematics_predictor", "use_sim_time", "false")
+    assert "successful" not in ask(cell, "operate", keys, *set_parameter)
+    assert "successful" in ask(cell, "engineer", keys, *set_parameter)
+    assert "success=True" in ask(cell, "operate", keys, *stop)
+    cell.interrupt()
+    cell.wait_for_end(30.0)
+    assert cell.survivors() == []
+
+
+@pytest.mark.ros
+def test_a_cell_without_its_keys_does_not_start(launch: Callable[..., Any], tmp_path: Path) -> None:
+    cell = launch(
+        *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
+        *(f"out:={tmp_path}/out", "secure:=true", f"keys:={tmp_path}/none"),
+    )
+    assert cell.wait_for_end(60.0) != 0
+    assert "ZENOH_SESSION_CONFIG_URI" in cell.output
+
+
+@pytest.mark.ros
+def test_a_cell_whose_key_lies_open_does_not_start(launch: Callable[..., Any], tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    Keystore(keys, read_policy()).make()
+    (keys / "enclaves" / "softgrip" / "tendon_driver" / "key.pem").chmod(0o644)
+    cell = launch(
+        *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
+        *(f"out:={tmp_path}/out", "secure:=true", f"keys:={keys}"),
+    )
+    assert cell.wait_for_end(60.0) != 0
+    assert "expected mode 0600, found 0644" in cell.output

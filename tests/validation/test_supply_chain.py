@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is installed is what was looked at: hashes, licences, the bill of materials, the image."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+DEPENDENCIES = (ROOT / "docs" / "dependencies.md").read_text()
+
+
+def tool(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    import sys  # noqa: PLC0415  dataclasses look their module up
+
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+sbom = tool("sbom")
+audit = tool("audit")
+PINS = [pin for lock in sbom.LOCKS for pin in sbom.pins(lock)]
+
+
+def normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def words(table: str) -> set[str]:
+    """Return every name in the first two columns of a table of docs/dependencies.md."""
+    rows = [line.split("|") for line in table.splitlines() if line.startswith("|")]
+    text = " ".join(" ".join(row[1:3]) for row in rows)
+    return {normal(word) for word in re.findall(r"[A-Za-z0-9][A-Za-z0-9._-]*", text)}
+
+
+def test_the_locks_hold_more_than_sixty_distributions() -> None:
+    assert len(PINS) > 60  # else the locks are read wrongly
+
+
+@pytest.mark.parametrize("pin", PINS, ids=lambda pin: pin.name)
+def test_every_distribution_has_hashes_and_a_line_with_its_licence(pin: Any) -> None:
+    assert pin.hashes
+    assert normal(pin.name) in words(DEPENDENCIES.partition("## Libraries")[0])
+
+
+def test_every_line_of_a_lock_is_a_pin_or_a_hash() -> None:
+    for lock in sbom.LOCKS:
+        for line in lock.read_text().splitlines():
+            assert re.match(r"[a-z0-9-]+==\S+( ; .*)? \\$|    --hash=sha256:[0-9a-f]{64}( \\)?$", line), line
+
+
+def test_setup_installs_by_hash_only_and_nothing_that_is_built() -> None:
+    installs = re.findall(r"^pip install .*lock.*$", (ROOT / ".ci" / "setup.sh").read_text(), re.MULTILINE)
+    assert len(installs) == 2
+    for line in installs:
+        assert "--require-hashes" in line
+        assert "--only-binary :all:" in line
+
+
+def test_opencv_is_one_without_the_known_hole() -> None:
+    (opencv,) = [pin for pin in PINS if pin.name == "opencv-python-headless"]
+    assert tuple(map(int, opencv.version.split(".")[:2])) >= (4, 12)  # CVE-2025-53644 is closed in 4.12.0
+
+
+@pytest.mark.parametrize("pin", [pin for pin in PINS if sbom.installed(pin)], ids=lambda pin: pin.name)
+def test_the_libraries_inside_a_wheel_are_listed_with_it(pin: Any) -> None:
+    table = DEPENDENCIES.partition("## Libraries")[2]
+    lines = [
+        line for line in table.splitlines() if normal(pin.name) in normal(line.split("|")[1] if "|" in line else "")
+    ]
+    for library in sbom.bundled_libraries(sbom.installed(pin)):
+        stem = re.match(r"lib[A-Za-z0-9_]*?(?=64_|p-r0|$)", library)
+        assert stem is not None
+        assert any(stem[0] in line for line in lines), f"{library} of {pin.name} has no line in docs/dependencies.md"
+
+
+def test_the_bill_of_materials_names_every_distribution_once() -> None:
+    made = sbom.document()
+    assert (made["bomFormat"], made["specVersion"]) == ("CycloneDX", "1.6")
+    found = [(one["name"], one["version"], one["purl"]) for one in made["components"]]
+    assert found == sorted({(pin.name, pin.version, pin.url) for pin in PINS}, key=lambda row: row[2])
+    assert made["dependencies"][0]["dependsOn"] == [purl for _, _, purl in found]
+    opencv = next(one for one in made["components"] if one["name"] == "opencv-python-headless")
+    assert "libavcodec" in {one["name"] for one in opencv["components"]}
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        ([{"name": "a", "version": "1", "vulns": []}], 0),
+        ([{"name": "a", "version": "1", "vulns": [{"id": "CVE-1", "fix_versions": ["2"]}]}], 1),
+        ([{"name": "a", "version": "1", "vulns": []}, {"name": "b", "skip_reason": "not found"}], 2),
+        ([], 2),
+    ],
+)
+def test_an_audit_that_could_not_ask_is_no_clean_one(found: list[dict[str, Any]], expected: int) -> None:
+    assert audit.verdict("a.lock", found) == expected
+
+
+def test_the_image_runs_without_rights_and_without_a_network() -> None:
+    dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
+    assert re.search(r"^USER (?!root)\w+", dockerfile, re.MULTILINE)
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in dockerfile
+    assert "RMW_IMPLEMENTATION=" in dockerfile
+    assert dockerfile.index("USER softgrip") < dockerfile.index("ENTRYPOINT")
+    services = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())["services"]
+    for service in services.values():
+        assert service["network_mode"] == "none"
+        assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+        assert not service["user"].startswith("0")
