@@ -3,7 +3,9 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -46,3 +48,75 @@ def _same(written: str, given: str) -> bool:
 def _close(written: re.Match[str], given: re.Match[str]) -> bool:
     step = 10.0 ** -len(written[1] or "")
     return abs(float(written[0]) - float(given[0])) < 1.5 * step
+
+
+class VolatileDisk:
+    """A folder of which a power cut leaves only what was put on the disk: the model of fsync(2).
+
+    A file keeps the content of its last fsync or fdatasync, nothing when it had none. A folder keeps the names of its
+    last fsync; those after it may or may not have reached the disk. What was there at the beginning is on the disk.
+    """
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._folder = folder
+        self._held: list[int] = []  # an inode that is held is not used again for another file
+        self._content: dict[int, bytes] = {}
+        self._names = self._present()
+        for path in self._names:
+            self._keep(path)
+        #: What could be found after a power cut before and after each call that matters, in order: file -> content.
+        self.moments: list[tuple[dict[str, bytes], ...]] = []
+        for name in ("fsync", "fdatasync", "replace", "rename", "link", "unlink"):
+            monkeypatch.setattr(os, name, self._watched(name, getattr(os, name)))
+
+    def after_power_cut(self) -> tuple[dict[str, bytes], dict[str, bytes]]:
+        """Return what could be found: without, and with the names that were not put on the disk."""
+        present = self._present()
+        return self._as_found(self._names), self._as_found(present)
+
+    def close(self) -> None:
+        """Let go of the files."""
+        for descriptor in self._held:
+            os.close(descriptor)
+
+    def _as_found(self, names: dict[Path, int]) -> dict[str, bytes]:
+        return {str(path.relative_to(self._folder)): self._content.get(inode, b"") for path, inode in names.items()}
+
+    def _present(self) -> dict[Path, int]:
+        return {path: path.stat().st_ino for path in sorted(self._folder.rglob("*")) if path.is_file()}
+
+    def _keep(self, path: Path) -> None:
+        self._held.append(os.open(path, os.O_RDONLY))
+        self._content[path.stat().st_ino] = path.read_bytes()
+
+    def _watched(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def watched(*arguments: Any, **options: Any) -> Any:
+            self.moments.append(self.after_power_cut())
+            result = call(*arguments, **options)
+            if name in {"fsync", "fdatasync"}:
+                self._synced(Path(f"/proc/self/fd/{arguments[0]}").readlink())
+            self.moments.append(self.after_power_cut())
+            return result
+
+        return watched
+
+    def _synced(self, path: Path) -> None:
+        if path.is_dir():
+            elsewhere = {p: inode for p, inode in self._names.items() if p.parent != path}
+            self._names = elsewhere | {p: inode for p, inode in self._present().items() if p.parent == path}
+        elif path.is_file() and self._folder in path.parents:
+            self._keep(path)
+
+
+@pytest.fixture
+def volatile_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], VolatileDisk]]:
+    """Give what begins to watch the test's folder; what is in it then is on the disk."""
+    made: list[VolatileDisk] = []
+
+    def begin() -> VolatileDisk:
+        made.append(VolatileDisk(tmp_path, monkeypatch))
+        return made[-1]
+
+    yield begin
+    for disk in made:
+        disk.close()

@@ -10,6 +10,8 @@ from typing import Any
 
 import yaml
 
+from softgrip_model.durable import write_durably
+
 VERSION = 9
 DISTRIBUTION = "jazzy"
 FILE_NAME = "metadata.yaml"
@@ -101,8 +103,10 @@ def information(files: Sequence[FileEntry], topics: Sequence[TopicEntry]) -> dic
 
 
 def write(folder: Path, values: dict[str, Any]) -> None:
-    """Write metadata.yaml into a bag's folder; complete or not at all."""
+    """Write metadata.yaml into a bag's folder; complete or not at all, also when the power dies.
+
+    Raises:
+        OSError: the disk refused.
+    """
     text = yaml.dump({"rosbag2_bagfile_information": values}, Dumper=Plain, sort_keys=False)
-    fresh = folder / f".{FILE_NAME}.new"
-    fresh.write_text(text)
-    fresh.replace(folder / FILE_NAME)
+    write_durably(folder / FILE_NAME, text.encode())

@@ -4,13 +4,10 @@
 from __future__ import annotations
 
 import fcntl
-import os
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 import yaml
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
@@ -20,6 +17,7 @@ from softgrip_bag import metadata, salvage
 from softgrip_bag.errors import BagError
 from softgrip_bag.metadata import FileEntry, Span, TopicEntry
 from softgrip_bag.reader import bag_files
+from softgrip_model.durable import replacing_durably
 
 
 @dataclass(frozen=True)
@@ -124,8 +122,7 @@ def _content(path: Path) -> _Content:
 
 
 def _rewrite(path: Path, damage: salvage.Damage) -> _Content:
-    fresh = path.with_suffix(".mcap.repairing")
-    with _replacing(fresh, path) as stream:
+    with replacing_durably(path) as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
@@ -151,19 +148,6 @@ def _rewrite(path: Path, damage: salvage.Damage) -> _Content:
             writer.start(profile="ros2", library="softgrip_bag")
         writer.finish()  # type: ignore[no-untyped-call]  # the library has no types
     return _content(path)
-
-
-@contextmanager
-def _replacing(fresh: Path, path: Path) -> Iterator[IO[bytes]]:
-    """Give a new file that takes the place of another when the block has succeeded."""
-    try:
-        with fresh.open("wb") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
 
 
 def _entry(channel: Channel, schemas: dict[int, Schema]) -> TopicEntry:

@@ -19,6 +19,7 @@ from softgrip_bag import metadata
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment, McapFile, Topic
 from softgrip_bag.metadata import FileEntry, TopicEntry
+from softgrip_model.durable import make_folder_durably, sync_folder
 
 __all__ = ["Attachment", "BagWriter", "Limits", "Topic"]
 
@@ -64,7 +65,9 @@ class BagWriter:
         self._closed: list[McapFile] = []
         self._opened = 0
         try:
-            folder.mkdir(parents=True)
+            make_folder_durably(folder.parent)
+            folder.mkdir()
+            sync_folder(folder.parent)
             self._file = self._open()
         except FileExistsError:
             raise BagError(f"expected a new folder for the bag, found that {folder} exists: name another") from None
@@ -146,6 +149,7 @@ class BagWriter:
             file.add_attachment(attachment, time.time_ns())
         for topic in self.topics.values():
             file.add_topic(topic)
+        sync_folder(self.folder)
         return file
 
     def _finish(self, file: McapFile) -> None:

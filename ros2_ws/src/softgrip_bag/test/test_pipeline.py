@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import threading
 from collections import Counter
 from pathlib import Path
@@ -86,7 +87,11 @@ def test_a_real_full_device_is_an_error_and_not_an_accident(tmp_path: Path, monk
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full here")
-    monkeypatch.setattr("softgrip_bag.mcap_file.os.open", lambda _path, _flags, _mode: real_open(full, 1))
+
+    def open_full(path: Path, flags: int, *mode: int) -> int:
+        return real_open(full, os.O_WRONLY) if str(path).endswith(".mcap") else real_open(path, flags, *mode)
+
+    monkeypatch.setattr("softgrip_bag.mcap_file.os.open", open_full)
     with pytest.raises(BagError, match="No space left"):
         BagWriter(tmp_path / "bag")
 

@@ -239,13 +239,35 @@ def test_the_store_keeps_models_and_the_choice(tmp_path, model):
     again = ModelStore(tmp_path / "models")
     assert again.active == model.id
     assert again.ids()[0] == model.id
-    for bad in ("nothing", "../x"):
-        with pytest.raises(ModelFileError, match="available"):
-            again.activate(bad)
+    with pytest.raises(ModelFileError, match="available"):
+        again.activate("nothing")
     (tmp_path / "models" / "broken.yaml").write_text("schema: 9")
     models, problems = again.readable()
     assert len(models) == len(published_ids()) + 1
     assert "broken" in problems[0]
+
+
+@pytest.mark.parametrize("name", ["{}/../stolen", "../stolen", "{parent}/stolen", "", ".", "..", "a\0b", "stolen\n"])
+def test_an_id_that_is_a_path_reaches_no_file_although_one_is_there(tmp_path, model, name):
+    store = ModelStore(tmp_path / "models")
+    store.add(model)
+    (tmp_path / "models" / model.id).mkdir()
+    whole = (tmp_path / "models" / f"{model.id}.yaml").read_text()
+    for place in (tmp_path, tmp_path / "models"):
+        (place / "stolen.yaml").write_text(whole.replace(model.id, "stolen"))
+    bad = name.format(model.id, parent=tmp_path)
+    for ask in (store.get, store.activate):
+        with pytest.raises(ModelFileError, match="no friction model"):
+            ask(bad)
+    assert store.active == ""
+
+
+@pytest.mark.parametrize("content", ["", "\n", "../stolen\n", "a b", "\0"])
+def test_a_damaged_choice_is_an_error_and_not_the_shipped_model(tmp_path, content):
+    (tmp_path / "active").write_text(content)
+    with pytest.raises(ModelFileError, match="expected the id of the active friction model") as error:
+        _ = ModelStore(tmp_path).active
+    assert published_ids()[0] in str(error.value)  # what to write into it
 
 
 # -- the command -------------------------------------------------------------------------------------------------------

@@ -45,6 +45,7 @@ import yaml
 from numpy.typing import NDArray
 
 from softgrip_model.digest import text_digest
+from softgrip_model.durable import write_durably
 from softgrip_vision import _core
 from softgrip_vision.errors import CalibrationError
 
@@ -302,9 +303,7 @@ def save(calibration: Calibration, path: Path | str) -> None:
             ],
         },
     }
-    scratch = path.with_name(f".{path.name}.part")
-    scratch.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    scratch.replace(path)
+    write_durably(path, yaml.safe_dump(document, sort_keys=False).encode())
 
 
 def _entry(matrix: Array) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from softgrip_driver.rig.errors import JournalError
+from softgrip_model.durable import make_folder_durably, sync_folder
 
 SCHEMA = 1
 _SUFFIX = ".jsonl"
@@ -66,7 +67,7 @@ class Journal:
         """
         journal = cls(folder / f"{plan_id}{_SUFFIX}", plan_id, request)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder_durably(folder)
             if journal.path.exists():
                 raise JournalError(f"{journal.path}: expected a new plan, found its record already there")
         except OSError as error:
@@ -145,12 +146,15 @@ class Journal:
 
     def _append(self, event: dict[str, Any]) -> None:
         try:
-            whole = self.path.read_bytes().rfind(b"\n") + 1 if self.path.exists() else 0
+            is_new = not self.path.exists()
+            whole = 0 if is_new else self.path.read_bytes().rfind(b"\n") + 1
             with self.path.open("ab") as stream:
                 stream.truncate(whole)
                 stream.write(json.dumps(event).encode() + b"\n")
                 stream.flush()
                 os.fsync(stream.fileno())
+            if is_new:
+                sync_folder(self.path.parent)
         except OSError as error:
             raise JournalError(
                 f"{self.path}: expected to write, found {error}; free space or check the disk"

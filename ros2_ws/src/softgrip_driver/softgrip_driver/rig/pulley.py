@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
 from softgrip_driver.errors import ConfigurationError
+from softgrip_model.durable import write_durably
 
 _FILE = "pulley.calibration"
 
@@ -44,7 +44,9 @@ def read_pulley(folder: Path) -> Pulley | None:
 
 
 def write_pulley(folder: Path, pulley: Pulley) -> None:
-    """Keep a calibration, whole or not at all."""
-    temporary = folder / f".{_FILE}.{os.getpid()}"
-    temporary.write_text(f"ratio: {pulley.ratio}\nstddev: {pulley.stddev}\n", encoding="utf-8")
-    temporary.replace(folder / _FILE)
+    """Keep a calibration, whole or not at all.
+
+    Raises:
+        OSError: the disk refused.
+    """
+    write_durably(folder / _FILE, f"ratio: {pulley.ratio}\nstddev: {pulley.stddev}\n".encode())

@@ -7,9 +7,7 @@ the servo's volatile memory and the same mark here; only where both agree does t
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import Any
 import yaml
 
 from softgrip_driver.errors import ConfigurationError
+from softgrip_model.durable import write_durably
 
 SCHEMA = 1
 MARKS = 15
@@ -92,17 +91,9 @@ class ZeroStore:
         body = {"schema": SCHEMA, "zeros": {name: asdict(zero) for name, zero in sorted(zeros.items())}}
         text = "# Written by tendon_driver; bound to servo and spool. Home again instead of editing.\n"
         text += yaml.safe_dump({**body, "sha256": _digest(body)}, sort_keys=False)
-        temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}")
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(self._path)
+            write_durably(self._path, text.encode())
         except OSError as error:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
             raise ConfigurationError(f"{self._path}: expected a writable file, found: {error}") from error
 
 

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -16,6 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from softgrip_model.durable import write_durably
 from softgrip_model.friction.errors import LawError, ModelFileError
 from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law
 from softgrip_model.friction.record import ID_PATTERN, FrictionModel, Verdict
@@ -55,20 +54,15 @@ def to_mapping(model: FrictionModel) -> dict[str, Any]:
 
 
 def write_model(model: FrictionModel, path: Path) -> None:
-    """Write a model's YAML file: whole or not at all, also when the power dies."""
+    """Write a model's YAML file: whole or not at all, also when the power dies.
+
+    Raises:
+        ModelFileError: the id is not one.
+        OSError: the disk refused.
+    """
     if not ID_PATTERN.fullmatch(model.id):
         raise ModelFileError(f"expected an id of letters, digits, '.', '_' and '-', found {model.id!r}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            yaml.safe_dump(to_mapping(model), stream, sort_keys=False, allow_unicode=True)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_durably(path, yaml.safe_dump(to_mapping(model), sort_keys=False, allow_unicode=True).encode())
 
 
 def read_model(path: Path) -> FrictionModel:

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+from softgrip_model.durable import make_folder_durably, write_durably
 from softgrip_model.friction.errors import ModelFileError
 from softgrip_model.friction.model_file import read_model, write_model
 from softgrip_model.friction.published import published, published_ids
-from softgrip_model.friction.record import FrictionModel
+from softgrip_model.friction.record import ID_PATTERN, FrictionModel
 
 _ACTIVE = "active"
 
@@ -22,7 +22,7 @@ class ModelStore:
     """
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder_durably(folder)
         self._folder = folder
 
     def ids(self) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ class ModelStore:
         if model_id in published_ids():
             return published(model_id)
         path = self._folder / f"{model_id}.yaml"
-        if Path(model_id).name != model_id or not path.exists():
+        if not ID_PATTERN.fullmatch(model_id) or not path.is_file():
             raise ModelFileError(f"no friction model '{model_id}'; available: {', '.join(self.ids())}")
         return read_model(path)
 
@@ -57,6 +57,7 @@ class ModelStore:
 
         Raises:
             ModelFileError: its id is a published one's or is taken.
+            OSError: the disk refused.
         """
         if model.id in self.ids():
             raise ModelFileError(f"expected a new id, found '{model.id}', which is taken")
@@ -64,18 +65,29 @@ class ModelStore:
 
     @property
     def active(self) -> str:
-        """Id of the model that was chosen last; empty when none was."""
+        """Id of the model that was chosen last; empty when none was.
+
+        Raises:
+            ModelFileError: the file that says so is damaged. It does not stand for "none".
+        """
         path = self._folder / _ACTIVE
-        return path.read_text(encoding="utf-8").strip() if path.exists() else ""
+        if not path.exists():
+            return ""
+        content = path.read_text(encoding="utf-8", errors="replace").strip()
+        if not ID_PATTERN.fullmatch(content):
+            raise ModelFileError(
+                f"{path}: expected the id of the active friction model, found {content!r}; write one of "
+                f"{', '.join(self.ids())} into it, or remove it to go back to the initial model"
+            )
+        return content
 
     def activate(self, model_id: str) -> FrictionModel:
         """Choose a model, also for the next start.
 
         Raises:
             ModelFileError: unknown id or damaged file.
+            OSError: the disk refused; the choice is the one before, or this one.
         """
         model = self.get(model_id)
-        temporary = self._folder / f".{_ACTIVE}.{os.getpid()}"
-        temporary.write_text(model_id + "\n", encoding="utf-8")
-        temporary.replace(self._folder / _ACTIVE)
+        write_durably(self._folder / _ACTIVE, f"{model_id}\n".encode())
         return model

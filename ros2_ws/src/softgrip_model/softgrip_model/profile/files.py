@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from softgrip_model.durable import write_durably
 from softgrip_model.profile.schema import SCHEMA, Profile, ProfileError, problems
 
 #: libyaml's where PyYAML was built with it: several times as fast, and each node reads all profiles at its start.
@@ -76,9 +77,10 @@ def save(profile: Profile, path: Path) -> None:
 
     Raises:
         ProfileError: the profile is not sound; nothing is written.
+        OSError: the disk refused; the file is the old one or the new one, whole.
     """
     validate(profile)
-    path.write_text(dumps(profile), encoding="utf-8")
+    write_durably(path, dumps(profile).encode())
 
 
 def load_directory(directory: Path) -> dict[str, Profile]:
