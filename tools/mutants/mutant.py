@@ -11,7 +11,7 @@ from pathlib import Path
 
 #: keys of an area's file, and of one mutant in it
 _AREA_KEYS = {"area", "file", "tests", "suite", "pending", "mutant"}
-_MUTANT_KEYS = {"id", "file", "old", "new", "tests", "why", "equivalent"}
+_MUTANT_KEYS = {"id", "file", "old", "new", "tests", "suite", "why", "equivalent"}
 #: tests that run by the machine's clock: nothing runs beside them, and a failure has to repeat
 REAL_TIME = ("tests/system", "tests/faults", "ros2_ws/src/softgrip_driver/test/real_time")
 
