@@ -7,9 +7,7 @@ can not be read with certainty counts as stopped.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
@@ -19,6 +17,7 @@ from typing import Any
 import yaml
 
 from softgrip_driver.errors import DriverError
+from softgrip_model.durable import write_durably
 
 SCHEMA = 1
 
@@ -111,18 +110,9 @@ class SafetyStore:
         body = {**asdict(record), "cause": record.cause.value}
         text = "# Written by tendon_driver: emergency stop and lock. Call estop_reset or tendon/unlock, do not edit.\n"
         text += yaml.safe_dump({"schema": SCHEMA, "safety": body, "sha256": _digest(body)}, sort_keys=False)
-        temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(self.path)
-            _sync_folder(self.path.parent)
+            write_durably(self.path, text.encode())
         except OSError as error:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
             raise SafetyStoreError(f"{self.path}: expected a writable file, found: {error}") from error
 
     def _unreadable(self, found: str) -> SafetyRecord:
@@ -150,12 +140,3 @@ def _record_of(body: Mapping[str, Any]) -> SafetyRecord:
 
 def _digest(body: Mapping[str, Any]) -> str:
     return hashlib.sha256(yaml.safe_dump(body, sort_keys=True).encode()).hexdigest()
-
-
-def _sync_folder(folder: Path) -> None:
-    """A rename is on disk only once its folder is."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
