@@ -12,9 +12,11 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.old_messages import is_before_unset, read
 from softgrip_bag.nodes.steps import runs, stamp_of
 from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, read, topic_types
+from softgrip_bag.old_definitions import ENUMERATIONS, old_name
+from softgrip_bag.reader import RawMessage, topic_types
 from softgrip_bag.story import Closing, Fault, Fit, Grasp, Mode, Sample, Story
 from softgrip_interfaces.action import Grasp as GraspAction
 from softgrip_interfaces.msg import CellState, FrictionModel, FrictionSample, PredictionResidual
@@ -32,6 +34,7 @@ _READ = {
 }
 _TRACE = "/grasp_mix_manager/trace"
 _UUID = 16
+_OUTCOMES = ("UNSET", *ENUMERATIONS["softgrip_interfaces/Grasp_Result"]["outcome"])
 #: [ns] a camera frame and a prediction of the same instant are at most so far apart.
 _TOGETHER = 20_000_000
 #: Modes in which something may be between the fingers.
@@ -74,7 +77,7 @@ class _Reader:
             maximum_error=message.maximum_error,
             r_squared=message.r_squared,
             points=message.points,
-            verdict=_constant(FrictionModel, message.verdict, {"USABLE", "REPEAT_POINTS", "DO_NOT_USE"}),
+            verdict=_constant(FrictionModel, message.verdict, {"UNSET", "USABLE", "REPEAT_POINTS", "DO_NOT_USE"}),
         )
         if not self.story.fits or self.story.fits[-1].id != fit.id:
             self.story.fits.append(fit)
@@ -164,6 +167,7 @@ def _closings(reader: _Reader) -> list[Closing]:
 
 def _grasps(bag: Path) -> list[Grasp]:
     found = []
+    is_old = is_before_unset(bag)
     try:
         for steps in runs(bag, _TRACE):
             product = ""
@@ -172,7 +176,11 @@ def _grasps(bag: Path) -> list[Grasp]:
                     product = deserialize_message(step.data[_UUID:], GraspAction.Goal).product
                 elif step.name == "finished /cell/grasp":
                     result = deserialize_message(step.data, GraspAction.Result)
-                    outcome = _constant(GraspAction.Result, result.outcome)
+                    outcome = (
+                        old_name("softgrip_interfaces/Grasp_Result", "outcome", result.outcome)
+                        if is_old
+                        else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
+                    )
                     found.append(Grasp(step.wall, product, outcome, result.reason, result.latency, result.duration))
     except BagError:
         return found  # what is there of a trace with a gap

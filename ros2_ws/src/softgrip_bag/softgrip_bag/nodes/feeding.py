@@ -12,9 +12,10 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.nodes.captured import Output, ReplayedNode
+from softgrip_bag.nodes.old_messages import read
 from softgrip_bag.nodes.steps import stamp_in, stamp_of
 from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, as_published, latched_topics, read
+from softgrip_bag.reader import RawMessage, as_published, latched_topics
 
 #: Fields that name the configuration a result was computed with.
 CONFIGURATION_FIELDS = ("friction_model", "friction_digest", "configuration")

@@ -14,8 +14,9 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.old_messages import read
 from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, latched_topics, read
+from softgrip_bag.reader import RawMessage, latched_topics
 
 #: [ns] how much later, or earlier, than the node the recorder may have received a message.
 _SLACK = 5_000_000_000

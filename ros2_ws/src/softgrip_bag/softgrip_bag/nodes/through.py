@@ -26,11 +26,12 @@ from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.captured import INFRASTRUCTURE, Output, ReplayedNode
 from softgrip_bag.nodes.feeding import Feeding, results_of
+from softgrip_bag.nodes.old_messages import is_before_unset, is_older, read
 from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
 from softgrip_bag.nodes.steps import Messages, MissingMessageError, Step, runs, stamp_in
 from softgrip_bag.nodes.trees import tree
 from softgrip_bag.nodes.types import check_definition, message_class
-from softgrip_bag.reader import RawMessage, read, topic_summaries, topic_types
+from softgrip_bag.reader import RawMessage, topic_summaries, topic_types
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str
 
 def _checked_types(bag: Path) -> dict[str, str]:
     for topic in topic_summaries(bag):
-        if topic.type_name.startswith("softgrip_interfaces/") and topic.messages:
+        if topic.type_name.startswith("softgrip_interfaces/") and topic.messages and not is_older(topic):
             check_definition(topic)
     return topic_types(bag)
 
@@ -164,6 +165,11 @@ def _check_traced(
     replayable = NODES[name]
     if replayable.trace not in types:
         raise BagError(f"{bag}: expected the topic {replayable.trace}, found none; was {name} recorded?")
+    if is_before_unset(bag):
+        raise BagError(
+            f"{bag}: expected steps of {name} with today's actions, found a bag from before enumerations began with "
+            "UNSET and orders had leases; report, export and info read it, replay needs softgrip of that time"
+        )
     compared = without_input = 0
     for steps in runs(bag, replayable.trace):
         with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:

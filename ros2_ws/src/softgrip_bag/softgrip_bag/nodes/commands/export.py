@@ -13,9 +13,10 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.old_messages import is_older, read
 from softgrip_bag.nodes.trees import flat, tree
 from softgrip_bag.nodes.types import check_definition, message_class
-from softgrip_bag.reader import read, topic_summaries
+from softgrip_bag.reader import topic_summaries
 
 Row = dict[str, Any]
 
@@ -39,7 +40,8 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         for topic in topic_summaries(options.bag):
             if topic.messages and (options.topics is None or topic.name in options.topics):
-                check_definition(topic)
+                if not is_older(topic):
+                    check_definition(topic)
                 print(write(options.bag, topic.name, folder, parquet=options.parquet))
     except BagError as error:
         print(error, file=sys.stderr)

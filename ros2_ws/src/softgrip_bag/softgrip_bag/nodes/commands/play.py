@@ -19,10 +19,11 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.old_messages import read
 from softgrip_bag.nodes.types import message_class
 from softgrip_bag.pace import Pace
 from softgrip_bag.qos_text import OfferedQos
-from softgrip_bag.reader import RawMessage, TopicSummary, read, topic_summaries
+from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
 
 #: Topics that every node publishes by itself.
 _NOT_PLAYED = {"/rosout", "/parameter_events"}
