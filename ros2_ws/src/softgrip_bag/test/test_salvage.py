@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 
 from softgrip_bag import salvage
 from softgrip_bag.errors import BagError
-from softgrip_bag.repair import is_broken, repair, repair_all
+from softgrip_bag.repair import bags_in, is_broken, repair, repair_all
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK, ATTACHMENT, DATA_END = 0x06, 0x09, 0x0F
@@ -184,7 +184,7 @@ def test_a_repair_that_finds_no_room_leaves_the_bag_as_it_was_and_nothing_beside
 def test_a_bag_that_can_not_be_repaired_does_not_keep_the_next_one_broken(tmp_path: Path) -> None:
     write(tmp_path / "a", b"something else")
     cut_bag(tmp_path / "b")
-    found = list(repair_all(tmp_path))
+    found = list(repair_all(bags_in(tmp_path)))
     assert isinstance(found[0], BagError)
     assert not is_broken(tmp_path / "b")
 
