@@ -54,12 +54,11 @@ def read_below(roots: Sequence[Path], path: Path, max_bytes: int = MAX_FILE_BYTE
     """
     place = _place_below(roots, path)
     descriptor = _open_without_links(place)
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        raise BagError(f"expected a plain file, found that {path} is a {_kind(mode)}; name the file itself")
     with os.fdopen(descriptor, "rb") as stream:
-        state = os.fstat(descriptor)
-        if not stat.S_ISREG(state.st_mode):
-            raise BagError(
-                f"expected a plain file, found that {path} is a {_kind(state.st_mode)}; name the file itself"
-            )
         data = stream.read(max_bytes + 1)
     if len(data) > max_bytes:
         raise BagError(f"expected a file of at most {max_bytes} bytes, found that {path} is larger; it is not carried")

@@ -42,7 +42,7 @@ float64 average_error
 float64 maximum_error
 float64 r_squared
 float64 residual_stddev
-int32 degrees_of_freedom
+uint32 degrees_of_freedom
 uint32 points
 string cable
 string surface
@@ -54,13 +54,14 @@ uint8 verdict
 string reason
 """,
     "FrictionSample": """std_msgs/Header header
+string plan
 uint32 index
 float64 angle
 float64 load
+float64 tension_low
 float64 tension_high
 float64 tension_high_stddev
-float64 tension_low
-float64 tension_low_stddev
+float64 stick_slip_amplitude
 float64 drift
 float64 speed
 float64 window_start
@@ -73,8 +74,13 @@ string reason
 """,
     "PredictionResidual": """std_msgs/Header header
 string finger
+float64 pulled_length
+float64 tip_error
+float64 tip_error_percent
 float64[] joint_angle_errors
 float64 tension_error
+float64 cusum_friction
+float64 cusum_stiffness
 uint8 OK=0
 uint8 WATCH=1
 uint8 RECALIBRATE=2

@@ -16,11 +16,12 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from std_msgs.msg import String
+from std_msgs.msg import Int32, String
 
 from softgrip_bag.reader import attachments, facts, read
 from softgrip_bag.repair import is_broken, repair
-from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StopRecording
+from softgrip_bag.writer import BagWriter, Topic
+from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
 
 pytestmark = pytest.mark.slow
 DOMAIN = 52
@@ -177,3 +178,115 @@ def test_a_fault_while_nothing_is_recorded_keeps_what_led_to_it(
     assert min(numbers) <= failed_at < max(numbers)
     assert facts(snapshots()[0])["softgrip_fault"] == {"fault": "driver: index: gone"}
     assert not (tmp_path / "unused").exists()
+
+
+class Health:
+    """What a recorder says on /diagnostics: component -> (level, message)."""
+
+    def __init__(self, node: Node) -> None:
+        self.said: dict[str, tuple[int, str]] = {}
+        self._subscription = node.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.said[status.name.removeprefix("recorder: ")] = (status.level[0], status.message)
+
+    def has(self, component: str, level: bytes, text: str) -> bool:
+        found = self.said.get(component, (-1, ""))
+        return found[0] == level[0] and text in found[1]
+
+
+def test_a_stranger_makes_it_neither_read_nor_write_elsewhere(
+    talker: Node, recorder: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    os.mkfifo(inside / "pipe.yaml")
+    (tmp_path / "secret.yaml").write_text("not for bags\n")
+    talker.declare_parameter("calibration_file", str(inside / "pipe.yaml"))
+    talker.declare_parameter("profiles_directory", str(tmp_path / "secret.yaml"))
+    talker.declare_parameter("broker", "mqtt://me:hunter2@host")
+    talker.create_subscription(Int32, "count", lambda _: None, 10)  # a tool of another version
+    output = talker.create_publisher(String, "count", 100)
+    health = Health(talker)
+    bag = inside / "bag"
+    recorder(bag, "-p", f"root:={inside}", "-p", f"attachment_roots:={inside}")
+    sent = 0
+
+    def say() -> None:
+        nonlocal sent
+        sent += 1
+        output.publish(String(data=str(sent)))
+        rclpy.spin_once(talker, timeout_sec=0.01)
+
+    def is_all_said() -> bool:
+        refused = all(
+            health.has("parameters", DiagnosticStatus.WARN, text)
+            for text in ("is a pipe", "attachment_roots", "broker")
+        )
+        return bool(texts(bag)) and refused and health.has("topics", DiagnosticStatus.WARN, "std_msgs/msg/Int32")
+
+    wait_until(is_all_said, say, "the refusals on /diagnostics")
+    for path in (str(tmp_path / "elsewhere"), "../elsewhere", "a\0b", "."):
+        for kind, name in ((StartRecording, "recorder/start"), (SnapshotRecording, "recorder/snapshot")):
+            answer = call(talker, kind, name, kind.Request(path=path))
+            assert not answer.success
+            assert "expected" in answer.message
+    for seconds in (float("nan"), -1.0):
+        answer = call(talker, SnapshotRecording, "recorder/snapshot", SnapshotRecording.Request(seconds=seconds))
+        assert not answer.success
+        assert "expected 0" in answer.message
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["inside", "secret.yaml"]
+    stopped = call(talker, StopRecording, "recorder/stop", StopRecording.Request())
+    assert stopped.success, stopped.message
+    assert stopped.messages == len(list(read(bag)))
+    assert texts(bag)[-1] == sent
+    carried = attachments(bag)
+    assert not any(a.name.startswith("parameter_files/talker") for a in carried)
+    assert not any(b"hunter2" in a.data for a in carried)
+    assert not any(b"hunter2" in message.data for message in read(bag))
+
+
+def test_a_full_disk_ends_no_recorder_and_a_broken_bag_is_repaired_meanwhile(
+    talker: Node, recorder: Callable[..., subprocess.Popen[bytes]], mounted_disk: Path
+) -> None:
+    broken = mounted_disk / "broken"
+    made = BagWriter(broken)
+    made.add_topic(Topic("/a", "std_msgs/msg/String", "", "string data\n", ()))
+    made.write("/a", 1, 1, b"\0\1\0\0\1\0\0\0\0")
+    made.close()
+    (broken / "metadata.yaml").unlink()
+    filler = mounted_disk / "filler"
+    filler.write_bytes(bytes(6_000_000))
+    health = Health(talker)
+    output = talker.create_publisher(String, "count", 100)
+    process = recorder(Path(), "-p", "path:=''", "-p", f"root:={mounted_disk}", "-p", "reserve_mb:=4")
+
+    def say() -> None:
+        output.publish(String(data="1"))
+        rclpy.spin_once(talker, timeout_sec=0.01)
+
+    wait_until(lambda: health.has("bag", DiagnosticStatus.ERROR, "reserve_mb"), say, "an error on /diagnostics")
+    wait_until(lambda: not is_broken(broken), say, "a repaired bag")
+    refused = call(talker, StartRecording, "recorder/start", StartRecording.Request())
+    assert not refused.success
+    assert "reserve_mb" in refused.message
+    filler.unlink()
+    started = call(talker, StartRecording, "recorder/start", StartRecording.Request())
+    assert started.success, started.message
+    bag = Path(started.path)
+    wait_until(lambda: len(texts(bag)) > 5, say, "messages in the bag")
+    noise = random.Random(3)
+
+    def shout() -> None:
+        output.publish(String(data="1" + noise.randbytes(50_000).hex()))
+        rclpy.spin_once(talker, timeout_sec=0.01)
+
+    wait_until(lambda: health.has("bag", DiagnosticStatus.ERROR, "the bag is whole up to here"), shout, "the reserve")
+    stopped = call(talker, StopRecording, "recorder/stop", StopRecording.Request())
+    assert not stopped.success
+    assert "reserve_mb" in stopped.message
+    assert stopped.messages == len(list(read(bag)))
+    assert stopped.dropped > 0
+    assert not is_broken(bag)
+    assert process.poll() is None

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nobody makes the recorder read or write elsewhere than it was told at its start."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from softgrip_bag.context import parameter_files, restore
+from softgrip_bag.errors import BagError
+from softgrip_bag.mcap_file import Attachment
+from softgrip_bag.places import MAX_FILE_BYTES, MAX_FILES, bag_folder, read_below, yaml_files_below
+from softgrip_bag.ring import snapshot_seconds
+from softgrip_bag.writer import BagWriter
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    made = tmp_path / "root"
+    made.mkdir()
+    (made / "file.yaml").write_text("a: 1\n")
+    (tmp_path / "secret.yaml").write_text("secret\n")
+    return made
+
+
+def test_a_bag_goes_below_the_root(root: Path) -> None:
+    assert bag_folder(root, "mine") == root / "mine"
+    assert bag_folder(root, "today/mine") == root / "today" / "mine"
+    assert bag_folder(root, str(root / "mine")) == root / "mine"
+    assert bag_folder(root, "a/../b") == root / "b"
+
+
+@pytest.mark.parametrize("path", ["", ".", "..", "../x", "a/../../x", "/tmp", "/", "a\0b", "x" * 3000, "link/x"])
+def test_a_bag_anywhere_else_is_refused_with_what_to_do(root: Path, path: str) -> None:
+    (root / "link").symlink_to(root.parent)
+    with pytest.raises(BagError, match=r"expected a folder below .* found .*; name"):
+        bag_folder(root, path)
+
+
+def test_a_file_below_a_root_and_a_root_that_is_a_file_are_read(root: Path) -> None:
+    assert read_below([root], root / "file.yaml") == b"a: 1\n"
+    assert read_below([root / "file.yaml"], root / "file.yaml") == b"a: 1\n"
+    (root / "link.yaml").symlink_to(root / "file.yaml")
+    assert read_below([root], root / "link.yaml") == b"a: 1\n"
+    assert yaml_files_below([root], root) == [root / "file.yaml", root / "link.yaml"]
+
+
+def refused(root: Path, name: str) -> Path:
+    """Make what a stranger might name."""
+    path = root / f"{name}.yaml"
+    if name == "pipe":
+        os.mkfifo(path)
+    elif name == "link out":
+        path.symlink_to(root.parent / "secret.yaml")
+    elif name == "folder":
+        path.mkdir()
+    elif name == "large":
+        path.write_bytes(bytes(MAX_FILE_BYTES + 1))
+    elif name == "outside":
+        return root.parent / "secret.yaml"
+    elif name == "dots":
+        return root / ".." / "secret.yaml"
+    elif name == "zero byte":
+        return Path("a\0b")
+    elif name == "device":
+        return Path("/dev/zero")
+    return path
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("name", ["pipe", "link out", "folder", "large", "outside", "dots", "zero byte", "device"])
+def test_what_is_no_small_plain_file_below_a_root_is_refused_at_once(root: Path, name: str) -> None:
+    roots = [root, Path("/dev")] if name == "device" else [root]
+    with pytest.raises(BagError, match="expected"):
+        read_below(roots, refused(root, name))
+
+
+def test_a_file_that_becomes_a_link_between_the_look_and_the_read_is_not_followed(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = root / "file.yaml"
+    real = os.path.realpath
+
+    def look_then_swap(place: Path) -> str:
+        found = real(place)
+        if Path(place) == path:
+            path.unlink()
+            path.symlink_to(root.parent / "secret.yaml")
+        return found
+
+    monkeypatch.setattr(os.path, "realpath", look_then_swap)
+    with pytest.raises(OSError, match="symbolic links"):
+        read_below([root], path)
+
+
+def test_a_folder_with_too_many_files_is_refused(root: Path) -> None:
+    for number in range(MAX_FILES):
+        (root / f"{number}.yaml").touch()
+    with pytest.raises(BagError, match=f"at most {MAX_FILES}"):
+        parameter_files([root], "/n", "profiles_directory", root)
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0])
+def test_a_snapshot_of_no_length_is_refused(seconds: float) -> None:
+    with pytest.raises(BagError, match="expected 0"):
+        snapshot_seconds(seconds)
+    assert snapshot_seconds(0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil.yaml", "../../evil.yaml", "a/../../evil.yaml", "/evil.yaml", "..", "", "a/b.yaml"]
+)
+def test_a_bag_restores_no_file_outside_the_folder_it_is_given(tmp_path: Path, name: str) -> None:
+    """What would be overwritten is there, so that a file written elsewhere is seen."""
+    victim = tmp_path / "evil.yaml"
+    victim.write_text("mine")
+    bag = BagWriter(tmp_path / "bag")
+    text = b"/n:\n  ros__parameters:\n    profiles_directory: /somewhere\n"
+    bag.attach(Attachment("parameters/n.yaml", "application/yaml", text))
+    bag.attach(Attachment(f"parameter_files/n/profiles_directory/{name}", "application/yaml", b"theirs"))
+    bag.close()
+    folder = tmp_path / "restored"
+    folder.mkdir()
+    with pytest.raises(BagError, match="expected a plain file name"):
+        restore(tmp_path / "bag", "/n", folder)
+    assert victim.read_text() == "mine"
+    assert [path.read_bytes() for path in tmp_path.rglob("*evil.yaml")] == [b"mine"]
