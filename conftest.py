@@ -3,6 +3,7 @@
 
 import os
 import re
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ settings.load_profile("softgrip")
 os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 50 + 1)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
+#: [byte] of a disk that tests fill.
+DISK_BYTES = 8_000_000
 _NUMBER = re.compile(r"\d+(?:\.(\d+))?")
 
 
@@ -120,3 +123,20 @@ def volatile_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[C
     yield begin
     for disk in made:
         disk.close()
+
+
+@pytest.fixture
+def mounted_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of `DISK_BYTES` in memory; where no mount is allowed, the tests with `simulated_disk` are left."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(place)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if made.returncode:
+        pytest.skip(f"no mount allowed here: {made.stderr.strip()}; the same tests run on a simulated disk")
+    yield place
+    subprocess.run(["umount", "-l", str(place)], check=True)

@@ -1,37 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small disks, real where the system lets a test mount one, and one as small by what its calls answer."""
+"""A small disk, real where the system lets a test mount one, and one as small by what its calls answer."""
 
 from __future__ import annotations
 
 import errno
 import os
-import subprocess
 import types
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-#: [byte]
+#: [byte] as `mounted_disk` has.
 DISK_BYTES = 8_000_000
-
-
-@pytest.fixture
-def mounted_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of `DISK_BYTES` in memory; where no mount is allowed, the tests with `simulated_disk` are left."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(place)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if made.returncode:
-        pytest.skip(f"no mount allowed here: {made.stderr.strip()}; the same tests run on a simulated disk")
-    yield place
-    subprocess.run(["umount", "-l", str(place)], check=True)
 
 
 @pytest.fixture
