@@ -41,6 +41,7 @@ ENUMERATIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = MappingProxyType(
 #: Types of topics that may differ from what is installed: those above, and what else got fields since.
 READ_BY_NAME = frozenset(ENUMERATIONS) | {
     "softgrip_interfaces/CalibrateFriction_FeedbackMessage",
+    "softgrip_interfaces/FingerStates",
     "softgrip_interfaces/SwapFingers_FeedbackMessage",
 }
 
