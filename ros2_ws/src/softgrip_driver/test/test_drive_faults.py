@@ -54,10 +54,8 @@ def test_whatever_the_fault_it_holds_where_it_stands(standing: Standing, fault: 
 
 @pytest.mark.parametrize("fault", [name for name, row in FAULTS.items() if row.reaction is Reaction.LET_GO])
 def test_a_fault_that_lets_go_switches_off_in_the_same_step(standing: Standing, fault: str) -> None:
-    if fault == "rebooted":
-        actions = standing.step(session_mark=0)
-    else:
-        actions = standing.step(faults=(fault,))
+    shown = {"session_mark": 0} if fault == "rebooted" else {"faults": (fault,)}
+    actions = standing.step(**shown)
     assert (standing.drive.fault, actions.power, standing.drive.powered) == (fault, False, False)
 
 
