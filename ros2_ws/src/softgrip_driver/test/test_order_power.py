@@ -18,14 +18,16 @@ class Switch:
     tendons = ("a",)
 
     def __init__(self) -> None:
-        self.told: list[bool] = []
+        self.told: list[tuple[str, bool]] = []
 
     def power(self, tendon: str, on: bool) -> None:
-        self.told.append(on)
+        self.told.append((tendon, on))
 
 
-@pytest.mark.parametrize(("block", "told"), [(None, [True]), (LOCK, [])], ids=["free", "locked"])
-def test_an_order_switches_torque_on_only_in_a_free_cell(reading, block: Block | None, told: list[bool]) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize(("block", "told"), [(None, [("a", True)]), (LOCK, [])], ids=["free", "locked"])
+def test_an_order_switches_torque_on_only_in_a_free_cell(
+    reading, block: Block | None, told: list[tuple[str, bool]]
+) -> None:  # type: ignore[no-untyped-def]
     switch = Switch()
     controller = GripperController({"a": TendonLimits()}, Policies(), block=lambda: block)
     controller.step(0.005, {"a": reading(0.005, 0.0, powered=False)})
