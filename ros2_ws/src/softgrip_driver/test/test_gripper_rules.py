@@ -163,3 +163,21 @@ def test_a_process_has_let_go_only_when_every_drive_said_so(deaf: str, confirmed
     loop._leave()
     assert (loop.keeps_hold, loop.has_let_go) == (False, confirmed)
     assert switches.is_on == {name: name == deaf for name in switches.tendons}
+
+
+def test_a_drive_whose_set_up_failed_stays_off_and_says_so(reading) -> None:  # type: ignore[no-untyped-def]
+    """Its limits and its watchdog may not be what they should be."""
+
+    def fails():  # type: ignore[no-untyped-def]
+        yield
+        raise NoReplyError("silent")
+
+    loop = loop_over(Switches())
+    drive = loop._controller.drives["a"]
+    drive.step(DT, reading(DT, 0.0))
+    drive.begin_restore(power=True)
+    loop._restores["a"] = fails()
+    for _ in range(2):
+        loop._restore_a_step({})
+    assert (drive.powered, drive.fault) == (False, "no_reply")
+    assert drive.step(2 * DT, reading(2 * DT, 0.0, powered=True)).power is False
