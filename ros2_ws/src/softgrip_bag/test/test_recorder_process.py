@@ -227,6 +227,19 @@ def test_a_stranger_makes_it_neither_read_nor_write_elsewhere(
         return bool(texts(bag)) and refused and health.has("topics", DiagnosticStatus.WARN, "std_msgs/msg/Int32")
 
     wait_until(is_all_said, say, "the refusals on /diagnostics")
+    number = 0
+
+    def set_a_secret() -> None:
+        nonlocal number
+        number += 1
+        talker.declare_parameter(f"password_{number}", "hunter2")
+        rclpy.spin_once(talker, timeout_sec=0.01)
+
+    wait_until(
+        lambda: any(b"***" in message.data for message in read(bag, {"/parameter_events"})),
+        set_a_secret,
+        "a parameter event in the bag",
+    )
     for path in (str(tmp_path / "elsewhere"), "../elsewhere", "a\0b", "."):
         for kind, name in ((StartRecording, "recorder/start"), (SnapshotRecording, "recorder/snapshot")):
             answer = call(talker, kind, name, kind.Request(path=path))
