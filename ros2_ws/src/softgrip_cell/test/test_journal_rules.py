@@ -49,7 +49,7 @@ def verified(journal: Journal) -> Journal:
     """A hand of verified power fingers."""
     journal.begin("swap", "power", "release")
     journal.read_in("close_palm", POWER)
-    journal.finish_swap("power", "SUCCEEDED", "", 60.0, changed=True, references=dict.fromkeys(POWER, {"x": 1}))
+    journal.finish_swap("power", "SUCCEEDED", "", 60.0, changed=True, references={serial: {"x": 1} for serial in POWER})
     return journal
 
 
@@ -143,21 +143,24 @@ def test_only_what_was_gripped_lost_or_missed_says_something_of_a_finger_set(ver
 
 
 def test_what_fails_in_the_middle_was_never_begun(database: Database, verified: Journal) -> None:
-    with pytest.raises(RuntimeError), database.write() as connection:
-        connection.execute(delete(SLOT))
-        raise RuntimeError("a defect")
+    def fail_half_way() -> None:
+        with database.write() as connection:
+            connection.execute(delete(SLOT))
+            raise RuntimeError("a defect")
+
+    with pytest.raises(RuntimeError):
+        fail_half_way()
     assert hand(verified) == [(serial, VERIFIED) for serial in POWER]
 
 
 def test_who_has_begun_a_change_can_end_it_though_it_only_looked_at_first(tmp_path: Path, verified: Journal) -> None:
     """Another process that writes meanwhile has to wait, and gives up; else the first one would fail in its middle."""
     url = f"sqlite:///{tmp_path}/cell.db"
-    with Database(url) as first, Database(url) as second:
-        with first.write() as connection:
-            assert len(connection.execute(select(SLOT)).all()) == 3
-            with pytest.raises(StorageError, match="locked"), second.write() as other:
-                other.execute(delete(SLOT))
-            connection.execute(update(SLOT).values(state=UNKNOWN.value))
+    with Database(url) as first, Database(url) as second, first.write() as connection:
+        assert len(connection.execute(select(SLOT)).all()) == 3
+        with pytest.raises(StorageError, match="locked"), second.write() as other:
+            other.execute(delete(SLOT))
+        connection.execute(update(SLOT).values(state=UNKNOWN.value))
     assert {state for _, state in hand(verified)} == {UNKNOWN}
 
 
