@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each step of a swap or a grasp leaves in the record, for slots, fingers and whoever starts after a kill."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from sqlalchemy import delete, select, update
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
+from softgrip_cell.outcomes import Tally
+from softgrip_cell.passports import FingerState, read_passports
+from softgrip_cell.storage import Database, HeldLock, Journal, Library, OpenOperation, SlotState
+from softgrip_cell.storage.schema import SLOT
+
+SLOTS = ("index", "middle", "thumb")
+POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
+LOCK = HeldLock("token", "confirm", "power")
+UNKNOWN, UNSURE, VERIFIED = SlotState.UNKNOWN, SlotState.TO_BE_VERIFIED, SlotState.VERIFIED
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
+        yield opened
+
+
+@pytest.fixture
+def library(database: Database) -> Library:
+    made = Library(database, lambda: 1)
+    made.import_catalogue(read_catalogue(), "test")
+    made.import_passports(read_passports().values(), "test")
+    return made
+
+
+@pytest.fixture
+def journal(database: Database, library: Library) -> Journal:
+    made = Journal(database, SLOTS, lambda: 1)
+    made.recover()
+    return made
+
+
+@pytest.fixture
+def verified(journal: Journal) -> Journal:
+    """A hand of verified power fingers."""
+    journal.begin("swap", "power", "release")
+    journal.read_in("close_palm", POWER)
+    journal.finish_swap("power", "SUCCEEDED", "", 60.0, changed=True, references={serial: {"x": 1} for serial in POWER})
+    return journal
+
+
+def hand(journal: Journal) -> list[tuple[str, SlotState]]:
+    return [(slot.serial, slot.state) for slot in journal.slots()]
+
+
+def states(library: Library, serials: tuple[str, ...] = POWER) -> set[FingerState]:
+    return {library.passports()[serial].state for serial in serials}
+
+
+def test_whoever_starts_after_a_kill_is_told_once_what_was_going_on_and_where(verified: Journal) -> None:
+    verified.begin("grasp", "egg", "close")
+    assert verified.recover() == OpenOperation("grasp", "egg", "close")
+    assert verified.recover() is None
+    assert hand(verified) == [(serial, UNSURE) for serial in POWER]
+
+
+def test_before_a_person_reaches_in_slots_and_fingers_are_unknown(verified: Journal, library: Library) -> None:
+    verified.begin("swap", "power", "release")
+    verified.forget_slots("open_palm", LOCK)
+    assert {state for _, state in hand(verified)} == {UNKNOWN}
+    assert states(library) == {FingerState.UNKNOWN}
+    assert verified.recover() == OpenOperation("swap", "power", "open_palm")
+
+
+def test_what_is_taken_out_is_in_the_store_but_a_worn_finger_stays_worn(verified: Journal, library: Library) -> None:
+    verified.wear("index", "soft")
+    verified.begin("swap", "power", "release")
+    verified.forget_slots("open_palm", LOCK)
+    verified.park_fingers("insert")
+    assert hand(verified) == [("", UNKNOWN)] * 3
+    assert states(library, POWER[:1]) == {FingerState.WORN}
+    assert states(library, POWER[1:]) == {FingerState.STORE}
+
+
+def test_what_is_put_in_is_mounted_in_its_own_slot_and_not_yet_verified(journal: Journal, library: Library) -> None:
+    journal.begin("swap", "power", "release")
+    journal.read_in("close_palm", POWER)
+    assert hand(journal) == [(serial, UNSURE) for serial in POWER]
+    assert states(library) == {FingerState.MOUNTED}
+
+
+def test_only_fingers_whose_check_was_passed_are_verified(journal: Journal) -> None:
+    journal.begin("swap", "power", "release")
+    journal.read_in("close_palm", POWER)
+    journal.finish_swap("power", "FAILED", "", 60.0, changed=True, references={POWER[1]: {"x": 1}})
+    assert hand(journal) == [(POWER[0], UNSURE), (POWER[1], VERIFIED), (POWER[2], UNSURE)]
+    assert journal.recover() is None, "the swap has ended"
+    assert journal.counts().swaps == 0, "it is no swap that failed"
+
+
+def test_a_check_alone_is_no_swap(verified: Journal) -> None:
+    verified.finish_swap("power", "SUCCEEDED", "", 20.0, changed=False, references={})
+    assert (verified.counts().swaps, verified.counts().mean_swap_s) == (1, 60.0)
+
+
+def test_fingers_that_the_check_refused_are_nobody_s_any_more(verified: Journal, library: Library) -> None:
+    verified.distrust([POWER[0]], [POWER[2]])
+    assert hand(verified) == [("", UNKNOWN), (POWER[1], UNKNOWN), ("", UNKNOWN)]
+    assert states(library, POWER[:1]) == {FingerState.UNKNOWN}
+    assert states(library, POWER[2:]) == {FingerState.WORN}
+
+
+def test_a_finger_that_wears_out_takes_its_slot_s_verification_with_it(verified: Journal, library: Library) -> None:
+    assert verified.wear("middle", "soft") == POWER[1]
+    assert hand(verified)[1] == (POWER[1], UNSURE)
+    assert states(library, POWER[1:2]) == {FingerState.WORN}
+    verified.forget_slots("open_palm", LOCK)
+    assert verified.wear("index", "whatever") == "", "nobody knows what is in there"
+    assert states(library, POWER[:1]) == {FingerState.UNKNOWN}
+
+
+def test_a_grasp_costs_each_mounted_finger_a_closing_and_no_other_one(verified: Journal, library: Library) -> None:
+    before = {serial: passport.cycles for serial, passport in library.passports().items()}
+    verified.begin("grasp", "egg", "approach")
+    verified.finish_grasp("egg", 1, "power", "GRIPPED", "", 2.0)
+    after = {serial: passport.cycles for serial, passport in library.passports().items()}
+    assert {serial for serial in after if after[serial] != before[serial]} == set(POWER)
+    assert {after[serial] - before[serial] for serial in POWER} == {1}
+    assert verified.recover() is None, "the grasp has ended"
+
+
+def test_only_what_was_gripped_lost_or_missed_says_something_of_a_finger_set(verified: Journal) -> None:
+    for outcome in ("GRIPPED", "EMPTY", "SLIPPED", "ABORTED", "TENDON_FAULT"):
+        verified.finish_grasp("egg", 1, "power", outcome, "", 2.0)
+    assert verified.tallies() == {("egg", "power"): Tally(1, 2)}
+
+
+# --- the database --------------------------------------------------------------------------------------------------
+
+
+def test_what_fails_in_the_middle_was_never_begun(database: Database, verified: Journal) -> None:
+    def fail_half_way() -> None:
+        with database.write() as connection:
+            connection.execute(delete(SLOT))
+            raise RuntimeError("a defect")
+
+    with pytest.raises(RuntimeError):
+        fail_half_way()
+    assert hand(verified) == [(serial, VERIFIED) for serial in POWER]
+
+
+def test_who_has_begun_a_change_can_end_it_though_it_only_looked_at_first(tmp_path: Path, verified: Journal) -> None:
+    """Another process that writes meanwhile has to wait, and gives up; else the first one would fail in its middle."""
+    url = f"sqlite:///{tmp_path}/cell.db"
+    with Database(url) as first, Database(url) as second, first.write() as connection:
+        assert len(connection.execute(select(SLOT)).all()) == 3
+        with pytest.raises(StorageError, match="locked"), second.write() as other:
+            other.execute(delete(SLOT))
+        connection.execute(update(SLOT).values(state=UNKNOWN.value))
+    assert {state for _, state in hand(verified)} == {UNKNOWN}
+
+
+def test_a_cell_has_one_manager_and_is_free_once_it_was_closed(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/one.db"
+    first = Database(url, exclusive=True)
+    with pytest.raises(OccupiedError):
+        Database(url, exclusive=True)
+    first.close()
+    Database(url, exclusive=True).close()
+
+
+def test_a_password_is_never_shown() -> None:
+    with pytest.raises(StorageError) as refused:
+        Database("postgresql://cell:secret@127.0.0.1:1/none")
+    assert "secret" not in str(refused.value)
+
+
+def test_an_edit_of_what_was_changed_meanwhile_is_refused_and_the_newest_is_in_force(library: Library) -> None:
+    read = library.catalogue().products["egg"]
+    library.save_product(replace(read, mass_kg=0.07), "one")
+    with pytest.raises(ConflictError):
+        library.save_product(replace(read, mass_kg=0.08), "another")
+    assert library.catalogue().products["egg"].mass_kg == 0.07
+    finger = library.passports()[POWER[0]]
+    library.save_passport(replace(finger, state=FingerState.WORN), "one")
+    with pytest.raises(ConflictError):
+        library.save_passport(finger, "another")
+    assert library.passports()[POWER[0]].state is FingerState.WORN
+    assert [(entry.who, entry.subject) for entry in library.audit(1)] == [("one", POWER[0])]
+
+
+def test_a_finger_that_nobody_knows_can_not_be_called_good(library: Library) -> None:
+    with pytest.raises(RefusedError, match="found 'PW-X-99'"):
+        library.set_finger_state("PW-X-99", FingerState.STORE, "a person")
