@@ -259,7 +259,9 @@ def test_a_manager_that_comes_back_keeps_alive_what_is_held(cell: Any) -> None:
     goal = client.send_goal_async(Grasp.Goal(product="orange", confirm_lift=True))
     cell.wait(goal, 5.0, "a goal handle")
     cell.state(lambda s: s.mode == CellState.GRASPING, "mode grasping")
-    cell.until(lambda: cell.driver.guard.lease_owner == "grasp_mix_manager", 5.0, "an owner")
+    moved = cell.driver.moved
+    cell.until(lambda: cell.driver.moved > moved, 5.0, "an order: what follows a grasp's begin on disk")
+    assert cell.driver.guard.lease_owner == "grasp_mix_manager"
     cell.stop(signal.SIGKILL)
     cell.until(lambda: cell.driver.guard.lease_owner == "", 10.0, "the lease to end with its owner")
     cell.start(mode=CellState.UNKNOWN)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The phases of a homing on made-up views: what counts as taut, with how much tension, and when it gives up."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from softgrip_driver.tendon.homing import Homing, Sample, _Phase, knee
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.motions import Outcome, Step, View
+from softgrip_driver.tendon.profile import SpeedProfile
+
+LIMITS = TendonLimits()
+DT = 0.005
+
+
+class Run:
+    """A homing, and a drive that is always where its set-point was, or where a test holds it."""
+
+    def __init__(self) -> None:
+        self.now, self.length = 0.0, 0.0
+        self.homing = Homing(self.view(), LIMITS)
+
+    def view(self, tension: float = 0.0, speed: float = 0.0) -> View:
+        return View(self.now, DT, self.length, speed, tension, tension, 35.0)
+
+    def step(self, tension: float = 0.0, speed: float = 0.0, *, obeys: bool = True) -> Step:
+        self.now += DT
+        found = self.homing.step(self.view(tension, speed))
+        if obeys:
+            self.length = found.length
+        return found
+
+    def let_out(self) -> list[Step]:
+        steps = [self.step()]
+        while self.homing._phase is _Phase.LET_OUT:
+            steps.append(self.step())
+        return steps
+
+
+def test_it_lets_out_until_slack_with_the_holding_tension_and_no_faster_than_a_release() -> None:
+    steps = Run().let_out()
+    assert {step.tension_limit for step in steps} == {LIMITS.tension_hold}
+    assert steps[-1].length == pytest.approx(-LIMITS.slack_travel)
+    fastest = max((a.length - b.length) / DT for a, b in pairwise(steps))
+    assert fastest == pytest.approx(LIMITS.release_speed, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("tension", "speed", "taut_after"),
+    [(1.5, 0.0, 0.15), (1.1, 0.0, 0.15), (1.0, 0.0, None), (0.2, 0.0, None), (1.5, 0.005, None), (1.5, -0.005, None)],
+)
+def test_taut_is_standing_for_150_ms_with_seven_tenths_of_the_homing_tension(
+    tension: float, speed: float, taut_after: float | None
+) -> None:
+    run = Run()
+    run.let_out()
+    began = run.now
+    found = None
+    while run.now < began + 0.6 and found is None:
+        step = run.step(tension, speed, obeys=False)
+        assert step.tension_limit == LIMITS.homing_tension
+        # Nothing was sampled, so it looks for the knee again from further out.
+        if run.homing._phase is _Phase.LET_OUT:
+            found = run.now - began
+    assert found == (None if taut_after is None else pytest.approx(taut_after, abs=2 * DT))
+
+
+def test_what_was_seen_in_a_try_that_showed_nothing_is_forgotten() -> None:
+    run = Run()
+    run.let_out()
+    run.homing._samples = [Sample(-0.020 + 0.001 * number, 0.0, 0.3) for number in range(12)]
+    while run.homing._phase is _Phase.TAKE_UP:
+        run.step(1.5, obeys=False)
+    assert run.homing._samples == []
+
+
+def test_a_tendon_that_never_gets_taut_ends_it_at_50_mm_and_names_the_tendon() -> None:
+    run = Run()
+    run.let_out()
+    while (step := run.step(speed=LIMITS.homing_speed)).outcome is None:
+        assert run.now < 14.0
+    assert (step.outcome, step.fault) == (Outcome.FAULT, "homing_failed")
+    assert "50 mm wound in without 1.5 N: is the tendon attached?" in step.reason
+    assert step.length == pytest.approx(-LIMITS.slack_travel + LIMITS.homing_travel, abs=1e-3)
+
+
+def test_it_gives_up_after_15_s() -> None:
+    run = Run()
+    while (step := run.step(obeys=False, tension=0.2)).outcome is None:
+        assert run.now < 16.0
+    assert run.now == pytest.approx(LIMITS.homing_timeout, abs=2 * DT)
+    assert "within 15 s" in step.reason
+
+
+def test_it_has_ended_only_when_the_finger_is_at_its_zero() -> None:
+    run = Run()
+    homing = run.homing
+    homing.zero, homing._phase, homing._profile, run.length = 0.002, _Phase.GO_TO_ZERO, SpeedProfile(0.006), 0.006
+    assert run.step(obeys=False).outcome is None
+    for _ in range(400):
+        assert run.step(obeys=False).outcome is None, "the finger stands 4 mm from it"
+    run.length = 0.002
+    assert run.step().outcome is Outcome.REACHED
+
+
+@pytest.mark.parametrize(("count", "found"), [(7, False), (8, True)])
+def test_a_knee_needs_eight_samples(count: int, found: bool) -> None:
+    """Slack to 4 mm, then 1 N/mm."""
+    lengths = [0.008 * number / (count - 1) for number in range(count)]
+    samples = [Sample(length, 0.0, 0.2 + 1000.0 * max(0.0, length - 0.004)) for length in lengths]
+    place = knee(samples, 0.008)
+    assert (place is not None) is found
+    if found:
+        assert place == pytest.approx(0.004, abs=5e-4)
+
+
+def test_a_force_that_falls_has_no_knee() -> None:
+    assert knee([Sample(1e-4 * number, 0.0, 2.0 - 0.02 * number) for number in range(80)], 0.008) is None
