@@ -29,7 +29,7 @@ ERROR = 2
 #: Who says what when a node is gone, beside the manager, which names each.
 ALSO_SAID = {
     "emulated_cell": "[ERROR]",  # the drives, the stand and the camera do not answer
-    "tendon_driver": "no tendon/state",
+    "tendon_driver": "input /tendon/state: gone",
     "friction_rig": "input /friction/active: gone",
     "kinematics_predictor": "input /finger/predicted: gone",
     "camera": "input /camera/image_raw/compressed: gone",
