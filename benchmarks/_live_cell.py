@@ -20,7 +20,7 @@ from softgrip_cell.nodes.controller_client import CellController
 from softgrip_demo.nodes.convert import outcome_latency
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.nodes.link import CellLink
-from softgrip_demo.nodes.operator import Operator
+from softgrip_demo.nodes.operator import CellOperator
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_nodekit import SENSOR
 
@@ -84,7 +84,7 @@ def _grasp(node: Node, link: CellLink, hands: Hands, grasps: int) -> list[float]
     seen: list[TendonStatusArray] = []
     node.create_subscription(TendonStatusArray, "tendon/status", seen.append, SENSOR)
     controller = CellController(node, wait=link.wait)
-    operator = Operator(link, hands, controller, SLOTS)
+    operator = CellOperator(link, hands, controller, SLOTS)
     link.until(lambda: bool(seen), START_S, "tendon/status")
     operator.calibrate(CABLE_RADIUS_M, SURFACE_RADIUS_M)
     operator.swap(FINGER_SET)

@@ -19,22 +19,22 @@ import numpy as np
 
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, Command, GraspTask, Open, Press, Step
-from softgrip_cell.observation import FreeMotion, Pair, SeenTip, TendonFault, TendonSample
+from softgrip_cell.grasp.values import Close, Command, GraspStep, GraspTask, Open, Press
+from softgrip_cell.observation import FreeMotion, ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.products import Product
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, FingerCheck
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import Servo
-from softgrip_driver.dynamixel.bus import Bus, Reply
-from softgrip_driver.dynamixel.registers import MODELS, Item
+from softgrip_driver.dynamixel.bringup import ServoConfiguration
+from softgrip_driver.dynamixel.bus import Bus, BusReply
+from softgrip_driver.dynamixel.registers import MODELS, ControlItem
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, Ticket
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.plant.cell import CellPlant
 from softgrip_emulator.rig.truth import FrictionTruth
-from softgrip_model.finger.matching import TendonSample as ModelSample
+from softgrip_model.finger.matching import TendonInput as ModelSample
 from softgrip_model.finger.predictor import ActiveFriction, Validity
 from softgrip_model.finger.session import Session
 from softgrip_model.finger.wear import WearSettings
@@ -114,24 +114,24 @@ class _VirtualBus(Bus):
         """Always there."""
         return True
 
-    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> Reply:
+    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> BusReply:
         del size, attempts
         servo = self._servos[servo_id]
         for each in self._servos.values():
             each.heard(self._plant.now_s)
         answer = servo.execute(Packet(servo_id, Instruction(instruction), parameters), self._plant.now_s)
-        return Reply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
+        return BusReply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
 
-    def sync_write(self, item: Item, values: Mapping[int, int]) -> None:
+    def sync_write(self, item: ControlItem, values: Mapping[int, int]) -> None:
         for servo_id, value in values.items():
             self._servos[servo_id].write_for_host(item.address, item.encode(value), self._plant.now_s)
 
-    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, BusReply]:
         replies = {}
         for servo_id in servo_ids:
             self._servos[servo_id].heard(self._plant.now_s)
             answer = self._servos[servo_id].read_for_host(address, size, self._plant.now_s)
-            replies[servo_id] = Reply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
+            replies[servo_id] = BusReply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
         return replies
 
     fast_sync_read = sync_read
@@ -162,7 +162,7 @@ class VirtualCell:
         limits = TendonLimits(break_confirm=0.25)
         model = MODELS["XL330-M288"]
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
-        servos = [Servo(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]
+        servos = [ServoConfiguration(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
         self._backend = DynamixelBackend(_VirtualBus(self.plant), servos, watchdog=0.0)
         self.controller = GripperController(dict.fromkeys(SLOTS, limits), Policies())
@@ -191,7 +191,7 @@ class VirtualCell:
         """Home all tendons."""
         ticket = self.controller.home(self.plant.now_s)
         outcome = self.finish(ticket, 40.0)
-        if outcome is not Outcome.REACHED:
+        if outcome is not MoveOutcome.REACHED:
             raise RuntimeError(f"homing: {self.controller.result(ticket)}")
 
     def move(self, target_m: float, speed: float, limit_n: float = LIMIT_N, slots: Sequence[str] = SLOTS) -> Ticket:
@@ -202,7 +202,7 @@ class VirtualCell:
             raise RuntimeError(ticket.refusal)
         return ticket
 
-    def finish(self, ticket: Ticket, limit_s: float) -> Outcome | None:
+    def finish(self, ticket: Ticket, limit_s: float) -> MoveOutcome | None:
         """Live until a ticket is done."""
         for _ in range(round(limit_s / self.period_s)):
             self._cycle()
@@ -250,7 +250,7 @@ class VirtualCell:
 
     # --- what grasp_mix_manager does with it --------------------------------------------------------------------------
 
-    def observe(self) -> Pair:
+    def observe(self) -> ObservedPair:
         """Live one driver period and return what the manager would see of it."""
         self._cycle()
         samples = self.samples()
@@ -264,7 +264,7 @@ class VirtualCell:
             friction_model=self.session.configuration.friction_id,
             objections=tuple(p.reason if p.validity == Validity.FAILED else "" for p in predictions),
         )
-        return Pair(TendonSample(self.now_ns, pulled, tuple(sample.tension for sample in samples)), free)
+        return ObservedPair(TendonSample(self.now_ns, pulled, tuple(sample.tension for sample in samples)), free)
 
     def open(self) -> None:
         """Open the fingers."""
@@ -287,7 +287,7 @@ class VirtualCell:
                 return TendonFault(drive.tendon, drive.fault, drive.fault_reason)
         return None
 
-    def grasp(self, task: GraspTask, settings: GraspSettings) -> Iterator[tuple[Step, GraspSequence]]:
+    def grasp(self, task: GraspTask, settings: GraspSettings) -> Iterator[tuple[GraspStep, GraspSequence]]:
         """Grasp; yields every step, the last one with a verdict."""
         sequence = GraspSequence(task, settings)
         step = sequence.start()
@@ -302,8 +302,8 @@ class VirtualCell:
             step = sequence.fault(fault, self.now_ns) if fault is not None else sequence.observe(pair)
             self._obey(step.commands)
             if self._closing is not None and self.controller.result(self._closing)[0] in (
-                Outcome.REACHED,
-                Outcome.TENSION_LIMIT,
+                MoveOutcome.REACHED,
+                MoveOutcome.TENSION_LIMIT,
             ):
                 sequence.closing_ended()
             yield step, sequence

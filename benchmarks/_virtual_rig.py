@@ -16,9 +16,9 @@ from softgrip_driver.rig.grbl import GrblStage
 from softgrip_driver.rig.line_port import LinePort
 from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
-from softgrip_driver.rig.procedure import JudgedPoint, Procedure, Settings, Step
-from softgrip_driver.rig.pull import Sample
-from softgrip_driver.rig.slide import Verdict
+from softgrip_driver.rig.procedure import JudgedPoint, Procedure, ProcedureStep, RigSettings
+from softgrip_driver.rig.pull import RigSample
+from softgrip_driver.rig.slide import PointVerdict
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.truth import RigTruth
@@ -104,16 +104,16 @@ class Hands:
 
     def __init__(self, rig: EmulatedRig) -> None:
         self.rig = rig
-        self.steps: list[Step] = []
+        self.steps: list[ProcedureStep] = []
         self.points: list[JudgedPoint] = []
         self.samples = 0
-        self.before: Callable[[Step], None] = lambda _: None
-        self.on_sample: Callable[[Sample], None] = lambda _: None
+        self.before: Callable[[ProcedureStep], None] = lambda _: None
+        self.on_sample: Callable[[RigSample], None] = lambda _: None
 
-    def tell(self, step: Step) -> None:
+    def tell(self, step: ProcedureStep) -> None:
         self.steps.append(step)
 
-    def confirmed(self, step: Step) -> None:
+    def confirmed(self, step: ProcedureStep) -> None:
         self.steps.append(step)
         self.before(step)
         self.rig.set(step.point.angle, step.point.load)
@@ -121,17 +121,17 @@ class Hands:
     def judged(self, point: JudgedPoint) -> None:
         self.points.append(point)
 
-    def sampled(self, sample: Sample) -> None:
+    def sampled(self, sample: RigSample) -> None:
         self.samples += 1
         self.on_sample(sample)
 
-    def asked(self) -> list[Step]:
+    def asked(self) -> list[ProcedureStep]:
         """Settings that were asked for with a weight."""
         return [step for step in self.steps if step.phase == 0 and step.point.load > 0.0]
 
     def accepted(self) -> list[JudgedPoint]:
         """Attempts that were accepted."""
-        return [point for point in self.points if point.slide.verdict is Verdict.ACCEPTED]
+        return [point for point in self.points if point.slide.verdict is PointVerdict.ACCEPTED]
 
 
 class VirtualRig:
@@ -148,7 +148,7 @@ class VirtualRig:
         self.stage.open()
         self.gauge.open()
 
-    def procedure(self, settings: Settings) -> Procedure:
+    def procedure(self, settings: RigSettings) -> Procedure:
         """Return a measurement on this rig."""
         return Procedure(self.stage, self.gauge, self.hands, self.time, settings, self.folder)
 

@@ -24,7 +24,7 @@ import dynamixel_sdk
 from _claim import claim, no_options, spread
 
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import Servo as DriverServo
+from softgrip_driver.dynamixel.bringup import ServoConfiguration as DriverServo
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import ID, MODELS, PRESENT_CURRENT
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
@@ -32,7 +32,7 @@ from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.wire.pty import PtyPort
 from softgrip_nodekit import claim_processor
@@ -51,7 +51,7 @@ def emulate(link: str, stop: multiprocessing.connection.Connection) -> None:
     """Serve the chain until told to stop; the shafts stand still, so that only the bus is measured."""
     claim_processor(EMULATOR_PRIORITY)
     model = load_model("xl330_m288")
-    servos = [Servo(model, number, baud=BAUD, return_delay_us=0) for number in range(1, SERVOS + 1)]
+    servos = [EmulatedServo(model, number, baud=BAUD, return_delay_us=0) for number in range(1, SERVOS + 1)]
     with PtyPort(Path(link), DynamixelChain(servos)):
         stop.send("ready")
         stop.recv()

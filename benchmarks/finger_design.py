@@ -20,7 +20,7 @@ from softgrip_design import hand
 from softgrip_design.design import Task, published_on
 from softgrip_design.objective import FollowTrajectory, Weights
 from softgrip_design.optimiser import optimise
-from softgrip_design.target import STEPS, Target
+from softgrip_design.target import STEPS, DesignTarget
 from softgrip_design.trajectory import SHIPPED, load
 from softgrip_model.friction.published import published
 
@@ -30,10 +30,10 @@ RUNS, PEER_RUNS = 15, 5
 HOOK_SHARES, HOOK_DEFLECTION_RAD = (0.10, 0.52, 0.38), math.radians(140.0)
 
 
-def hook_target() -> Target:
+def hook_target() -> DesignTarget:
     """Return joints that close in fixed shares."""
     total = HOOK_DEFLECTION_RAD * np.arange(1, STEPS + 1) / STEPS
-    return Target(total, np.outer(total, HOOK_SHARES))
+    return DesignTarget(total, np.outer(total, HOOK_SHARES))
 
 
 def main() -> int:

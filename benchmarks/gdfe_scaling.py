@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from _claim import claim, no_options, spread
 
-from softgrip_model.gdfe import Method, Settings, Solver, State, Supports, bar
+from softgrip_model.gdfe import Method, Solver, SolverSettings, State, Supports, bar
 from softgrip_model.gdfe._core import read_bandwidth, simd_target
 from softgrip_model.gdfe.materials import cheetah, ninjaflex
 
@@ -82,7 +82,7 @@ def make(shape: tuple[int, int, int], threads: int, method: Method = Method.AUTO
     moved = np.zeros_like(mesh.nodes)
     moved[right, 0] = 0.1 * size[0]
     started = time.perf_counter()
-    solver = Solver(mesh, [cheetah(), ninjaflex()], supports, settings=Settings(threads=threads, method=method))
+    solver = Solver(mesh, [cheetah(), ninjaflex()], supports, settings=SolverSettings(threads=threads, method=method))
     return Case(solver, moved, State(mesh.nodes * [0.1, -0.04, -0.04]), time.perf_counter() - started, threads)
 
 

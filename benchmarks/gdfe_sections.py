@@ -16,7 +16,7 @@ import numpy as np
 from _claim import claim, no_options, spread
 
 from softgrip_model.gdfe import closing
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.profile import Profile, load_directory, shipped_directory
 
 RUNS = 5
@@ -30,7 +30,7 @@ def chain(profile: Profile, method: tuple[int, int]) -> tuple[float, int, np.nda
     """Return seconds, iterations and the places of all nodes [mm] of a finger's keyframes; the set-up is left out."""
     closing.SECTIONS_AFTER, closing.WINDOW = method
     settings = ClosingSettings(travel_mm=TRAVEL_MM, max_iterations=2000)
-    made = Closing(profile, "index", settings, body=Body(profile, "index", settings.resolution))
+    made = ClosingPath(profile, "index", settings, body=Body(profile, "index", settings.resolution))
     _ = made.body.solver
     began = time.perf_counter()
     made.keyframes.cover(TRAVEL_MM)

@@ -22,14 +22,14 @@ from pathlib import Path
 
 from _claim import claim, no_options, spread, timed
 
-from softgrip_model.gdfe import Settings, Solver, VolumeShape
+from softgrip_model.gdfe import Solver, SolverSettings, VolumeShape
 from softgrip_model.gdfe.march import March, march
-from softgrip_model.gdfe.materials import Material
+from softgrip_model.gdfe.materials import SolidMaterial
 from softgrip_model.gdfe.mesh_file import write_mesh
 from softgrip_model.gdfe.thesis_bars import BarCase, difference, five_materials, rotation, tension
 
 #: name -> case, volume shape, runs of CalculiX, aim of the ratio.
-CASES: dict[str, tuple[Callable[[], tuple[BarCase, list[Material]]], VolumeShape, int, float]] = {
+CASES: dict[str, tuple[Callable[[], tuple[BarCase, list[SolidMaterial]]], VolumeShape, int, float]] = {
     "five-material bar": (five_materials, VolumeShape.SCALE, 3, 100.0),
     "rotation": (rotation, VolumeShape.PROJ, 2, 100.0),
     "tension": (tension, VolumeShape.PROJ, 5, 50.0),
@@ -45,7 +45,7 @@ def simulate(name: str, folder: Path) -> tuple[BarCase, March]:
     """Run one whole simulation; return what was loaded, and how it ended."""
     make, shape, _, _ = CASES[name]
     case, materials = make()
-    solver = Solver(case.mesh, materials, case.supports, settings=Settings(volume_shape=shape))
+    solver = Solver(case.mesh, materials, case.supports, settings=SolverSettings(volume_shape=shape))
     found = march(solver, case.loading, INCREMENTS, tolerance=TOLERANCE, first_guess=case.first_guess)
     if not found.completed:
         raise RuntimeError(f"{name}: {found.reason}")

@@ -20,7 +20,7 @@ from _virtual_cell import CHECK, LOADED, OVERLOADED, PUNCTUAL, Lateness, Virtual
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import GraspTask, Outcome, Phase
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspTask
 from softgrip_cell.products import TableMark
 
 SETS = ("power", "pinch")
@@ -36,7 +36,7 @@ SHIFT_CHECK = replace(CHECK, length_m=0.015)
 class Grasped:
     """One grasp: what was said, and whether something was taken for a touch before there was one."""
 
-    outcome: Outcome
+    outcome: GraspOutcome
     mistaken: bool
 
 
@@ -46,12 +46,12 @@ def grasp(cell: VirtualCell, made: GraspTask) -> Grasped:
     outcome = None
     for step, _ in cell.grasp(made, SETTINGS):
         touched = touched or max(cell.plant.grasp.state().contact_forces_n, default=0.0) > 0.0
-        if step.phase is Phase.LIFT and not lifted:
+        if step.phase is GraspPhase.LIFT and not lifted:
             lifted = True
             cell.plant.lift()
         outcome = step.verdict.outcome if step.verdict is not None else None
-        told = step.phase is Phase.HOLD or outcome not in {None, Outcome.EMPTY}
-        mistaken = mistaken or (told and not touched)
+        decided = step.phase is GraspPhase.HOLD or outcome not in {None, GraspOutcome.EMPTY}
+        mistaken = mistaken or (decided and not touched)
     assert outcome is not None
     return Grasped(outcome, mistaken)
 
@@ -94,7 +94,7 @@ def main() -> None:
             if name == late
         }
         failed = [
-            f"{which}: {grasped.outcome}" for which, grasped in found.items() if grasped.outcome != Outcome.GRIPPED
+            f"{which}: {grasped.outcome}" for which, grasped in found.items() if grasped.outcome != GraspOutcome.GRIPPED
         ]
         mistaken[late] = 100.0 * sum(grasped.mistaken for grasped in found.values()) / len(found)
         gripped[late] = 100.0 * (1.0 - len(failed) / len(found))

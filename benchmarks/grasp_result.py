@@ -37,7 +37,7 @@ from _virtual_cell import HANGS_S, SLOTS, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import GraspTask, Outcome
+from softgrip_cell.grasp.values import GraspOutcome, GraspTask
 from softgrip_cell.products import TableMark
 from softgrip_cell.weight import carried_kg
 
@@ -77,11 +77,11 @@ class Trial:
     """
 
     said: str
-    outcome: Outcome
+    outcome: GraspOutcome
     latency_s: float
     held: bool
     contact_s: float = float("nan")
-    peer_outcome: Outcome | None = None
+    peer_outcome: GraspOutcome | None = None
     peer_latency_s: float = float("nan")
     peer_held: bool = False
 
@@ -126,14 +126,14 @@ class Watch:
         )
         self.ended_s = (self.ended_s if np.isfinite(self.ended_s) else now_s) if done else float("nan")
 
-    def event_s(self, outcome: Outcome, *, lifted: bool) -> float:
+    def event_s(self, outcome: GraspOutcome, *, lifted: bool) -> float:
         """When that was so which this outcome says; NaN where the plant shows no such instant."""
-        if outcome is Outcome.GRIPPED and not lifted:
+        if outcome is GraspOutcome.GRIPPED and not lifted:
             return float(np.fmax(self.touched_s, self.unsteady_s))
-        if outcome is Outcome.SLIPPED and not self.touching:
+        if outcome is GraspOutcome.SLIPPED and not self.touching:
             return self.last_touched_s
         # Said before the plant shows it: there is no event to measure from, and no 0 ms among the latencies.
-        return self.ended_s if outcome is Outcome.EMPTY else float("nan")
+        return self.ended_s if outcome is GraspOutcome.EMPTY else float("nan")
 
 
 def trials(cell_seed: int, finger_set: str) -> list[Trial]:
@@ -164,7 +164,7 @@ def trials(cell_seed: int, finger_set: str) -> list[Trial]:
         said = f"{finger_set} {name if present else 'nothing'} lift={confirm_lift}: {outcome.value}: {reason}"
         held = cell.hangs(HANGS_S - hung_s)
         # What was not lost has no instant of its loss; it is counted as a false SLIPPED.
-        latency_s = math.nan if held and outcome is Outcome.SLIPPED else latency_s
+        latency_s = math.nan if held and outcome is GraspOutcome.SLIPPED else latency_s
         trial = Trial(said, outcome, latency_s, held, contact_s)
         if number % PEER_EVERY == 0:
             _present(cell, name if present else "", offset_m)
@@ -184,7 +184,7 @@ def _present(cell: VirtualCell, name: str, offset_m: float) -> None:
     cell.plant.place(name, offset_m if name else 0.0)
 
 
-def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[Outcome, float, float, float, str]:
+def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[GraspOutcome, float, float, float, str]:
     """Grasp; return the outcome, its latency, that from contact, how long the arm has been up [s], and the reason."""
     watch = Watch(cell, [min(made.recipe.pull_limit_m, reference.reach_m) for reference in made.references])
     verdict = None
@@ -198,12 +198,12 @@ def _ours(cell: VirtualCell, made: GraspTask, settings: GraspSettings) -> tuple[
     assert verdict is not None
     now_s = cell.plant.now_s
     latency_s = now_s - watch.event_s(verdict.outcome, lifted=lifted_s is not None)
-    at_once = verdict.outcome is Outcome.GRIPPED and lifted_s is None
+    at_once = verdict.outcome is GraspOutcome.GRIPPED and lifted_s is None
     contact_s = now_s - watch.touched_s if at_once else math.nan
     return verdict.outcome, latency_s, contact_s, 0.0 if lifted_s is None else now_s - lifted_s, verdict.reason
 
 
-def _stall(cell: VirtualCell, speed: float) -> tuple[Outcome, float]:
+def _stall(cell: VirtualCell, speed: float) -> tuple[GraspOutcome, float]:
     """Close with a tension limit; when all fingers have stood for the stall time, look whether they came to the end."""
     target_m = 0.017
     cell.move(target_m, speed, 18.0)
@@ -217,7 +217,7 @@ def _stall(cell: VirtualCell, speed: float) -> tuple[Outcome, float]:
         still_since = (still_since or now_s) if slow else None
         if still_since is not None and now_s - still_since >= STALL_TIME_S:
             short = [target_m - pulled_m > 0.01 * target_m for pulled_m in pair.sample.pulled_m]
-            outcome = Outcome.GRIPPED if any(short) else Outcome.EMPTY
+            outcome = GraspOutcome.GRIPPED if any(short) else GraspOutcome.EMPTY
             return outcome, now_s - float(np.fmin(watch.event_s(outcome, lifted=False), now_s - STALL_TIME_S))
 
 
@@ -250,12 +250,12 @@ def report(found: list[Trial], way_ms: np.ndarray) -> None:
     """Print the claims; ``way_ms``: from deciding samples to the client of a live cell."""
     latency = np.array([trial.latency_s for trial in found])
     for trial in found:
-        wrong = trial.held != (trial.outcome is Outcome.GRIPPED)
+        wrong = trial.held != (trial.outcome is GraspOutcome.GRIPPED)
         if wrong or trial.latency_s > 0.1:
             print(f"held={trial.held} {1e3 * trial.latency_s:.0f} ms {trial.said}", file=sys.stderr)
-    counts = {o.value: sum(t.outcome is o for t in found) for o in Outcome}
+    counts = {o.value: sum(t.outcome is o for t in found) for o in GraspOutcome}
     parts = []
-    for outcome in (Outcome.GRIPPED, Outcome.SLIPPED, Outcome.EMPTY):
+    for outcome in (GraspOutcome.GRIPPED, GraspOutcome.SLIPPED, GraspOutcome.EMPTY):
         of_it = 1e3 * np.array([t.latency_s for t in found if t.outcome is outcome and np.isfinite(t.latency_s)])
         parts.append(f"{outcome.value} {len(of_it)}: {_share(of_it, 50)} / {_share(of_it, 100)} ms")
     note = f"{len(found)} grasps, outcomes {counts}; event to decision (median / longest): {'; '.join(parts)}; "
@@ -275,9 +275,9 @@ def report(found: list[Trial], way_ms: np.ndarray) -> None:
             note="closing on and pressing included",
         )  # fmt: skip
     for name, said, truth, goal in (
-        ("false gripped", Outcome.GRIPPED, True, 1.0),
-        ("false empty", Outcome.EMPTY, False, 1.0),
-        ("false slipped", Outcome.SLIPPED, False, None),
+        ("false gripped", GraspOutcome.GRIPPED, True, 1.0),
+        ("false empty", GraspOutcome.EMPTY, False, 1.0),
+        ("false slipped", GraspOutcome.SLIPPED, False, None),
     ):
         ours = [trial for trial in found if trial.outcome is said]
         theirs = [trial for trial in found if trial.peer_outcome is said]

@@ -19,7 +19,7 @@ from _virtual_rig import VirtualRig
 
 from softgrip_driver.rig.journal import Request
 from softgrip_driver.rig.plan import ALL_ANGLES_DEG, ALL_LOADS_KG
-from softgrip_driver.rig.procedure import Settings
+from softgrip_driver.rig.procedure import RigSettings
 from softgrip_model.friction.laws import GRAVITY
 from softgrip_model.friction.record import FrictionModel
 
@@ -30,9 +30,9 @@ GAUGE_GAIN_STDDEV = 0.001
 def calibrated(seed: int, folder: Path) -> tuple[FrictionModel, VirtualRig]:
     """Calibrate pulley and cable of one rig."""
     bench = VirtualRig(seed, folder)
-    pulley = bench.procedure(Settings()).run(Request("pulley"))
+    pulley = bench.procedure(RigSettings()).run(Request("pulley"))
     common = float(np.hypot(pulley.pulley_stddev, GAUGE_GAIN_STDDEV))
-    settings = Settings(pulley_ratio=pulley.pulley_ratio, common_stddev=common)
+    settings = RigSettings(pulley_ratio=pulley.pulley_ratio, common_stddev=common)
     outcome = bench.procedure(settings).run(Request("9", cable="PE braid 0.25 mm", surface="TPU"))
     assert outcome.calibration is not None
     return outcome.calibration.model, bench

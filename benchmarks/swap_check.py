@@ -3,8 +3,8 @@
 
 200 randomised trials on the emulated cell in virtual time. The index finger's tip is seen as by the camera (0.5 mm of
 noise at 30 Hz), tensions as the driver estimates them, predictions as the predictor makes them after a nine-point
-calibration. Wrong = a set other than the passports say; worn = friction or stiffness of a finger changed since its last
-check; broken = one cable torn; unknown = serials without a usable passport. The peer looks at the serials alone.
+calibration. Wrong = a set other than the finger records say; worn = friction or stiffness of a finger changed since its
+last check; broken = one cable torn; unknown = serials without a usable finger record. The peer looks at serials alone.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from _virtual_cell import CHECK, SEEN_EVERY, SLOTS, VirtualCell
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.passports import FingerState, read_passports
-from softgrip_cell.storage import Slot
+from softgrip_cell.storage import MountedSlot
 from softgrip_cell.swap.check import EmptyClosing, Finding
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep
 
@@ -111,24 +111,26 @@ def _soften(cell: VirtualCell, share: float) -> None:
 
 
 def _unknown(rng: Random) -> Trial:
-    """Serials that nobody knows, or whose passport says that they must not be used."""
+    """Serials that nobody knows, or whose finger record says that they must not be used."""
     finger_set = rng.choice(SETS)
-    passports = read_passports()
-    serials = [s for s, p in passports.items() if p.profile == finger_set and s.endswith("01")]
+    finger_records = read_finger_records()
+    serials = [s for s, p in finger_records.items() if p.profile == finger_set and s.endswith("01")]
     slot = rng.randrange(3)
     state = rng.choice([None, FingerState.WORN, FingerState.RETIRED, FingerState.UNKNOWN])
-    told: Sequence[str] = serials
+    given: Sequence[str] = serials
     if state is None:
-        told = [*serials[:slot], "ZZ-9", *serials[slot + 1 :]]
+        given = [*serials[:slot], "ZZ-9", *serials[slot + 1 :]]
     else:
-        passports[serials[slot]] = replace(passports[serials[slot]], state=state)
-    sequence = SwapSequence(read_catalogue().finger_sets[finger_set], [Slot(name) for name in SLOTS], passports)
+        finger_records[serials[slot]] = replace(finger_records[serials[slot]], state=state)
+    sequence = SwapSequence(
+        read_catalogue().finger_sets[finger_set], [MountedSlot(name) for name in SLOTS], finger_records
+    )
     sequence.released()
     sequence.locked()
     sequence.confirm("open_palm")
     sequence.confirm("remove")
     try:
-        sequence.confirm("insert", told)
+        sequence.confirm("insert", given)
     except RefusedError as error:
         return Trial("unknown", str(error), accepted=False, accepted_by_serial=False)
     return Trial("unknown", "", sequence.step is SwapStep.CLOSE_PALM, accepted_by_serial=True)

@@ -21,7 +21,7 @@ from _claim import claim
 from numpy.typing import NDArray
 
 from softgrip_vision.layout import ChainLayout, FingerSetup
-from softgrip_vision.synthetic import Conditions, Occluder, Picture, Scene, make_calibration
+from softgrip_vision.synthetic import Conditions, Occluder, Picture, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ class PlainTracker:
         return out
 
 
-def plain_angles(readings: Array, scene: Scene, finger: str) -> Array | None:
+def plain_angles(readings: Array, scene: SyntheticScene, finger: str) -> Array | None:
     """Return (n,) joint angles [rad] straight from the markers' directions; None when one is missing."""
     if not np.isfinite(readings).all():
         return None
@@ -129,7 +129,7 @@ def closing(grasp: str, frame: int) -> Array:
     return np.array([np.interp(20.0 * phase, (0.0, 10.0, 20.0), corners[:, joint]) for joint in range(3)])
 
 
-def passers(random: np.random.Generator, scene: Scene, finger: str, grasp: str) -> dict[int, list[Occluder]]:
+def passers(random: np.random.Generator, scene: SyntheticScene, finger: str, grasp: str) -> dict[int, list[Occluder]]:
     """Return, per frame, things that hide one or two markers for up to 15 frames and move with them."""
     hidden: dict[int, list[Occluder]] = {}
     for begin in (4, 22, 40):
@@ -152,7 +152,7 @@ class Run:
     """One closing to be rendered."""
 
     grasp: str
-    scene: Scene
+    scene: SyntheticScene
     fingers: tuple[str, ...]
     conditions: list[Conditions]
     occluders: dict[int, list[Occluder]]
@@ -166,7 +166,7 @@ class Run:
 
 def clean_runs() -> Iterator[Run]:
     for seed, grasp in enumerate(CLOSINGS):
-        scene = Scene(make_calibration(), {"index": CHAIN}, seed=seed)
+        scene = SyntheticScene(make_calibration(), {"index": CHAIN}, seed=seed)
         yield Run(grasp, scene, ("index",), [Conditions(noise=1.0)] * FRAMES, {})
 
 
@@ -175,7 +175,7 @@ def hard_runs(count: int, seed: int) -> Iterator[Run]:
     for number in range(count):
         grasp = list(CLOSINGS)[number % 3]
         fingers = ("index", "thumb") if number % 4 == 3 else ("index",)
-        scene = Scene(
+        scene = SyntheticScene(
             make_calibration(fingers),
             dict.fromkeys(fingers, CHAIN),
             clutter=int(random.integers(10, 40)),

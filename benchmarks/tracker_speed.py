@@ -26,7 +26,7 @@ from tracker_accuracy import CHAIN, FPS, PlainTracker, closing
 
 from softgrip_vision.colour import Image
 from softgrip_vision.layout import FingerSetup
-from softgrip_vision.synthetic import Conditions, Scene, make_calibration
+from softgrip_vision.synthetic import Conditions, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 FRAMES = 60
@@ -34,10 +34,10 @@ GOAL_FPS = 250.0
 PEER = "HSV threshold of the whole frame, moments, nearest neighbour"
 
 
-def render(fingers: tuple[str, ...]) -> tuple[Scene, list[Image], dict[str, NDArray[np.float64]]]:
+def render(fingers: tuple[str, ...]) -> tuple[SyntheticScene, list[Image], dict[str, NDArray[np.float64]]]:
     """Return the scene, the frames of a closing there and back (so that they can be repeated), and the first places."""
     calibration = make_calibration(fingers, scale=4500.0 if len(fingers) == 1 else 2800.0)
-    scene = Scene(calibration, dict.fromkeys(fingers, CHAIN), clutter=30, decoys=10, seed=3)
+    scene = SyntheticScene(calibration, dict.fromkeys(fingers, CHAIN), clutter=30, decoys=10, seed=3)
     there = [
         scene.render(dict.fromkeys(fingers, closing("power", k)), Conditions(noise=2.0)) for k in range(FRAMES // 2)
     ]

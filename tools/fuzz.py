@@ -24,7 +24,7 @@ ENDS = ("driver", "emulator")
 
 def fuzz_at_random(target: ModuleType, seconds: float, seed: int, streams: int = 0) -> int:
     """Mutate what a target knows for a while, or until there were so many streams; returns the number of streams."""
-    rng, one, count = random.Random(seed), target.Target(), 0
+    rng, one, count = random.Random(seed), target.TARGET(), 0
     end = time.monotonic() + seconds
     while count < streams if streams else time.monotonic() < end:
         for _ in range(min(100, streams - count) if streams else 100):
@@ -41,7 +41,7 @@ def fuzz_with_atheris(target: ModuleType, seconds: float, seed: int) -> None:
     for function in gc.get_objects():
         if isinstance(function, FunctionType) and str(function.__module__).startswith(target.READERS):
             atheris.instrument_func(function)
-    one = target.Target()
+    one = target.TARGET()
     with tempfile.TemporaryDirectory() as corpus:
         for number, stream in enumerate(target.SEEDS):
             Path(corpus, str(number)).write_bytes(stream)

@@ -55,7 +55,17 @@ FORBIDDEN = {
     "witnessed": "blocked",
 }
 #: The field's own words, although they hold a forbidden one.
-ALLOWED = {"least_squares", "wall_clock", "almost", "at_least", "at_most", "utmost", "topmost"}
+ALLOWED = {
+    "is_hooked_on",
+    "most_common",
+    "least_squares",
+    "wall_clock",
+    "almost",
+    "at_least",
+    "at_most",
+    "utmost",
+    "topmost",
+}
 
 
 def words(identifier: str) -> list[str]:

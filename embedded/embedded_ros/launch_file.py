@@ -143,7 +143,7 @@ class LaunchReader:
         return substitute(plain(body[key]), frame.scope)
 
     @staticmethod
-    def _wanted(body: Any, frame: Frame) -> bool:
+    def _requested(body: Any, frame: Frame) -> bool:
         if not isinstance(body, Mapping):
             return True
         if "if" in body and "unless" in body:
@@ -173,12 +173,12 @@ class LaunchReader:
 
     def _let(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.scope.variables[self._text(body, "name", frame)] = self._text(body, "value", frame)
 
     def _include(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"file", "arg", "let", "if", "unless"}, {"file"}, where)
-        if not self._wanted(body, frame):
+        if not self._requested(body, frame):
             return
         path = Path(self._text(body, "file", frame))
         inner = frame.child()
@@ -193,7 +193,7 @@ class LaunchReader:
             self._children(body, frame.child(), where)
             return
         body = self._checked(body, {"scoped", "forwarding", "keep", "children", "if", "unless"}, {"children"}, where)
-        if not self._wanted(body, frame):
+        if not self._requested(body, frame):
             return
         inner = frame.child() if truth(self._text(body, "scoped", frame, "true")) else frame
         if not truth(self._text(body, "forwarding", frame, "true")):
@@ -204,23 +204,23 @@ class LaunchReader:
 
     def _push_namespace(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"namespace", "if", "unless"}, {"namespace"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.namespace = joined(frame.namespace, self._text(body, "namespace", frame))
 
     def _set_env(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.scope.environment[self._text(body, "name", frame)] = self._text(body, "value", frame)
 
     def _unset_env(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "if", "unless"}, {"name"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.scope.environment.pop(self._text(body, "name", frame), None)
 
     def _append_env(self, body: Any, frame: Frame, where: str) -> None:
         allowed = {"name", "value", "prepend", "separator", "if", "unless"}
         body = self._checked(body, allowed, {"name", "value"}, where)
-        if not self._wanted(body, frame):
+        if not self._requested(body, frame):
             return
         name, value = self._text(body, "name", frame), self._text(body, "value", frame)
         separator = self._text(body, "separator", frame, ":")
@@ -232,37 +232,37 @@ class LaunchReader:
 
     def _set_parameter(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.parameters.append((self._text(body, "name", frame), parameter_value(body["value"], None, frame)))
 
     def _set_remap(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"from", "to", "if", "unless"}, {"from", "to"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.remaps.append((self._text(body, "from", frame), self._text(body, "to", frame)))
 
     def _set_parameters_from_file(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"filename", "if", "unless"}, {"filename"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.parameter_files.append(self._text(body, "filename", frame))
 
     def _set_use_sim_time(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"value", "if", "unless"}, {"value"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             frame.parameters.append(("use_sim_time", truth(self._text(body, "value", frame))))
 
     def _log(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"message", "if", "unless"}, {"message"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             self.description.messages.append(self._text(body, "message", frame))
 
     def _shutdown(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"reason", "if", "unless"}, set(), where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             self.description.shutdown = True
 
     def _timer(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"period", "children", "if", "unless"}, {"period", "children"}, where)
-        if self._wanted(body, frame):
+        if self._requested(body, frame):
             inner = frame.child()
             inner.delay_s += number(self._text(body, "period", frame), "period")
             self._children(body["children"], inner, where)
@@ -298,7 +298,7 @@ class LaunchReader:
 
     def _executable(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, _EXECUTABLE, {"cmd"}, where)
-        if not self._wanted(body, frame):
+        if not self._requested(body, frame):
             return
         command = shlex.split(self._text(body, "cmd", frame))
         label = self._text(body, "name", frame, Path(command[0]).name if command else "executable")
@@ -310,7 +310,7 @@ class LaunchReader:
 
     def _node(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, _NODE, {"pkg", "exec"}, where)
-        if not self._wanted(body, frame):
+        if not self._requested(body, frame):
             return
         package, executable = self._text(body, "pkg", frame), self._text(body, "exec", frame)
         command = workspace.executable(package, executable)

@@ -233,12 +233,12 @@ class LaunchRunner:
         self._escalate()
 
     def _escalate(self) -> None:
-        number, patience_s = _STEPS[min(self._step, len(_STEPS) - 1)]
+        number, signal_timeout_s = _STEPS[min(self._step, len(_STEPS) - 1)]
         for running in self._running:
             self._say("INFO", running.process.label, f"sending signal '{signal.Signals(number).name}' to process")
             _signal_group(running.popen.pid, number)
         self._step += 1
-        self._step_at = time.monotonic() + patience_s
+        self._step_at = time.monotonic() + signal_timeout_s
 
     def _kill_all(self) -> None:
         for running in self._running:

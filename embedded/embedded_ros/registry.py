@@ -174,8 +174,8 @@ class Registry:
     def interface(self, full_name: str) -> Any:
         """Return the class of any ``pkg/kind/Name``; ``pkg/Name`` is looked for as msg, srv, action in this order."""
         package, kind, name = split_name(full_name, self)
-        wanted = f"{package}/{kind}/{name}"
-        return {"msg": self.message, "srv": self.service, "action": self.action}[kind](wanted)
+        requested = f"{package}/{kind}/{name}"
+        return {"msg": self.message, "srv": self.service, "action": self.action}[kind](requested)
 
 
 def _refuse_instance(cls: type, *_: object, **__: object) -> Any:

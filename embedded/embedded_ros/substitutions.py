@@ -83,9 +83,9 @@ def _perform(inner: str, scope: Scope) -> str:
     if name not in _FUNCTIONS:
         raise LaunchError(f"unknown substitution $({name} ...); expected one of {', '.join(sorted(_FUNCTIONS))}")
     arguments = [substitute(argument, scope) for argument in _split(rest)]
-    function, least, most = _FUNCTIONS[name]
-    if not least <= len(arguments) <= most:
-        raise LaunchError(f"$({inner}): expected {least} to {most} arguments, found {len(arguments)}")
+    function, minimum, maximum = _FUNCTIONS[name]
+    if not minimum <= len(arguments) <= maximum:
+        raise LaunchError(f"$({inner}): expected {minimum} to {maximum} arguments, found {len(arguments)}")
     return function(scope, *arguments)
 
 

@@ -210,12 +210,12 @@ class SubscriptionEventCallbacks:
             )
 
         incompatible = self.incompatible_qos or (warn if self.use_default_callbacks else None)
-        wanted = (
+        requested = (
             (incompatible, QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS),
             (self.message_lost, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST),
             (self.matched, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED),
         )
-        return _handlers(wanted, callback_group, subscription)
+        return _handlers(requested, callback_group, subscription)
 
 
 class PublisherEventCallbacks:
@@ -253,18 +253,20 @@ class PublisherEventCallbacks:
             )
 
         incompatible = self.incompatible_qos or (warn if self.use_default_callbacks else None)
-        wanted = (
+        requested = (
             (incompatible, QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS),
             (self.matched, QoSPublisherEventType.RCL_PUBLISHER_MATCHED),
         )
-        return _handlers(wanted, callback_group, publisher)
+        return _handlers(requested, callback_group, publisher)
 
 
 def _handlers(
-    wanted: tuple[tuple[Callable[[Any], None] | None, IntEnum], ...], callback_group: CallbackGroup, endpoint: Endpoint
+    requested: tuple[tuple[Callable[[Any], None] | None, IntEnum], ...],
+    callback_group: CallbackGroup,
+    endpoint: Endpoint,
 ) -> list[EventHandler]:
     return [
         EventHandler(callback_group=callback_group, callback=callback, event_type=kind, endpoint=endpoint)
-        for callback, kind in wanted
+        for callback, kind in requested
         if callback is not None
     ]

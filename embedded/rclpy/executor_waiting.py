@@ -56,7 +56,7 @@ class Waiting:
         self._due_s = 0.0  # when the next timer is due, as of the last look; whatever changes that wants a look
         self._look_due_s = 0.0
         self._looked_s = 0.0
-        self._look_wanted = True
+        self._poll_requested = True
         self._node_came = True
         self._hinted_count = 0
         self._flood_judged_s = 0.0
@@ -77,7 +77,7 @@ class Waiting:
 
     def wake(self) -> None:
         """Have the waiting thread look at everything again."""
-        self._look_wanted = True
+        self._poll_requested = True
         self._end_wait()
 
     def _hint(self, entity: Any, node: Node) -> None:
@@ -151,7 +151,7 @@ class Waiting:
             hinted = self._hinted()
             if hinted is not None or not self._node_came:
                 return hinted
-        self._look_wanted = nodes is not None  # a look at some is none at all
+        self._poll_requested = nodes is not None  # a look at some is none at all
         self._node_came = False
         self._looked_s = now
         self._due_s = now + self._seconds_until_due(LONGEST_WAIT_S, nodes)
@@ -163,7 +163,7 @@ class Waiting:
         return found
 
     def _look_can_wait(self, now: float) -> bool:
-        if self._look_wanted or self._ready_tasks:
+        if self._poll_requested or self._ready_tasks:
             return False
         # ``spin_once`` adds its node anew each time: it is looked at before any waiting, but not at every message.
         return now < self._look_due_s and (not self._node_came or now < self._looked_s + _LOOK_AT_NEW_NODE_S)
@@ -196,7 +196,7 @@ class Waiting:
                     work = self._taken(entity, node)
                     if work is not None:
                         if not isinstance(entity, Endpoint):
-                            self._look_wanted = True  # it may have more; endpoints say so themselves
+                            self._poll_requested = True  # it may have more; endpoints say so themselves
                         yield work
 
     def _taken(self, entity: Any, node: Node) -> Work | None:
@@ -227,7 +227,7 @@ class Waiting:
                 raise TimeoutException
             limit = min(limit, end - now)
         if self._ready_tasks or limit <= 0:
-            self._look_wanted = True
+            self._poll_requested = True
             return
         if now > self._flood_judged_s + _FLOOD_PERIOD_S:
             self._is_flood = self._hinted_count > _FLOOD

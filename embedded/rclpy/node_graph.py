@@ -140,9 +140,9 @@ class NodeGraph:
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait until a node is up; return whether it is."""
-        wanted = "/" + fully_qualified_node_name.lstrip("/")
+        requested = "/" + fully_qualified_node_name.lstrip("/")
         graph = self._context._graph
-        return graph.wait(lambda: wanted in self.get_fully_qualified_node_names(), timeout)
+        return graph.wait(lambda: requested in self.get_fully_qualified_node_names(), timeout)
 
     def duplicate_names(self) -> list[str]:
         """Return full names that more than one node has."""

@@ -175,9 +175,9 @@ def parameter_dict_from_yaml_file(
     with Path(parameter_file).open(encoding="utf-8"):
         pass  # rclpy's callers expect FileNotFoundError, not an error about arguments
     entries = [("/" + name.lstrip("/"), values) for name, values, _ in load_parameter_file(Path(parameter_file))]
-    wanted = {"/" + node.lstrip("/") for node in target_nodes or [] if node}
-    chosen = [(name, values) for name, values in entries if _applies(name, wanted, use_wildcard=use_wildcard)]
-    if not chosen or (wanted and not any("*" not in name for name, _ in chosen) and not use_wildcard):
+    requested = {"/" + node.lstrip("/") for node in target_nodes or [] if node}
+    chosen = [(name, values) for name, values in entries if _applies(name, requested, use_wildcard=use_wildcard)]
+    if not chosen or (requested and not any("*" not in name for name, _ in chosen) and not use_wildcard):
         known = ", ".join(name for name, _ in entries) or "none"
         raise RuntimeError(f"Param file does not contain selected parameters; it has some for: {known}")
     # Wildcards first, so that what is written for a node itself wins.
@@ -190,9 +190,9 @@ def parameter_dict_from_yaml_file(
     return found
 
 
-def _applies(name: str, wanted: set[str], *, use_wildcard: bool) -> bool:
+def _applies(name: str, requested: set[str], *, use_wildcard: bool) -> bool:
     if "*" not in name:
-        return not wanted or name in wanted
+        return not requested or name in requested
     if not use_wildcard:
         return False
-    return not wanted or any(matches(name, node) for node in wanted)
+    return not requested or any(matches(name, node) for node in requested)

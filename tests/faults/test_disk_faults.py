@@ -17,7 +17,7 @@ import pytest
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.errors import JournalError
-from softgrip_driver.rig.journal import Journal, Measured, Request
+from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
 from softgrip_driver.tendon.zero_store import StoredZero, ZeroStore
 from softgrip_model.friction.published import published, published_ids
@@ -154,8 +154,8 @@ def test_a_measured_model_is_kept_whole_or_not_at_all(tmp_path: Path, code: int)
         assert store.active == ""
 
 
-def accept(journal: Journal, index: int) -> None:
-    journal.accept(Measured(index, 1.0, 0.1, 1.0, 1.2))
+def accept(journal: PlanJournal, index: int) -> None:
+    journal.accept(MeasuredPoint(index, 1.0, 0.1, 1.0, 1.2))
 
 
 def fill(disk: Path) -> Callable[[], None]:
@@ -178,7 +178,7 @@ def test_on_a_real_disk_that_is_full_or_read_only_everything_stays_and_goes_on_a
     for write, _ in WRITERS.values():
         write(files, 0)
     before = [read(files) for _, read in WRITERS.values()]
-    journal = Journal.begin(mounted_disk / "plans", "p", Request("quick"))
+    journal = PlanJournal.begin(mounted_disk / "plans", "p", Request("quick"))
     accept(journal, 0)
     restore = fail(mounted_disk)
     for write, _ in WRITERS.values():
@@ -192,10 +192,10 @@ def test_on_a_real_disk_that_is_full_or_read_only_everything_stays_and_goes_on_a
         assert lines < 1000
     assert [read(files) for _, read in WRITERS.values()] == before
     restore()
-    kept = Journal.read(mounted_disk / "plans" / "p.jsonl")
+    kept = PlanJournal.read(mounted_disk / "plans" / "p.jsonl")
     assert sorted(kept.points) == list(range(lines))
     accept(kept, 5000)
-    assert 5000 in Journal.read(mounted_disk / "plans" / "p.jsonl").points
+    assert 5000 in PlanJournal.read(mounted_disk / "plans" / "p.jsonl").points
     for write, read in WRITERS.values():
         write(files, 1)
         assert read(files) not in before

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from softgrip_bag import metadata
-from softgrip_driver.rig.journal import Journal, Measured, Request
+from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.pulley import Pulley, write_pulley
 from softgrip_driver.tendon.zero_store import StoredZero, ZeroStore
 from softgrip_model.friction.model_file import write_model
@@ -57,9 +57,9 @@ def test_a_power_cut_leaves_the_old_file_or_the_new_one(tmp_path, volatile_disk,
 
 def test_a_plan_and_its_points_outlive_a_power_cut(tmp_path, volatile_disk):
     disk = volatile_disk()
-    journal = Journal.begin(tmp_path / "plans", "p1", Request("quick"))
+    journal = PlanJournal.begin(tmp_path / "plans", "p1", Request("quick"))
     for index in range(3):
-        journal.accept(Measured(index, 1.0, 0.1, 1.0, 1.2))
+        journal.accept(MeasuredPoint(index, 1.0, 0.1, 1.0, 1.2))
         for found in disk.after_power_cut():
             assert found["plans/p1.jsonl"].count(b'"accepted"') == index + 1
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from softgrip_bag.excerpt import excerpt
 from softgrip_bag.facts import arithmetic
 from softgrip_bag.mcap_file import Attachment
-from softgrip_bag.nodes.through import renewed
+from softgrip_bag.nodes.node_replay import renewed
 from softgrip_bag.reader import RawMessage, read
 
 HERE = Path(__file__).resolve().parent

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES, CellController
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.nodes.link import CellLink
-from softgrip_demo.nodes.operator import Operator
+from softgrip_demo.nodes.operator import CellOperator
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import InjectFault, StopRecording
 from softgrip_nodekit import SENSOR
@@ -39,7 +39,7 @@ class Session:
         self._link = CellLink(node, executor)
         self._hands = hands
         self._cell = CellController(node, wait=self._link.wait)
-        self._operator = Operator(self._link, hands, self._cell, SLOTS)
+        self._operator = CellOperator(self._link, hands, self._cell, SLOTS)
         self._inject = node.create_client(InjectFault, "emulator/inject_fault")
         self._seen: list[TendonStatusArray] = []
         node.create_subscription(TendonStatusArray, "tendon/status", self._seen.append, SENSOR)

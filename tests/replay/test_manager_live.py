@@ -22,7 +22,7 @@ import pytest
 
 from softgrip_bag.excerpt import excerpt
 from softgrip_bag.nodes.digest import digest
-from softgrip_bag.nodes.through import check
+from softgrip_bag.nodes.node_replay import check
 from softgrip_bag.reader import read, topic_summaries
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import SwapFingers

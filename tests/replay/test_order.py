@@ -16,7 +16,7 @@ from softgrip_bag.context import restore
 from softgrip_bag.excerpt import excerpt
 from softgrip_bag.facts import rounding_tolerance
 from softgrip_bag.nodes.captured import ReplayedNode
-from softgrip_bag.nodes.through import NODES, check
+from softgrip_bag.nodes.node_replay import NODES, check
 from softgrip_bag.reader import RawMessage, read
 from softgrip_interfaces.msg import CellState, FingerMarkers, MountedFinger
 
@@ -44,7 +44,7 @@ PINCH, POWER, NOBODY = "pinch", "power", ""
 
 
 @pytest.mark.parametrize(
-    ("told", "lag"),
+    ("reported", "lag"),
     [
         ([(7, PINCH, LATE)], 0),
         ([(2, PINCH, -LATE), (4, NOBODY, -LATE), (7, POWER, LATE)], 0),
@@ -54,12 +54,12 @@ PINCH, POWER, NOBODY = "pinch", "power", ""
     ],
 )
 def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
-    told: list[tuple[int, str, int]], lag: int, tmp_path: Path
+    reported: list[tuple[int, str, int]], lag: int, tmp_path: Path
 ) -> None:
     """The tracker hears before a frame what sits in the slot, the recorder some time after (or before) that frame."""
     frames = list(read(FRAMES, {CAMERA}))
     (like,) = read(FRAMES, {CELL})
-    news = {number: cell_state(like, profile, frames[number].received + late) for number, profile, late in told}
+    news = {number: cell_state(like, profile, frames[number].received + late) for number, profile, late in reported}
     results: dict[str, list[RawMessage]] = {topic: [] for topic in RESULTS}
     types = {raw.topic: raw.type_name for raw in read(FRAMES, set(RESULTS))}
     with tracker(tmp_path) as node:
@@ -71,7 +71,7 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
                     received = frame.received + 2 * LATE
                     results[topic].append(RawMessage(topic, types[topic], received, received, output.data))
     configurations = [deserialize_message(raw.data, FingerMarkers).configuration for raw in results["/finger/markers"]]
-    for number, profile, _ in told:
+    for number, profile, _ in reported:
         assert (configurations[number] == configurations[number - 1]) is (profile is NOBODY)
     late = [replace(frame, received=frame.received + lag) for frame in frames]
     excerpt(FRAMES, tmp_path / "bag", instead={**results, CAMERA: late, CELL: list(news.values())})

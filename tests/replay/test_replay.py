@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 from rclpy.serialization import deserialize_message
 
-from softgrip_bag.comparison import Result, first_difference
+from softgrip_bag.comparison import ReplayResult, first_difference
 from softgrip_bag.facts import rounding_tolerance
 from softgrip_bag.nodes.digest import digest
+from softgrip_bag.nodes.node_replay import check, renewed
 from softgrip_bag.nodes.old_messages import read
 from softgrip_bag.nodes.steps import stamp_of
-from softgrip_bag.nodes.through import check, renewed
 from softgrip_bag.nodes.trees import tree
 from softgrip_bag.nodes.types import message_class
 from softgrip_bag.reader import RawMessage, attachments, latched_topics, topic_types
@@ -42,7 +42,7 @@ def bag_of(node: str) -> Path:
     return BAGS / next(bag for bag, (name, _) in NODES.items() if name == node)
 
 
-def changed(node: str, *arguments: str) -> Result:
+def changed(node: str, *arguments: str) -> ReplayResult:
     return check(bag_of(node), node, [*arguments], tolerance=TOLERANCE)
 
 
@@ -53,11 +53,11 @@ def stamped(raw: RawMessage) -> tuple[int, object]:
 
 @pytest.mark.parametrize("bag", NODES)
 def test_the_node_says_what_it_said(bag: str) -> None:
-    node, least = NODES[bag]
+    node, minimum = NODES[bag]
     result = check(BAGS / bag, node, tolerance=TOLERANCE)
     assert result.divergence is None, str(result.divergence)
     assert result.without_input == 0
-    assert result.compared >= least
+    assert result.compared >= minimum
 
 
 def test_another_threshold_is_named_with_step_field_time_and_both_values() -> None:

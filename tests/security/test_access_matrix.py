@@ -12,7 +12,7 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from softgrip_security.policy import Grant, Identity, Policy, read_policy
+from softgrip_security.policy import Grant, Policy, PolicyIdentity, read_policy
 
 NAMES = [one.name for one in read_policy().identities]
 
@@ -48,7 +48,7 @@ class Honest:
         self.network.meet(session, *self.sessions.values())
         return session
 
-    def settle(self, session: zenoh.Session, identity: Identity) -> None:
+    def settle(self, session: zenoh.Session, identity: PolicyIdentity) -> None:
         """Wait until everybody sees a token of a session that was put up last."""
         key = self.network.node_token(session, own_node(identity))
         token = session.liveliness().declare_token(key)
@@ -62,7 +62,7 @@ def honest(module_network: Any) -> Honest:
     return Honest(module_network)
 
 
-def own_node(identity: Identity) -> str:
+def own_node(identity: PolicyIdentity) -> str:
     return identity.node_names[0].replace("*", "_1")
 
 
@@ -74,7 +74,7 @@ def services(policy: Policy) -> list[str]:
     return sorted({name for one in policy.identities for name in one.services(Grant.SERVE)})
 
 
-def granted(identity: Identity, grant: Grant, names: list[str]) -> set[str]:
+def granted(identity: PolicyIdentity, grant: Grant, names: list[str]) -> set[str]:
     is_topic = grant in {Grant.PUBLISH, Grant.SUBSCRIBE}
     own = identity.topics(grant) if is_topic else identity.services(grant)
     return {name for name in names if name in own or "*" in own}

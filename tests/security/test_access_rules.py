@@ -9,12 +9,14 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from softgrip_security.policy import Grant, Identity, Policy
+from softgrip_security.policy import Grant, Policy, PolicyIdentity
 from softgrip_security.zenoh_access import access_control, router_config, session_config
 
 network = pytest.importorskip("embedded_ros.network", reason="ROS 2 has defaults of its own")
 
-POLICY = Policy((Identity("camera", ("camera", "camera_*"), {Grant.PUBLISH: ("/image",), Grant.CALL: ("/stop",)}),))
+POLICY = Policy(
+    (PolicyIdentity("camera", ("camera", "camera_*"), {Grant.PUBLISH: ("/image",), Grant.CALL: ("/stop",)}),)
+)
 TYPE = "pkg::msg::dds_::Type_/RIHS01_0"
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from softgrip_security.policy import Grant, Identity, Policy
+from softgrip_security.policy import Grant, Policy, PolicyIdentity
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKSPACE = ROOT / "ros2_ws" / "src"
@@ -84,7 +84,7 @@ def endpoints(path: Path) -> Iterator[tuple[Grant, str, str]]:
                     yield grant, name.value, f"{path.relative_to(ROOT)}:{node.lineno}"
 
 
-def is_granted(identity: Identity, grant: Grant, name: str) -> bool:
+def is_granted(identity: PolicyIdentity, grant: Grant, name: str) -> bool:
     full = name.replace("~", f"/{identity.name}", 1) if name.startswith("~") else f"/{name.strip('/')}"
     return full in identity.names(grant) or "*" in identity.names(grant)
 

@@ -48,7 +48,7 @@ class Cell:
         )
         self.engineer = network.open("engineer")
         network.meet(self.driver, self.engineer)
-        self.doors = [f"tls/localhost:{network.port}", f"tls/localhost:{own_port}"]
+        self.node_io = [f"tls/localhost:{network.port}", f"tls/localhost:{own_port}"]
         self.asked: list[str] = []
         self.heard: list[str] = []
         self.tokens: set[str] = set()
@@ -120,7 +120,7 @@ def act_honestly(cell: Cell) -> bool:
 def test_a_stranger_sees_and_does_nothing(
     cell: Cell, keys: Path, forged: Callable[[str], Path], door: int, kind: str
 ) -> None:
-    endpoint = cell.doors[door]
+    endpoint = cell.node_io[door]
     assert endpoint.startswith("tls/")
     tls: dict[str, Any] | None
     if kind == "no certificate":
@@ -139,7 +139,7 @@ def test_a_stranger_sees_and_does_nothing(
 def test_only_who_has_no_place_in_the_policy_gets_past_the_handshake(
     cell: Cell, forged: Callable[[str], Path], door: int
 ) -> None:
-    met = {kind: session for kind in FORGED if (session := stranger(cell.doors[door], certificate_in(forged(kind))))}
+    met = {kind: session for kind in FORGED if (session := stranger(cell.node_io[door], certificate_in(forged(kind))))}
     assert set(met) <= {"not in the policy"}
     for session in met.values():
         session.close()

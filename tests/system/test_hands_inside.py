@@ -99,11 +99,11 @@ class Stranger:
         sent = self.swap.send_goal_async(goal, feedback_callback=lambda m: self.feedback.put(m.feedback))
         return self.result(sent, "a goal handle").get_result_async()
 
-    def step(self, wanted: str) -> Any:
+    def step(self, requested: str) -> Any:
         """Wait for the feedback of a step."""
         while True:
             feedback = self.feedback.get(timeout=LONGEST_S)
-            if feedback.step == wanted:
+            if feedback.step == requested:
                 return feedback
 
     def seat(self, finger_set: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from softgrip_security.keystore import Keystore
-from softgrip_security.policy import Identity, Policy, read_policy
+from softgrip_security.policy import Policy, PolicyIdentity, read_policy
 from softgrip_security.zenoh_access import access_control
 
 zenoh = pytest.importorskip("zenoh", reason="the graph is walked by tokens of rmw_zenoh")
@@ -63,7 +63,7 @@ def tokens(domain: int, monkeypatch: pytest.MonkeyPatch) -> set[str]:
         session.close()
 
 
-def owner(policy: Policy, node: str) -> Identity | None:
+def owner(policy: Policy, node: str) -> PolicyIdentity | None:
     """Return the identity that a node belongs to."""
     for one in policy.identities:
         for pattern in one.node_names:

@@ -16,8 +16,8 @@ import numpy as np
 from softgrip_design import hand, plots
 from softgrip_design.design import Followed, HandDesign, Task, design_hand, design_uniform, evaluate, published_on
 from softgrip_design.objective import FollowTrajectory, Weights
-from softgrip_design.optimiser import Settings, optimise
-from softgrip_design.target import STEPS, Target
+from softgrip_design.optimiser import OptimiserSettings, optimise
+from softgrip_design.target import STEPS, DesignTarget
 from softgrip_design.trajectory import SHIPPED, load
 from softgrip_model.finger.published import OPTIMISED_ROUTING_MM
 from softgrip_model.friction.published import published
@@ -45,7 +45,7 @@ def objectives() -> dict[str, FollowTrajectory]:
     found["synthetic hook"] = FollowTrajectory(
         hand.blank("index"),
         TASK.law,
-        Target(total, np.outer(total, (0.10, 0.52, 0.38))),
+        DesignTarget(total, np.outer(total, (0.10, 0.52, 0.38))),
         Weights(),
         hand.THICKNESS_BOUNDS_MM,
         hand.ROUTING_BOUNDS_MM,
@@ -86,7 +86,7 @@ def published_table(found: dict[str, tuple[FollowTrajectory, Followed]]) -> str:
 
 def uniform_table() -> str:
     """Return the uniform finger beside the published one."""
-    uniform = design_uniform(published("twine-tpu").law, Settings())
+    uniform = design_uniform(published("twine-tpu").law, OptimiserSettings())
     rows = [
         [f"published, {numbers(OPTIMISED_ROUTING_MM, 2)} mm", f"{uniform.published_spread_deg:.2f}", "4.7"],
         ["found here", f"{uniform.spread_deg:.2f}", "-"],

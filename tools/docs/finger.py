@@ -37,7 +37,7 @@ from softgrip_model.finger.published import (
     chapter_3_finger,
     chapter_4_finger,
 )
-from softgrip_model.finger.replication import Recipe, Replica, replicate
+from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
 from softgrip_model.friction.laws import FrictionLaw, LambdaSign, Law
 from softgrip_model.friction.published import published
 
@@ -100,7 +100,10 @@ def tip_difference_pct(one: Array, other: Array) -> float:
 
 def replicas(routing: tuple[float, ...], law: FrictionLaw) -> list[Replica]:
     """Return the closing by each reading of mode R."""
-    return [replicate(chapter_3_finger(routing, length), law, recipe=Recipe(radius)) for length, radius in READINGS]
+    return [
+        replicate(chapter_3_finger(routing, length), law, recipe=ReplicationRecipe(radius))
+        for length, radius in READINGS
+    ]
 
 
 def facts_table() -> str:
@@ -174,12 +177,12 @@ def designs_table() -> str:
 def shares_table() -> str:
     """Return each joint's share of the whole deflection, for the qualitative claims of section 4.3.1."""
     rows = []
-    wanted = np.radians([60.0, 120.0])
+    requested = np.radians([60.0, 120.0])
     kernel = Kernel([chapter_4_finger(grasp) for grasp in CHAPTER_4_MM], BRAID)
-    from_deflection = kernel.solve(wanted, control=Control.DEFLECTION, march=False)
+    from_deflection = kernel.solve(requested, control=Control.DEFLECTION, march=False)
     claims = {"power": "all joints together, uniformly", "hook": "J1 and J2, hardly J0", "pinch": "mainly J0"}
     for i, grasp in enumerate(CHAPTER_4_MM):
-        shares = 100.0 * from_deflection.angle_rad[i] / wanted[:, None]
+        shares = 100.0 * from_deflection.angle_rad[i] / requested[:, None]
         rows.append([grasp, claims[grasp], *(" / ".join(f"{s:.0f}" for s in row) for row in shares)])
     return table(["design", "thesis", "share at 60 deg [%]", "share at 120 deg [%]"], rows)
 
@@ -273,7 +276,7 @@ def draw_chapter_3(path: Path) -> None:
         (axes[1], "optimised", OPTIMISED_ROUTING_MM),
     ):
         length, radius = READINGS[0]
-        replica = replicate(chapter_3_finger(routing, length), TWINE_PRINTED, recipe=Recipe(radius))
+        replica = replicate(chapter_3_finger(routing, length), TWINE_PRINTED, recipe=ReplicationRecipe(radius))
         found = close(chapter_3_finger(routing), TWINE, PULLS)
         for j in range(3):
             axis.plot(replica.pulled_mm, np.degrees(replica.angle_rad[:, j]), color=colours[j], label=f"J{j}, mode R")

@@ -89,12 +89,12 @@ LAWS = (capstan_errors, heap_errors, matte_errors)
 @cache
 def noise_for(pair: str, sign: LambdaSign) -> float:
     """Return the relative noise [1] at which the Matte fit has Table 3.1's R2 on average (bisection)."""
-    law, wanted = truth(pair, sign), TABLE_3_1[pair][2][2]
+    law, expected = truth(pair, sign), TABLE_3_1[pair][2][2]
     low, high = 0.001, 0.2
     for _ in range(14):
         middle = 0.5 * (low + high)
         found = np.mean([matte_errors(points, law.radius_mm)[2] for points in synthetic(law, middle)])
-        low, high = (middle, high) if found > wanted else (low, middle)
+        low, high = (middle, high) if found > expected else (low, middle)
     return 0.5 * (low + high)
 
 

@@ -20,13 +20,13 @@ from scipy.optimize import brentq
 
 from softgrip_model.finger import Finger, close
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.gdfe import Law, Settings, Solver, VolumeShape
-from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
+from softgrip_model.gdfe import ConstitutiveLaw, Solver, SolverSettings, VolumeShape
+from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings, ClosingShape
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.march import March, march
 from softgrip_model.gdfe.materials import (
     Linear,
-    Material,
+    SolidMaterial,
     StressPolynomial,
     cheetah,
     cheetah_ogden,
@@ -52,7 +52,7 @@ Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("gdfe.md.in")
 FORCE_INCREMENTS = (5, 10, 20, 50)
-RIGOROUS = Settings(law=Law.RIGOROUS, window=20, step_limit=1.0)
+RIGOROUS = SolverSettings(law=ConstitutiveLaw.RIGOROUS, window=20, step_limit=1.0)
 
 
 def _row(*cells: str) -> str:
@@ -73,7 +73,7 @@ def _tension_row(label: str, joint: float) -> str:
     return _row(label, f"{100 * joint:.2f}", f"{100 * (4 * joint - 1):.1f}", f"{100 * (4 * (1 - joint) - 1):.1f}")
 
 
-def _one_dimensional(left: Material, right: Material) -> float:
+def _one_dimensional(left: SolidMaterial, right: SolidMaterial) -> float:
     def unbalance(stretch: float) -> float:
         return float(left.nominal_stress(np.array(stretch)) - right.nominal_stress(np.array(4.0 - stretch)))
 
@@ -86,7 +86,7 @@ def _thesis_tension(shape: VolumeShape, increments: int, hyperelastic: bool = Tr
     materials = (cheetah(), ninjaflex())
     case, used = tension(materials=materials)
     metric = Metric.CENTRING if hyperelastic else Metric.LAPLACIAN
-    settings = Settings(law=Law.THESIS, volume_shape=shape, metric=metric, step_limit=1.0)
+    settings = SolverSettings(law=ConstitutiveLaw.THESIS, volume_shape=shape, metric=metric, step_limit=1.0)
     solver = Solver(case.mesh, used, case.supports, settings=settings)
     state = ThesisState(solver, materials, shape_factors_published, previous_shape=hyperelastic, update=hyperelastic)
     found = _completed(
@@ -102,7 +102,7 @@ def _completed(found: March) -> March:
     return found
 
 
-def _marched(case: BarCase, materials: Sequence[Material], settings: Settings, increments: int) -> March:
+def _marched(case: BarCase, materials: Sequence[SolidMaterial], settings: SolverSettings, increments: int) -> March:
     solver = Solver(case.mesh, materials, case.supports, settings=settings)
     return _completed(march(solver, case.loading, increments, tolerance=1e-7, first_guess=case.first_guess))
 
@@ -120,9 +120,9 @@ def _tension_rows() -> str:
         rows += [
             _tension_row(f"thesis law, {n} increments, {shape}", _thesis_tension(shape, n)[0]) for n in (5, 10, 20)
         ]
-    choices: list[tuple[str, tuple[Material, ...], Settings, float, int]] = [
-        ("calibrated, polynomials, nu = 0.45", (cheetah(), ninjaflex()), Settings(), 0.45, 2),
-        ("calibrated, Ogden, nu = 0.45", (), Settings(), 0.45, 2),
+    choices: list[tuple[str, tuple[SolidMaterial, ...], SolverSettings, float, int]] = [
+        ("calibrated, polynomials, nu = 0.45", (cheetah(), ninjaflex()), SolverSettings(), 0.45, 2),
+        ("calibrated, Ogden, nu = 0.45", (), SolverSettings(), 0.45, 2),
         ("rigorous, Ogden, nu = 0.49", (), RIGOROUS, 0.49, 10),
     ]
     for label, materials, settings, poisson, increments in choices:
@@ -146,14 +146,14 @@ def _bend_rows() -> str:
     linear = [material for material in materials if isinstance(material, Linear)]
     for shape in VolumeShape:
         for name, factors in (("Eqs 5.7, 5.8", shape_factors_published), ("closed form", shape_factors_closed_form)):
-            settings = Settings(law=Law.THESIS, volume_shape=shape)
+            settings = SolverSettings(law=ConstitutiveLaw.THESIS, volume_shape=shape)
             solver = Solver(case.mesh, materials, case.supports, settings=settings)
             state = ThesisState(solver, linear, factors, previous_shape=False, update=False)
             found = _completed(march(solver, case.loading, 1, tolerance=1e-7, before=state.before))
             force = found.last.reaction[case.right, 1].sum() * force_unit(state.moduli, state.omega)
             rows.append(row(f"thesis law, {name}, {shape}", found.last.displacement, force))
     for shape in VolumeShape:
-        found = _marched(case, materials, Settings(volume_shape=shape), 1)
+        found = _marched(case, materials, SolverSettings(volume_shape=shape), 1)
         force = found.last.reaction[case.right, 1].sum()
         rows.append(row(f"calibrated, nu = 0.3, {shape}", found.last.displacement, force))
     return "\n".join(rows)
@@ -169,13 +169,13 @@ def _rotation_rows() -> str:
     thesis: tuple[StressPolynomial, StressPolynomial] = (cheetah(), ninjaflex())
     for shape in VolumeShape:
         case, _ = rotation()
-        settings = Settings(law=Law.THESIS, volume_shape=shape, metric=Metric.CENTRING)
+        settings = SolverSettings(law=ConstitutiveLaw.THESIS, volume_shape=shape, metric=Metric.CENTRING)
         solver = Solver(case.mesh, thesis, case.supports, settings=settings)
         state = ThesisState(solver, thesis, shape_factors_published)
         found = _completed(march(solver, case.loading, 10, tolerance=1e-6, before=state.before, max_iterations=5000))
         rows.append(row(f"thesis law, 10 increments, {shape}", case, found))
     case, materials = rotation()
-    rows.append(row("calibrated, Ogden, nu = 0.45", case, _marched(case, materials, Settings(), 5)))
+    rows.append(row("calibrated, Ogden, nu = 0.45", case, _marched(case, materials, SolverSettings(), 5)))
     case, materials = rotation(poisson=0.49)
     rows.append(row("rigorous, Ogden, nu = 0.49", case, _marched(case, materials, RIGOROUS, 10)))
     return "\n".join(rows)
@@ -184,19 +184,19 @@ def _rotation_rows() -> str:
 @functools.cache
 def _calibrated_force(increments: int) -> float:
     case, used = tension(materials=(cheetah(), ninjaflex()))
-    found = _marched(case, used, Settings(), increments)
+    found = _marched(case, used, SolverSettings(), increments)
     return float(-found.last.reaction[case.left, 0].sum())
 
 
 @functools.cache
-def _fingers() -> tuple[tuple[str, float, Shape, Array, float, float], ...]:
+def _fingers() -> tuple[tuple[str, float, ClosingShape, Array, float, float], ...]:
     """Return design, pulled length [mm], our shape, pseudo-rigid tip [mm] and tension [N], the finger's length [mm]."""
     found = []
     pulls_mm = np.array([5.0, 10.0, 15.0, 18.0])
     for name, profile in sorted(load_directory(shipped_directory()).items()):
         finger = Finger.from_profile(profile, "index")
         rigid = close(finger, assumed_friction(profile).law, pulls_mm)
-        closing = Closing(profile, "index", ClosingSettings(RESOLUTIONS["fine"], travel_mm=19.0, tolerance=1e-5))
+        closing = ClosingPath(profile, "index", ClosingSettings(RESOLUTIONS["fine"], travel_mm=19.0, tolerance=1e-5))
         for k, pull in enumerate(pulls_mm):
             shape = closing.shape(1e-3 * pull)
             other = rigid.tip_mm[0, k], float(rigid.tension_n[0, k, 0])
@@ -284,7 +284,7 @@ def _refinement() -> tuple[str, str]:
     for parts in (2, 3, 4):
         resolution = Resolution(*(count * parts // 2 for count in (6, 2, 4, 4, 4)))
         settings = ClosingSettings(resolution, travel_mm=8.0, keyframe_mm=2.0, tolerance=1e-6, max_iterations=4000)
-        closing = Closing(profile, "index", settings)
+        closing = ClosingPath(profile, "index", settings)
         shape = closing.shape(0.008)
         tips.append(1e3 * shape.tip[:2])
         rows.append(_row(f"{closing.hexahedra}", f"{tips[-1][0]:.2f}", f"{tips[-1][1]:.2f}", f"{shape.tension[0]:.2f}"))

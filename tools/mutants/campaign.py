@@ -17,7 +17,7 @@ from mutant import Mutant
 from workshop import FAILED, PASSED, TestRun, Workshop, WorkshopError
 
 #: a mutant's tests may take so many times what they take without it, plus [s], before they count as stuck
-PATIENCE = 5.0
+TEST_TIMEOUT_S = 5.0
 START_S = 60.0
 
 KILLED, STUCK, SURVIVED = "killed", "stuck", "survived"
@@ -117,7 +117,7 @@ class Campaign:
     def _judge(self, workshop: Workshop, mutant: Mutant, digest: str) -> Result:
         seconds = 0.0
         for tests in (mutant.tests,) if self._quick else (mutant.tests, mutant.suite):
-            limit_s = PATIENCE * self._baseline(workshop, tests) + START_S
+            limit_s = TEST_TIMEOUT_S * self._baseline(workshop, tests) + START_S
             with workshop.mutated(mutant):
                 run = _run_until_sure(workshop, mutant, tests, limit_s)
             seconds += run.seconds

@@ -47,8 +47,8 @@ def run(argv: list[str]) -> int | str | None:
         print("\n".join(f"{arguments.package_name}/{kind}/{name}" for kind in _TITLES
                         for name in known.names(arguments.package_name, kind)))  # fmt: skip
     elif arguments.verb == "list":
-        wanted = [kind for kind in _TITLES if getattr(arguments, kind)] or list(_TITLES)
-        for kind in wanted:
+        requested = [kind for kind in _TITLES if getattr(arguments, kind)] or list(_TITLES)
+        for kind in requested:
             print(_TITLES[kind])
             for name in sorted(known.packages()):
                 for item in known.names(name, kind):

@@ -42,12 +42,12 @@ def run(argv: list[str]) -> int | str | None:
         if arguments.verb == "nodes":
             print(len(names) if arguments.count_nodes else "\n".join(names))
             return None
-        wanted = arguments.node_name and common.absolute(arguments.node_name)
-        if wanted and wanted not in names:
+        requested = arguments.node_name and common.absolute(arguments.node_name)
+        if requested and requested not in names:
             return "Node not found"
         if arguments.verb == "get":
-            return _get(node, [wanted] if wanted else names, alone=bool(wanted))
-        return (_set if arguments.verb == "set" else _list)(node, wanted, arguments)
+            return _get(node, [requested] if requested else names, alone=bool(requested))
+        return (_set if arguments.verb == "set" else _list)(node, requested, arguments)
 
 
 def _ask(node: Any, target: str, kind: str, name: str, **fields: Any) -> Any:

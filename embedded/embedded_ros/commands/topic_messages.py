@@ -312,9 +312,9 @@ def _pub(arguments: argparse.Namespace) -> str | None:
     with common.node("pub", host=True) as node:
         profile, _ = _qos(arguments)
         publisher = node.create_publisher(kind, arguments.topic_name, profile)
-        wanted = arguments.wait_matching_subscriptions
+        requested = arguments.wait_matching_subscriptions
         problem = _wait_for_subscriptions(
-            publisher, int(times != 0) if wanted is None else wanted, arguments.max_wait_time_secs
+            publisher, int(times != 0) if requested is None else requested, arguments.max_wait_time_secs
         )
         if problem:
             return problem
@@ -340,18 +340,18 @@ def _pub(arguments: argparse.Namespace) -> str | None:
     return None
 
 
-def _wait_for_subscriptions(publisher: Any, wanted: int, limit_s: float | None) -> str | None:
+def _wait_for_subscriptions(publisher: Any, requested: int, limit_s: float | None) -> str | None:
     waited_s = 0.0
     step = 0
-    while publisher.get_subscription_count() < wanted:
+    while publisher.get_subscription_count() < requested:
         if step % 10 == 0:
-            print(f"Waiting for at least {wanted} matching subscription(s)...", flush=True)
+            print(f"Waiting for at least {requested} matching subscription(s)...", flush=True)
         if limit_s is not None and waited_s >= limit_s:
             return (
-                f"Timed out waiting for subscribers: Expected {wanted} subcribers but only got "
+                f"Timed out waiting for subscribers: Expected {requested} subcribers but only got "
                 f"{publisher.get_subscription_count()} subscribers"
             )
         step += 1
-        publisher._node.context._graph.wait(lambda: publisher.get_subscription_count() >= wanted, _WAIT_STEP_S)
+        publisher._node.context._graph.wait(lambda: publisher.get_subscription_count() >= requested, _WAIT_STEP_S)
         waited_s += _WAIT_STEP_S
     return None

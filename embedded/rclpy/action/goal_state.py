@@ -61,13 +61,13 @@ def goals_to_cancel(request: Any, goals: Iterable[Any]) -> tuple[list[Any], int]
     """
     from action_msgs.srv import CancelGoal  # noqa: PLC0415  classes are made on first use
 
-    wanted = bytes(request.goal_info.goal_id.uuid)
+    requested = bytes(request.goal_info.goal_id.uuid)
     stamp = (request.goal_info.stamp.sec, request.goal_info.stamp.nanosec)
-    no_id, no_stamp = not any(wanted), stamp == (0, 0)
+    no_id, no_stamp = not any(requested), stamp == (0, 0)
     found = []
     code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID if no_stamp and not no_id else CancelGoal.Response.ERROR_NONE
     for goal in goals:
-        is_it = not no_id and bytes(goal.goal_id.uuid) == wanted
+        is_it = not no_id and bytes(goal.goal_id.uuid) == requested
         accepted = (goal._goal_info.stamp.sec, goal._goal_info.stamp.nanosec)
         by_time = (no_id and no_stamp) or (not no_stamp and accepted <= stamp)
         cancelable = goal.status in {Status.ACCEPTED, Status.EXECUTING}

@@ -36,7 +36,7 @@ class Divergence:
 
 
 @dataclass(frozen=True)
-class Result:
+class ReplayResult:
     """How many outputs were compared, and the first that differs."""
 
     compared: int

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 #: Looks in a row that must find nothing old: on a busy machine, what was sent may lie in its sender for a while.
-_LOOKS = 5
+_QUIET_POLLS = 5
 
 
 class Drain:
@@ -30,4 +30,4 @@ class Drain:
     def look(self, now: int) -> bool:
         """Return whether nothing from before the moment is on its way any more; now in [ns]."""
         self._quiet += 1
-        return self._quiet > _LOOKS or now > self._limit
+        return self._quiet > _QUIET_POLLS or now > self._limit

@@ -17,5 +17,5 @@ class DiskError(BagError):
     """The disk is full, read-only or broken: a bag cannot be begun or goes no further."""
 
 
-class RefusedError(BagError):
+class RecordRefusedError(BagError):
     """One topic or message cannot be taken; the rest of the recording goes on."""

@@ -36,8 +36,8 @@ def arithmetic(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
         lines = dict(line.split(":", 1) for line in cpuinfo.read_text().splitlines() if ":" in line)
     except OSError:
         return platform.machine()
-    told = {name.strip(): value.strip() for name, value in lines.items()}
-    abilities = " ".join(sorted(told.get("flags", told.get("Features", "")).split()))
+    fields = {name.strip(): value.strip() for name, value in lines.items()}
+    abilities = " ".join(sorted(fields.get("flags", fields.get("Features", "")).split()))
     return f"{platform.machine()} {hashlib.sha256(abilities.encode()).hexdigest()[:16]}"
 
 

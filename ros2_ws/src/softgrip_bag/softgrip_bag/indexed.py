@@ -43,13 +43,13 @@ def messages(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Foun
     if summary is None or not summary.chunk_indexes:
         yield from sorted(_from_end_to_end(stream, topics), key=lambda found: found[2].log_time)
         return
-    wanted = {number for number, channel in summary.channels.items() if topics is None or channel.topic in topics}
+    requested = {number for number, channel in summary.channels.items() if topics is None or channel.topic in topics}
     for together in _overlapping(summary.chunk_indexes):
         found = [
             (message.log_time, chunk.chunk_start_offset, place, message)
             for chunk in together
-            if not chunk.message_index_offsets or not wanted.isdisjoint(chunk.message_index_offsets)
-            for place, message in enumerate(_taken_apart(stream, chunk, wanted))
+            if not chunk.message_index_offsets or not requested.isdisjoint(chunk.message_index_offsets)
+            for place, message in enumerate(_taken_apart(stream, chunk, requested))
         ]
         for *_, message in sorted(found, key=lambda item: item[:3]):
             yield _schema(summary, message), summary.channels[message.channel_id], message
@@ -83,7 +83,7 @@ def _overlapping(chunks: Collection[ChunkIndex]) -> Iterator[list[ChunkIndex]]:
         yield together
 
 
-def _taken_apart(stream: IO[bytes], index: ChunkIndex, wanted: Collection[int]) -> Iterator[Message]:
+def _taken_apart(stream: IO[bytes], index: ChunkIndex, requested: Collection[int]) -> Iterator[Message]:
     stream.seek(index.chunk_start_offset)
     opcode, length = _RECORD.unpack(stream.read(_RECORD.size))
     if opcode != Opcode.CHUNK:
@@ -94,7 +94,7 @@ def _taken_apart(stream: IO[bytes], index: ChunkIndex, wanted: Collection[int]) 
             if size < _MESSAGE.size:
                 raise EndOfFile
             channel, sequence, logged, published = _MESSAGE.unpack_from(data, start)
-            if channel in wanted:
+            if channel in requested:
                 body = data[start + _MESSAGE.size : start + size]
                 yield Message(channel_id=channel, sequence=sequence, log_time=logged, publish_time=published, data=body)
 

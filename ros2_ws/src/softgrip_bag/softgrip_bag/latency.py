@@ -57,13 +57,13 @@ def links(bag: Path) -> list[Link]:
         BagError: no bag, or no MCAP.
     """
     topics = {topic.name: topic for topic in topic_summaries(bag) if topic.messages and has_header(topic)}
-    wanted = []
+    requested = []
     for result, sources in LINKS:
         source = next((name for name in sources if name in topics), None)
         if source is not None and result in topics:
-            wanted.append((source, result))
-    stamps = read_stamps(bag, {name for pair in wanted for name in pair})
-    return [link(source, result, stamps[source], stamps[result]) for source, result in wanted]
+            requested.append((source, result))
+    stamps = read_stamps(bag, {name for pair in requested for name in pair})
+    return [link(source, result, stamps[source], stamps[result]) for source, result in requested]
 
 
 def has_header(topic: TopicSummary) -> bool:

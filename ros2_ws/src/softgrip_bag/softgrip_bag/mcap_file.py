@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 from softgrip_bag import salvage
-from softgrip_bag.errors import BagError, RefusedError
+from softgrip_bag.errors import BagError, RecordRefusedError
 from softgrip_bag.mcap_stream import McapStream
 from softgrip_bag.metadata import Plain, Span
 from softgrip_bag.qos_text import OfferedQos
@@ -132,7 +132,7 @@ class McapFile:
         """Register a topic; once per name.
 
         Raises:
-            RefusedError: the file has as many as it can.
+            RecordRefusedError: the file has as many as it can.
         """
         if topic.type_name not in self._schemas:
             self._schemas[topic.type_name] = self._mcap.add_schema(topic.type_name, "ros2msg", topic.schema.encode())
@@ -147,11 +147,11 @@ class McapFile:
         """Write one message; times in ns since the epoch, ``data`` CDR with its header.
 
         Raises:
-            RefusedError: no such topic.
+            RecordRefusedError: no such topic.
         """
         channel = self._channels.get(topic)
         if channel is None:
-            raise RefusedError(f"expected a topic that was registered, found {topic!r}")
+            raise RecordRefusedError(f"expected a topic that was registered, found {topic!r}")
         chunks = self._mcap.chunks
         self._mcap.add_message(channel, received, published, data)
         self.counts[topic] += 1

@@ -33,7 +33,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from softgrip_bag.errors import RefusedError
+from softgrip_bag.errors import RecordRefusedError
 
 MAGIC = b"\x89MCAP0\r\n"
 #: Opcode, length, then Message's fields before the data: channel, sequence, log time, publish time.
@@ -98,7 +98,7 @@ class McapStream:
         """Register a schema; returns its id.
 
         Raises:
-            RefusedError: there are as many as ids.
+            RecordRefusedError: there are as many as ids.
         """
         _check_room(len(self._schemas), "schemas")
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
@@ -110,7 +110,7 @@ class McapStream:
         """Register a channel of CDR messages; returns its id.
 
         Raises:
-            RefusedError: there are as many as ids.
+            RecordRefusedError: there are as many as ids.
         """
         _check_room(len(self._channels), "channels")
         channel = Channel(
@@ -247,7 +247,7 @@ class McapStream:
 
 def _check_room(present: int, kind: str) -> None:
     if present >= MAX_ID:
-        raise RefusedError(f"expected at most {MAX_ID} {kind} in a file, which is MCAP's limit, found one more")
+        raise RecordRefusedError(f"expected at most {MAX_ID} {kind} in a file, which is MCAP's limit, found one more")
 
 
 def _bytes(record: McapRecord) -> bytes:

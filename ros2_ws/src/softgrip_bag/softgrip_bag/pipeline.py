@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from softgrip_bag import salvage, writer
-from softgrip_bag.errors import BagError, DiskError, RefusedError
+from softgrip_bag.errors import BagError, DiskError, RecordRefusedError
 from softgrip_bag.mcap_file import CHUNK_BYTES
 from softgrip_bag.writer import BagWriter
 
@@ -35,7 +35,7 @@ class _Work(Generic[Result]):
     def run(self, bag: BagWriter) -> None:
         try:
             result = self._call(bag)
-        except RefusedError as error:
+        except RecordRefusedError as error:
             self.refuse(error)
         except BaseException as error:
             self.refuse(error)
@@ -179,7 +179,7 @@ class Pipeline:
             return 0
         try:
             self._bag.write(*item)
-        except RefusedError:
+        except RecordRefusedError:
             with self._condition:
                 self._accepted[item[0]] -= 1
         self._unchecked_bytes += len(item[3])

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from softgrip_bag.statistics import BagStatistics
-from softgrip_bag.story import Closing, Fit, Sample, Story
+from softgrip_bag.story import RecordedClosing, RecordedFit, RecordedSample, Story
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 
 #: One colour a joint, a load, a topic; the same everywhere.
@@ -77,7 +77,7 @@ def draw_ratio(axes: Axes, law: FrictionLaw, points: Sequence[tuple[float, float
     axes.legend(loc="upper left")
 
 
-def fit_figure(fit: Fit, samples: Sequence[Sample]) -> str:
+def fit_figure(fit: RecordedFit, samples: Sequence[RecordedSample]) -> str:
     """A fitted model with the points that were measured before it."""
     points = [(s.angle, s.tension_high, s.tension_low) for s in samples if s.accepted and s.time <= fit.time]
     with mpl.rc_context(STYLE):
@@ -89,7 +89,7 @@ def fit_figure(fit: Fit, samples: Sequence[Sample]) -> str:
         return svg(figure)
 
 
-def closing_figure(closing: Closing) -> str:
+def closing_figure(closing: RecordedClosing) -> str:
     """The fingertip's places, seen and predicted."""
     order = np.argsort(closing.pulled)
     with mpl.rc_context(STYLE):

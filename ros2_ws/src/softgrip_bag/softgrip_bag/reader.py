@@ -74,11 +74,11 @@ def read(bag: Path, topics: Collection[str] | None = None) -> Iterator[RawMessag
         BagError: when a file is not MCAP.
     """
     for path in bag_files(bag):
-        wanted = None if topics is None else set(topics)
+        requested = None if topics is None else set(topics)
         if salvage.is_finished(path):
-            yield from _indexed(path, wanted)
+            yield from _indexed(path, requested)
         else:
-            yield from sorted(_salvaged(path, wanted), key=lambda message: message.received)
+            yield from sorted(_salvaged(path, requested), key=lambda message: message.received)
 
 
 def as_published(messages: Iterable[RawMessage], lag: int = 30_000_000_000) -> Iterator[RawMessage]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Mode:
+class RecordedMode:
     """The cell from a moment on."""
 
     time: int
@@ -21,7 +21,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Sample:
+class RecordedSample:
     """One point of the rig: wrap angle [rad], T1 and T2 [N]."""
 
     time: int
@@ -32,7 +32,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Fit:
+class RecordedFit:
     """A friction model in use from a moment on; errors relative."""
 
     time: int
@@ -49,7 +49,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Closing:
+class RecordedClosing:
     """Everything that the camera saw of one finger of one profile moving free, beside its prediction.
 
     Attributes:
@@ -67,7 +67,7 @@ class Closing:
 
 
 @dataclass(frozen=True)
-class Grasp:
+class RecordedGrasp:
     """One goal of cell/grasp and its end; times in s where not said otherwise."""
 
     time: int
@@ -79,7 +79,7 @@ class Grasp:
 
 
 @dataclass(frozen=True)
-class Fault:
+class RecordedFault:
     """A fault that appeared."""
 
     time: int
@@ -92,9 +92,9 @@ class Fault:
 class Story:
     """All of it, each in order of time."""
 
-    modes: list[Mode] = field(default_factory=list)
-    samples: list[Sample] = field(default_factory=list)
-    fits: list[Fit] = field(default_factory=list)
-    closings: list[Closing] = field(default_factory=list)
-    grasps: list[Grasp] = field(default_factory=list)
-    faults: list[Fault] = field(default_factory=list)
+    modes: list[RecordedMode] = field(default_factory=list)
+    samples: list[RecordedSample] = field(default_factory=list)
+    fits: list[RecordedFit] = field(default_factory=list)
+    closings: list[RecordedClosing] = field(default_factory=list)
+    grasps: list[RecordedGrasp] = field(default_factory=list)
+    faults: list[RecordedFault] = field(default_factory=list)

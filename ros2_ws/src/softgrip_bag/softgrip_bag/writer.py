@@ -23,7 +23,7 @@ from softgrip_bag.mcap_file import Attachment, McapFile, Topic
 from softgrip_bag.metadata import FileEntry, TopicEntry
 from softgrip_model.durable import make_folder_durably, sync_folder
 
-__all__ = ["Attachment", "BagWriter", "Limits", "Topic"]
+__all__ = ["Attachment", "BagWriter", "FileLimits", "Topic"]
 
 #: [s] longest time a message waits in memory.
 FLUSH_INTERVAL = 0.25
@@ -39,7 +39,7 @@ def clamp_stamp(time_ns: int) -> int:
 
 
 @dataclass(frozen=True)
-class Limits:
+class FileLimits:
     """When a bag goes on in another file, and how many files it keeps; 0 = no limit.
 
     Attributes:
@@ -70,11 +70,11 @@ class BagWriter:
     """
 
     def __init__(
-        self, folder: Path, facts: dict[str, dict[str, str]] | None = None, limits: Limits | None = None
+        self, folder: Path, facts: dict[str, dict[str, str]] | None = None, limits: FileLimits | None = None
     ) -> None:
         self.folder = folder
         self._facts = dict(facts or {})
-        self._limits = limits or Limits()
+        self._limits = limits or FileLimits()
         self._attachments: dict[str, Attachment] = {}
         self.topics: dict[str, Topic] = {}
         self.clamped_stamps = 0
@@ -121,7 +121,7 @@ class BagWriter:
         """Register a topic; once per name.
 
         Raises:
-            RefusedError: there are as many as a file can have; messages of it are refused.
+            RecordRefusedError: there are as many as a file can have; messages of it are refused.
         """
         self._file.add_topic(topic)
         self.topics[topic.name] = topic
@@ -140,7 +140,7 @@ class BagWriter:
         """Write one message; ``received`` and ``published`` [ns since the epoch], ``data`` CDR with its header.
 
         Raises:
-            RefusedError: no such topic.
+            RecordRefusedError: no such topic.
         """
         times = clamp_stamp(received), clamp_stamp(published)
         self.clamped_stamps += times != (received, published)

@@ -20,7 +20,7 @@ from softgrip_bag.reader import bag_files, read
 from softgrip_bag.repair import repair
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.statistics import statistics
-from softgrip_bag.writer import BagWriter, Limits, Topic
+from softgrip_bag.writer import BagWriter, FileLimits, Topic
 
 HI = bytes.fromhex("00010000 03000000 686900")
 #: softgrip_interfaces/MountedFinger, as an older release might have had it.
@@ -103,7 +103,7 @@ def test_bytes_that_are_no_message_of_their_type_are_named(tmp_path: Path, capsy
 
 
 def test_a_clock_that_jumps_loses_nothing(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / "bag", limits=Limits(file_seconds=3600.0))
+    bag = BagWriter(tmp_path / "bag", limits=FileLimits(file_seconds=3600.0))
     bag.add_topic(Topic("/a", "std_msgs/msg/String", "", "string data\n", (OfferedQos(),)))
     times = [5_000_000_000, 5_100_000_000, 1_000_000_000, 1_100_000_000, 9_000_000_000_000]
     for time in times:

@@ -8,14 +8,14 @@ from softgrip_bag.draining import Drain
 
 def test_it_goes_on_while_something_sent_before_still_comes() -> None:
     drain = Drain(moment=100, limit=10_000)
-    looks = 0
+    polls = 0
     for published in [*range(10, 100, 10), *range(100, 300, 10)]:
         drain.see(published)
-        looks += 1
+        polls += 1
         if drain.look(now=published):
             break
     assert published == 140  # the fifth look that found nothing old
-    assert looks == 14
+    assert polls == 14
 
 
 def test_a_quiet_look_or_two_are_not_enough() -> None:

@@ -30,7 +30,7 @@ from softgrip_bag.pipeline import Pipeline
 from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import read
 from softgrip_bag.repair import is_broken, repair
-from softgrip_bag.writer import Attachment, BagWriter, Limits, Topic
+from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic
 
 HI = bytes.fromhex("00010000 03000000 686900")
 TOPICS = [Topic(name, "std_msgs/msg/String", "", "string data\n", (OfferedQos(),)) for name in ("/a", "/b", "/late")]
@@ -73,7 +73,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 def record(folder: Path, before_writing: Callable[[], None] = lambda: None) -> tuple[Pipeline, list[Future[Any]]]:
     """Record a little with all that a bag can do; everything is queued before the thread does the first of it."""
-    bag = BagWriter(folder, {"softgrip_machine": {"system": "test"}}, Limits(kept_files=2))
+    bag = BagWriter(folder, {"softgrip_machine": {"system": "test"}}, FileLimits(kept_files=2))
     for topic in TOPICS[:2]:
         bag.add_topic(topic)
     pipeline = Pipeline(bag, 1_000_000)

@@ -17,14 +17,14 @@ from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import RawMessage, bag_files, facts, read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.ring import Ring
-from softgrip_bag.writer import BagWriter, Limits, Topic
+from softgrip_bag.writer import BagWriter, FileLimits, Topic
 
 HI = bytes.fromhex("00010000 03000000 686900")
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 TOPIC = Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),))
 
 
-def bag_writer(folder: Path, limits: Limits | None = None) -> BagWriter:
+def bag_writer(folder: Path, limits: FileLimits | None = None) -> BagWriter:
     bag = BagWriter(folder, {"softgrip_machine": {"system": "test"}}, limits)
     bag.add_topic(TOPIC)
     return bag
@@ -97,7 +97,7 @@ def test_a_real_full_device_is_an_error_and_not_an_accident(tmp_path: Path, monk
 
 
 def test_a_bag_is_split_by_time_and_keeps_its_last_files(tmp_path: Path) -> None:
-    bag = bag_writer(tmp_path / "bag", Limits(file_seconds=1e-6, kept_files=3))
+    bag = bag_writer(tmp_path / "bag", FileLimits(file_seconds=1e-6, kept_files=3))
     for index in range(10):
         bag.write("/a", index * 500, index, HI)
     assert bag.messages == 6
@@ -112,7 +112,7 @@ def test_a_bag_is_split_by_time_and_keeps_its_last_files(tmp_path: Path) -> None
 
 def test_a_bag_is_split_by_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("softgrip_bag.mcap_file.CHUNK_BYTES", 1)
-    bag = bag_writer(tmp_path / "bag", Limits(file_bytes=1))
+    bag = bag_writer(tmp_path / "bag", FileLimits(file_bytes=1))
     for index in range(3):
         bag.write("/a", index, index, HI)
     bag.close()

@@ -86,7 +86,7 @@ def test_killed_at_random_moments_everything_that_was_on_the_disk_is_kept(
     for attempt in range(3):
         bag = tmp_path / f"bag{attempt}"
         process = recorder(bag)
-        wanted = moments.randrange(5, 60)
+        requested = moments.randrange(5, 60)
 
         def say() -> None:
             nonlocal number
@@ -94,11 +94,13 @@ def test_killed_at_random_moments_everything_that_was_on_the_disk_is_kept(
             output.publish(String(data=str(number)))
             rclpy.spin_once(talker, timeout_sec=0.005)
 
-        wait_until(lambda bag=bag, wanted=wanted: len(texts(bag)) >= wanted, say, f"{wanted} messages in {bag}")
+        wait_until(
+            lambda bag=bag, requested=requested: len(texts(bag)) >= requested, say, f"{requested} messages in {bag}"
+        )
         process.send_signal(signal.SIGKILL)
         process.wait(LONGEST)
         kept = texts(bag)
-        assert len(kept) >= wanted
+        assert len(kept) >= requested
         assert kept == sorted(set(kept))
         assert is_broken(bag)
         assert repair(bag).bad_chunks == 0

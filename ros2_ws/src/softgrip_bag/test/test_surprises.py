@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from softgrip_bag import salvage
-from softgrip_bag.errors import BagError, RefusedError
+from softgrip_bag.errors import BagError, RecordRefusedError
 from softgrip_bag.mcap_file import McapFile
 from softgrip_bag.mcap_stream import MAX_ID, McapStream
 from softgrip_bag.pipeline import Pipeline
@@ -65,7 +65,7 @@ def test_one_topic_more_than_a_file_can_have_is_refused_and_the_rest_goes_on(
 ) -> None:
     monkeypatch.setattr("softgrip_bag.mcap_stream.MAX_ID", 2)
     pipeline.call(lambda bag: bag.add_topic(topic("/b"))).result(30.0)
-    with pytest.raises(RefusedError, match="at most 2 channels"):
+    with pytest.raises(RecordRefusedError, match="at most 2 channels"):
         pipeline.call(lambda bag: bag.add_topic(topic("/c"))).result(30.0)
     for name in ("/a", "/b", "/c"):
         pipeline.put(name, 1, 1, HI)
@@ -88,7 +88,7 @@ def test_ids_end_where_sixteen_bits_do() -> None:
     ids = [stream.add_channel(f"/{number}", schema, {}) for number in range(MAX_ID)]
     assert ids[-1] == 65535
     stream.add_message(ids[-1], 1, 1, HI)
-    with pytest.raises(RefusedError):
+    with pytest.raises(RecordRefusedError):
         stream.add_channel("/more", schema, {})
 
 

@@ -67,7 +67,7 @@ class Keeper:
         self._end_launch = end_launch
         self._child: subprocess.Popen[bytes] | None = None
         self._ended_by: int | None = None  # signal
-        self._told = threading.Event()
+        self._stopping = threading.Event()
         self._restarts = Restarts()
 
     def run(self) -> int:
@@ -77,14 +77,14 @@ class Keeper:
         while True:
             started = time.monotonic()
             code = self._run_once()
-            pause = None if self._told.is_set() else self._restarts.pause_after(code, time.monotonic() - started)
+            pause = None if self._stopping.is_set() else self._restarts.pause_after(code, time.monotonic() - started)
             if pause is None:
-                if self._end_launch and not self._told.is_set() and os.getppid() != 1:
+                if self._end_launch and not self._stopping.is_set() and os.getppid() != 1:
                     os.kill(os.getppid(), signal.SIGINT)
                 return code if code >= 0 else 128 - code
             how = f"ended with exit code {code}" if code >= 0 else f"was killed by {signal.Signals(-code).name}"
             self._say(f"{how}; starting it again" + (f" in {pause:.0f} s" if pause > FIRST_PAUSE else ""))
-            if self._told.wait(pause):
+            if self._stopping.wait(pause):
                 return 0
 
     def _run_once(self) -> int:
@@ -97,7 +97,7 @@ class Keeper:
     def _pass_on(self, number: int, frame: FrameType | None) -> None:
         del frame
         self._ended_by = number
-        self._told.set()
+        self._stopping.set()
         if self._child is not None:
             self._child.send_signal(number)
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the cell decides: products, profiles, passports, swaps, grasps, schedule."""
+"""What the cell decides: products, profiles, finger records, swaps, grasps, schedule."""

@@ -14,11 +14,11 @@ from softgrip_cell.products import (
     Catalogue,
     FingerSet,
     Fragility,
-    Grasp,
+    GraspType,
     Product,
+    ProductShape,
+    ProductSurface,
     Recipe,
-    Shape,
-    Surface,
     TableMark,
 )
 from softgrip_cell.yaml_fields import Fields, checked_number, load
@@ -61,11 +61,11 @@ def read_product(product_id: str, fields: Fields, finger_sets: set[str]) -> Prod
     product = Product(
         id=product_id,
         name=fields.text("name"),
-        grasp=fields.choice("grasp", Grasp),
-        shape=fields.choice("shape", Shape),
+        grasp=fields.choice("grasp", GraspType),
+        shape=fields.choice("shape", ProductShape),
         size_m=_size(fields),
         mass_kg=fields.number("mass_kg", 0.0005, 5.0, "kg"),
-        surface=fields.choice("surface", Surface),
+        surface=fields.choice("surface", ProductSurface),
         fragility=fields.choice("fragility", Fragility),
         recipe=recipe,
         marks={name: marks.choice(name, TableMark) for name in marks.names()},
@@ -115,7 +115,7 @@ def catalogue_text(catalogue: Catalogue) -> str:
 
 def read_finger_set(name: str, fields: Fields) -> FingerSet:
     """Read and check one finger set."""
-    finger_set = FingerSet(id=name, grasp=fields.choice("grasp", Grasp), profile=fields.text("profile"))
+    finger_set = FingerSet(id=name, grasp=fields.choice("grasp", GraspType), profile=fields.text("profile"))
     fields.finish()
     return finger_set
 
@@ -123,7 +123,7 @@ def read_finger_set(name: str, fields: Fields) -> FingerSet:
 def _recipe(fields: Fields, base: Recipe | None = None) -> Recipe:
     """Read a recipe; where there is a base, fields that are not given are taken from it."""
     bounds = {
-        "hold_excess_n": (0.1, 40.0, "N"),
+        "hold_contact_tension_n": (0.1, 40.0, "N"),
         "force_limit_n": (0.1, 100.0, "N"),
         "pull_limit_m": (0.001, 0.060, "m"),
         "closing_speed_m_per_s": (0.001, 0.100, "m/s"),

@@ -15,19 +15,19 @@ from softgrip_cell.counters import Availability
 from softgrip_cell.errors import RefusedError, StorageError
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.grasp.values import GraspTask, Outcome, Verdict
+from softgrip_cell.grasp.values import GraspOutcome, GraspTask, GraspVerdict
 from softgrip_cell.observation import TendonSample
 from softgrip_cell.outcomes import SuccessEstimate, Tally, estimate
 from softgrip_cell.planner import Durations, Order, Plan, admissible_sets, plan_mix
-from softgrip_cell.products import Catalogue, FingerSet, Grasp, Product, TableMark
-from softgrip_cell.storage.journal import Counts, HeldLock, Journal, OpenOperation, Slot, SlotState
+from softgrip_cell.products import Catalogue, FingerSet, GraspType, Product, TableMark
+from softgrip_cell.storage.journal import CellJournal, Counts, HeldLock, MountedSlot, OpenOperation, SlotState
 from softgrip_cell.storage.library import Library
 from softgrip_cell.storage.pending import PendingWrites
 from softgrip_cell.swap.check import Finding, FingerCheck
-from softgrip_cell.swap.sequence import HANDS_OUT_TEXT, Remember, SwapSequence, SwapStep, Turn
+from softgrip_cell.swap.sequence import HANDS_OUT_TEXT, PersistAction, SwapSequence, SwapStep, SwapTransition
 
 
-class Mode(IntEnum):
+class CellMode(IntEnum):
     """What the cell is doing (CellState.mode)."""
 
     UNKNOWN = 0
@@ -64,7 +64,7 @@ class Agreements:
 
     Attributes:
         open_samples: tendon samples with all fingers open, until what was held counts as gone.
-        worn_residuals: residuals that call a finger worn, until its passport says so for good.
+        worn_residuals: residuals that call a finger worn, until its finger record says so for good.
     """
 
     open_samples: int = 10
@@ -75,7 +75,7 @@ class Cell:
     """One cell. A database that cannot be written is a fault, never the end: what happened is written when it can be.
 
     Args:
-        library: products, finger sets, passports.
+        library: products, finger sets, finger records.
         journal: slots, operations, outcomes.
         thumb: index of the slot that presses against the others.
         limits: how far a friction model is trusted.
@@ -87,7 +87,7 @@ class Cell:
     def __init__(
         self,
         library: Library,
-        journal: Journal,
+        journal: CellJournal,
         thumb: int,
         limits: FrictionLimits,
         clocks: Clocks,
@@ -104,7 +104,7 @@ class Cell:
         self._driver = DriverFacts(heard=False, estop=False)
         self._safety = SafetyFacts(heard=False)
         self._friction: Callable[[], FrictionFacts | None] = lambda: None
-        self._busy: Mode | None = None
+        self._busy: CellMode | None = None
         self._product = ""
         self._note = ""
         #: Why mounted fingers were found worn in this run, by serial.
@@ -113,7 +113,7 @@ class Cell:
         self._open_run = Agreement(agreements.open_samples)
         self._worn_runs: dict[str, Agreement] = {}
         self._catalogue = Catalogue({}, {})
-        self._slots: tuple[Slot, ...] = tuple(Slot(name) for name in journal.names)
+        self._slots: tuple[MountedSlot, ...] = tuple(MountedSlot(name) for name in journal.names)
         self._counts = Counts({}, 0, 0.0)
         #: What was going on when the last manager ended without finishing it.
         self.cut_off: OpenOperation | None = None
@@ -135,19 +135,19 @@ class Cell:
         if cut is not None:
             self._note = f"restarted during {cut.kind} '{cut.subject}' at step '{cut.step}'"
             if cut.kind == "grasp":
-                self._busy, self._product = Mode.UNKNOWN, cut.subject
+                self._busy, self._product = CellMode.UNKNOWN, cut.subject
                 self._note += "; a product may be held: call tendon/release when it may be let go"
             elif self._lock is None:
                 self._note += "; nothing moves by itself: call tendon/release or cell/swap when all hands are out"
         if self._lock is not None:
-            self._busy = Mode.SWAPPING
+            self._busy = CellMode.SWAPPING
             self._note = "; ".join(filter(None, (self._note, HANDS_OUT_TEXT)))
 
     def now_s(self) -> float:
         """Monotonic time [s]."""
         return self._clocks.monotonic_s()
 
-    def slots(self) -> tuple[Slot, ...]:
+    def slots(self) -> tuple[MountedSlot, ...]:
         """Return what the slots hold now."""
         return self._slots
 
@@ -162,20 +162,20 @@ class Cell:
         return gates.mounted_set(self._slots, list(self._catalogue.finger_sets.values()))
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> CellMode:
         """What the cell is doing; a fault outranks everything but the e-stop. Unknown until the driver was heard."""
         if self._driver.estop or self._safety.estop:
-            return Mode.ESTOP
+            return CellMode.ESTOP
         if self._driver.faults or self._writes.fault:
-            return Mode.FAULT
+            return CellMode.FAULT
         if self._busy is not None:
             return self._busy
-        return Mode.IDLE if self._driver.heard else Mode.UNKNOWN
+        return CellMode.IDLE if self._driver.heard else CellMode.UNKNOWN
 
     @property
     def may_hold(self) -> bool:
         """Whether a product is held, or may be."""
-        return self._busy in (Mode.HOLDING, Mode.UNKNOWN)
+        return self._busy in (CellMode.HOLDING, CellMode.UNKNOWN)
 
     @property
     def lock(self) -> HeldLock | None:
@@ -185,7 +185,7 @@ class Cell:
     def update_driver(self, driver: DriverFacts) -> None:
         """Take what the driver says."""
         self._driver = driver
-        self._availability.update(self.now_s(), down=self.mode in (Mode.FAULT, Mode.ESTOP))
+        self._availability.update(self.now_s(), down=self.mode in (CellMode.FAULT, CellMode.ESTOP))
 
     def update_safety(self, safety: SafetyFacts) -> None:
         """Take what keeps the actuators from moving."""
@@ -216,11 +216,11 @@ class Cell:
             "finger_set": mounted.id if mounted else "",
             "product": self._product,
             "picks": sum(outcomes.values()),
-            "gripped": outcomes.get(Outcome.GRIPPED, 0),
-            "empty": outcomes.get(Outcome.EMPTY, 0),
-            "slipped": outcomes.get(Outcome.SLIPPED, 0),
-            "tendon_faults": outcomes.get(Outcome.TENDON_FAULT, 0),
-            "aborted": outcomes.get(Outcome.ABORTED, 0),
+            "gripped": outcomes.get(GraspOutcome.GRIPPED, 0),
+            "empty": outcomes.get(GraspOutcome.EMPTY, 0),
+            "slipped": outcomes.get(GraspOutcome.SLIPPED, 0),
+            "tendon_faults": outcomes.get(GraspOutcome.TENDON_FAULT, 0),
+            "aborted": outcomes.get(GraspOutcome.ABORTED, 0),
             "swaps": self._counts.swaps,
             "mean_swap_time": self._counts.mean_swap_s,
             "availability": self._availability.share(self.now_s()),
@@ -300,7 +300,7 @@ class Cell:
             raise RefusedError(
                 f"product '{product_id}' is not in the mix; known are {', '.join(sorted(catalogue.products))}"
             )
-        gates.check_passports(self._slots, self._library.passports(), self._worn)
+        gates.check_finger_records(self._slots, self._library.finger_records(), self._worn)
         mounted = self.mounted_set()
         mark = self._mark(catalogue, product_id, mounted)
         mounted = gates.check_fingers(self._slots, mounted, product, mark, trial=trial, confirm_lift=confirm_lift)
@@ -308,16 +308,16 @@ class Cell:
         recipe = product.recipe_for(mounted.id)
         gates.check_friction(self._friction(), self._limits, references, recipe.pull_limit_m)
         self._begin("grasp", product_id, mounted.id)
-        self._busy, self._product, self._note = Mode.GRASPING, product_id, ""
+        self._busy, self._product, self._note = CellMode.GRASPING, product_id, ""
         names = tuple(slot.name for slot in self._slots)
-        opposed = mounted.grasp is not Grasp.HOOK
+        opposed = mounted.grasp is not GraspType.HOOK
         return GraspTask(product, recipe, names, references, self._thumb, confirm_lift, opposed)
 
-    def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
+    def end_grasp(self, task: GraspTask, verdict: GraspVerdict, duration_s: float) -> None:
         """Write down what came of a grasp and give the cell back."""
         mounted = self.mounted_set()
-        held = verdict.outcome is Outcome.GRIPPED
-        self._busy = Mode.HOLDING if held else None
+        held = verdict.outcome is GraspOutcome.GRIPPED
+        self._busy = CellMode.HOLDING if held else None
         self._note = f"{task.product.id}: {verdict.outcome.value}: {verdict.reason}"
         finger_set = mounted.id if mounted else ""
 
@@ -347,13 +347,13 @@ class Cell:
         if finger_set not in catalogue.finger_sets:
             known = ", ".join(catalogue.finger_sets)
             raise RefusedError(f"expected one of the finger sets {known}, found '{finger_set}'")
-        sequence = SwapSequence(catalogue.finger_sets[finger_set], self._slots, self._library.passports(), serials)
+        sequence = SwapSequence(catalogue.finger_sets[finger_set], self._slots, self._library.finger_records(), serials)
         self._begin("swap", finger_set, SwapStep.RELEASE.value)
         self._swap = sequence
-        self._busy, self._note = Mode.SWAPPING, f"swapping to '{finger_set}'"
+        self._busy, self._note = CellMode.SWAPPING, f"swapping to '{finger_set}'"
         return sequence
 
-    def keep_lock(self, turn: Turn, lock: HeldLock) -> None:
+    def keep_lock(self, turn: SwapTransition, lock: HeldLock) -> None:
         """Write down the lock of the drives, and that a person may touch the fingers from the step of ``turn`` on.
 
         Raises:
@@ -373,12 +373,12 @@ class Cell:
         if self._swap is None:
             self._busy = None
 
-    def remember(self, turn: Turn) -> None:
+    def persist(self, turn: SwapTransition) -> None:
         """Write down what has to be written before a step of a swap begins; the lock goes with `keep_lock`."""
         with self._storage():
-            if turn.remember is Remember.PARK_FINGERS:
+            if turn.persist is PersistAction.PARK_FINGERS:
                 self._journal.park_fingers(turn.step.value)
-            elif turn.remember is Remember.READ_IN:
+            elif turn.persist is PersistAction.READ_IN:
                 self._journal.read_in(turn.step.value, turn.serials)
             else:
                 self._journal.reach(turn.step.value)
@@ -398,7 +398,7 @@ class Cell:
         """Write down what came of a swap and give the cell back, unless hands may still be inside."""
         by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=False))
         self._swap = None
-        self._busy = Mode.SWAPPING if self._lock is not None else None
+        self._busy = CellMode.SWAPPING if self._lock is not None else None
         self._note = f"swap to '{sequence.finger_set.id}': {outcome}: {reason}"
         self._writes.do(lambda: self._write_swap(sequence, outcome, reason, duration_s, checks, by_slot))
 
@@ -434,10 +434,10 @@ class Cell:
             self._wear(slot, reason)
 
     def _wear(self, slot: str, reason: str) -> None:
-        """Take note that a mounted finger is worn: its passport says so, and no grasp uses it any more."""
+        """Take note that a mounted finger is worn: its finger record says so, and no grasp uses it any more."""
         mounted = next((item for item in self._slots if item.name == slot), None)
         known = mounted is not None and mounted.serial and mounted.state is not SlotState.UNKNOWN
-        if mounted is None or not known or mounted.serial in self._worn or self._busy is Mode.SWAPPING:
+        if mounted is None or not known or mounted.serial in self._worn or self._busy is CellMode.SWAPPING:
             return
         self._worn[mounted.serial] = reason
         self._note = f"slot {slot}: finger {mounted.serial} is worn: {reason}"
@@ -469,9 +469,9 @@ class Cell:
     def _refuse_when_busy(self) -> None:
         if self._writes.fault:
             raise RefusedError(f"what happens could not be written down: {self._writes.fault}")
-        if self._busy is Mode.HOLDING:
+        if self._busy is CellMode.HOLDING:
             raise RefusedError(f"'{self._product}' is held; call tendon/release when it may be let go")
-        if self._busy is Mode.UNKNOWN:
+        if self._busy is CellMode.UNKNOWN:
             raise RefusedError(self._note)
         if self._lock is not None and self._swap is None:
             raise RefusedError(self._note)
@@ -489,12 +489,12 @@ class Cell:
 
     def _usable_sets(self, catalogue: Catalogue) -> list[str]:
         """Return the finger sets that could be mounted now or are."""
-        passports = self._library.passports().values()
+        finger_records = self._library.finger_records().values()
         mounted = {slot.serial for slot in self._slots}
         usable = {
-            (passport.profile, passport.finger)
-            for passport in passports
-            if passport.objection() is None or (passport.serial in mounted and not passport.is_spent)
+            (finger_record.profile, finger_record.finger)
+            for finger_record in finger_records
+            if finger_record.objection() is None or (finger_record.serial in mounted and not finger_record.is_spent)
         }
         return [
             item.id

@@ -13,18 +13,18 @@ from typing import Final
 import numpy as np
 
 from softgrip_cell.errors import CatalogueError
-from softgrip_cell.products import Fragility, Grasp, Shape
+from softgrip_cell.products import Fragility, GraspType, ProductShape
 
 #: Share of the whole flexion in each joint, base to tip, that is typical of a grasp. The thesis says in words: power,
 #: uniform over all joints; pinch, primarily the proximal joint; hook, middle and distal with little proximal.
 TYPICAL_SHARES: Final = {
-    Grasp.POWER: (1 / 3, 1 / 3, 1 / 3),
-    Grasp.PINCH: (0.70, 0.18, 0.12),
-    Grasp.HOOK: (0.10, 0.52, 0.38),
+    GraspType.POWER: (1 / 3, 1 / 3, 1 / 3),
+    GraspType.PINCH: (0.70, 0.18, 0.12),
+    GraspType.HOOK: (0.10, 0.52, 0.38),
 }
 
 #: Below this total flexion a demonstration shows nothing [rad].
-LEAST_FLEXION_RAD: Final = 0.35
+MIN_FLEXION_RAD: Final = 0.35
 
 #: Height over width from which a product is round in cross-section.
 ROUND_FROM: Final = 0.75
@@ -45,13 +45,13 @@ class Classification:
         reasons: in words, strongest first.
     """
 
-    grasp: Grasp
+    grasp: GraspType
     confidence: float
     reasons: tuple[str, ...]
 
 
 def classify(
-    shape: Shape,
+    shape: ProductShape,
     size_m: tuple[float, float, float],
     fragility: Fragility = Fragility.ROBUST,
     shares: Sequence[float] | None = None,
@@ -70,7 +70,7 @@ def classify(
     by_size, reason = _by_dimensions(shape, size_m)
     reasons = [reason]
     if shares is None:
-        confidence = 0.8 if fragility is not Fragility.FRAGILE or by_size is not Grasp.POWER else 0.6
+        confidence = 0.8 if fragility is not Fragility.FRAGILE or by_size is not GraspType.POWER else 0.6
         reasons.append("no demonstration was given")
         return Classification(by_size, confidence, tuple(reasons))
     by_hand, margin, shown = _by_demonstration(shares)
@@ -99,9 +99,9 @@ def flexion_shares(joint_angles_rad: Sequence[Sequence[float]]) -> tuple[float, 
     tenth = max(1, len(angles) // 10)
     flexion = np.maximum(np.median(angles[-tenth:], axis=0) - np.median(angles[:tenth], axis=0), 0.0)
     total = float(flexion.sum())
-    if total < LEAST_FLEXION_RAD:
+    if total < MIN_FLEXION_RAD:
         raise CatalogueError(
-            f"demonstration: expected a closing of {math.degrees(LEAST_FLEXION_RAD):.0f} degrees or more over all "
+            f"demonstration: expected a closing of {math.degrees(MIN_FLEXION_RAD):.0f} degrees or more over all "
             f"joints, found {math.degrees(total):.0f}; record from open to closed"
         )
     first, second, third = (float(value) for value in flexion / total)
@@ -128,7 +128,7 @@ def read_demonstration(path: Path) -> list[list[float]]:
     return rows
 
 
-def _by_dimensions(shape: Shape, size_m: tuple[float, float, float]) -> tuple[Grasp, str]:
+def _by_dimensions(shape: ProductShape, size_m: tuple[float, float, float]) -> tuple[GraspType, str]:
     length, width, height = size_m
     if not (math.isfinite(length) and length >= width >= height > 0.0):
         raise CatalogueError(f"size: expected length >= width >= height > 0 in m, found {size_m}")
@@ -137,16 +137,16 @@ def _by_dimensions(shape: Shape, size_m: tuple[float, float, float]) -> tuple[Gr
             f"size: the smallest side is {height * 1e3:.0f} mm, the hand opens {OPENING_M * 1e3:.0f} mm: not graspable"
         )
     millimetres = " x ".join(f"{side * 1e3:.0f}" for side in size_m)
-    if shape is Shape.CLUSTER:
-        return Grasp.HOOK, f"{millimetres} mm cluster: fingertips go under its stem, so hook"
-    if shape in (Shape.SLAB, Shape.BAG) or height < ROUND_FROM * width:
-        return Grasp.PINCH, f"{millimetres} mm {shape.value}: flat, only its faces can be held, so pinch"
+    if shape is ProductShape.CLUSTER:
+        return GraspType.HOOK, f"{millimetres} mm cluster: fingertips go under its stem, so hook"
+    if shape in (ProductShape.SLAB, ProductShape.BAG) or height < ROUND_FROM * width:
+        return GraspType.PINCH, f"{millimetres} mm {shape.value}: flat, only its faces can be held, so pinch"
     if height < SMALL_BELOW_M:
-        return Grasp.PINCH, f"{millimetres} mm {shape.value}: too small to enclose, so pinch"
-    return Grasp.POWER, f"{millimetres} mm {shape.value}: round and large enough to enclose, so power"
+        return GraspType.PINCH, f"{millimetres} mm {shape.value}: too small to enclose, so pinch"
+    return GraspType.POWER, f"{millimetres} mm {shape.value}: round and large enough to enclose, so power"
 
 
-def _by_demonstration(shares: Sequence[float]) -> tuple[Grasp, float, str]:
+def _by_demonstration(shares: Sequence[float]) -> tuple[GraspType, float, str]:
     if len(shares) != 3 or not all(math.isfinite(share) for share in shares) or abs(sum(shares) - 1.0) > 1e-3:
         raise CatalogueError(f"demonstration: expected three shares that add up to 1, found {list(shares)}")
     distances = sorted((math.dist(shares, typical), grasp) for grasp, typical in TYPICAL_SHARES.items())

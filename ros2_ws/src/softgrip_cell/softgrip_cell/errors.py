@@ -7,7 +7,7 @@ class CellError(Exception):
 
 
 class CatalogueError(CellError):
-    """A catalogue, passport or order list holds something that cannot be used."""
+    """A catalogue, finger record or order list holds something that cannot be used."""
 
 
 class StorageError(CellError):

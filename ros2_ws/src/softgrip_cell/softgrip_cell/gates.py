@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.finger_records import FingerRecord
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.passports import Passport
 from softgrip_cell.products import FingerSet, Product, TableMark
-from softgrip_cell.storage.journal import Slot, SlotState
+from softgrip_cell.storage.journal import MountedSlot, SlotState
 from softgrip_cell.weight import carried_kg
 
 
@@ -157,26 +157,28 @@ def _model(name: str, digest: str) -> str:
     return f"friction model '{name}' with digest {digest[:12] or 'unknown'}"
 
 
-def check_passports(slots: Sequence[Slot], passports: Mapping[str, Passport], worn: Mapping[str, str]) -> None:
+def check_finger_records(
+    slots: Sequence[MountedSlot], finger_records: Mapping[str, FingerRecord], worn: Mapping[str, str]
+) -> None:
     """Refuse when a mounted finger may not be used any more.
 
     Args:
         slots: what is mounted.
-        passports: every known finger, by serial.
+        finger_records: every known finger, by serial.
         worn: why fingers were found worn in this run, by serial.
 
     Raises:
         RefusedError: with the reason.
     """
     for slot in slots:
-        passport = passports.get(slot.serial)
-        objection = passport.objection() if passport is not None else None
+        finger_record = finger_records.get(slot.serial)
+        objection = finger_record.objection() if finger_record is not None else None
         if objection is not None:
             why = f" ({worn[slot.serial]})" if slot.serial in worn else ""
             raise RefusedError(f"slot {slot.name}: {objection}{why}; swap it (cell/swap)")
 
 
-def mounted_set(slots: Sequence[Slot], finger_sets: Sequence[FingerSet]) -> FingerSet | None:
+def mounted_set(slots: Sequence[MountedSlot], finger_sets: Sequence[FingerSet]) -> FingerSet | None:
     """Return the set whose profile is in every slot, None when mixed or unknown."""
     if any(slot.state not in (SlotState.TO_BE_VERIFIED, SlotState.VERIFIED) for slot in slots):
         return None
@@ -185,7 +187,7 @@ def mounted_set(slots: Sequence[Slot], finger_sets: Sequence[FingerSet]) -> Fing
 
 
 def check_fingers(
-    slots: Sequence[Slot],
+    slots: Sequence[MountedSlot],
     mounted: FingerSet | None,
     product: Product,
     mark: TableMark,

@@ -71,7 +71,7 @@ class TendonFault:
 
 
 @dataclass(frozen=True)
-class Pair:
+class ObservedPair:
     """A tendon sample with the free motion predicted from it."""
 
     sample: TendonSample
@@ -85,17 +85,17 @@ class Pairing:
         self._samples: OrderedDict[int, TendonSample] = OrderedDict()
         self._early: OrderedDict[int, FreeMotion] = OrderedDict()
 
-    def add_sample(self, sample: TendonSample) -> Pair | None:
+    def add_sample(self, sample: TendonSample) -> ObservedPair | None:
         """Take a tendon sample; return its pair when the prediction was here first."""
         free = self._early.pop(sample.stamp_ns, None)
         if free is not None:
-            return Pair(sample, free)
+            return ObservedPair(sample, free)
         self._samples[sample.stamp_ns] = sample
         while len(self._samples) > PENDING_LIMIT:
             self._samples.popitem(last=False)
         return None
 
-    def add_prediction(self, free: FreeMotion) -> Pair | None:
+    def add_prediction(self, free: FreeMotion) -> ObservedPair | None:
         """Take a prediction; return its pair when the sample is here. Samples older than it are dropped."""
         if free.stamp_ns not in self._samples:
             self._early[free.stamp_ns] = free
@@ -105,10 +105,10 @@ class Pairing:
         while True:
             stamp_ns, sample = self._samples.popitem(last=False)
             if stamp_ns == free.stamp_ns:
-                return Pair(sample, free)
+                return ObservedPair(sample, free)
 
 
-class Silence:
+class StreamSilence:
     """Whether a sender went quiet, by looks at a steady pace.
 
     A clock would take the listener's own pause (a busy computer, a slow disk) for the sender's silence: what was sent
@@ -118,19 +118,19 @@ class Silence:
         looks: in so many looks in a row nothing was heard.
     """
 
-    def __init__(self, looks: int) -> None:
-        self._limit = looks
-        self._looks = looks
+    def __init__(self, checks: int) -> None:
+        self._limit = checks
+        self._checks_left = checks
 
     @property
     def reached(self) -> bool:
         """Whether the sender is quiet; true before it was heard first."""
-        return self._looks >= self._limit
+        return self._checks_left >= self._limit
 
     def hear(self) -> None:
         """Take note of a message."""
-        self._looks = 0
+        self._checks_left = 0
 
     def look(self) -> None:
         """Let one period pass."""
-        self._looks += 1
+        self._checks_left += 1

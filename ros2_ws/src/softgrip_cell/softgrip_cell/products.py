@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-class Grasp(StrEnum):
+class GraspType(StrEnum):
     """How a hand takes a product (thesis 4.2.1)."""
 
     POWER = "power"
@@ -19,7 +19,7 @@ class Grasp(StrEnum):
     HOOK = "hook"
 
 
-class Shape(StrEnum):
+class ProductShape(StrEnum):
     """Coarse form, as far as it decides a grasp."""
 
     BALL = "ball"
@@ -29,7 +29,7 @@ class Shape(StrEnum):
     CLUSTER = "cluster"  # parts hanging from a stem that a finger can go under
 
 
-class Surface(StrEnum):
+class ProductSurface(StrEnum):
     """What the fingers touch."""
 
     SMOOTH = "smooth"
@@ -60,13 +60,13 @@ class Recipe:
     """How one product is grasped; every change makes a new version of its product.
 
     Attributes:
-        hold_excess_n: tension above the free motion that counts as holding, per finger [N].
+        hold_contact_tension_n: tension above the free motion that counts as holding, per finger [N].
         force_limit_n: contact force that the product bears from one finger [N].
         pull_limit_m: pulled length that a closing never exceeds [m].
         closing_speed_m_per_s: pulled length per second while closing [m/s].
     """
 
-    hold_excess_n: float
+    hold_contact_tension_n: float
     force_limit_n: float
     pull_limit_m: float
     closing_speed_m_per_s: float
@@ -88,11 +88,11 @@ class Product:
 
     id: str
     name: str
-    grasp: Grasp
-    shape: Shape
+    grasp: GraspType
+    shape: ProductShape
     size_m: tuple[float, float, float]
     mass_kg: float
-    surface: Surface
+    surface: ProductSurface
     fragility: Fragility
     recipe: Recipe
     marks: Mapping[str, TableMark] = field(default_factory=dict)
@@ -109,7 +109,7 @@ class FingerSet:
     """One profile in every slot."""
 
     id: str
-    grasp: Grasp
+    grasp: GraspType
     profile: str
 
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import yaml
 
 from softgrip_cell.errors import CatalogueError
+from softgrip_cell.former_names import PRESENT_NAMES, with_present_names
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -22,7 +23,7 @@ class Fields:
         if not isinstance(value, dict):
             raise CatalogueError(f"{where}: expected a mapping, found {_kind(value)}")
         self.where = where
-        self._values: dict[Any, Any] = value
+        self._values: dict[Any, Any] = with_present_names(value)
         self._asked: set[str] = set()
 
     def names(self) -> list[str]:
@@ -107,7 +108,7 @@ def load(path: Path, kind: str, schema: int) -> Fields:
         raise CatalogueError(f"{path}: expected YAML: {error}") from error
     fields = Fields(path.name, document)
     found_kind, found_schema = fields.raw("kind"), fields.raw("schema")
-    if found_kind != kind:
+    if PRESENT_NAMES.get(str(found_kind), found_kind) != kind:
         raise CatalogueError(f"{path}: expected kind '{kind}', found {found_kind!r}")
     if found_schema != schema or isinstance(found_schema, bool):
         raise CatalogueError(

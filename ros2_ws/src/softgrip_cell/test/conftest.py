@@ -21,8 +21,8 @@ from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, GraspTask, Open, Press, Step
-from softgrip_cell.observation import FreeMotion, Pair, TendonSample
+from softgrip_cell.grasp.values import Close, GraspStep, GraspTask, Open, Press
+from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
 
 SLOTS = ("index", "middle", "thumb")
 _DATABASES = itertools.count()
@@ -74,9 +74,9 @@ class Bench:
         self._tension_n: dict[int, float] = {}
         self._press_speed = 0.0
         self.commands: list[object] = []
-        self.peak_excess_n = 0.0
+        self.peak_contact_tension_n = 0.0
 
-    def obey(self, step: Step) -> None:
+    def obey(self, step: GraspStep) -> None:
         for command in step.commands:
             self.commands.append(command)
             if isinstance(command, Open):
@@ -101,31 +101,31 @@ class Bench:
 
     def _true_tension_n(self, slot: int, held_s: float) -> float:
         pulled = self.pulled_m[slot]
-        excess = max(0.0, pulled - self.contact_m[slot]) * self.stiffness_n_per_m * self.grip(held_s)
-        return max(0.0, self.gain * free_tension(pulled) - self.creep_n) + excess
+        contact_tension_n = max(0.0, pulled - self.contact_m[slot]) * self.stiffness_n_per_m * self.grip(held_s)
+        return max(0.0, self.gain * free_tension(pulled) - self.creep_n) + contact_tension_n
 
     def _without(self, slots: Sequence[int]) -> Close:
         kept = [(s, t) for s, t in zip(self._goal.slots, self._goal.targets_m, strict=True) if s not in slots]
         return replace(self._goal, slots=tuple(s for s, _ in kept), targets_m=tuple(t for _, t in kept))
 
-    def pair(self) -> Pair:
+    def pair(self) -> ObservedPair:
         """Advance by one period and look."""
         self.now_ns += PERIOD_NS
         for slot, target_m in zip(self._goal.slots, self._goal.targets_m, strict=True):
             travel = self._goal.speed_m_per_s * PERIOD_NS * 1e-9
             self.pulled_m[slot] = min(target_m, self.pulled_m[slot] + travel)
         held_s = 0.0 if self._held_ns is None else (self.now_ns - self._held_ns) * 1e-9
-        for slot, wanted_n in self._tension_n.items():
-            if self._true_tension_n(slot, held_s) < wanted_n and self.pulled_m[slot] < 0.035:
+        for slot, requested_n in self._tension_n.items():
+            if self._true_tension_n(slot, held_s) < requested_n and self.pulled_m[slot] < 0.035:
                 self.pulled_m[slot] += self._press_speed * PERIOD_NS * 1e-9
         tensions = []
         for slot, pulled in enumerate(self.pulled_m):
             true_n = self._true_tension_n(slot, held_s)
-            self.peak_excess_n = max(self.peak_excess_n, true_n - self.gain * free_tension(pulled))
+            self.peak_contact_tension_n = max(self.peak_contact_tension_n, true_n - self.gain * free_tension(pulled))
             shown_n = true_n + self.drive_n(pulled) + self._rng.gauss(0.0, self.noise_n)
             tensions.append(0.0 if slot in self.broken else shown_n)
         sample = TendonSample(self.now_ns, tuple(self.pulled_m), tuple(tensions))
-        return Pair(sample, predict(sample))
+        return ObservedPair(sample, predict(sample))
 
 
 def predict(sample: TendonSample) -> FreeMotion:
@@ -167,12 +167,12 @@ def task() -> Callable[..., GraspTask]:
 
 
 @pytest.fixture
-def run() -> Callable[..., Iterator[Step]]:
+def run() -> Callable[..., Iterator[GraspStep]]:
     """Drive a sequence with a bench until a verdict or a deadline of the bench's own time."""
 
     def drive(
         sequence: GraspSequence, bench: Bench, limit_s: float = 30.0, settings: GraspSettings | None = None
-    ) -> Iterator[Step]:
+    ) -> Iterator[GraspStep]:
         step = sequence.start()
         bench.obey(step)
         yield step

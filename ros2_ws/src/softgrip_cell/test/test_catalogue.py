@@ -10,7 +10,7 @@ import yaml
 
 from softgrip_cell.catalogue_file import SHIPPED, catalogue_text, read_catalogue
 from softgrip_cell.errors import CatalogueError
-from softgrip_cell.passports import read_passports
+from softgrip_cell.finger_records import read_finger_records
 
 # Typed from the thesis, independently of the shipped file: product -> (Table 4.1, Table 4.2 power/pinch/hook).
 # + success, o partial success, - failure.
@@ -106,9 +106,9 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_shipped_passports_fill_every_slot_of_every_set_twice() -> None:
-    passports = read_passports().values()
+    finger_records = read_finger_records().values()
     for finger_set in read_catalogue().finger_sets.values():
         for finger in ("index", "middle", "thumb"):
-            found = [p for p in passports if p.profile == finger_set.profile and p.finger == finger]
+            found = [p for p in finger_records if p.profile == finger_set.profile and p.finger == finger]
             assert len(found) == 2
-            assert all(passport.objection() is None for passport in found)
+            assert all(finger_record.objection() is None for finger_record in found)

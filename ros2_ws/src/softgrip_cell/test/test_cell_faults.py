@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
-from softgrip_cell.cell import Cell, Clocks, Mode
+from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import RefusedError, StorageError
+from softgrip_cell.finger_records import read_finger_records
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.grasp.values import GraspTask, Outcome, Verdict
+from softgrip_cell.grasp.values import GraspOutcome, GraspTask, GraspVerdict
 from softgrip_cell.observation import TendonSample
-from softgrip_cell.passports import read_passports
-from softgrip_cell.storage import Database, HeldLock, Journal, Library, SlotState
+from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, SlotState
 from softgrip_cell.swap.sequence import SwapSequence
 
 SLOTS = ("index", "middle", "thumb")
@@ -35,7 +35,7 @@ class Disk:
         self.database = Database(self.url)
         library = Library(self.database, lambda: 1)
         library.import_catalogue(read_catalogue(), "test")
-        library.import_passports(read_passports().values(), "test")
+        library.import_finger_records(read_finger_records().values(), "test")
 
     def set_full(self, full: bool) -> None:
         """Have SQLite refuse every write, as on a file system that is read-only."""
@@ -43,8 +43,8 @@ class Disk:
         connection.cursor().execute(f"PRAGMA query_only={'ON' if full else 'OFF'}")
         connection.close()  # back into the pool, as it is
 
-    def journal(self) -> Journal:
-        return Journal(self.database, SLOTS, lambda: 1)
+    def journal(self) -> CellJournal:
+        return CellJournal(self.database, SLOTS, lambda: 1)
 
     def cell(self) -> Cell:
         """A cell as after a start, with driver and friction as they should be."""
@@ -79,7 +79,7 @@ def sample(pulled_m: tuple[float, ...]) -> TendonSample:
 
 def holding(cell: Cell) -> GraspTask:
     task = cell.begin_grasp("egg", confirm_lift=True, trial=False)
-    cell.end_grasp(task, Verdict(Outcome.GRIPPED, "held", 0.0), 1.0)
+    cell.end_grasp(task, GraspVerdict(GraspOutcome.GRIPPED, "held", 0.0), 1.0)
     return task
 
 
@@ -87,15 +87,15 @@ def test_a_grasp_that_cannot_be_written_down_is_a_fault_and_is_written_later(dis
     cell = disk.ready_cell()
     task = cell.begin_grasp("egg", confirm_lift=True, trial=False)
     disk.set_full(True)
-    cell.end_grasp(task, Verdict(Outcome.GRIPPED, "held", 0.0), 1.0)
-    assert cell.mode is Mode.FAULT
+    cell.end_grasp(task, GraspVerdict(GraspOutcome.GRIPPED, "held", 0.0), 1.0)
+    assert cell.mode is CellMode.FAULT
     assert "readonly database" in cell.state()["fault"]
     assert cell.may_hold, "what is held is still held"
     cell.retry_writes()
-    assert cell.mode is Mode.FAULT
+    assert cell.mode is CellMode.FAULT
     disk.set_full(False)
     cell.retry_writes()
-    assert cell.mode is Mode.HOLDING
+    assert cell.mode is CellMode.HOLDING
     assert cell.state()["gripped"] == 1
     assert disk.journal().counts().outcomes == {"GRIPPED": 1}
 
@@ -105,7 +105,7 @@ def test_nothing_begins_that_cannot_be_written_down(disk: Disk) -> None:
     disk.set_full(True)
     with pytest.raises(StorageError):
         cell.begin_grasp("egg", confirm_lift=True, trial=False)
-    assert cell.mode is Mode.FAULT
+    assert cell.mode is CellMode.FAULT
     for begin in (
         lambda: cell.begin_grasp("egg", confirm_lift=True, trial=False),
         lambda: cell.begin_swap("power", ()),
@@ -114,7 +114,7 @@ def test_nothing_begins_that_cannot_be_written_down(disk: Disk) -> None:
             begin()
     disk.set_full(False)
     cell.retry_writes()
-    assert cell.mode is Mode.IDLE
+    assert cell.mode is CellMode.IDLE
     assert disk.journal().counts().outcomes == {}
 
 
@@ -124,11 +124,11 @@ def test_a_cell_starts_at_fault_where_the_database_cannot_be_written(disk: Disk)
     journal.begin("grasp", "egg", "power")
     disk.set_full(True)
     cell = disk.cell()
-    assert cell.mode is Mode.FAULT
+    assert cell.mode is CellMode.FAULT
     assert [slot.state for slot in cell.slots()] == [SlotState.UNKNOWN] * 3
     disk.set_full(False)
     cell.retry_writes()
-    assert cell.mode is Mode.UNKNOWN
+    assert cell.mode is CellMode.UNKNOWN
     assert cell.state()["product"] == "egg"
     assert "call tendon/release" in cell.state()["reason"]
 
@@ -138,7 +138,7 @@ def test_wear_that_cannot_be_written_down_counts_at_once_and_is_written_later(di
     disk.set_full(True)
     for _ in range(5):
         cell.observe_residual("index", worn=True, reason="stiffness down")
-    assert cell.mode is Mode.FAULT
+    assert cell.mode is CellMode.FAULT
     disk.set_full(False)
     cell.retry_writes()
     with pytest.raises(RefusedError, match="PW-I-01 is worn"):
@@ -153,22 +153,22 @@ def test_some_samples_with_zeros_do_not_end_a_hold(disk: Disk, stray: int) -> No
         for _ in range(stray):
             cell.observe_sample(sample(OPEN), OPEN_M)
         cell.observe_sample(sample(CLOSED), OPEN_M)
-    assert cell.mode is Mode.HOLDING
+    assert cell.mode is CellMode.HOLDING
 
 
 def test_samples_in_a_row_with_open_fingers_end_a_hold(disk: Disk) -> None:
     cell = disk.ready_cell()
     holding(cell)
     for _ in range(10):
-        assert cell.mode is Mode.HOLDING
+        assert cell.mode is CellMode.HOLDING
         cell.observe_sample(sample(OPEN), OPEN_M)
-    assert cell.mode is Mode.IDLE
+    assert cell.mode is CellMode.IDLE
 
 
 def swapping(cell: Cell) -> SwapSequence:
     """A swap whose drives are locked, with hands inside."""
     sequence = cell.begin_swap("pinch", ())
-    cell.remember(sequence.released())
+    cell.persist(sequence.released())
     cell.keep_lock(sequence.locked(), LOCK)
     return sequence
 
@@ -177,7 +177,7 @@ def test_a_swap_that_ends_while_the_drives_are_locked_refuses_everything_until_h
     cell = disk.ready_cell()
     sequence = swapping(cell)
     cell.end_swap(sequence, "CANCELLED", "take your hands out", 1.0, {})
-    assert (cell.mode, cell.lock) == (Mode.SWAPPING, LOCK)
+    assert (cell.mode, cell.lock) == (CellMode.SWAPPING, LOCK)
     for begin in (
         lambda: cell.begin_grasp("egg", confirm_lift=True, trial=False),
         lambda: cell.begin_swap("power", ()),
@@ -185,23 +185,23 @@ def test_a_swap_that_ends_while_the_drives_are_locked_refuses_everything_until_h
         with pytest.raises(RefusedError, match="take your hands out"):
             begin()
     cell.drop_lock("hands are out")
-    assert cell.mode is Mode.IDLE
+    assert cell.mode is CellMode.IDLE
     cell.begin_swap("power", ())
 
 
 def test_a_restart_knows_the_lock_and_waits_for_the_person(disk: Disk) -> None:
     swapping(disk.ready_cell())
     cell = disk.cell()
-    assert (cell.mode, cell.lock) == (Mode.SWAPPING, LOCK)
+    assert (cell.mode, cell.lock) == (CellMode.SWAPPING, LOCK)
     assert "confirm step 'hands_out'" in cell.state()["reason"]
     cell.drop_lock("hands are out")
-    assert disk.cell().mode is Mode.IDLE
+    assert disk.cell().mode is CellMode.IDLE
 
 
 def test_a_lock_that_cannot_be_written_down_is_not_taken(disk: Disk) -> None:
     cell = disk.ready_cell()
     sequence = cell.begin_swap("pinch", ())
-    cell.remember(sequence.released())
+    cell.persist(sequence.released())
     disk.set_full(True)
     with pytest.raises(StorageError):
         cell.keep_lock(sequence.locked(), LOCK)
@@ -219,6 +219,6 @@ def test_the_owner_of_a_foreign_lock_is_named_in_the_state(disk: Disk) -> None:
 def test_an_emergency_stop_is_the_mode_whoever_tells_of_it(disk: Disk) -> None:
     cell = disk.cell()
     cell.update_safety(SafetyFacts(heard=True, estop=True))
-    assert cell.mode is Mode.ESTOP
+    assert cell.mode is CellMode.ESTOP
     cell.update_safety(SafetyFacts(heard=True))
-    assert cell.mode is Mode.IDLE
+    assert cell.mode is CellMode.IDLE

@@ -14,16 +14,16 @@ from sqlalchemy import update
 
 from softgrip_cell import gates
 from softgrip_cell.catalogue_file import read_catalogue
-from softgrip_cell.cell import Cell, Clocks, Mode
+from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.finger_records import FingerRecord, FingerState, read_finger_records
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.grasp.values import Outcome, Verdict
-from softgrip_cell.observation import FreeMotion, Pair, Pairing, TendonSample
-from softgrip_cell.passports import FingerState, Passport, read_passports
+from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
+from softgrip_cell.observation import FreeMotion, ObservedPair, Pairing, TendonSample
 from softgrip_cell.products import TableMark
-from softgrip_cell.storage import Database, Journal, Library, Slot, SlotState
-from softgrip_cell.storage.schema import PASSPORT
+from softgrip_cell.storage import CellJournal, Database, Library, MountedSlot, SlotState
+from softgrip_cell.storage.schema import FINGER_RECORD
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep
 
@@ -41,13 +41,15 @@ def database(tmp_path: Path) -> Iterator[Database]:
     with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
         library = Library(opened, lambda: 1)
         library.import_catalogue(read_catalogue(), "test")
-        library.import_passports(read_passports().values(), "test")
+        library.import_finger_records(read_finger_records().values(), "test")
         yield opened
 
 
 def start(database: Database) -> Cell:
     """A manager's start; the driver is well, the friction model new."""
-    cell = Cell(Library(database, lambda: 1), Journal(database, SLOTS, lambda: 1), 2, LIMITS, Clocks(lambda: 1, float))
+    cell = Cell(
+        Library(database, lambda: 1), CellJournal(database, SLOTS, lambda: 1), 2, LIMITS, Clocks(lambda: 1, float)
+    )
     cell.update_driver(WELL)
     cell.update_safety(SafetyFacts(heard=True))
     cell.update_friction(lambda: FRICTION)
@@ -62,7 +64,7 @@ def swap_in(cell: Cell, serials: tuple[str, ...], finger_set: str = "power") -> 
         sequence.released()
         sequence.locked()
         for step, given in (("open_palm", ()), ("remove", ()), ("insert", serials)):
-            cell.remember(sequence.confirm(step, given))
+            cell.persist(sequence.confirm(step, given))
     cell.end_swap(sequence, "SUCCEEDED", "good", 60.0, good)
 
 
@@ -80,13 +82,13 @@ def grasp(cell: Cell, product: str = "egg", **options: bool):  # type: ignore[no
 
 def operation(database: Database):  # type: ignore[no-untyped-def]
     """What a start after a kill now would find to have been going on."""
-    return Journal(database, SLOTS, lambda: 1).recover()
+    return CellJournal(database, SLOTS, lambda: 1).recover()
 
 
 def test_with_every_gate_open_it_grasps(cell: Cell) -> None:
     task = grasp(cell)
     assert (task.product.id, task.slots, task.references) == ("egg", SLOTS, (FREE,) * 3)
-    assert cell.mode is Mode.GRASPING
+    assert cell.mode is CellMode.GRASPING
 
 
 # --- the driver ----------------------------------------------------------------------------------------------------
@@ -122,13 +124,13 @@ def test_a_hand_without_a_zero_may_be_swapped_but_not_grasp(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ("driver", "mode"),
     [
-        (replace(WELL, estop=True, faults=("x",)), Mode.ESTOP),
-        (replace(WELL, faults=("x",)), Mode.FAULT),
-        (replace(WELL, heard=False), Mode.UNKNOWN),
-        (WELL, Mode.IDLE),
+        (replace(WELL, estop=True, faults=("x",)), CellMode.ESTOP),
+        (replace(WELL, faults=("x",)), CellMode.FAULT),
+        (replace(WELL, heard=False), CellMode.UNKNOWN),
+        (WELL, CellMode.IDLE),
     ],
 )
-def test_the_mode_shows_the_worst_of_the_driver(cell: Cell, driver: DriverFacts, mode: Mode) -> None:
+def test_the_mode_shows_the_worst_of_the_driver(cell: Cell, driver: DriverFacts, mode: CellMode) -> None:
     cell.update_driver(driver)
     assert cell.mode is mode
 
@@ -158,13 +160,13 @@ def test_while_it_swaps_nothing_else_begins_though_its_fingers_are_open(cell: Ce
     assert (cut.kind, cut.subject, cut.step) == ("swap", "pinch", "release")
 
 
-@pytest.mark.parametrize("outcome", list(Outcome))
-def test_only_what_was_gripped_is_held_and_what_is_held_is_not_let_fall(cell: Cell, outcome: Outcome) -> None:
-    cell.end_grasp(grasp(cell), Verdict(outcome, "", 0.0), 1.0)
-    if outcome is not Outcome.GRIPPED:
-        assert cell.mode is Mode.IDLE
+@pytest.mark.parametrize("outcome", list(GraspOutcome))
+def test_only_what_was_gripped_is_held_and_what_is_held_is_not_let_fall(cell: Cell, outcome: GraspOutcome) -> None:
+    cell.end_grasp(grasp(cell), GraspVerdict(outcome, "", 0.0), 1.0)
+    if outcome is not GraspOutcome.GRIPPED:
+        assert cell.mode is CellMode.IDLE
         return
-    assert cell.mode is Mode.HOLDING
+    assert cell.mode is CellMode.HOLDING
     for begin in (lambda: grasp(cell), lambda: cell.begin_swap("pinch", ())):
         with pytest.raises(RefusedError, match="'egg' is held; call tendon/release"):
             begin()
@@ -172,17 +174,17 @@ def test_only_what_was_gripped_is_held_and_what_is_held_is_not_let_fall(cell: Ce
 
 @pytest.mark.parametrize("closed", range(3))
 def test_a_product_is_held_while_one_finger_is_closed(cell: Cell, closed: int) -> None:
-    cell.end_grasp(grasp(cell), Verdict(Outcome.GRIPPED, "", 0.0), 1.0)
+    cell.end_grasp(grasp(cell), GraspVerdict(GraspOutcome.GRIPPED, "", 0.0), 1.0)
     pulled = tuple(0.008 if slot == closed else 0.0 for slot in range(3))
     for stamp in range(100):
         cell.observe_sample(TendonSample(stamp, pulled, (0.0,) * 3), 0.0015)
-    assert cell.mode is Mode.HOLDING
+    assert cell.mode is CellMode.HOLDING
 
 
 def test_after_a_kill_in_a_grasp_nobody_opens_the_hand_unasked(cell: Cell, database: Database) -> None:
     grasp(cell)
     again = start(database)
-    assert again.mode is Mode.UNKNOWN
+    assert again.mode is CellMode.UNKNOWN
     for begin in (lambda: grasp(again), lambda: again.begin_swap("pinch", ())):
         with pytest.raises(RefusedError, match=r"restarted during grasp 'egg'.*a product may be held"):
             begin()
@@ -208,7 +210,7 @@ def test_a_friction_model_that_can_not_be_trusted_grips_nothing(
     cell.update_friction(lambda: facts)
     with pytest.raises(RefusedError, match=expected):
         grasp(cell)
-    assert cell.mode is Mode.IDLE
+    assert cell.mode is CellMode.IDLE
 
 
 @pytest.mark.parametrize(("pull_m", "fits"), [(0.0133, True), (0.0134, False)])
@@ -225,8 +227,8 @@ def test_a_closing_may_need_five_times_the_calibrated_tension(pull_m: float, fit
 # --- fingers -------------------------------------------------------------------------------------------------------
 
 
-def slots(states: tuple[SlotState, ...], profiles: tuple[str, ...] = ("power",) * 3) -> tuple[Slot, ...]:
-    return tuple(Slot(*row) for row in zip(SLOTS, states, POWER, profiles, strict=True))
+def slots(states: tuple[SlotState, ...], profiles: tuple[str, ...] = ("power",) * 3) -> tuple[MountedSlot, ...]:
+    return tuple(MountedSlot(*row) for row in zip(SLOTS, states, POWER, profiles, strict=True))
 
 
 VERIFIED = (SlotState.VERIFIED,) * 3
@@ -280,8 +282,8 @@ def test_what_a_set_is_known_to_drop_is_grasped_as_a_trial_only(database: Databa
 def test_a_finger_that_was_never_checked_is_refused_by_name(cell: Cell, database: Database) -> None:
     library = Library(database, lambda: 1)
     with database.write() as connection:
-        connection.execute(update(PASSPORT).where(PASSPORT.c.serial == "PW-M-01").values(reference=None))
-    assert library.passports()["PW-M-01"].state is FingerState.MOUNTED
+        connection.execute(update(FINGER_RECORD).where(FINGER_RECORD.c.serial == "PW-M-01").values(reference=None))
+    assert library.finger_records()["PW-M-01"].state is FingerState.MOUNTED
     with pytest.raises(RefusedError, match="slot middle: the free motion was never checked"):
         grasp(cell)
 
@@ -293,11 +295,11 @@ def test_a_finger_that_a_person_calls_worn_grasps_nothing_any_more(cell: Cell, d
         grasp(cell)
 
 
-PRINTED = Passport("S", "power", "index", date(2026, 1, 1), "TPU", "PE", cycle_limit=100)
+PRINTED = FingerRecord("S", "power", "index", date(2026, 1, 1), "TPU", "PE", cycle_limit=100)
 
 
 @pytest.mark.parametrize(
-    ("passport", "usable", "spent"),
+    ("finger_record", "usable", "spent"),
     [
         (PRINTED, True, False),
         (replace(PRINTED, state=FingerState.WORN), False, True),
@@ -309,16 +311,16 @@ PRINTED = Passport("S", "power", "index", date(2026, 1, 1), "TPU", "PE", cycle_l
     ids=["new", "worn", "retired", "unknown", "one closing left", "none left"],
 )
 def test_a_finger_is_usable_until_it_is_worn_retired_lost_or_spent(
-    passport: Passport, usable: bool, spent: bool
+    finger_record: FingerRecord, usable: bool, spent: bool
 ) -> None:
-    assert (passport.objection() is None, passport.is_spent) == (usable, spent)
+    assert (finger_record.objection() is None, finger_record.is_spent) == (usable, spent)
 
 
 def test_a_residual_of_a_swap_condemns_no_finger(cell: Cell, database: Database) -> None:
     cell.begin_swap("pinch", ())
     for _ in range(20):
         cell.observe_residual("index", worn=True, reason="the tendon is slack")
-    assert Library(database, lambda: 1).passports()["PW-I-01"].state is FingerState.MOUNTED
+    assert Library(database, lambda: 1).finger_records()["PW-I-01"].state is FingerState.MOUNTED
 
 
 # --- what came of a swap -------------------------------------------------------------------------------------------
@@ -336,7 +338,7 @@ def test_a_swap_that_failed_verifies_nothing_and_distrusts_what_the_check_refuse
     assert sequence.only_check
     cell.end_swap(sequence, "FAILED", "", 60.0, checks(index=Finding.OFF, thumb=Finding.WORN))
     assert {slot.state for slot in cell.slots()} == {SlotState.UNKNOWN}
-    states = {serial: Library(database, lambda: 1).passports()[serial].state for serial in POWER}
+    states = {serial: Library(database, lambda: 1).finger_records()[serial].state for serial in POWER}
     assert states["PW-I-01"] is FingerState.UNKNOWN
     assert states["PW-T-01"] is FingerState.WORN
 
@@ -346,15 +348,15 @@ def test_a_swap_whose_check_saw_nothing_condemns_nobody_and_verifies_nobody(cell
     again = start(database)
     again.end_swap(sequence, "FAILED", "", 60.0, checks(index=Finding.UNSEEN))
     assert SlotState.VERIFIED not in {slot.state for slot in again.slots()}
-    assert FingerState.WORN not in {Library(database, lambda: 1).passports()[serial].state for serial in POWER}
+    assert FingerState.WORN not in {Library(database, lambda: 1).finger_records()[serial].state for serial in POWER}
 
 
-def hand(state: SlotState = SlotState.UNKNOWN) -> tuple[Slot, ...]:
-    return tuple(Slot(name, state) for name in SLOTS)
+def hand(state: SlotState = SlotState.UNKNOWN) -> tuple[MountedSlot, ...]:
+    return tuple(MountedSlot(name, state) for name in SLOTS)
 
 
 def swap() -> SwapSequence:
-    return SwapSequence(read_catalogue().finger_sets["pinch"], hand(), read_passports())
+    return SwapSequence(read_catalogue().finger_sets["pinch"], hand(), read_finger_records())
 
 
 def at_step(step: SwapStep) -> SwapSequence:
@@ -403,7 +405,7 @@ def judge_closing(
         free = FreeMotion(
             stamp, (pulled,), (800.0 * pulled,), ((0.0, 0.0),), "model", objection=objection, objections=("",)
         )
-        check.observe(Pair(TendonSample(stamp, (pulled,), (gain * 800.0 * pulled,)), free))
+        check.observe(ObservedPair(TendonSample(stamp, (pulled,), (gain * 800.0 * pulled,)), free))
     return check.judge()["index"]
 
 
@@ -439,7 +441,7 @@ def test_samples_that_come_twice_count_once() -> None:
         # What comes again under the same stamp says that it went on a little.
         pulled = 0.0016 * stamp + 1e-6 * (i % 10)
         free = FreeMotion(stamp, (pulled,), (800.0 * pulled,), ((0.0, 0.0),), "model", objections=("",))
-        check.observe(Pair(TendonSample(stamp, (pulled,), (800.0 * pulled,)), free))
+        check.observe(ObservedPair(TendonSample(stamp, (pulled,), (800.0 * pulled,)), free))
     found = check.judge()["index"]
     assert found.finding is Finding.UNSEEN
     assert "found 8 samples" in found.reason

@@ -11,7 +11,7 @@ import pytest
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.classify import classify, flexion_shares, read_demonstration
 from softgrip_cell.errors import CatalogueError
-from softgrip_cell.products import Grasp, Shape
+from softgrip_cell.products import GraspType, ProductShape
 
 
 @pytest.mark.parametrize("product", read_catalogue().products.values(), ids=lambda product: product.id)
@@ -24,27 +24,27 @@ def test_dimensions_alone_give_table_4_1(product) -> None:
 # Joint angles of a closing [deg] as the thesis describes them in words (4.2.1).
 @pytest.mark.parametrize(
     ("closed_deg", "grasp"),
-    [((60, 55, 50), Grasp.POWER), ((70, 10, 5), Grasp.PINCH), ((5, 70, 50), Grasp.HOOK)],
+    [((60, 55, 50), GraspType.POWER), ((70, 10, 5), GraspType.PINCH), ((5, 70, 50), GraspType.HOOK)],
 )
-def test_a_hand_shows_the_grasp(closed_deg: tuple[float, ...], grasp: Grasp) -> None:
+def test_a_hand_shows_the_grasp(closed_deg: tuple[float, ...], grasp: GraspType) -> None:
     frames = [[math.radians(angle) * i / 49 for angle in closed_deg] for i in range(50)]
     shares = flexion_shares(frames)
     assert sum(shares) == pytest.approx(1.0)
-    ball = classify(Shape.BALL, (0.07, 0.07, 0.07), shares=shares)
+    ball = classify(ProductShape.BALL, (0.07, 0.07, 0.07), shares=shares)
     assert ball.grasp is grasp
-    assert (ball.confidence > 0.6) == (grasp is Grasp.POWER), "agreement with the dimensions raises the confidence"
-    assert any("disagree" in reason for reason in ball.reasons) == (grasp is not Grasp.POWER)
+    assert (ball.confidence > 0.6) == (grasp is GraspType.POWER), "agreement with the dimensions raises the confidence"
+    assert any("disagree" in reason for reason in ball.reasons) == (grasp is not GraspType.POWER)
 
 
 def test_what_does_not_fit_into_the_hand_is_refused() -> None:
     with pytest.raises(CatalogueError, match="the smallest side is 150 mm, the hand opens 100 mm"):
-        classify(Shape.BALL, (0.15, 0.15, 0.15))
+        classify(ProductShape.BALL, (0.15, 0.15, 0.15))
 
 
 @pytest.mark.parametrize("size", [(0.01, 0.02, 0.03), (math.nan, 0.1, 0.1), (0.1, 0.1, 0.0), (0.1, 0.1, -0.1)])
 def test_impossible_sizes_are_refused(size) -> None:
     with pytest.raises(CatalogueError, match="length >= width >= height"):
-        classify(Shape.BALL, size)
+        classify(ProductShape.BALL, size)
 
 
 @pytest.mark.parametrize(

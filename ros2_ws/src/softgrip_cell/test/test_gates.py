@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
-from softgrip_cell.cell import Cell, Clocks, Mode
+from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.passports import FingerState, read_passports
-from softgrip_cell.storage import Database, Journal, Library
+from softgrip_cell.storage import CellJournal, Database, Library
 from softgrip_cell.weight import carried_kg
 
 SLOTS = ("index", "middle", "thumb")
@@ -27,13 +27,13 @@ def database(tmp_path: Path) -> Iterator[Database]:
     with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
         library = Library(opened, lambda: 1)
         library.import_catalogue(read_catalogue(), "test")
-        library.import_passports(read_passports().values(), "test")
+        library.import_finger_records(read_finger_records().values(), "test")
         yield opened
 
 
 def start(database: Database, *, verified: bool = True) -> Cell:
     """A cell with verified power fingers, its driver and friction as they should be."""
-    journal = Journal(database, SLOTS, lambda: 1)
+    journal = CellJournal(database, SLOTS, lambda: 1)
     limits = FrictionLimits(age_s=1e6, range_factor=5.0)
     cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
     if verified:
@@ -62,16 +62,16 @@ def test_a_single_outburst_of_residuals_writes_nothing(database: Database) -> No
         for _ in range(4):
             cell.observe_residual("index", worn=True, reason="spoofed")
         cell.observe_residual("index", worn=False, reason="")
-    assert Library(database, lambda: 1).passports()["PW-I-01"].state is FingerState.MOUNTED
+    assert Library(database, lambda: 1).finger_records()["PW-I-01"].state is FingerState.MOUNTED
 
 
 def test_a_worn_finger_is_marked_and_refused_with_the_reason_of_its_residual(database: Database) -> None:
     cell = start(database)
     call_worn(cell, "index", "stiffness down by 31 %")
-    assert Library(database, lambda: 1).passports()["PW-I-01"].state is FingerState.WORN
+    assert Library(database, lambda: 1).finger_records()["PW-I-01"].state is FingerState.WORN
     with pytest.raises(RefusedError, match=r"slot index: finger PW-I-01 is worn.*stiffness down by 31 %"):
         cell.begin_grasp("egg", confirm_lift=True, trial=False)
-    assert cell.mode is Mode.IDLE
+    assert cell.mode is CellMode.IDLE
     audited = next(entry for entry in Library(database, lambda: 1).audit() if entry.action == "worn")
     assert (audited.subject, audited.detail["slot"]) == ("PW-I-01", "index")
     # Neither a restart nor another verdict of the same kind changes that.
@@ -84,7 +84,7 @@ def test_a_worn_finger_is_marked_and_refused_with_the_reason_of_its_residual(dat
 def test_the_next_swap_takes_another_finger_than_the_worn_one(database: Database) -> None:
     cell = start(database)
     call_worn(cell, "index", "friction up by 60 %")
-    spare = {serial for serial, p in read_passports().items() if p.profile == "power" and p.finger == "index"} - {
+    spare = {serial for serial, p in read_finger_records().items() if p.profile == "power" and p.finger == "index"} - {
         "PW-I-01"
     }
     if spare:
@@ -98,10 +98,10 @@ def test_the_next_swap_takes_another_finger_than_the_worn_one(database: Database
 
 def test_wear_of_a_slot_that_nobody_knows_writes_nothing(database: Database) -> None:
     cell = start(database, verified=False)
-    before = Library(database, lambda: 1).passports()
+    before = Library(database, lambda: 1).finger_records()
     call_worn(cell, "index", "whatever")
     call_worn(cell, "toe", "whatever")
-    assert Library(database, lambda: 1).passports() == before
+    assert Library(database, lambda: 1).finger_records() == before
 
 
 def test_without_a_lift_only_what_is_known_to_hold_is_grasped(database: Database) -> None:
@@ -141,7 +141,7 @@ def test_nothing_begins_while_the_cell_must_not_move(database: Database, safety:
         cell.begin_grasp("egg", confirm_lift=True, trial=False)
     with pytest.raises(RefusedError, match=expected):
         cell.begin_swap("power", ())
-    assert Journal(database, SLOTS, lambda: 1).recover() is None, "nothing began"
+    assert CellJournal(database, SLOTS, lambda: 1).recover() is None, "nothing began"
 
 
 def test_fingers_checked_with_a_model_of_the_same_name_but_other_numbers_are_checked_again(database: Database) -> None:

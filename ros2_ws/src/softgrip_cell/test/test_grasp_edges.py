@@ -10,13 +10,13 @@ import pytest
 
 from softgrip_cell.errors import CatalogueError
 from softgrip_cell.grasp.grip import Grip
-from softgrip_cell.grasp.leaning import Leaning
 from softgrip_cell.grasp.pressing import Pressing
 from softgrip_cell.grasp.reading import Baseline, Reader, Reading
 from softgrip_cell.grasp.reference import FreeReference, learn_reference
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, Outcome, Phase, Stop
+from softgrip_cell.grasp.tip_deflection import TipDeflection
+from softgrip_cell.grasp.values import Close, GraspOutcome, GraspPhase, Stop
 from softgrip_cell.observation import SeenTip, TendonFault
 
 SETTINGS = GraspSettings(lift_window_s=1.0)
@@ -36,7 +36,7 @@ def closing(task, bench, **options):  # type: ignore[no-untyped-def]
     """A grasp whose fingers have just begun to close."""
     sequence, made = GraspSequence(task("orange", **options), SETTINGS), bench(contact_m=EVERYWHERE)
     made.obey(sequence.start())
-    while sequence.phase is not Phase.CLOSE:
+    while sequence.phase is not GraspPhase.CLOSE:
         made.obey(sequence.observe(made.pair()))
     return sequence, made
 
@@ -53,7 +53,7 @@ def test_one_sample_that_comes_again_and_again_decides_nothing(task, bench) -> N
     for _ in range(2):
         step = sequence.observe(made.pair())
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.EMPTY
+    assert step.verdict.outcome is GraspOutcome.EMPTY
 
 
 def test_fingers_that_follow_what_creeps_away_have_not_gripped_it_yet(task, bench) -> None:
@@ -65,12 +65,12 @@ def test_fingers_that_follow_what_creeps_away_have_not_gripped_it_yet(task, benc
     while step.verdict is None:
         step = sequence.observe(made.pair())
         made.obey(step)
-        if step.phase is Phase.LIFT:
+        if step.phase is GraspPhase.LIFT:
             lifted_ns = lifted_ns or made.now_ns
             if 0.85 < (made.now_ns - lifted_ns) / SECOND < 1.05:
                 made.contact_m = tuple(contact + 0.008 * 0.005 for contact in made.contact_m)
                 made.pulled_m = [pulled + 0.008 * 0.005 for pulled in made.pulled_m]
-    assert step.verdict.outcome is Outcome.GRIPPED
+    assert step.verdict.outcome is GraspOutcome.GRIPPED
     assert (made.now_ns - lifted_ns) / SECOND > 1.15
 
 
@@ -92,7 +92,7 @@ def test_what_was_touched_and_gets_away_before_it_is_enclosed_was_there(task, be
         if made.pulled_m[1] > 0.013:
             made.contact_m = (math.inf,) * 3
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.SLIPPED
+    assert step.verdict.outcome is GraspOutcome.SLIPPED
     assert "got away while closing" in step.verdict.reason
 
 
@@ -100,7 +100,7 @@ def test_a_prediction_that_says_not_to_be_trusted_ends_the_grasp(task, bench) ->
     sequence, made = closing(task, bench)
     step = sequence.observe(with_free(made.pair(), objection="no friction model"))
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.ABORTED
+    assert step.verdict.outcome is GraspOutcome.ABORTED
     assert "cannot be predicted: no friction model" in step.verdict.reason
     assert step.commands == (Stop(),)
 
@@ -110,9 +110,9 @@ def test_the_hand_closes_only_when_all_its_fingers_are_open(task, bench) -> None
     sequence.start()
     for pulled_m in ((0.0, 0.0, 0.004), (0.0, 0.004, 0.0), (0.004, 0.0, 0.0)):
         step = sequence.observe(with_sample(made.pair(), pulled_m=pulled_m))
-        assert (step.phase, step.commands) == (Phase.APPROACH, ())
+        assert (step.phase, step.commands) == (GraspPhase.APPROACH, ())
     step = sequence.observe(with_sample(made.pair(), pulled_m=(0.001,) * 3))
-    assert step.phase is Phase.CLOSE
+    assert step.phase is GraspPhase.CLOSE
     assert isinstance(step.commands[0], Close)
 
 
@@ -121,7 +121,7 @@ def time_until_aborted(sequence, made, **sample) -> tuple[float, str]:  # type: 
     for _ in range(20_000):
         step = sequence.observe(with_sample(made.pair(), **sample))
         if step.verdict is not None:
-            assert step.verdict.outcome is Outcome.ABORTED
+            assert step.verdict.outcome is GraspOutcome.ABORTED
             return (made.now_ns - began_ns) / SECOND, step.verdict.reason
     raise AssertionError("100 s have passed without an end")
 
@@ -148,7 +148,7 @@ def test_a_hand_that_never_comes_to_an_end_ends_the_grasp(task, bench) -> None:
         if step.verdict is not None:
             break
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.ABORTED
+    assert step.verdict.outcome is GraspOutcome.ABORTED
     assert "do not come to an end" in step.verdict.reason
 
 
@@ -169,10 +169,10 @@ def test_a_grip_keeps_its_tension_and_its_verdict(run, task, bench) -> None:
     sequence, made = GraspSequence(task("orange"), SETTINGS), bench(contact_m=EVERYWHERE)
     last = list(run(sequence, made))[-1]
     assert last.verdict is not None
-    assert last.verdict.outcome is Outcome.GRIPPED
+    assert last.verdict.outcome is GraspOutcome.GRIPPED
     assert not any(isinstance(command, Stop) for command in last.commands)
     for late in (sequence.abort("too late"), sequence.fault(TendonFault("index", "stalled", ""), made.now_ns)):
-        assert (late.phase, late.verdict, late.commands) == (Phase.DONE, None, ())
+        assert (late.phase, late.verdict, late.commands) == (GraspPhase.DONE, None, ())
 
 
 def test_three_single_samples_of_a_slack_tendon_are_no_broken_one(task, bench) -> None:
@@ -183,7 +183,7 @@ def test_three_single_samples_of_a_slack_tendon_are_no_broken_one(task, bench) -
         lost = number % 30 == 29
         step = sequence.observe(with_sample(pair, tension_n=(0.0,) * 3) if lost else pair)
         made.obey(step)
-        assert step.verdict is None or step.verdict.outcome is not Outcome.TENDON_FAULT
+        assert step.verdict is None or step.verdict.outcome is not GraspOutcome.TENDON_FAULT
 
 
 @pytest.mark.parametrize(("gone_s", "broken"), [(0.15, False), (0.25, True)])
@@ -197,18 +197,18 @@ def test_a_tendon_has_to_pull_nothing_for_a_fifth_of_a_second(task, bench, gone_
         step = sequence.observe(with_sample(pair, tension_n=(0.0, *pair.sample.tension_n[1:])))
         if step.verdict is not None:
             break
-    assert (step.verdict is not None and step.verdict.outcome is Outcome.TENDON_FAULT) is broken
+    assert (step.verdict is not None and step.verdict.outcome is GraspOutcome.TENDON_FAULT) is broken
 
 
 def test_a_finger_that_meets_a_product_alone_stops_before_it_hurts_it(run, task, bench) -> None:
     """6 N are 12.6 N of excess tension by virtual work: the tip goes 4.19 m a metre pulled, the contact half of it."""
     one = task("orange")
-    one = replace(one, recipe=replace(one.recipe, hold_excess_n=100.0, force_limit_n=6.0))
+    one = replace(one, recipe=replace(one.recipe, hold_contact_tension_n=100.0, force_limit_n=6.0))
     made = bench(contact_m=(0.008, math.inf, math.inf))
     last = list(run(GraspSequence(one, SETTINGS), made))[-1]
     assert last.verdict is not None
-    assert last.verdict.outcome is Outcome.EMPTY
-    assert made.peak_excess_n < 6.0 * 4.19 / 2.0
+    assert last.verdict.outcome is GraspOutcome.EMPTY
+    assert made.peak_contact_tension_n < 6.0 * 4.19 / 2.0
 
 
 def test_fingers_that_press_on_their_own_stops_enclose_nothing(task) -> None:
@@ -239,7 +239,7 @@ def test_a_prediction_that_is_no_number_leaves_the_reference_of_the_check(task, 
     references = task("orange").references
     pair = with_sample(bench().pair(), pulled_m=(0.010,) * 3, tension_n=(20.0,) * 3)
     found = Reader(references, SETTINGS).read(with_free(pair, tension_n=(math.nan,) * 3))
-    assert all(math.isfinite(one.excess_n) and one.touching for one in found)
+    assert all(math.isfinite(one.contact_tension_n) and one.touching for one in found)
     assert found[0].free_n == pytest.approx(references[0].tension(0.010))
 
 
@@ -248,12 +248,14 @@ def test_excess_and_force_limits_are_each_other_s_inverse(task, bench) -> None:
     reader = Reader(task("orange").references, SETTINGS)
     pair = with_sample(bench().pair(), pulled_m=(0.010,) * 3)
     for force_n in (1.0, 6.0):
-        excess_n = reader.excess_limit(0, force_n)
+        contact_tension_n = reader.contact_tension_limit_n(0, force_n)
         free_n = reader.read(pair)[0].free_n
-        found = reader.read(with_sample(pair, stamp_ns=2, tension_n=(free_n + excess_n,) * 3), pressing=(0, 1, 2))[0]
+        found = reader.read(
+            with_sample(pair, stamp_ns=2, tension_n=(free_n + contact_tension_n,) * 3), pressing=(0, 1, 2)
+        )[0]
         assert found.force_n == pytest.approx(force_n, rel=1e-6)
         # At the start: a lever of 2 and contacts that may be twice as near to the base.
-        assert excess_n == pytest.approx(force_n * 2.0 / 2.0)
+        assert contact_tension_n == pytest.approx(force_n * 2.0 / 2.0)
 
 
 @pytest.mark.parametrize("column", ["offset_n", "tension_n", "stddev_n"])
@@ -285,36 +287,36 @@ def test_what_a_closing_begins_with_is_taken_for_creep_within_bounds_only(first_
 # --- the camera ----------------------------------------------------------------------------------------------------
 
 
-def leans(task, bench, off_m: float, stddev_m: float = 0.0, age_s: float = 0.0) -> bool:  # type: ignore[no-untyped-def]
-    leaning, pair = Leaning(("index", "middle", "thumb"), task().references, SETTINGS), bench().pair()
-    leaning.predict(pair)
+def is_deflected(task, bench, off_m: float, stddev_m: float = 0.0, age_s: float = 0.0) -> bool:  # type: ignore[no-untyped-def]
+    tip_deflected, pair = TipDeflection(("index", "middle", "thumb"), task().references, SETTINGS), bench().pair()
+    tip_deflected.predict(pair)
     x, y = pair.free.tip_m[0]
-    leaning.see(SeenTip(pair.sample.stamp_ns, "index", (x + off_m, y), stddev_m))
-    return bool(leaning.slots(pair.sample.stamp_ns + round(age_s * SECOND)))
+    tip_deflected.see(SeenTip(pair.sample.stamp_ns, "index", (x + off_m, y), stddev_m))
+    return bool(tip_deflected.slots(pair.sample.stamp_ns + round(age_s * SECOND)))
 
 
 @pytest.mark.parametrize(("age_s", "expected"), [(0.09, True), (0.11, False)])
 def test_what_was_seen_over_a_tenth_of_a_second_ago_says_nothing(task, bench, age_s: float, expected: bool) -> None:
-    assert leans(task, bench, 0.030, age_s=age_s) is expected
+    assert is_deflected(task, bench, 0.030, age_s=age_s) is expected
 
 
 def test_a_camera_that_is_not_sure_says_nothing(task, bench) -> None:
     """15 mm off, 12 mm allowed: with 2 mm of uncertainty, three times that, it is 18 mm."""
-    assert leans(task, bench, 0.015, stddev_m=0.0005)
-    assert not leans(task, bench, 0.015, stddev_m=0.002)
+    assert is_deflected(task, bench, 0.015, stddev_m=0.0005)
+    assert not is_deflected(task, bench, 0.015, stddev_m=0.002)
 
 
 def test_a_tip_that_could_not_be_predicted_leaves_what_was_seen_before(task, bench) -> None:
-    leaning, made = Leaning(("index", "middle", "thumb"), task().references, SETTINGS), bench()
+    tip_deflected, made = TipDeflection(("index", "middle", "thumb"), task().references, SETTINGS), bench()
     pair = made.pair()
-    leaning.predict(pair)
+    tip_deflected.predict(pair)
     x, y = pair.free.tip_m[0]
-    leaning.see(SeenTip(pair.sample.stamp_ns, "index", (x + 0.030, y), 0.0))
+    tip_deflected.see(SeenTip(pair.sample.stamp_ns, "index", (x + 0.030, y), 0.0))
     later = made.pair()
-    leaning.predict(with_free(later, tip_m=((math.nan, math.nan),) * 3))
-    leaning.see(SeenTip(later.sample.stamp_ns, "index", (x, y), 0.0))
-    assert leaning.slots(later.sample.stamp_ns) == {0}
-    assert all(math.isfinite(off_m) for off_m in leaning.off_m(later.sample.stamp_ns).values())
+    tip_deflected.predict(with_free(later, tip_m=((math.nan, math.nan),) * 3))
+    tip_deflected.see(SeenTip(later.sample.stamp_ns, "index", (x, y), 0.0))
+    assert tip_deflected.slots(later.sample.stamp_ns) == {0}
+    assert all(math.isfinite(off_m) for off_m in tip_deflected.off_m(later.sample.stamp_ns).values())
 
 
 # --- how hard ------------------------------------------------------------------------------------------------------
@@ -326,19 +328,23 @@ def pressing(task, product: str, settings: GraspSettings = SETTINGS, **recipe: f
     return Pressing(made, settings, Reader(made.references, settings))
 
 
-def reading(pulled_m: float = 0.008, free_n: float = 5.0, excess_n: float = 2.0) -> Reading:
-    return Reading(pulled_m, free_n + excess_n, free_n, excess_n, threshold_n=0.35, force_n=excess_n)
+def reading(pulled_m: float = 0.008, free_n: float = 5.0, contact_tension_n: float = 2.0) -> Reading:
+    return Reading(
+        pulled_m, free_n + contact_tension_n, free_n, contact_tension_n, threshold_n=0.35, force_n=contact_tension_n
+    )
 
 
 def test_a_product_that_bears_less_than_its_recipe_asks_for_is_pressed_with_what_it_bears(task) -> None:
     """6 N of force with the lever at its start, 2, and contacts twice as near: 6 N of excess, not 18."""
-    told = pressing(task, "orange", hold_excess_n=18.0, force_limit_n=6.0).press(range(3), (reading(),) * 3, SECOND)
-    assert told.tensions_n == pytest.approx((11.0,) * 3)
+    command = pressing(task, "orange", hold_contact_tension_n=18.0, force_limit_n=6.0).press(
+        range(3), (reading(),) * 3, SECOND
+    )
+    assert command.tensions_n == pytest.approx((11.0,) * 3)
 
 
 def test_no_more_is_ordered_than_the_driver_may_pull(task) -> None:
     settings = replace(SETTINGS, tension_limit_n=20.0)
-    one = pressing(task, "orange", settings, hold_excess_n=18.0, force_limit_n=1e3)
+    one = pressing(task, "orange", settings, hold_contact_tension_n=18.0, force_limit_n=1e3)
     assert one.press(range(3), (reading(),) * 3, SECOND).tensions_n == pytest.approx((20.0,) * 3)
     assert one.close(range(3)).tension_limit_n == pytest.approx(20.0)
 
@@ -346,17 +352,17 @@ def test_no_more_is_ordered_than_the_driver_may_pull(task) -> None:
 def test_a_closing_is_allowed_the_free_motion_at_its_end_and_what_the_product_bears(task) -> None:
     """Free motion at the end of the path by the reference, and 6 N of force as above."""
     references = task("orange").references
-    told = pressing(task, "orange", force_limit_n=6.0, pull_limit_m=0.015).close(range(3))
-    assert told.tension_limit_n == pytest.approx(references[0].tension(0.015) + 6.0)
+    command = pressing(task, "orange", force_limit_n=6.0, pull_limit_m=0.015).close(range(3))
+    assert command.tension_limit_n == pytest.approx(references[0].tension(0.015) + 6.0)
 
 
 def test_no_finger_closes_beyond_what_was_checked(task) -> None:
-    told = pressing(task, "orange", pull_limit_m=0.030).close(range(3))
-    assert told.targets_m == pytest.approx((task().references[0].reach_m,) * 3)
+    command = pressing(task, "orange", pull_limit_m=0.030).close(range(3))
+    assert command.targets_m == pytest.approx((task().references[0].reach_m,) * 3)
 
 
 @pytest.mark.parametrize(("product", "factor"), [("egg", 1.3), ("orange", math.inf)])
 def test_what_is_fragile_is_pressed_hardly_faster_than_it_was_met(task, product: str, factor: float) -> None:
     recipe = task(product).recipe
-    told = pressing(task, product).press(range(3), (reading(),) * 3, SECOND)
-    assert told.speed_m_per_s == pytest.approx(min(0.03, factor * recipe.closing_speed_m_per_s))
+    command = pressing(task, product).press(range(3), (reading(),) * 3, SECOND)
+    assert command.speed_m_per_s == pytest.approx(min(0.03, factor * recipe.closing_speed_m_per_s))

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import pytest
 
-from softgrip_cell.grasp.leaning import Leaning
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Outcome, Phase, Press
+from softgrip_cell.grasp.tip_deflection import TipDeflection
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, Press
 from softgrip_cell.observation import SeenTip, TendonFault
 
 SETTINGS = GraspSettings(lift_window_s=1.0)
@@ -28,7 +28,7 @@ def verdict_of(run, sequence, bench):  # type: ignore[no-untyped-def]  # fixture
 @pytest.mark.parametrize("seed", range(20))
 def test_nothing_between_the_fingers_is_empty(run, task, bench, seed: int) -> None:
     verdict = verdict_of(run, GraspSequence(task(), SETTINGS), bench(seed=seed))
-    assert verdict.outcome is Outcome.EMPTY
+    assert verdict.outcome is GraspOutcome.EMPTY
     assert "closed on nothing" in verdict.reason
 
 
@@ -37,7 +37,7 @@ def test_nothing_between_the_fingers_is_empty(run, task, bench, seed: int) -> No
 def test_an_object_between_thumb_and_fingers_is_gripped(run, task, bench, seed: int, confirm_lift: bool) -> None:
     sequence = GraspSequence(task("orange", confirm_lift=confirm_lift), SETTINGS)
     verdict = verdict_of(run, sequence, bench(contact_m=EVERYWHERE, seed=seed))
-    assert verdict.outcome is Outcome.GRIPPED
+    assert verdict.outcome is GraspOutcome.GRIPPED
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_an_object_between_thumb_and_fingers_is_gripped(run, task, bench, seed: 
 )
 def test_touching_from_one_side_only_holds_nothing(run, task, bench, contact_m) -> None:
     verdict = verdict_of(run, GraspSequence(task("orange"), SETTINGS), bench(contact_m=contact_m))
-    assert verdict.outcome is Outcome.EMPTY
+    assert verdict.outcome is GraspOutcome.EMPTY
     assert "only" in verdict.reason
 
 
@@ -55,7 +55,7 @@ def test_fingers_that_press_on_their_own_stops_hold_nothing(run, task, bench, se
     """Where the grooves close, a worn-in finger needs newtons more than at its check; it stands there by itself."""
     made = bench(contact_m=(0.0194, 0.0194, 0.0195), stiffness_n_per_m=8000.0, seed=seed)
     verdict = verdict_of(run, GraspSequence(task("orange", confirm_lift=confirm_lift), SETTINGS), made)
-    assert verdict.outcome is Outcome.EMPTY
+    assert verdict.outcome is GraspOutcome.EMPTY
 
 
 def softens(t: float) -> float:
@@ -68,14 +68,14 @@ def softens(t: float) -> float:
 def test_what_never_comes_to_rest_is_not_gripped(run, task, bench) -> None:
     made = bench(contact_m=(0.0032,) * 3, stiffness_n_per_m=4000.0, grip=softens)
     verdict = verdict_of(run, GraspSequence(task("egg"), SETTINGS), made)
-    assert verdict.outcome is Outcome.SLIPPED
+    assert verdict.outcome is GraspOutcome.SLIPPED
     assert "keeps giving way" in verdict.reason
 
 
 def test_a_hook_carries_with_the_fingers_alone(run, task, bench) -> None:
     made = replace(task("tomato_vine", confirm_lift=True), opposed=False)
     verdict = verdict_of(run, GraspSequence(made, SETTINGS), bench(contact_m=(0.008, 0.009, math.inf)))
-    assert verdict.outcome is Outcome.GRIPPED
+    assert verdict.outcome is GraspOutcome.GRIPPED
 
 
 @pytest.mark.parametrize("stiffness", [500.0, 2000.0, 8000.0])
@@ -84,7 +84,7 @@ def test_force_stays_below_what_the_product_bears(run, task, bench, stiffness: f
     """Virtual work at the fingertip: force <= excess * dL/ds with ds/dL = 0.060 * 80 deg / 20 mm = 4.189."""
     made = bench(contact_m=EVERYWHERE, stiffness_n_per_m=stiffness, noise_n=0.05)
     verdict_of(run, GraspSequence(task(product), SETTINGS), made)
-    force_at_tip_n = made.peak_excess_n * 0.020 / (0.060 * math.radians(80.0))
+    force_at_tip_n = made.peak_contact_tension_n * 0.020 / (0.060 * math.radians(80.0))
     assert force_at_tip_n <= task(product).recipe.force_limit_n / SETTINGS.lever_factor
 
 
@@ -95,28 +95,30 @@ def test_a_finger_that_presses_hard_enough_stops_alone_while_the_others_go_on(ru
     assert pressed[0] == (0,)
     assert pressed[1] == (2,)
     assert steps[-1].verdict is not None
-    assert steps[-1].verdict.outcome is Outcome.GRIPPED
+    assert steps[-1].verdict.outcome is GraspOutcome.GRIPPED
     recipe = task("egg").recipe
-    reached_m = 0.004 + recipe.hold_excess_n / 4000.0
+    reached_m = 0.004 + recipe.hold_contact_tension_n / 4000.0
     assert made.pulled_m[0] == pytest.approx(reached_m, abs=6 * recipe.closing_speed_m_per_s * 0.005)
     assert made.pulled_m[2] > 0.010
 
 
 def test_decision_comes_within_100_ms_of_standing_and_pressing(run, task, bench) -> None:
     made = bench(contact_m=EVERYWHERE, noise_n=0.08)
-    hold_n = task("orange").recipe.hold_excess_n
+    hold_n = task("orange").recipe.hold_contact_tension_n
     pressed_ns = moved_ns = 0
     before = list(made.pulled_m)
     verdict = None
     for step in run(GraspSequence(task("orange"), SETTINGS), made):
         verdict = step.verdict
-        excess = [max(0.0, p - c) * made.stiffness_n_per_m for p, c in zip(made.pulled_m, EVERYWHERE, strict=True)]
-        if min(excess[2], max(excess[:2])) >= 0.8 * hold_n:
+        contact_tension_n = [
+            max(0.0, p - c) * made.stiffness_n_per_m for p, c in zip(made.pulled_m, EVERYWHERE, strict=True)
+        ]
+        if min(contact_tension_n[2], max(contact_tension_n[:2])) >= 0.8 * hold_n:
             pressed_ns = pressed_ns or made.now_ns
         moved_ns = made.now_ns if made.pulled_m != before else moved_ns
         before = list(made.pulled_m)
     assert verdict is not None
-    assert verdict.outcome is Outcome.GRIPPED
+    assert verdict.outcome is GraspOutcome.GRIPPED
     assert pressed_ns > 0
     assert 0.0 <= (made.now_ns - max(pressed_ns, moved_ns)) * 1e-9 < 0.1
     assert 0.0 <= verdict.latency_s < 0.1
@@ -132,9 +134,9 @@ def test_what_creep_takes_from_the_tension_is_not_taken_from_a_touch(run, task, 
 def test_a_product_that_sits_against_fingers_at_their_stops_is_held_while_the_thumb_presses(run, task, bench) -> None:
     made = bench(contact_m=(math.inf, math.inf, 0.008))
     hook = replace(task("orange", confirm_lift=True), opposed=False)
-    assert verdict_of(run, GraspSequence(hook, SETTINGS), made).outcome is Outcome.GRIPPED
+    assert verdict_of(run, GraspSequence(hook, SETTINGS), made).outcome is GraspOutcome.GRIPPED
     lost = bench(contact_m=(math.inf, math.inf, 0.008), grip=lambda t: 1.0 if t < 0.5 else 0.0)
-    assert verdict_of(run, GraspSequence(hook, SETTINGS), lost).outcome is Outcome.SLIPPED
+    assert verdict_of(run, GraspSequence(hook, SETTINGS), lost).outcome is GraspOutcome.SLIPPED
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -144,7 +146,7 @@ def test_an_object_that_slides_out_while_lifted_is_slipped(run, task, bench, see
     steps = list(run(sequence, made))
     verdict = steps[-1].verdict
     assert verdict is not None
-    assert verdict.outcome is Outcome.SLIPPED
+    assert verdict.outcome is GraspOutcome.SLIPPED
     # From 20 N to the end of contact at 0.35 N the slide takes 0.01 ln(57) = 40 ms; the decision has 100 ms more.
     assert 0.5 < (made.now_ns - made._held_ns) * 1e-9 < 0.5 + 0.040 + 0.1
     assert verdict.latency_s < 0.1
@@ -155,7 +157,7 @@ def test_a_product_that_is_gone_at_once_is_missed_before_its_absence_has_lasted(
     settings = replace(SETTINGS, slip_s=0.5)
     made = bench(contact_m=EVERYWHERE, grip=lambda t: 1.0 if t < 0.5 else 0.0)
     verdict = verdict_of(run, GraspSequence(task("orange", confirm_lift=True), settings), made)
-    assert verdict.outcome is Outcome.SLIPPED
+    assert verdict.outcome is GraspOutcome.SLIPPED
     assert 0.5 < (made.now_ns - made._held_ns) * 1e-9 < 0.6
 
 
@@ -168,7 +170,7 @@ def lift_with_a_bent_finger(task, bench, tip):  # type: ignore[no-untyped-def]  
     while step.verdict is None:
         made.obey(step)
         pair = made.pair()
-        bias_n += 0.25 if step.phase is Phase.LIFT else 0.0  # 25 N in half a second
+        bias_n += 0.25 if step.phase is GraspPhase.LIFT else 0.0  # 25 N in half a second
         step = sequence.observe(replace(pair, free=replace(pair.free, tension_n=(bias_n,) * 3)) if bias_n else pair)
         for seen in tip(pair):
             sequence.see(seen)
@@ -183,25 +185,25 @@ def seen(pair, off_m: float, slot: str = "index", age_ns: int = 0) -> SeenTip:  
 def test_a_finger_that_is_seen_bent_holds_whatever_its_tension(task, bench) -> None:
     """Free motion has its tip on a circle; 20 mm beside it is more than a good finger's 12 mm."""
     bent = lift_with_a_bent_finger(task, bench, lambda pair: [seen(pair, 0.020)])
-    assert bent.outcome is Outcome.GRIPPED
+    assert bent.outcome is GraspOutcome.GRIPPED
     assert bent.evidence["tip_off_m"] == {"index": pytest.approx(0.020, abs=1e-9)}
 
 
 @pytest.mark.parametrize(
-    ("beyond_m", "off_m", "leans"),
+    ("beyond_m", "off_m", "is_deflected"),
     [(0.0, 0.011, False), (0.0, 0.015, True), (0.001, 0.015, False), (0.001, 0.023, False), (0.001, 0.027, True)],
 )
 def test_beyond_the_checked_path_a_fingertip_has_to_be_seen_twice_as_far_off(
-    task, bench, beyond_m: float, off_m: float, leans: bool
+    task, bench, beyond_m: float, off_m: float, is_deflected: bool
 ) -> None:
     """A good finger may be 12 mm off where it was checked and 24 mm where it was not, and the camera 3 x 0.5 mm."""
     references = task().references
-    leaning = Leaning(("index", "middle", "thumb"), references, SETTINGS)
+    tip_deflected = TipDeflection(("index", "middle", "thumb"), references, SETTINGS)
     pair = bench().pair()
     pair = replace(pair, sample=replace(pair.sample, pulled_m=(references[0].reach_m + beyond_m,) * 3))
-    leaning.predict(pair)
-    leaning.see(seen(pair, off_m))
-    assert leaning.slots(pair.sample.stamp_ns) == ({0} if leans else frozenset())
+    tip_deflected.predict(pair)
+    tip_deflected.see(seen(pair, off_m))
+    assert tip_deflected.slots(pair.sample.stamp_ns) == ({0} if is_deflected else frozenset())
 
 
 @pytest.mark.parametrize(
@@ -216,21 +218,21 @@ def test_beyond_the_checked_path_a_fingertip_has_to_be_seen_twice_as_far_off(
     ids=["unseen", "where a good finger may be", "long ago", "another finger", "nowhere"],
 )
 def test_what_is_not_seen_bent_now_is_judged_by_its_tension(task, bench, tip) -> None:
-    assert lift_with_a_bent_finger(task, bench, tip).outcome is Outcome.SLIPPED
+    assert lift_with_a_bent_finger(task, bench, tip).outcome is GraspOutcome.SLIPPED
 
 
 def test_tpu_creep_while_lifted_is_not_a_slip(run, task, bench) -> None:
     """Relaxation of 15 % within the window, as printed TPU shows, must not be taken for a loss."""
     made = bench(contact_m=EVERYWHERE, grip=lambda t: 0.85 + 0.15 * math.exp(-t / 0.4))
     verdict = verdict_of(run, GraspSequence(task("orange", confirm_lift=True), SETTINGS), made)
-    assert verdict.outcome is Outcome.GRIPPED
+    assert verdict.outcome is GraspOutcome.GRIPPED
 
 
 def test_the_lift_is_watched_for_the_whole_window(run, task, bench) -> None:
     settings = replace(SETTINGS, lift_window_s=5.0)
     made = bench(contact_m=EVERYWHERE)
     phases = [(step.phase, made.now_ns) for step in run(GraspSequence(task("egg", confirm_lift=True), settings), made)]
-    lifted_ns = next(stamp for phase, stamp in phases if phase is Phase.LIFT)
+    lifted_ns = next(stamp for phase, stamp in phases if phase is GraspPhase.LIFT)
     assert (phases[-1][1] - lifted_ns) * 1e-9 == pytest.approx(5.0, abs=0.011)
 
 
@@ -241,13 +243,13 @@ def test_an_object_that_pops_out_while_closing_is_slipped(run, task, bench) -> N
         if step.contact and min(made.pulled_m) > 0.011:
             made.contact_m = (math.inf,) * 3
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.SLIPPED
+    assert step.verdict.outcome is GraspOutcome.SLIPPED
     assert "lost while the fingers pressed" in step.verdict.reason
 
 
 def test_a_broken_tendon_is_named(run, task, bench) -> None:
     verdict = verdict_of(run, GraspSequence(task(), SETTINGS), bench(broken=frozenset({1})))
-    assert verdict.outcome is Outcome.TENDON_FAULT
+    assert verdict.outcome is GraspOutcome.TENDON_FAULT
     assert verdict.reason.startswith("tendon middle pulls nothing: expected ")
 
 
@@ -258,7 +260,7 @@ def test_a_driver_fault_and_an_abort_end_the_grasp(task, bench) -> None:
     sequence.observe(made.pair())
     step = sequence.fault(TendonFault("index", "overload", "the servo cut its torque"), made.now_ns)
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.TENDON_FAULT
+    assert step.verdict.outcome is GraspOutcome.TENDON_FAULT
     assert "tendon index: overload" in step.verdict.reason
     assert sequence.abort("too late").verdict is None
 
@@ -271,7 +273,7 @@ def test_silence_of_the_predictor_ends_the_grasp(task, bench) -> None:
     steps = [sequence.observe_sample(made.pair().sample) for _ in range(52)]  # 0.255 s from the first to the last
     assert [step.verdict for step in steps[:51]] == [None] * 51
     assert steps[51].verdict is not None
-    assert steps[51].verdict.outcome is Outcome.ABORTED
+    assert steps[51].verdict.outcome is GraspOutcome.ABORTED
     assert "finger/predicted for every tendon/state, found none for 0.2" in steps[51].verdict.reason
 
 
@@ -280,14 +282,14 @@ def test_a_touch_is_told_once_and_not_with_every_sample(task, bench) -> None:
     sequence = GraspSequence(task("egg", confirm_lift=True), SETTINGS)
     made = bench(contact_m=EVERYWHERE, seed=3)
     made.obey(sequence.start())
-    told = []
+    reported = []
     for _ in range(400):
         pair = made.pair()
         for step in (sequence.observe_sample(pair.sample), sequence.observe(pair)):
             made.obey(step)
-            told.append(step.contact)
-    assert any(told)
-    changes = sum(one != other for one, other in itertools.pairwise(told))
+            reported.append(step.contact)
+    assert any(reported)
+    changes = sum(one != other for one, other in itertools.pairwise(reported))
     assert changes <= 8  # noise at the threshold
 
 

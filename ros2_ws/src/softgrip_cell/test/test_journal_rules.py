@@ -12,9 +12,9 @@ from sqlalchemy import delete, select, update
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
+from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.outcomes import Tally
-from softgrip_cell.passports import FingerState, read_passports
-from softgrip_cell.storage import Database, HeldLock, Journal, Library, OpenOperation, SlotState
+from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, OpenOperation, SlotState
 from softgrip_cell.storage.schema import SLOT
 
 SLOTS = ("index", "middle", "thumb")
@@ -33,19 +33,19 @@ def database(tmp_path: Path) -> Iterator[Database]:
 def library(database: Database) -> Library:
     made = Library(database, lambda: 1)
     made.import_catalogue(read_catalogue(), "test")
-    made.import_passports(read_passports().values(), "test")
+    made.import_finger_records(read_finger_records().values(), "test")
     return made
 
 
 @pytest.fixture
-def journal(database: Database, library: Library) -> Journal:
-    made = Journal(database, SLOTS, lambda: 1)
+def journal(database: Database, library: Library) -> CellJournal:
+    made = CellJournal(database, SLOTS, lambda: 1)
     made.recover()
     return made
 
 
 @pytest.fixture
-def verified(journal: Journal) -> Journal:
+def verified(journal: CellJournal) -> CellJournal:
     """A hand of verified power fingers."""
     journal.begin("swap", "power", "release")
     journal.read_in("close_palm", POWER)
@@ -53,22 +53,22 @@ def verified(journal: Journal) -> Journal:
     return journal
 
 
-def hand(journal: Journal) -> list[tuple[str, SlotState]]:
+def hand(journal: CellJournal) -> list[tuple[str, SlotState]]:
     return [(slot.serial, slot.state) for slot in journal.slots()]
 
 
 def states(library: Library, serials: tuple[str, ...] = POWER) -> set[FingerState]:
-    return {library.passports()[serial].state for serial in serials}
+    return {library.finger_records()[serial].state for serial in serials}
 
 
-def test_whoever_starts_after_a_kill_is_told_once_what_was_going_on_and_where(verified: Journal) -> None:
+def test_whoever_starts_after_a_kill_is_told_once_what_was_going_on_and_where(verified: CellJournal) -> None:
     verified.begin("grasp", "egg", "close")
     assert verified.recover() == OpenOperation("grasp", "egg", "close")
     assert verified.recover() is None
     assert hand(verified) == [(serial, UNSURE) for serial in POWER]
 
 
-def test_before_a_person_reaches_in_slots_and_fingers_are_unknown(verified: Journal, library: Library) -> None:
+def test_before_a_person_reaches_in_slots_and_fingers_are_unknown(verified: CellJournal, library: Library) -> None:
     verified.begin("swap", "power", "release")
     verified.forget_slots("open_palm", LOCK)
     assert {state for _, state in hand(verified)} == {UNKNOWN}
@@ -76,7 +76,9 @@ def test_before_a_person_reaches_in_slots_and_fingers_are_unknown(verified: Jour
     assert verified.recover() == OpenOperation("swap", "power", "open_palm")
 
 
-def test_what_is_taken_out_is_in_the_store_but_a_worn_finger_stays_worn(verified: Journal, library: Library) -> None:
+def test_what_is_taken_out_is_in_the_store_but_a_worn_finger_stays_worn(
+    verified: CellJournal, library: Library
+) -> None:
     verified.wear("index", "soft")
     verified.begin("swap", "power", "release")
     verified.forget_slots("open_palm", LOCK)
@@ -86,14 +88,14 @@ def test_what_is_taken_out_is_in_the_store_but_a_worn_finger_stays_worn(verified
     assert states(library, POWER[1:]) == {FingerState.STORE}
 
 
-def test_what_is_put_in_is_mounted_in_its_own_slot_and_not_yet_verified(journal: Journal, library: Library) -> None:
+def test_what_is_put_in_is_mounted_in_its_own_slot_and_not_yet_verified(journal: CellJournal, library: Library) -> None:
     journal.begin("swap", "power", "release")
     journal.read_in("close_palm", POWER)
     assert hand(journal) == [(serial, UNSURE) for serial in POWER]
     assert states(library) == {FingerState.MOUNTED}
 
 
-def test_only_fingers_whose_check_was_passed_are_verified(journal: Journal) -> None:
+def test_only_fingers_whose_check_was_passed_are_verified(journal: CellJournal) -> None:
     journal.begin("swap", "power", "release")
     journal.read_in("close_palm", POWER)
     journal.finish_swap("power", "FAILED", "", 60.0, changed=True, references={POWER[1]: {"x": 1}})
@@ -102,19 +104,19 @@ def test_only_fingers_whose_check_was_passed_are_verified(journal: Journal) -> N
     assert journal.counts().swaps == 0, "it is no swap that failed"
 
 
-def test_a_check_alone_is_no_swap(verified: Journal) -> None:
+def test_a_check_alone_is_no_swap(verified: CellJournal) -> None:
     verified.finish_swap("power", "SUCCEEDED", "", 20.0, changed=False, references={})
     assert (verified.counts().swaps, verified.counts().mean_swap_s) == (1, 60.0)
 
 
-def test_fingers_that_the_check_refused_are_nobody_s_any_more(verified: Journal, library: Library) -> None:
+def test_fingers_that_the_check_refused_are_nobody_s_any_more(verified: CellJournal, library: Library) -> None:
     verified.distrust([POWER[0]], [POWER[2]])
     assert hand(verified) == [("", UNKNOWN), (POWER[1], UNKNOWN), ("", UNKNOWN)]
     assert states(library, POWER[:1]) == {FingerState.UNKNOWN}
     assert states(library, POWER[2:]) == {FingerState.WORN}
 
 
-def test_a_finger_that_wears_out_takes_its_slot_s_verification_with_it(verified: Journal, library: Library) -> None:
+def test_a_finger_that_wears_out_takes_its_slot_s_verification_with_it(verified: CellJournal, library: Library) -> None:
     assert verified.wear("middle", "soft") == POWER[1]
     assert hand(verified)[1] == (POWER[1], UNSURE)
     assert states(library, POWER[1:2]) == {FingerState.WORN}
@@ -123,17 +125,17 @@ def test_a_finger_that_wears_out_takes_its_slot_s_verification_with_it(verified:
     assert states(library, POWER[:1]) == {FingerState.UNKNOWN}
 
 
-def test_a_grasp_costs_each_mounted_finger_a_closing_and_no_other_one(verified: Journal, library: Library) -> None:
-    before = {serial: passport.cycles for serial, passport in library.passports().items()}
+def test_a_grasp_costs_each_mounted_finger_a_closing_and_no_other_one(verified: CellJournal, library: Library) -> None:
+    before = {serial: finger_record.cycles for serial, finger_record in library.finger_records().items()}
     verified.begin("grasp", "egg", "approach")
     verified.finish_grasp("egg", 1, "power", "GRIPPED", "", 2.0)
-    after = {serial: passport.cycles for serial, passport in library.passports().items()}
+    after = {serial: finger_record.cycles for serial, finger_record in library.finger_records().items()}
     assert {serial for serial in after if after[serial] != before[serial]} == set(POWER)
     assert {after[serial] - before[serial] for serial in POWER} == {1}
     assert verified.recover() is None, "the grasp has ended"
 
 
-def test_only_what_was_gripped_lost_or_missed_says_something_of_a_finger_set(verified: Journal) -> None:
+def test_only_what_was_gripped_lost_or_missed_says_something_of_a_finger_set(verified: CellJournal) -> None:
     for outcome in ("GRIPPED", "EMPTY", "SLIPPED", "ABORTED", "TENDON_FAULT"):
         verified.finish_grasp("egg", 1, "power", outcome, "", 2.0)
     assert verified.tallies() == {("egg", "power"): Tally(1, 2)}
@@ -142,7 +144,7 @@ def test_only_what_was_gripped_lost_or_missed_says_something_of_a_finger_set(ver
 # --- the database --------------------------------------------------------------------------------------------------
 
 
-def test_what_fails_in_the_middle_was_never_begun(database: Database, verified: Journal) -> None:
+def test_what_fails_in_the_middle_was_never_begun(database: Database, verified: CellJournal) -> None:
     def fail_half_way() -> None:
         with database.write() as connection:
             connection.execute(delete(SLOT))
@@ -153,7 +155,9 @@ def test_what_fails_in_the_middle_was_never_begun(database: Database, verified: 
     assert hand(verified) == [(serial, VERIFIED) for serial in POWER]
 
 
-def test_who_has_begun_a_change_can_end_it_though_it_only_looked_at_first(tmp_path: Path, verified: Journal) -> None:
+def test_who_has_begun_a_change_can_end_it_though_it_only_looked_at_first(
+    tmp_path: Path, verified: CellJournal
+) -> None:
     """Another process that writes meanwhile has to wait, and gives up; else the first one would fail in its middle."""
     url = f"sqlite:///{tmp_path}/cell.db"
     with Database(url) as first, Database(url) as second, first.write() as connection:
@@ -185,11 +189,11 @@ def test_an_edit_of_what_was_changed_meanwhile_is_refused_and_the_newest_is_in_f
     with pytest.raises(ConflictError):
         library.save_product(replace(read, mass_kg=0.08), "another")
     assert library.catalogue().products["egg"].mass_kg == 0.07
-    finger = library.passports()[POWER[0]]
-    library.save_passport(replace(finger, state=FingerState.WORN), "one")
+    finger = library.finger_records()[POWER[0]]
+    library.save_finger_record(replace(finger, state=FingerState.WORN), "one")
     with pytest.raises(ConflictError):
-        library.save_passport(finger, "another")
-    assert library.passports()[POWER[0]].state is FingerState.WORN
+        library.save_finger_record(finger, "another")
+    assert library.finger_records()[POWER[0]].state is FingerState.WORN
     assert [(entry.who, entry.subject) for entry in library.audit(1)] == [("one", POWER[0])]
 
 

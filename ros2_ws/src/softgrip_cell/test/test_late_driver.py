@@ -14,7 +14,7 @@ import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Outcome, Phase
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase
 
 VIRTUAL_CELL = Path(__file__).resolve().parents[4] / "benchmarks" / "_virtual_cell.py"
 SETTINGS = GraspSettings(lift_window_s=1.0)
@@ -52,8 +52,8 @@ def test_a_light_product_is_not_pushed_away_before_it_is_touched(
     touched = False
     for step, _ in cell.grasp(virtual.task(read_catalogue().products[name], finger_set, checks), SETTINGS):
         touched = touched or max(cell.plant.grasp.state().contact_forces_n, default=0.0) > 0.0
-        assert touched or step.phase in {Phase.APPROACH, Phase.CLOSE}, "pressed before anything was touched"
-        if step.phase is Phase.LIFT:
+        assert touched or step.phase in {GraspPhase.APPROACH, GraspPhase.CLOSE}, "pressed before anything was touched"
+        if step.phase is GraspPhase.LIFT:
             cell.plant.lift()
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.GRIPPED
+    assert step.verdict.outcome is GraspOutcome.GRIPPED

@@ -10,7 +10,7 @@ import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.commands.library import main
-from softgrip_cell.passports import read_passports
+from softgrip_cell.finger_records import read_finger_records
 from softgrip_cell.storage import Database, Library
 
 
@@ -20,7 +20,7 @@ def url(tmp_path: Path) -> str:
     with Database(place) as database:
         library = Library(database, time.time_ns)
         library.import_catalogue(read_catalogue(), "test")
-        library.import_passports(read_passports().values(), "test")
+        library.import_finger_records(read_finger_records().values(), "test")
     return place
 
 
@@ -42,7 +42,7 @@ def test_fingers_go_out_and_come_back(url: str, tmp_path: Path, capsys: pytest.C
     path = tmp_path / "fingers.yaml"
     assert main(["--database-url", url, "finger", "PW-I-01", "retired"]) == 0
     assert main(["--database-url", url, "export-fingers", str(path)]) == 0
-    assert read_passports(path)["PW-I-01"].state.value == "retired"
+    assert read_finger_records(path)["PW-I-01"].state.value == "retired"
     assert main(["--database-url", url, "import-fingers", str(path)]) == 0
     assert "nothing, all is as in the database" in capsys.readouterr().out
     assert main(["--database-url", url, "finger", "PX-1", "store"]) == 1

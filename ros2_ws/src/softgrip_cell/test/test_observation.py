@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from softgrip_cell.observation import FreeMotion, Pairing, Silence, TendonSample
+from softgrip_cell.observation import FreeMotion, Pairing, StreamSilence, TendonSample
 
 
 def sample(stamp_ns: int) -> TendonSample:
@@ -15,7 +15,7 @@ def motion(stamp_ns: int) -> FreeMotion:
 
 
 def test_silence_is_counted_in_looks_and_ends_with_a_word() -> None:
-    silence = Silence(3)
+    silence = StreamSilence(3)
     assert silence.reached  # nothing was ever heard
     silence.hear()
     states = []

@@ -15,8 +15,10 @@ STANDING = (True, True, True)
 HOLD_N = 18.0
 
 
-def reading(pulled_m: float, free_n: float, excess_n: float) -> Reading:
-    return Reading(pulled_m, free_n + excess_n, free_n, excess_n, threshold_n=0.35, force_n=excess_n)
+def reading(pulled_m: float, free_n: float, contact_tension_n: float) -> Reading:
+    return Reading(
+        pulled_m, free_n + contact_tension_n, free_n, contact_tension_n, threshold_n=0.35, force_n=contact_tension_n
+    )
 
 
 @pytest.fixture
@@ -32,14 +34,14 @@ def pressing(task) -> Pressing:  # type: ignore[no-untyped-def]  # fixtures
 
 def again(pressing: Pressing, found: Reading) -> tuple[float, ...]:
     """Tensions that are told once the fingers have stood with these readings long enough."""
-    told: tuple[float, ...] = ()
+    command: tuple[float, ...] = ()
     for step in range(40):
         for press in pressing.keep_up((found,) * 3, STANDING, 2 * SECOND + step * SECOND // 100):
-            assert not told, "told twice within the shortest time between two commands"
-            told = press.tensions_n
-        if told:
+            assert not command, "told twice within the shortest time between two commands"
+            command = press.tensions_n
+        if command:
             break
-    return told
+    return command
 
 
 def test_a_finger_that_closed_further_is_pulled_by_as_much_harder_as_free_motion_needs(pressing: Pressing) -> None:

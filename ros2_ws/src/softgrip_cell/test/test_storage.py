@@ -17,9 +17,9 @@ from sqlalchemy import update
 
 from softgrip_cell.catalogue_file import catalogue_text, read_catalogue
 from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
+from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.outcomes import Tally
-from softgrip_cell.passports import FingerState, read_passports
-from softgrip_cell.storage import Database, HeldLock, Journal, Library, PendingWrites, SlotState
+from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, PendingWrites, SlotState
 from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
 from softgrip_cell.storage.schema import META
 
@@ -58,18 +58,18 @@ def database(database_url: str) -> Iterator[Database]:
 def library(database: Database) -> Library:
     made = Library(database, Clock())
     made.import_catalogue(read_catalogue(), "test")
-    made.import_passports(read_passports().values(), "test")
+    made.import_finger_records(read_finger_records().values(), "test")
     return made
 
 
 @pytest.fixture
-def journal(database: Database, library: Library) -> Journal:
-    made = Journal(database, SLOTS, Clock())
+def journal(database: Database, library: Library) -> CellJournal:
+    made = CellJournal(database, SLOTS, Clock())
     made.recover()
     return made
 
 
-def mount(journal: Journal, serials: tuple[str, ...] = POWER, *, verify: bool = True) -> None:
+def mount(journal: CellJournal, serials: tuple[str, ...] = POWER, *, verify: bool = True) -> None:
     journal.begin("swap", "power", "release")
     journal.forget_slots("open_palm", LOCK)
     journal.park_fingers("insert")
@@ -85,7 +85,7 @@ def test_catalogue_goes_in_and_comes_out_the_same(library: Library) -> None:
 
 def test_importing_twice_writes_nothing(library: Library) -> None:
     assert library.import_catalogue(read_catalogue(), "test") == []
-    assert library.import_passports(read_passports().values(), "test") == []
+    assert library.import_finger_records(read_finger_records().values(), "test") == []
 
 
 def test_every_change_is_a_version_with_its_author(library: Library) -> None:
@@ -120,19 +120,19 @@ def test_a_file_exported_before_an_edit_is_refused_whole(library: Library, tmp_p
 
 
 def test_a_passport_changed_meanwhile_is_never_overwritten(library: Library) -> None:
-    finger = library.passports()["PW-I-01"]
+    finger = library.finger_records()["PW-I-01"]
     library.set_finger_state("PW-I-01", FingerState.WORN, "Ada")
     with pytest.raises(ConflictError):
-        library.save_passport(replace(finger, cycles=7), "Bob")
-    assert library.passports()["PW-I-01"].state is FingerState.WORN
+        library.save_finger_record(replace(finger, cycles=7), "Bob")
+    assert library.finger_records()["PW-I-01"].state is FingerState.WORN
     with pytest.raises(RefusedError, match="known finger"):
         library.set_finger_state("PW-X-99", FingerState.WORN, "Ada")
 
 
-def test_a_verified_set_is_to_be_verified_after_a_restart(database: Database, journal: Journal) -> None:
+def test_a_verified_set_is_to_be_verified_after_a_restart(database: Database, journal: CellJournal) -> None:
     mount(journal)
     assert {slot.state for slot in journal.slots()} == {SlotState.VERIFIED}
-    again = Journal(database, SLOTS, Clock())
+    again = CellJournal(database, SLOTS, Clock())
     assert again.recover() is None
     assert [(slot.state, slot.serial, slot.profile) for slot in again.slots()] == [
         (SlotState.TO_BE_VERIFIED, serial, "power") for serial in POWER
@@ -149,7 +149,7 @@ def test_a_verified_set_is_to_be_verified_after_a_restart(database: Database, jo
     ],
 )
 def test_a_kill_in_a_swap_leaves_the_truth_or_unknown(
-    database: Database, library: Library, journal: Journal, steps: int, slots: SlotState, fingers: FingerState
+    database: Database, library: Library, journal: CellJournal, steps: int, slots: SlotState, fingers: FingerState
 ) -> None:
     mount(journal)
     journal.begin("swap", "pinch", "release")
@@ -159,16 +159,16 @@ def test_a_kill_in_a_swap_leaves_the_truth_or_unknown(
         journal.park_fingers("insert")
     if steps > 3:
         journal.read_in("close_palm", ("PI-I-01", "PI-M-01", "PI-T-01"))
-    again = Journal(database, SLOTS, Clock())
+    again = CellJournal(database, SLOTS, Clock())
     cut = again.recover()
     assert cut is not None
     assert (cut.kind, cut.subject) == ("swap", "pinch")
     assert {slot.state for slot in again.slots()} == {slots}
-    assert {library.passports()[serial].state for serial in POWER} == {fingers}
+    assert {library.finger_records()[serial].state for serial in POWER} == {fingers}
     assert again.recover() is None
 
 
-def test_outcomes_are_tallied_and_cycles_counted(library: Library, journal: Journal) -> None:
+def test_outcomes_are_tallied_and_cycles_counted(library: Library, journal: CellJournal) -> None:
     mount(journal)
     for outcome in ("GRIPPED", "GRIPPED", "EMPTY", "SLIPPED", "ABORTED", "TENDON_FAULT"):
         journal.begin("grasp", "egg", "power")
@@ -177,17 +177,17 @@ def test_outcomes_are_tallied_and_cycles_counted(library: Library, journal: Jour
     counts = journal.counts()
     assert sum(counts.outcomes.values()) == 6
     assert (counts.swaps, counts.mean_swap_s) == (1, pytest.approx(42.0))
-    assert library.passports()["PW-I-01"].cycles == 1 + 6  # the check of the swap and six grasps
+    assert library.finger_records()["PW-I-01"].cycles == 1 + 6  # the check of the swap and six grasps
 
 
-def test_a_distrusted_finger_does_not_come_back_by_being_parked(library: Library, journal: Journal) -> None:
+def test_a_distrusted_finger_does_not_come_back_by_being_parked(library: Library, journal: CellJournal) -> None:
     mount(journal, verify=False)
     journal.distrust(["PW-I-01"], ["PW-T-01"])
     assert {slot.state for slot in journal.slots()} == {SlotState.UNKNOWN}
     journal.begin("swap", "power", "release")
     journal.forget_slots("open_palm", LOCK)
     journal.park_fingers("insert")
-    states = [library.passports()[serial].state for serial in POWER]
+    states = [library.finger_records()[serial].state for serial in POWER]
     assert states == [FingerState.UNKNOWN, FingerState.STORE, FingerState.WORN]
 
 
@@ -217,19 +217,21 @@ def test_the_cell_is_free_again_after_kill_9(database_url: str) -> None:
     _until(lambda: _opens(database_url))
 
 
-def test_the_lock_outlives_the_swap_and_a_restart_until_it_is_dropped(database: Database, journal: Journal) -> None:
+def test_the_lock_outlives_the_swap_and_a_restart_until_it_is_dropped(database: Database, journal: CellJournal) -> None:
     assert journal.lock() is None
     journal.begin("swap", "pinch", "release")
     journal.forget_slots("open_palm", LOCK)
     journal.finish_swap("pinch", "CANCELLED", "", 1.0, changed=True)
-    again = Journal(database, SLOTS, Clock())
+    again = CellJournal(database, SLOTS, Clock())
     again.recover()
     assert again.lock() == LOCK
     again.drop_lock()
     assert journal.lock() is None
 
 
-def test_the_lock_and_unknown_slots_are_written_together_or_not_at_all(database: Database, journal: Journal) -> None:
+def test_the_lock_and_unknown_slots_are_written_together_or_not_at_all(
+    database: Database, journal: CellJournal
+) -> None:
     mount(journal)
     journal.drop_lock()
     journal.begin("swap", "pinch", "release")
@@ -247,14 +249,14 @@ def test_a_database_of_the_release_before_gets_the_tables_that_it_lacks(database
     with Database(database_url) as opened:
         library = Library(opened, Clock())
         library.import_catalogue(read_catalogue(), "test")
-        journal = Journal(opened, SLOTS, Clock())
+        journal = CellJournal(opened, SLOTS, Clock())
         journal.recover()
         assert journal.lock() is None
         journal.forget_slots("open_palm", LOCK)
         assert journal.lock() == LOCK
 
 
-def test_what_an_older_release_remembered_is_put_back(database: Database, journal: Journal) -> None:
+def test_what_an_older_release_remembered_is_put_back(database: Database, journal: CellJournal) -> None:
     mount(journal)
     tables = json.loads(database.save())
     del tables[LOCK_TABLE.name]

@@ -11,25 +11,27 @@ import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.observation import FreeMotion, Pair, SeenTip, TendonSample
-from softgrip_cell.passports import FingerState, read_passports
-from softgrip_cell.storage import Slot, SlotState
+from softgrip_cell.observation import FreeMotion, ObservedPair, SeenTip, TendonSample
+from softgrip_cell.storage import MountedSlot, SlotState
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding
-from softgrip_cell.swap.sequence import Remember, SwapSequence, SwapStep
+from softgrip_cell.swap.sequence import PersistAction, SwapSequence, SwapStep
 
 SETS = read_catalogue().finger_sets
-EMPTY_HAND = tuple(Slot(name) for name in ("index", "middle", "thumb"))
+EMPTY_HAND = tuple(MountedSlot(name) for name in ("index", "middle", "thumb"))
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
 PINCH = ("PI-I-01", "PI-M-01", "PI-T-01")
 
 
-def mounted(serials=POWER, profile: str = "power", state: SlotState = SlotState.VERIFIED) -> tuple[Slot, ...]:
-    return tuple(Slot(slot.name, state, serial, profile) for slot, serial in zip(EMPTY_HAND, serials, strict=True))
+def mounted(serials=POWER, profile: str = "power", state: SlotState = SlotState.VERIFIED) -> tuple[MountedSlot, ...]:
+    return tuple(
+        MountedSlot(slot.name, state, serial, profile) for slot, serial in zip(EMPTY_HAND, serials, strict=True)
+    )
 
 
 def test_a_swap_goes_through_its_steps_and_writes_before_it_acts() -> None:
-    sequence = SwapSequence(SETS["pinch"], mounted(), read_passports())
+    sequence = SwapSequence(SETS["pinch"], mounted(), read_finger_records())
     turns = [sequence.start(), sequence.released(), sequence.locked()]
     turns.append(sequence.confirm("open_palm"))
     turns.append(sequence.confirm("remove"))
@@ -37,16 +39,16 @@ def test_a_swap_goes_through_its_steps_and_writes_before_it_acts() -> None:
     turns.append(sequence.confirm("close_palm"))
     turns.append(sequence.unlocked())
     turns.append(sequence.homed())
-    assert [(turn.step, turn.remember) for turn in turns] == [
-        (SwapStep.RELEASE, Remember.NOTHING),
-        (SwapStep.LOCK, Remember.NOTHING),
-        (SwapStep.OPEN_PALM, Remember.FORGET_SLOTS),
-        (SwapStep.REMOVE, Remember.NOTHING),
-        (SwapStep.INSERT, Remember.PARK_FINGERS),
-        (SwapStep.CLOSE_PALM, Remember.READ_IN),
-        (SwapStep.UNLOCK, Remember.NOTHING),
-        (SwapStep.HOME, Remember.NOTHING),
-        (SwapStep.VERIFY, Remember.NOTHING),
+    assert [(turn.step, turn.persist) for turn in turns] == [
+        (SwapStep.RELEASE, PersistAction.NOTHING),
+        (SwapStep.LOCK, PersistAction.NOTHING),
+        (SwapStep.OPEN_PALM, PersistAction.FORGET_SLOTS),
+        (SwapStep.REMOVE, PersistAction.NOTHING),
+        (SwapStep.INSERT, PersistAction.PARK_FINGERS),
+        (SwapStep.CLOSE_PALM, PersistAction.READ_IN),
+        (SwapStep.UNLOCK, PersistAction.NOTHING),
+        (SwapStep.HOME, PersistAction.NOTHING),
+        (SwapStep.VERIFY, PersistAction.NOTHING),
     ]
     assert [turn.confirmation for turn in turns] == [False, False, True, True, True, True, False, False, False]
     assert "take out PW-I-01 from index" in turns[3].instruction
@@ -55,14 +57,14 @@ def test_a_swap_goes_through_its_steps_and_writes_before_it_acts() -> None:
 
 
 def test_fingers_that_are_in_already_are_only_checked() -> None:
-    sequence = SwapSequence(SETS["power"], mounted(state=SlotState.TO_BE_VERIFIED), read_passports())
+    sequence = SwapSequence(SETS["power"], mounted(state=SlotState.TO_BE_VERIFIED), read_finger_records())
     assert sequence.only_check
     assert sequence.released().step is SwapStep.HOME
     assert sequence.serials == POWER
 
 
 @pytest.mark.parametrize(
-    ("slots", "wanted"),
+    ("slots", "requested"),
     [
         (EMPTY_HAND, ()),
         (mounted(state=SlotState.UNKNOWN), ()),
@@ -70,14 +72,14 @@ def test_fingers_that_are_in_already_are_only_checked() -> None:
         (mounted(), ("PW-I-02", "PW-M-02", "PW-T-02")),
     ],
 )
-def test_anything_less_certain_is_a_whole_swap(slots, wanted) -> None:
-    assert not SwapSequence(SETS["power"], slots, read_passports(), wanted).only_check
+def test_anything_less_certain_is_a_whole_swap(slots, requested) -> None:
+    assert not SwapSequence(SETS["power"], slots, read_finger_records(), requested).only_check
 
 
 def test_the_least_used_fingers_are_proposed() -> None:
-    passports = read_passports()
-    passports["PI-I-01"] = replace(passports["PI-I-01"], cycles=900)
-    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, passports)
+    finger_records = read_finger_records()
+    finger_records["PI-I-01"] = replace(finger_records["PI-I-01"], cycles=900)
+    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, finger_records)
     sequence.start()
     sequence.released()
     sequence.locked()
@@ -90,7 +92,7 @@ def test_the_least_used_fingers_are_proposed() -> None:
     [
         (("PI-I-01", "PI-M-01"), "expected one serial per slot .index, middle, thumb., found 2"),
         ((), "found 0"),
-        (("PI-I-01", "PI-M-01", "PX-T-07"), "slot thumb: finger 'PX-T-07' has no passport"),
+        (("PI-I-01", "PI-M-01", "PX-T-07"), "slot thumb: finger 'PX-T-07' has no finger record"),
         (
             ("PW-I-01", "PI-M-01", "PI-T-01"),
             "expected its finger of profile 'pinch', found PW-I-01: index finger of",
@@ -101,10 +103,10 @@ def test_the_least_used_fingers_are_proposed() -> None:
     ],
 )
 def test_wrong_worn_and_unknown_fingers_are_refused_when_read_in(serials, expected: str) -> None:
-    passports = read_passports()
-    passports["PI-M-02"] = replace(passports["PI-M-02"], state=FingerState.WORN)
-    passports["PI-T-02"] = replace(passports["PI-T-02"], cycles=25_000)
-    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, passports)
+    finger_records = read_finger_records()
+    finger_records["PI-M-02"] = replace(finger_records["PI-M-02"], state=FingerState.WORN)
+    finger_records["PI-T-02"] = replace(finger_records["PI-T-02"], cycles=25_000)
+    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, finger_records)
     sequence.start()
     sequence.released()
     sequence.locked()
@@ -118,16 +120,16 @@ def test_wrong_worn_and_unknown_fingers_are_refused_when_read_in(serials, expect
 
 @pytest.mark.parametrize("state", [FingerState.WORN, FingerState.RETIRED, FingerState.UNKNOWN])
 def test_a_set_without_usable_fingers_is_refused_at_once(state: FingerState) -> None:
-    passports = {
-        serial: replace(passport, state=state) if passport.finger == "thumb" else passport
-        for serial, passport in read_passports().items()
+    finger_records = {
+        serial: replace(finger_record, state=state) if finger_record.finger == "thumb" else finger_record
+        for serial, finger_record in read_finger_records().items()
     }
     with pytest.raises(RefusedError, match="no usable thumb finger of profile 'hook'"):
-        SwapSequence(SETS["hook"], EMPTY_HAND, passports)
+        SwapSequence(SETS["hook"], EMPTY_HAND, finger_records)
 
 
 def test_confirmations_out_of_turn_are_refused() -> None:
-    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, read_passports())
+    sequence = SwapSequence(SETS["pinch"], EMPTY_HAND, read_finger_records())
     with pytest.raises(RefusedError, match="no step waits"):
         sequence.confirm("open_palm")
     sequence.released()
@@ -139,7 +141,7 @@ def test_confirmations_out_of_turn_are_refused() -> None:
 
 
 def test_every_step_names_the_condition_it_leaves_when_cancelled() -> None:
-    sequence = SwapSequence(SETS["pinch"], mounted(), read_passports())
+    sequence = SwapSequence(SETS["pinch"], mounted(), read_finger_records())
     said = [sequence.safe_condition()]
     sequence.released()
     sequence.locked()
@@ -179,7 +181,7 @@ def closing(
         stamp = i * 5_000_000
         tip = (0.1 - 2.0 * pulled, -3.0 * pulled)
         sample = TendonSample(stamp, (pulled,) * 3, tension)
-        check.observe(Pair(sample, FreeMotion(stamp, (pulled,) * 3, (predicted,) * 3, (tip,) * 3, "fm")))
+        check.observe(ObservedPair(sample, FreeMotion(stamp, (pulled,) * 3, (predicted,) * 3, (tip,) * 3, "fm")))
         if i % 6 == 0:
             check.see(SeenTip(stamp, "index", (tip[0] + tip_off_m, tip[1]), 0.0003))
     return check

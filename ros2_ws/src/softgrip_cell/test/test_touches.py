@@ -12,7 +12,7 @@ from softgrip_cell.grasp.reading import Baseline, Reading
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.touches import LASTS_S, Touches
-from softgrip_cell.grasp.values import Outcome, Press
+from softgrip_cell.grasp.values import GraspOutcome, Press
 
 SETTINGS = GraspSettings()
 PERIOD_NS = 10_000_000
@@ -22,14 +22,16 @@ THRESHOLD_N = 0.5
 TRAVEL_M = 1e-4
 
 
-def reading(excess_n: float) -> Reading:
-    return Reading(0.005, 3.0 + excess_n, 3.0, excess_n, THRESHOLD_N, force_n=max(0.0, excess_n))
+def reading(contact_tension_n: float) -> Reading:
+    return Reading(
+        0.005, 3.0 + contact_tension_n, 3.0, contact_tension_n, THRESHOLD_N, force_n=max(0.0, contact_tension_n)
+    )
 
 
-def sure_after(excess_n: list[float]) -> int | None:
+def sure_after(contact_tension_n: list[float]) -> int | None:
     """Number of samples after which a finger touches for sure."""
     touches = Touches(1, SETTINGS)
-    for number, each in enumerate(excess_n, start=1):
+    for number, each in enumerate(contact_tension_n, start=1):
         touches.look(number * PERIOD_NS, (reading(each),))
         if touches.sure[0]:
             return number
@@ -56,16 +58,16 @@ def test_what_stays_is_a_touch_though_it_does_not_grow() -> None:
 
 def test_a_touch_that_ends_has_to_begin_anew() -> None:
     touches = Touches(1, SETTINGS)
-    for number, excess_n in enumerate([0.6, 0.7, 0.8, 0.2, 0.9, 1.0]):
-        touches.look(number * PERIOD_NS, (reading(excess_n),))
+    for number, contact_tension_n in enumerate([0.6, 0.7, 0.8, 0.2, 0.9, 1.0]):
+        touches.look(number * PERIOD_NS, (reading(contact_tension_n),))
         assert touches.sure[0] == (number == 2)
 
 
 def test_what_is_kept_is_what_no_sample_of_a_run_lacks() -> None:
     touches = Touches(1, SETTINGS)
     kept = []
-    for number, excess_n in enumerate([0.0, 0.0, 3.0, 3.0, 0.4, 2.0, 2.5, 2.2]):
-        touches.look(number * PERIOD_NS, (reading(excess_n),))
+    for number, contact_tension_n in enumerate([0.0, 0.0, 3.0, 3.0, 0.4, 2.0, 2.5, 2.2]):
+        touches.look(number * PERIOD_NS, (reading(contact_tension_n),))
         kept.append(touches.kept_n[0])
     assert kept == [-math.inf, -math.inf, 0.0, 0.0, 0.4, 0.4, 0.4, 2.0]
 
@@ -115,7 +117,7 @@ def test_a_late_drive_closes_on_nothing(run, task, bench, seed: int) -> None:
     steps = list(run(GraspSequence(task(), SETTINGS), made))
     assert not any(isinstance(command, Press) for command in made.commands)
     assert steps[-1].verdict is not None
-    assert steps[-1].verdict.outcome is Outcome.EMPTY
+    assert steps[-1].verdict.outcome is GraspOutcome.EMPTY
     assert "closed on nothing" in steps[-1].verdict.reason
 
 
@@ -127,4 +129,4 @@ def test_a_late_drive_does_not_press_before_the_product_is_touched(run, task, be
         if any(isinstance(command, Press) for command in step.commands):
             assert min(made.pulled_m) >= contact_m
     assert step.verdict is not None
-    assert step.verdict.outcome is Outcome.GRIPPED
+    assert step.verdict.outcome is GraspOutcome.GRIPPED

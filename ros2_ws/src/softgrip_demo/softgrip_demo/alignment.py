@@ -15,7 +15,7 @@ LONGEST_GAP = 0.1
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredTip:
     """The watched finger in one camera frame: stamp [s], joint angles [rad], tip [m]."""
 
     stamp: float
@@ -54,7 +54,7 @@ def _vector(instant: Instant) -> np.ndarray:
     return np.array([instant.pulled_length, instant.predicted_tension, instant.tension, *instant.tip, *instant.angles])
 
 
-def pair(measured: Sequence[Measured], instants: Sequence[Instant]) -> tuple[ClosingSample, ...]:
+def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[ClosingSample, ...]:
     """Return one sample per camera frame that has a prediction at its own time."""
     ordered = sorted(instants, key=lambda instant: instant.stamp)
     samples = []

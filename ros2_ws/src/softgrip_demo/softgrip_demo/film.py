@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softgrip_demo.alignment import Instant, at_stamp
-from softgrip_demo.record import Frame
+from softgrip_demo.record import ShiftFrame
 
 if TYPE_CHECKING:
     from softgrip_vision.calibration import PlaneMap
@@ -31,7 +31,7 @@ def make(
     link_lengths: Sequence[float],
     plane: PlaneMap,
     folder: Path,
-) -> tuple[Frame, ...]:
+) -> tuple[ShiftFrame, ...]:
     """Write the frames as JPEG files into ``folder/film`` and return the film, without frames that have no prediction.
 
     Args:
@@ -52,7 +52,7 @@ def make(
         (folder / name).write_bytes(jpeg)
         pixels = plane.to_pixels(chain(link_lengths, instant.angles))
         film.append(
-            Frame(
+            ShiftFrame(
                 image=name,
                 time=stamp - matched[0][0],
                 predicted_joints=tuple((round(float(u), 1), round(float(v), 1)) for u, v in pixels),

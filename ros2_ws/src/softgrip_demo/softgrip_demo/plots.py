@@ -17,7 +17,7 @@ from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from softgrip_demo.record import Closing, FrictionResult
+    from softgrip_demo.record import FrictionResult, ShiftClosing
 
 
 def friction_figure(friction: FrictionResult) -> str:
@@ -35,7 +35,7 @@ def friction_figure(friction: FrictionResult) -> str:
         return svg(figure)
 
 
-def joints_figure(closing: Closing) -> str:
+def joints_figure(closing: ShiftClosing) -> str:
     """Joint angles over pulled length: markers as dots, prediction as lines."""
     pulled = np.array([s.pulled_length for s in closing.samples]) * MILLIMETRES
     measured = np.array([s.measured_angles for s in closing.samples]) * DEGREES
@@ -52,7 +52,7 @@ def joints_figure(closing: Closing) -> str:
         return svg(figure)
 
 
-def demonstration_figure(closing: Closing, human: np.ndarray) -> str:
+def demonstration_figure(closing: ShiftClosing, human: np.ndarray) -> str:
     """Joint angles over their sum, as Fig 4.5: the person (thin) and the printed finger (dots).
 
     Args:
@@ -75,7 +75,7 @@ def demonstration_figure(closing: Closing, human: np.ndarray) -> str:
         return svg(figure)
 
 
-def tip_figure(closing: Closing) -> str:
+def tip_figure(closing: ShiftClosing) -> str:
     """The fingertip's path, measured and predicted, with the simulated shape at the end behind it."""
     measured = np.array([s.measured_tip for s in closing.samples]) * MILLIMETRES
     predicted = np.array([s.predicted_tip for s in closing.samples]) * MILLIMETRES
@@ -97,7 +97,7 @@ def tip_figure(closing: Closing) -> str:
         return svg(figure)
 
 
-def _draw_shape(axes: Axes, closing: Closing) -> None:
+def _draw_shape(axes: Axes, closing: ShiftClosing) -> None:
     if closing.shape is None:
         return
     vertices = np.array(closing.shape.vertices)[:, :2] * MILLIMETRES

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from softgrip_cell.catalogue_file import read_catalogue
-from softgrip_cell.passports import read_passports
+from softgrip_cell.finger_records import read_finger_records
 from softgrip_demo.errors import ShiftError
 from softgrip_model import profile
 from softgrip_model.profile import FingerDesign
@@ -32,13 +32,13 @@ def serials_of(finger_set: str, slots: Sequence[str], copy: int = 0) -> list[str
     Raises:
         ShiftError: no such finger was printed.
     """
-    passports = read_passports()
+    finger_records = read_finger_records()
     serials = []
     for slot in slots:
-        fitting = sorted(s for s, p in passports.items() if p.profile == finger_set and p.finger == slot)
+        fitting = sorted(s for s, p in finger_records.items() if p.profile == finger_set and p.finger == slot)
         if copy >= len(fitting):
             raise ShiftError(
-                f"expected {copy + 1} printed {finger_set} fingers for slot {slot}, found {len(fitting)} passports"
+                f"expected {copy + 1} printed {finger_set} fingers for slot {slot}, found {len(fitting)} finger records"
             )
         serials.append(fitting[copy])
     return serials

@@ -77,7 +77,7 @@ class ShapeView:
 
 
 @dataclass(frozen=True)
-class Closing:
+class ShiftClosing:
     """An empty closing of the watched finger with one finger set."""
 
     grasp: str
@@ -99,7 +99,7 @@ class GraspResult:
 
 
 @dataclass(frozen=True)
-class Frame:
+class ShiftFrame:
     """One camera frame of the filmed grasp beside the predicted free motion.
 
     Attributes:
@@ -117,11 +117,11 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Stage:
+class ShiftStage:
     """A named part of the shift and its wall time [s]."""
 
     name: str
-    wall: float
+    wall_clock_s: float
 
 
 @dataclass(frozen=True)
@@ -130,16 +130,16 @@ class ShiftRecord:
 
     seed: int
     friction: FrictionResult
-    closings: tuple[Closing, ...]
+    closings: tuple[ShiftClosing, ...]
     grasps: tuple[GraspResult, ...]
     swaps: int
     film_product: str
-    film: tuple[Frame, ...]
+    film: tuple[ShiftFrame, ...]
     bag_path: str
     bag_messages: int
     bag_topics: int
     bag_dropped: int
-    stages: tuple[Stage, ...]
+    stages: tuple[ShiftStage, ...]
     schema: int = field(default=SCHEMA)
 
     def save(self, path: Path) -> None:
@@ -182,8 +182,10 @@ def _from_raw(raw: dict[str, Any]) -> ShiftRecord:
         shape = closing["shape"]
         if shape is not None:
             shape = ShapeView(**{**shape, "vertices": _pairs(shape["vertices"]), "faces": _pairs(shape["faces"])})
-        closings.append(Closing(closing["grasp"], closing["finger_length"], samples, shape))
-    film = tuple(Frame(**{**frame, "predicted_joints": _pairs(frame["predicted_joints"])}) for frame in raw["film"])
+        closings.append(ShiftClosing(closing["grasp"], closing["finger_length"], samples, shape))
+    film = tuple(
+        ShiftFrame(**{**frame, "predicted_joints": _pairs(frame["predicted_joints"])}) for frame in raw["film"]
+    )
     return ShiftRecord(
         **{
             **raw,
@@ -191,6 +193,6 @@ def _from_raw(raw: dict[str, Any]) -> ShiftRecord:
             "closings": tuple(closings),
             "grasps": tuple(GraspResult(**grasp) for grasp in raw["grasps"]),
             "film": film,
-            "stages": tuple(Stage(**stage) for stage in raw["stages"]),
+            "stages": tuple(ShiftStage(**stage) for stage in raw["stages"]),
         }
     )

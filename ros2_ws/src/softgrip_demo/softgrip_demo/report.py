@@ -14,7 +14,7 @@ from softgrip_design import trajectory
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from softgrip_demo.record import Closing, ShiftRecord
+    from softgrip_demo.record import ShiftClosing, ShiftRecord
 
 
 def figures(record: ShiftRecord, folder: Path) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def render(record: ShiftRecord, summary: dict[str, Any], drawn: dict[str, Any]) 
     )
 
 
-def _demonstration(closing: Closing) -> str:
+def _demonstration(closing: ShiftClosing) -> str:
     """Return the comparison with a person's hand, empty where none was recorded for the grasp."""
     path = trajectory.SHIPPED / f"hand_{closing.grasp}.csv"
     if not path.exists():

@@ -12,7 +12,7 @@ import numpy as np
 from softgrip_demo.table42 import agrees
 
 if TYPE_CHECKING:
-    from softgrip_demo.record import Closing, ShiftRecord
+    from softgrip_demo.record import ShiftClosing, ShiftRecord
 
 
 @dataclass(frozen=True)
@@ -23,17 +23,17 @@ class ReplayCheck:
     compared: int
     identical: bool
     detail: str
-    wall: float  # [s]
+    wall_clock_s: float  # [s]
 
 
-def tip_errors_percent(closing: Closing) -> np.ndarray:
+def tip_errors_percent(closing: ShiftClosing) -> np.ndarray:
     """Return the distance of measured and predicted tip per sample, in percent of the finger's length, shape (n,)."""
     measured = np.array([sample.measured_tip for sample in closing.samples]).reshape(-1, 2)
     predicted = np.array([sample.predicted_tip for sample in closing.samples]).reshape(-1, 2)
     return np.asarray(100.0 * np.hypot(*(measured - predicted).T) / closing.finger_length)
 
 
-def summarise(record: ShiftRecord, replay: ReplayCheck, wall_report: float) -> dict[str, Any]:
+def summarise(record: ShiftRecord, replay: ReplayCheck, report_wall_clock_s: float) -> dict[str, Any]:
     """Return the content of summary.json."""
     closings = []
     for closing in record.closings:
@@ -89,9 +89,9 @@ def summarise(record: ShiftRecord, replay: ReplayCheck, wall_report: float) -> d
             "detail": replay.detail,
         },
         "wall_s": {
-            **{stage.name: _number(stage.wall) for stage in record.stages},
-            "replay": _number(replay.wall),
-            "report": _number(wall_report),
+            **{stage.name: _number(stage.wall_clock_s) for stage in record.stages},
+            "replay": _number(replay.wall_clock_s),
+            "report": _number(report_wall_clock_s),
         },
     }
 

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from softgrip_demo.alignment import Instant, Measured, at_stamp, pair
+from softgrip_demo.alignment import Instant, MeasuredTip, at_stamp, pair
 from softgrip_demo.film import chain
 from softgrip_demo.record import (
-    Closing,
     ClosingSample,
-    Frame,
     FrictionPoint,
     FrictionResult,
     GraspResult,
     RecordError,
     ShapeView,
+    ShiftClosing,
+    ShiftFrame,
     ShiftRecord,
-    Stage,
+    ShiftStage,
 )
 from softgrip_demo.report import figures, render
 from softgrip_demo.summary import ReplayCheck, summarise, tip_errors_percent
@@ -38,19 +38,19 @@ def record() -> ShiftRecord:
     return ShiftRecord(
         seed=3,
         friction=FrictionResult("id", "capstan", "printed", {"mu": 0.3}, 3.1, 0.01, 0.02, 0.99, "usable", points),
-        closings=(Closing("power", 0.1, (sample(0.0, 0.001), sample(0.01, 0.003)), shape),),
+        closings=(ShiftClosing("power", 0.1, (sample(0.0, 0.001), sample(0.01, 0.003)), shape),),
         grasps=(
             GraspResult("egg", "power", "GRIPPED", "success", "held", 0.012),
             GraspResult("grape", "power", "GRIPPED", "failure", "held", math.nan),
         ),
         swaps=1,
         film_product="egg",
-        film=(Frame("film/000.jpg", 0.0, ((1.0, 2.0), (3.0, 4.0)), 1.0, 0.9),),
+        film=(ShiftFrame("film/000.jpg", 0.0, ((1.0, 2.0), (3.0, 4.0)), 1.0, 0.9),),
         bag_path="bag",
         bag_messages=10,
         bag_topics=2,
         bag_dropped=0,
-        stages=(Stage("start", 1.5),),
+        stages=(ShiftStage("start", 1.5),),
     )
 
 
@@ -75,7 +75,7 @@ def test_tip_errors_are_percent_of_the_finger(record: ShiftRecord) -> None:
 
 
 def test_the_summary_is_json_without_nan_and_judges_by_table_4_2(record: ShiftRecord) -> None:
-    summary = summarise(record, ReplayCheck("node", 5, identical=True, detail="", wall=0.5), 0.1)
+    summary = summarise(record, ReplayCheck("node", 5, identical=True, detail="", wall_clock_s=0.5), 0.1)
     text = json.dumps(summary, allow_nan=False)
     assert json.loads(text)["closings"][0]["tip_error_pct_mean"] == pytest.approx(2.0)
     assert [grasp["agrees"] for grasp in summary["grasps"]] == [True, False]
@@ -86,7 +86,7 @@ def test_the_summary_is_json_without_nan_and_judges_by_table_4_2(record: ShiftRe
 def test_the_page_holds_everything_itself(record: ShiftRecord, tmp_path: Path) -> None:
     (tmp_path / "film").mkdir()
     (tmp_path / "film" / "000.jpg").write_bytes(b"\xff\xd8\xff\xd9")
-    summary = summarise(record, ReplayCheck("node", 5, identical=True, detail="", wall=0.5), 0.1)
+    summary = summarise(record, ReplayCheck("node", 5, identical=True, detail="", wall_clock_s=0.5), 0.1)
     page = render(record, summary, figures(record, tmp_path))
     assert "data:image/jpeg;base64,/9j/2Q==" in page
     assert page.count("<svg") == 4
@@ -111,7 +111,7 @@ def test_no_prediction_outside_the_stream_or_across_a_gap(stamp: float) -> None:
 
 
 def test_frames_without_prediction_are_left_out() -> None:
-    frames = [Measured(0.5, (0.0, 0.0), (0.1, 0.0)), Measured(1.005, (0.0, 0.0), (0.1, 0.0))]
+    frames = [MeasuredTip(0.5, (0.0, 0.0), (0.1, 0.0)), MeasuredTip(1.005, (0.0, 0.0), (0.1, 0.0))]
     assert len(pair(frames, [instant(1.01, 0.01), instant(1.0, 0.0)])) == 1
 
 

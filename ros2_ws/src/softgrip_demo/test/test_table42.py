@@ -29,9 +29,9 @@ def test_eight_grasps_earn_a_mark_by_their_share(gripped: int, mark: str) -> Non
 
 def test_the_tables_own_marks_give_its_last_row(tmp_path: Path) -> None:
     """80 %, 87 % and 20 % are 12, 13 and 3 of 15: the thesis counts full successes only."""
-    told = {"success": ("GRIPPED",) * 2, "partial": ("GRIPPED", "SLIPPED"), "failure": ("EMPTY", "SLIPPED")}
+    verdicts = {"success": ("GRIPPED",) * 2, "partial": ("GRIPPED", "SLIPPED"), "failure": ("EMPTY", "SLIPPED")}
     tried = tuple(
-        Tried(product.id, finger_set, str(mark), told[str(mark)])
+        Tried(product.id, finger_set, str(mark), verdicts[str(mark)])
         for product in read_catalogue().products.values()
         for finger_set, mark in product.marks.items()
     )

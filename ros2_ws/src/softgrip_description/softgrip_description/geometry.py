@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_description.hand import Slot
+from softgrip_description.hand import HandSlot
 from softgrip_model.profile import FingerDesign
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ def finger_joint_names(finger: str, joints: int, prefix: str = "") -> list[str]:
     return [f"{prefix}{finger}_joint_{j}" for j in range(joints)]
 
 
-def slot_pose(slot: Slot) -> Array:
+def slot_pose(slot: HandSlot) -> Array:
     """Return the pose of ``<finger>_base`` in `palm`, (4, 4).
 
     x points along the straight finger; -y, the direction of closing, lies in the plane of x and z of the palm.

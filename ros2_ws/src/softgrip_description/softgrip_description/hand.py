@@ -22,7 +22,7 @@ Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Slot:
+class HandSlot:
     """Where a finger starts, in the frame `palm`.
 
     Attributes:
@@ -58,7 +58,7 @@ class Hand:
     flange_rpy_rad: Point
     palm_size_m: Point
     palm_mass_kg: float
-    slots: Mapping[str, Slot]
+    slots: Mapping[str, HandSlot]
     tool_centre_points_m: Mapping[str, Point]
     default_tool_centre_point_m: Point
     finger_density_kg_m3: float
@@ -98,14 +98,14 @@ def load_hand(path: Path) -> Hand:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise HandError(f"{path}: cannot be read as a hand file: {error}") from error
-    reader = _Reader()
+    reader = _HandReader()
     hand = reader.read_hand(data)
     if hand is None or reader.problems:
         raise HandError(f"{path}: " + "; ".join(reader.problems))
     return hand
 
 
-class _Reader:
+class _HandReader:
     """Collects every problem of a document, so that its author sees all of them at once."""
 
     def __init__(self) -> None:
@@ -144,7 +144,7 @@ class _Reader:
             finger_density_kg_m3=self._number("finger_density_kg_m3", data.get("finger_density_kg_m3")),
         )
 
-    def _slot(self, where: str, row: Any) -> Slot:
+    def _slot(self, where: str, row: Any) -> HandSlot:
         row = self._mapping(where, row, {"position_m", "rest_angle_rad", "closes_towards_x", "max_length_m"})
         side = row.get("closes_towards_x")
         if side not in {-1, 1} or isinstance(side, bool):
@@ -153,7 +153,7 @@ class _Reader:
         angle = self._number(f"{where}.rest_angle_rad", row.get("rest_angle_rad"), minimum=-math.pi)
         if angle > math.pi:
             self.problems.append(f"{where}.rest_angle_rad: expected -pi to pi rad, found {angle!r}")
-        return Slot(
+        return HandSlot(
             self._point(f"{where}.position_m", row.get("position_m")),
             angle,
             int(side),

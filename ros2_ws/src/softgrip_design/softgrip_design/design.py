@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from softgrip_design import hand
 from softgrip_design.errors import DesignError
 from softgrip_design.objective import CloseUniformly, FollowTrajectory, Weights
-from softgrip_design.optimiser import Optimum, Settings, optimise, optimise_all
-from softgrip_design.target import LEAST_DEFLECTION_RAD, STEPS, Target, deflection_rad, target
-from softgrip_design.trajectory import Trajectory
+from softgrip_design.optimiser import OptimiserSettings, Optimum, optimise, optimise_all
+from softgrip_design.target import MIN_DEFLECTION_RAD, STEPS, DesignTarget, deflection_rad, target
+from softgrip_design.trajectory import FingerTrajectory
 from softgrip_model.finger import Finger, MomentLaw, Solution
 from softgrip_model.finger.published import CHAPTER_4_MM, OPTIMISED_ROUTING_MM, chapter_3_finger
 from softgrip_model.friction.laws import FrictionLaw
@@ -48,9 +48,9 @@ class Task:
     routing_mm: tuple[float, float] = hand.ROUTING_BOUNDS_MM
     moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT
     steps: int = STEPS
-    search: Settings = field(default_factory=Settings)
+    search: OptimiserSettings = field(default_factory=OptimiserSettings)
 
-    def objective(self, trajectory: Trajectory, name: str) -> FollowTrajectory:
+    def objective(self, trajectory: FingerTrajectory, name: str) -> FollowTrajectory:
         """Return Eq 4.5 for a finger of the hand.
 
         Raises:
@@ -83,7 +83,7 @@ class Followed:
 
     name: str
     finger: Finger
-    target: Target
+    target: DesignTarget
     closing: Solution
     error_deg: float
     error_per_joint_deg: tuple[float, ...]
@@ -123,7 +123,7 @@ class HandDesign:
 
 
 def design_hand(
-    trajectory: Trajectory, names: Sequence[str], task: Task, advance: Callable[[str], None] = lambda _: None
+    trajectory: FingerTrajectory, names: Sequence[str], task: Task, advance: Callable[[str], None] = lambda _: None
 ) -> HandDesign:
     """Design fingers in parallel.
 
@@ -137,7 +137,7 @@ def design_hand(
         DesignError: an unknown finger, or none that moves enough.
     """
     moved = {name: deflection_rad(trajectory, name) for name in names}
-    moving = [name for name in names if moved[name] >= LEAST_DEFLECTION_RAD or len(names) == 1]
+    moving = [name for name in names if moved[name] >= MIN_DEFLECTION_RAD or len(names) == 1]
     if not moving:
         raise DesignError("expected a motion in which a finger closes, found none that moves; choose another motion")
     objectives = {name: task.objective(trajectory, name) for name in moving}
@@ -201,7 +201,7 @@ class Uniform:
     seconds: float
 
 
-def design_uniform(law: FrictionLaw, search: Settings) -> Uniform:
+def design_uniform(law: FrictionLaw, search: OptimiserSettings) -> Uniform:
     """Design the routing of the chapter 3 finger so that its joints close alike.
 
     Raises:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_design.errors import DesignError
-from softgrip_design.target import Target
+from softgrip_design.target import DesignTarget
 from softgrip_model.finger import Control, Finger, Kernel, Solution
 from softgrip_model.friction.laws import FrictionLaw
 
@@ -57,7 +57,7 @@ class FollowTrajectory:
         self,
         finger: Finger,
         law: FrictionLaw,
-        target: Target,
+        target: DesignTarget,
         weights: Weights,
         thickness_mm: tuple[float, float],
         routing_mm: tuple[float, float],

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Settings:
+class OptimiserSettings:
     """Of the search.
 
     Attributes:
@@ -80,17 +80,17 @@ def starting_points(lower: Array, upper: Array, starts: int, seed: int) -> Array
     return np.asarray(lower + (upper - lower) * (strata + rng.random(strata.shape)) / starts)
 
 
-def optimise(objective: Objective, settings: Settings | None = None) -> Optimum:
+def optimise(objective: Objective, settings: OptimiserSettings | None = None) -> Optimum:
     """Return the best design of one objective.
 
     Raises:
         DesignError: no start found a finger with an equilibrium.
     """
-    return optimise_all({"": objective}, settings or Settings())[""]
+    return optimise_all({"": objective}, settings or OptimiserSettings())[""]
 
 
 def optimise_all(
-    objectives: Mapping[str, Objective], settings: Settings, advance: Callable[[str], None] = lambda _: None
+    objectives: Mapping[str, Objective], settings: OptimiserSettings, advance: Callable[[str], None] = lambda _: None
 ) -> dict[str, Optimum]:
     """Return the best design of every objective.
 
@@ -137,7 +137,7 @@ def _optimum(name: str, search: _Search) -> Optimum:
     )
 
 
-def _descend(objective: Objective, start: Array, settings: Settings, tolerance: float) -> OptimizeResult:
+def _descend(objective: Objective, start: Array, settings: OptimiserSettings, tolerance: float) -> OptimizeResult:
     function = objective.value_and_gradient if settings.exact else objective.value
     result: OptimizeResult = minimize(  # type: ignore[call-overload]  # its stub wants one-dimensional arrays
         function,

@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_design.errors import DesignError
-from softgrip_design.trajectory import Trajectory
+from softgrip_design.trajectory import FingerTrajectory
 
 Array = NDArray[np.float64]
 
 #: n of Eq 4.4; it is not given in the thesis.
 STEPS = 50
 #: A finger that deflects less in all has no shape to follow.
-LEAST_DEFLECTION_RAD = math.radians(15.0)
+MIN_DEFLECTION_RAD = math.radians(15.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class DesignTarget:
     """Joint angles over the whole deflection, as Fig 4.5 draws them; time plays no part.
 
     Attributes:
@@ -38,7 +38,7 @@ class Target:
         return int(self.angle_rad.shape[1])
 
 
-def deflection_rad(trajectory: Trajectory, finger: str) -> float:
+def deflection_rad(trajectory: FingerTrajectory, finger: str) -> float:
     """Return how far a finger deflects in all [rad].
 
     Raises:
@@ -47,7 +47,7 @@ def deflection_rad(trajectory: Trajectory, finger: str) -> float:
     return float(trajectory.closing(finger)[-1].sum())
 
 
-def target(trajectory: Trajectory, finger: str, steps: int = STEPS) -> Target:
+def target(trajectory: FingerTrajectory, finger: str, steps: int = STEPS) -> DesignTarget:
     """Return what a finger of the demonstration did.
 
     Raises:
@@ -55,11 +55,11 @@ def target(trajectory: Trajectory, finger: str, steps: int = STEPS) -> Target:
     """
     closing = trajectory.closing(finger)
     total = closing.sum(axis=1)
-    if total[-1] < LEAST_DEFLECTION_RAD:
+    if total[-1] < MIN_DEFLECTION_RAD:
         raise DesignError(
-            f"{finger}: expected a deflection of {math.degrees(LEAST_DEFLECTION_RAD):.0f} deg or more, found "
+            f"{finger}: expected a deflection of {math.degrees(MIN_DEFLECTION_RAD):.0f} deg or more, found "
             f"{math.degrees(total[-1]):.1f} deg; choose a motion in which this finger closes"
         )
-    wanted = total[-1] * np.arange(1, steps + 1) / steps
-    angles = np.stack([np.interp(wanted, total, joint) for joint in closing.T], axis=1)
-    return Target(wanted, angles)
+    requested = total[-1] * np.arange(1, steps + 1) / steps
+    angles = np.stack([np.interp(requested, total, joint) for joint in closing.T], axis=1)
+    return DesignTarget(requested, angles)

@@ -32,7 +32,7 @@ def shipped() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class FingerTrajectory:
     """How the joints of a hand's fingers moved.
 
     Attributes:
@@ -96,7 +96,7 @@ class Trajectory:
         return np.asarray(flexed[grows])
 
 
-def load(path: Path) -> Trajectory:
+def load(path: Path) -> FingerTrajectory:
     """Read a trajectory.
 
     Raises:
@@ -123,7 +123,7 @@ def load(path: Path) -> Trajectory:
     if not fingers:
         raise DesignError(f"{path}: expected columns like index_j0_rad, found {header}")
     angles = {finger: table[:, columns] for finger, columns in fingers.items()}
-    return Trajectory(table[:, header.index("time_s")], angles, origin)
+    return FingerTrajectory(table[:, header.index("time_s")], angles, origin)
 
 
 def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:

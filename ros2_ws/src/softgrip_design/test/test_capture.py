@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from softgrip_design.capture.detector import Hand, MediaPipeDetector
+from softgrip_design.capture.detector import DetectedHand, MediaPipeDetector
 from softgrip_design.capture.frames import Image, Images, Video, record_camera
 from softgrip_design.capture.recording import LONG_FINGERS, record
 from softgrip_design.commands import capture as command
@@ -38,7 +38,7 @@ class DrawnHand:
     def __init__(self, landmarks: Callable[..., Array], first: int = 0) -> None:
         self._landmarks, self._first, self._shown = landmarks, first, 0
 
-    def find(self, image: Image) -> Hand | None:
+    def find(self, image: Image) -> DetectedHand | None:
         share = float(np.clip((self._shown - 20) / 15.0, 0.0, 1.0))
         self._shown += 1
         if self._shown <= self._first:
@@ -46,7 +46,7 @@ class DrawnHand:
         pose = {f: tuple((1 - share) * a + share * b for a, b in zip(OPEN[f], FIST[f], strict=True)) for f in OPEN}
         world = self._landmarks(pose)
         height, width = image.shape[:2]
-        return Hand(world, world[:, :2] * 1e3 + (width / 4, height / 2), 1.0)
+        return DetectedHand(world, world[:, :2] * 1e3 + (width / 4, height / 2), 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +72,9 @@ def test_a_video_becomes_motions_with_their_files(
         "overlay.mp4",
         "recording.png",
     ]
-    told = json.loads((tmp_path / "motions.json").read_text())
-    assert (told["frames"], told["frames_with_hand"]) == (FRAMES, FRAMES)
-    assert told["motions"][0]["curled"] == list(LONG_FINGERS)
+    document = json.loads((tmp_path / "motions.json").read_text())
+    assert (document["frames"], document["frames_with_hand"]) == (FRAMES, FRAMES)
+    assert document["motions"][0]["curled"] == list(LONG_FINGERS)
     drawn = list(Video(tmp_path / "overlay.mp4").frames())
     assert len(drawn) == FRAMES
     banner = drawn[28].image[3, 160].astype(int)  # red in BGR while the fist closes

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from softgrip_design.capture.grasps import Grasp, Kind, find_grasps
+from softgrip_design.capture.grasps import DetectedGrasp, Kind, find_grasps
 from softgrip_design.capture.recording import LONG_FINGERS, Recording, steady
 from softgrip_design.errors import DesignError
 from softgrip_design.target import target
@@ -46,7 +46,7 @@ def recording(landmarks: Callable[..., Array], name: str, noise_m: float = 0.0) 
     return Recording(np.arange(len(frames)) / RATE, world, world[:, :, :2], {"source": "drawn", "method": "drawn"})
 
 
-def only(landmarks: Callable[..., Array], name: str, noise_m: float = 0.0) -> Grasp:
+def only(landmarks: Callable[..., Array], name: str, noise_m: float = 0.0) -> DetectedGrasp:
     seen = recording(landmarks, name, noise_m)
     (grasp,) = find_grasps(steady(seen), seen.origin)
     return grasp

@@ -11,7 +11,7 @@ import pytest
 from softgrip_design import hand
 from softgrip_design.errors import DesignError
 from softgrip_design.objective import CloseUniformly, FollowTrajectory, Objective, Weights
-from softgrip_design.target import Target, target
+from softgrip_design.target import DesignTarget, target
 from softgrip_design.trajectory import SHIPPED, load
 from softgrip_model.finger import Control, Kernel
 from softgrip_model.finger.published import OPTIMISED_ROUTING_MM, chapter_3_finger
@@ -72,7 +72,7 @@ def test_the_published_routing_has_the_spread_of_the_reference() -> None:
 
 def test_targets_beyond_the_grooves_are_refused() -> None:
     total = np.radians(np.linspace(10.0, 290.0, 10))
-    beyond = Target(total, np.outer(total, np.full(3, 1 / 3)))
+    beyond = DesignTarget(total, np.outer(total, np.full(3, 1 / 3)))
     with pytest.raises(DesignError, match=r"255 deg at most.*found 290"):
         FollowTrajectory(hand.blank("index"), BRAID, beyond, Weights(), (2.5, 5.0), (5.0, 13.0))
     with pytest.raises(DesignError, match="2 joints, found 3"):

@@ -35,10 +35,10 @@ def test_a_shipped_motion_becomes_profile_parameters_plot_and_report(
     assert index["objective"] == pytest.approx(2.0 * index["error_deg"] + index["force_n"])
     assert len(index["starts"]) == 3
     assert report["error_deg_of_the_thesis_on_its_own_demonstrations"]["power"] == pytest.approx(6.59)
-    told = capsys.readouterr().out
-    assert "1 finger in" in told
-    assert "Fig 4.4" in told
-    assert "power 6.59 deg, hook 5.53 deg, pinch 3.76 deg" in told
+    output = capsys.readouterr().out
+    assert "1 finger in" in output
+    assert "Fig 4.4" in output
+    assert "power 6.59 deg, hook 5.53 deg, pinch 3.76 deg" in output
 
 
 def test_the_uniform_finger(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from softgrip_design import hand
 from softgrip_design.design import Task, design_hand, design_uniform, published_on
 from softgrip_design.errors import DesignError
 from softgrip_design.objective import FollowTrajectory, Weights
-from softgrip_design.optimiser import Settings, optimise, optimise_all, starting_points
-from softgrip_design.target import Target
-from softgrip_design.trajectory import SHIPPED, Trajectory, load
+from softgrip_design.optimiser import OptimiserSettings, optimise, optimise_all, starting_points
+from softgrip_design.target import DesignTarget
+from softgrip_design.trajectory import SHIPPED, FingerTrajectory, load
 from softgrip_model.finger import Control, Kernel
 from softgrip_model.friction.published import published
 
@@ -44,7 +44,7 @@ class Nowhere(TwoValleys):
 @pytest.mark.parametrize("workers", [1, 3])
 @pytest.mark.parametrize("exact", [True, False])
 def test_many_starts_find_the_deepest_valley(exact: bool, workers: int) -> None:
-    found = optimise(TwoValleys(), Settings(exact=exact, workers=workers))
+    found = optimise(TwoValleys(), OptimiserSettings(exact=exact, workers=workers))
     deepest = np.roots([4.0, 0.0, -4.0, 0.1]).real.min()
     assert found.x == pytest.approx([deepest, deepest], abs=1e-3)
     assert len(found.start_values) == 16
@@ -63,7 +63,7 @@ def test_starts_fill_every_stratum_and_are_reproducible() -> None:
 def test_no_solution_is_an_error_and_starts_are_counted() -> None:
     ended: list[str] = []
     with pytest.raises(DesignError, match="nowhere: none of 3 starts"):
-        optimise_all({"nowhere": Nowhere()}, Settings(starts=3), ended.append)
+        optimise_all({"nowhere": Nowhere()}, OptimiserSettings(starts=3), ended.append)
     assert ended == ["nowhere"] * 3
 
 
@@ -73,21 +73,26 @@ def test_a_finger_is_found_again_from_what_it_does() -> None:
     total = np.radians(np.arange(4.0, 161.0, 4.0))
     closing = Kernel([hand.blank("index").with_design(*design)], BRAID).solve(total, Control.DEFLECTION)
     objective = FollowTrajectory(
-        hand.blank("index"), BRAID, Target(total, closing.angle_rad[0]), Weights(1.0, 0.0), (2.5, 5.0), (5.0, 13.0)
+        hand.blank("index"),
+        BRAID,
+        DesignTarget(total, closing.angle_rad[0]),
+        Weights(1.0, 0.0),
+        (2.5, 5.0),
+        (5.0, 13.0),
     )
     assert objective.error_deg(optimise(objective).x) < 0.05
 
 
 def test_the_uniform_finger_reaches_what_an_independent_program_reached() -> None:
     """0.24 deg for joints 10 mm long: the least of 22 random starts of a separate implementation."""
-    uniform = design_uniform(published("twine-tpu").law, Settings())
+    uniform = design_uniform(published("twine-tpu").law, OptimiserSettings())
     assert uniform.spread_deg == pytest.approx(0.24, abs=0.01)
     assert uniform.published_spread_deg == pytest.approx(4.71, abs=0.005)
     assert np.ptp(np.degrees(uniform.closing.angle_rad[0, -1])) < 1.0
 
 
 def test_a_whole_hand_is_designed_and_beats_the_published_designs() -> None:
-    task = Task(BRAID, search=Settings(starts=6))
+    task = Task(BRAID, search=OptimiserSettings(starts=6))
     demonstration = load(SHIPPED / "hand_power.csv")
     design = design_hand(demonstration, hand.FINGERS, task)
     assert tuple(design.fingers) == hand.FINGERS
@@ -105,7 +110,9 @@ def test_a_whole_hand_is_designed_and_beats_the_published_designs() -> None:
 
 
 def test_fingers_that_hardly_move_take_the_design_of_the_index() -> None:
-    design = design_hand(load(SHIPPED / "hand_pinch.csv"), hand.FINGERS, Task(BRAID, search=Settings(starts=2)))
+    design = design_hand(
+        load(SHIPPED / "hand_pinch.csv"), hand.FINGERS, Task(BRAID, search=OptimiserSettings(starts=2))
+    )
     assert [one.name for one in design.followed] == ["thumb", "index"]
     index = design.fingers["index"]
     for other in design.shared:
@@ -115,7 +122,7 @@ def test_fingers_that_hardly_move_take_the_design_of_the_index() -> None:
 
 
 def test_a_still_hand_is_refused() -> None:
-    still = Trajectory(np.arange(10) / 30.0, {"index": np.full((10, 3), 0.4), "middle": np.full((10, 3), 0.2)})
+    still = FingerTrajectory(np.arange(10) / 30.0, {"index": np.full((10, 3), 0.4), "middle": np.full((10, 3), 0.2)})
     with pytest.raises(DesignError, match="none that moves"):
         design_hand(still, ("index", "middle"), Task(BRAID))
     with pytest.raises(DesignError, match=r"15 deg or more, found 0.0 deg"):
@@ -126,5 +133,5 @@ def test_a_still_hand_is_refused() -> None:
 
 def test_results_do_not_depend_on_the_number_of_threads() -> None:
     objective = Task(BRAID).objective(load(SHIPPED / "hand_pinch.csv"), "index")
-    one, three = (optimise(objective, dataclasses.replace(Settings(), workers=n)) for n in (1, 3))
+    one, three = (optimise(objective, dataclasses.replace(OptimiserSettings(), workers=n)) for n in (1, 3))
     assert one.x.tolist() == three.x.tolist()

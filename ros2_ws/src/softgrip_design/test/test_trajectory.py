@@ -9,7 +9,7 @@ import pytest
 
 from softgrip_design.errors import DesignError
 from softgrip_design.landmarks import joint_angles
-from softgrip_design.trajectory import SHIPPED, Trajectory, load
+from softgrip_design.trajectory import SHIPPED, FingerTrajectory, load
 
 
 def test_angles_of_a_hand_bent_by_known_amounts() -> None:
@@ -44,7 +44,9 @@ def test_a_closing_grows_and_begins_at_zero() -> None:
 
 
 def test_a_trajectory_comes_back_from_its_file(tmp_path: Path) -> None:
-    trajectory = Trajectory(np.array([0.0, 0.5]), {"index": np.array([[0.1, 0.2], [0.3, 0.4]])}, {"source": "here: a"})
+    trajectory = FingerTrajectory(
+        np.array([0.0, 0.5]), {"index": np.array([[0.1, 0.2], [0.3, 0.4]])}, {"source": "here: a"}
+    )
     trajectory.save(tmp_path / "t.csv")
     again = load(tmp_path / "t.csv")
     assert again.times.tolist() == [0.0, 0.5]

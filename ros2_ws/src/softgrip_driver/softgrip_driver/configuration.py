@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import Servo
+from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError
@@ -55,7 +55,7 @@ BACKENDS = ("dynamixel", *STAGES)
 #: order
 STAGE_RATES = {"grbl": 10.0, "mark10": 20.0}
 #: a stage is this much faster than the fastest setpoint, so that it keeps up
-STAGE_HASTE = 1.2
+STAGE_SPEED_FACTOR = 1.2
 #: share of the stall torque that a servo can hold until the driver backs off; from some three quarters on its own
 #: overload shutdown may be quicker
 LASTING_SHARE = 0.7
@@ -64,7 +64,7 @@ WATCHDOG_PERIODS = 2.0
 
 
 @dataclass(frozen=True)
-class GaugeSettings:
+class TendonGaugeSettings:
     """The force gauge in a stage's tendon: kind (of GAUGES), port, and how to read a streaming one."""
 
     kind: str
@@ -96,9 +96,9 @@ class DriverConfiguration:
     port: str
     baud: int
     reply_margin: float
-    servos: tuple[Servo, ...]
+    servos: tuple[ServoConfiguration, ...]
     spools: Mapping[str, Spool]
-    gauge: GaugeSettings | None
+    gauge: TendonGaugeSettings | None
     limits: Mapping[str, TendonLimits]
     grippers: Mapping[str, str]
     policies: Policies
@@ -118,7 +118,7 @@ class DriverConfiguration:
             ((tendon, limits),) = self.limits.items()
             stage = make_stage(self.kind, self.port, self.reply_margin)
             gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
-            return StageBackend(tendon, stage, gauge, STAGE_HASTE * limits.speed)
+            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed)
         bus = Bus(self.port, self.baud, self.reply_margin)
         return DynamixelBackend(
             bus,
@@ -200,7 +200,7 @@ def _limits(values: Mapping[str, Any]) -> TendonLimits:
     return TendonLimits(**{field.name: values[LIMIT_PARAMETERS[field.name]] for field in fields(TendonLimits)})
 
 
-def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> GaugeSettings:
+def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> TendonGaugeSettings:
     """Return the gauge of a stage, and check what a stage asks of the rest."""
     kind, rate = values["backend"], values["loop_rate"]
     if len(tendons) != 1:
@@ -215,19 +215,21 @@ def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> GaugeSettings:
             f"parameter loop_rate: expected at most {STAGE_RATES[kind]:g} Hz with backend '{kind}', found {rate:g}"
         )
     stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
-    return GaugeSettings(values["gauge"], values["gauge_port"], stream)
+    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream)
 
 
 def _servos(
     values: Mapping[str, Any], tendons: Sequence[str], spools: Sequence[Spool], limits: TendonLimits
-) -> tuple[Servo, ...]:
+) -> tuple[ServoConfiguration, ...]:
     ids = _per_tendon(values, "servo_ids", tendons)
     if len(set(ids)) != len(ids):
         raise ConfigurationError(f"parameter servo_ids: expected each ID once, found {ids}")
     return tuple(_servo(values, tendons, index, spools[index], limits) for index in range(len(tendons)))
 
 
-def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, spool: Spool, limits: TendonLimits) -> Servo:
+def _servo(
+    values: Mapping[str, Any], tendons: Sequence[str], index: int, spool: Spool, limits: TendonLimits
+) -> ServoConfiguration:
     def own(name: str) -> Any:
         return _per_tendon(values, name, tendons)[index]
 
@@ -254,7 +256,7 @@ def _servo(values: Mapping[str, Any], tendons: Sequence[str], index: int, spool:
             f"{name}'s stall on a spool of {spool.radius * 1e3:g} mm, found {limits.tension_soft:g}; with more it may "
             "shut down within seconds and let go"
         )
-    return Servo(
+    return ServoConfiguration(
         tendons[index],
         own("servo_ids"),
         model,

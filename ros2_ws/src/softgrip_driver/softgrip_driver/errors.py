@@ -32,7 +32,7 @@ class CorruptReplyError(DriverError):
     """Bytes came back that are no valid answer: checksum, length, ID or instruction are wrong."""
 
 
-class RefusedError(DriverError):
+class DeviceRefusedError(DriverError):
     """The device answered that it will not do what was asked."""
 
     def __init__(self, message: str, code: int) -> None:

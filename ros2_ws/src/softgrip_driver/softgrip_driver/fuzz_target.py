@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 
 from softgrip_driver.dynamixel.bus import BROADCAST, Bus
 from softgrip_driver.dynamixel.stuffing import unstuff
-from softgrip_driver.errors import DriverError, NoReplyError, RefusedError
+from softgrip_driver.errors import DeviceRefusedError, DriverError, NoReplyError
 from softgrip_driver.rig import mark10
 from softgrip_driver.rig.amplifier import FORMATS, StreamAmplifier
 from softgrip_driver.rig.grbl import GrblStage
@@ -109,7 +109,7 @@ class ScriptedPort:
         return self._lines.pop(0).rstrip(b"\r")
 
 
-class Target:
+class DriverFuzzTarget:
     """Everything that reads bytes of a device, fed one stream after another."""
 
     def __init__(self) -> None:
@@ -135,7 +135,7 @@ class Target:
         self._serial.replies = [stream]
         try:
             data = self._bus.read_bytes(1, _ADDRESS, _SIZE).data
-        except RefusedError:
+        except DeviceRefusedError:
             assert any(servo == 1 for servo, _ in packets(stream)), f"a refusal out of {stream.hex(' ')}"
         except DriverError:
             return
@@ -206,3 +206,7 @@ def mutate(data: bytes, rng: random.Random) -> bytes:
         case _:
             out = bytearray(rng.randbytes(rng.randrange(40)))
     return bytes(out)
+
+
+#: What `tools/fuzz.py` feeds.
+TARGET = DriverFuzzTarget

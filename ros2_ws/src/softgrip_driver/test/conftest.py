@@ -17,7 +17,7 @@ import pytest
 
 from softgrip_driver.configuration import STAGE_RATES
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import Servo
+from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
@@ -26,7 +26,7 @@ from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.safety import Safety
 from softgrip_driver.tendon.safety_store import SafetyStore
 from softgrip_driver.tendon.units import Spool, TorqueModel
@@ -144,7 +144,7 @@ class Bench(RunningLoop):
         table = MODELS[model]
         torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
         self.servos = [
-            Servo(name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard)
+            ServoConfiguration(name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard)
             for i, name in enumerate(TENDONS, start=1)
         ]
         self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=0.004 if world.quiet else 0.02)
@@ -180,7 +180,7 @@ class Bench(RunningLoop):
             self.loop.call(lambda c, _, n=name, z=zero, m=index + 1: c.drives[n].set_zero(z, m))
         if tension:
             outcome, reason = self.run(self.move([tension], 0.03, mode=MoveMode.TENSION))
-            assert outcome is Outcome.REACHED, reason
+            assert outcome is MoveOutcome.REACHED, reason
 
     def cause(self, fault: str, **arguments) -> float:
         """Start a fault by the emulator's name; return the time [s] it began, by the driver's clock."""
@@ -238,7 +238,7 @@ class StageBench(RunningLoop):
         self.loop.mark_session("pull", 1)
         self.loop.call(lambda c, _: c.drives["pull"].set_zero(self.plant.slack, 1))
         outcome, reason = self.run(self.move([tension], 0.01, mode=MoveMode.TENSION))
-        assert outcome is Outcome.REACHED, reason
+        assert outcome is MoveOutcome.REACHED, reason
 
     def cause(self, fault: str, **arguments) -> float:
         """Start a fault of the rig, or of the tendon; return the time [s] it began, by the driver's clock."""

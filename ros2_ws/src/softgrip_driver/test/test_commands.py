@@ -14,7 +14,7 @@ from softgrip_driver.commands import calibrate_tension, common, scan, selftest, 
 from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 
 
@@ -24,7 +24,7 @@ def chain(tmp_path, world):
     ports = []
 
     def make(*rows):
-        servos = [Servo(load_model(model), number, baud=baud) for model, number, baud in rows]
+        servos = [EmulatedServo(load_model(model), number, baud=baud) for model, number, baud in rows]
         ports.append(world.port(tmp_path / "servos", DynamixelChain(servos)))
         return str(tmp_path / "servos"), servos
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from softgrip_driver.tendon.gripper import Block, GripperController, MoveMode, MoveRequest, Policies, StopPolicy
-from softgrip_driver.tendon.homing import Sample, knee
+from softgrip_driver.tendon.homing import HomingSample, knee
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import DriveState, Outcome
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
 DT = 0.005
 LIMITS = TendonLimits()
@@ -82,7 +82,7 @@ def rig(spring_finger, reading):
 
 def test_a_move_ends_at_its_target(rig):
     outcome, reason = rig.run(rig.move(0.010))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     for name, finger in rig.fingers.items():
         assert finger.position - finger.taut == pytest.approx(0.010, abs=LIMITS.position_tolerance)
         assert rig.drive(name).state is DriveState.HOLDING
@@ -101,14 +101,14 @@ def test_a_move_that_needs_nearly_all_it_may_pull_does_not_stand_short_of_target
 
     rig = Rig(Yielding, reading, ("a",)).on()
     outcome, reason = rig.run(rig.move(0.0302, tension_limit=16.0))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     outcome, reason = rig.run(rig.move(0.0320, tension_limit=16.0))
-    assert outcome is Outcome.TENSION_LIMIT, reason
+    assert outcome is MoveOutcome.TENSION_LIMIT, reason
 
 
 def test_a_move_stops_at_its_tension_limit(rig):
     outcome, reason = rig.run(rig.move(0.020, tension_limit=6.0))
-    assert outcome is Outcome.TENSION_LIMIT
+    assert outcome is MoveOutcome.TENSION_LIMIT
     assert "6.0 N" in reason
     assert all(finger.tension <= 6.05 for finger in rig.fingers.values())
 
@@ -117,7 +117,7 @@ def test_a_move_to_a_tension_gets_there_from_both_sides(rig):
     for target in (12.0, 4.0):
         ticket = rig.controller.move(tension_move(target), rig.now)
         outcome, reason = rig.run(ticket)
-        assert outcome is Outcome.REACHED, reason
+        assert outcome is MoveOutcome.REACHED, reason
         rig.pass_time(0.2)
         assert rig.fingers["a"].tension == pytest.approx(target, rel=0.15)
 
@@ -141,7 +141,7 @@ def test_a_move_to_a_tension_gets_there_from_both_sides(rig):
 def test_a_wrong_request_is_refused_with_its_reason_and_moves_nothing(rig, request_, text):
     ticket = rig.controller.move(request_, rig.now)
     outcome, reason = rig.controller.result(ticket)
-    assert outcome is Outcome.REFUSED
+    assert outcome is MoveOutcome.REFUSED
     assert re.search(text, reason)
     assert not rig.drive().busy
 
@@ -159,7 +159,7 @@ def test_homing_finds_where_the_tendon_gets_taut(spring_finger, reading, taut):
     rig = Rig(spring_finger, reading, names=("a",)).on(homed=False)
     rig.fingers["a"].taut = taut
     outcome, reason = rig.run(rig.controller.home(rig.now))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     assert rig.drive().zero == pytest.approx(taut, abs=3e-4)
     assert rig.fingers["a"].position == pytest.approx(taut, abs=6e-4)
 
@@ -168,7 +168,7 @@ def test_homing_gives_up_within_its_travel_and_says_why(spring_finger, reading):
     rig = Rig(spring_finger, reading, names=("a",)).on(homed=False)
     rig.fingers["a"].broken = True
     outcome, reason = rig.run(rig.controller.home(rig.now))
-    assert outcome is Outcome.FAULT
+    assert outcome is MoveOutcome.FAULT
     assert "is the tendon attached" in reason
     assert rig.fingers["a"].position <= LIMITS.homing_travel - LIMITS.slack_travel + 1e-3
     assert not rig.drive().homed
@@ -178,26 +178,26 @@ def test_the_knee_of_a_hinge_is_found_in_noise():
     rng = np.random.default_rng(2)
     lengths = np.linspace(0.0, 0.012, 240)
     forces = 0.4 + 1100.0 * np.maximum(0.0, lengths - 0.0107) + rng.normal(0.0, 0.1, 240)
-    samples = [Sample(x, 0.0, f) for x, f in zip(lengths, forces, strict=True)]
+    samples = [HomingSample(x, 0.0, f) for x, f in zip(lengths, forces, strict=True)]
     assert knee(samples, 0.012) == pytest.approx(0.0107, abs=3e-4)
 
 
 def test_too_few_samples_show_no_knee():
-    assert knee([Sample(0.001 * i, 0.0, 0.1 * i) for i in range(7)], 0.007) is None
+    assert knee([HomingSample(0.001 * i, 0.0, 0.1 * i) for i in range(7)], 0.007) is None
 
 
 def test_a_streamed_trajectory_is_followed_and_a_successor_takes_over_smoothly(spring_finger, reading):
     rig = Rig(spring_finger, reading, policies=Policies(stream_timeout=1.0)).on()
-    first = Trajectory.checked([0.5], [0.010], [], LIMITS.travel, LIMITS.speed)
+    first = TendonTrajectory.checked([0.5], [0.010], [], LIMITS.travel, LIMITS.speed)
     rig.controller.follow({"a": first}, rig.now)
     rig.pass_time(0.25)
     before = rig.fingers["a"].position
-    second = Trajectory.checked([0.5], [0.012], [], LIMITS.travel, LIMITS.speed)
+    second = TendonTrajectory.checked([0.5], [0.012], [], LIMITS.travel, LIMITS.speed)
     ticket = rig.controller.follow({"a": second}, rig.now)
     rig.cycle()
     assert abs(rig.fingers["a"].position - before) < LIMITS.speed * DT * 1.5
     outcome, reason = rig.run(ticket)
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     rig.pass_time(0.3)
     assert rig.fingers["a"].position - rig.fingers["a"].taut == pytest.approx(0.012, abs=5e-4)
 
@@ -206,8 +206,8 @@ def test_a_newer_command_cancels_the_older(rig):
     older = rig.move(0.030)
     rig.pass_time(0.05)
     newer = rig.move(0.005)
-    assert rig.controller.result(older)[0] is Outcome.CANCELLED
-    assert rig.run(newer)[0] is Outcome.REACHED
+    assert rig.controller.result(older)[0] is MoveOutcome.CANCELLED
+    assert rig.run(newer)[0] is MoveOutcome.REACHED
 
 
 def test_the_end_of_a_lease_stops_what_its_owner_moves_but_no_slow_release(rig):
@@ -215,12 +215,12 @@ def test_the_end_of_a_lease_stops_what_its_owner_moves_but_no_slow_release(rig):
     moving = rig.controller.move(length_move(0.020, lease=lease.token), rig.now)
     rig.pass_time(0.05)
     rig.controller.release_lease(lease.token, rig.now)
-    assert rig.controller.result(moving)[0] is Outcome.CANCELLED
+    assert rig.controller.result(moving)[0] is MoveOutcome.CANCELLED
     lease, _ = rig.controller.ownership.acquire("manager", [], 30.0, rig.now)
     slow = rig.controller.release(rig.now)
     rig.controller.release_lease(lease.token, rig.now)
     outcome, reason = rig.run(slow)
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
 
 
 def test_release_keeps_its_speed(rig):
@@ -231,7 +231,7 @@ def test_release_keeps_its_speed(rig):
         rig.cycle()
         assert rig.drive().state in {DriveState.RELEASING, DriveState.HOLDING}
         fastest = max(fastest, -rig.fingers["a"].velocity)
-    assert rig.controller.result(ticket)[0] is Outcome.REACHED
+    assert rig.controller.result(ticket)[0] is MoveOutcome.REACHED
     assert 0.5 * LIMITS.release_speed < fastest < 1.5 * LIMITS.release_speed
 
 
@@ -284,11 +284,11 @@ def test_a_silent_drive_stops_what_moves_with_it_and_comes_back(rig):
     rig.pass_time(LIMITS.no_reply + 3 * DT)
     assert rig.drive("a").state is DriveState.DISCONNECTED
     assert rig.drive("b").state is DriveState.HOLDING
-    assert rig.controller.result(ticket)[0] is Outcome.FAULT
+    assert rig.controller.result(ticket)[0] is MoveOutcome.FAULT
     rig.silent.clear()
     rig.cycle()
     assert rig.drive("a").fault == ""
-    assert rig.run(rig.move(0.010))[0] is Outcome.REACHED
+    assert rig.run(rig.move(0.010))[0] is MoveOutcome.REACHED
 
 
 def test_a_lost_session_mark_is_a_reboot_and_demands_homing(rig):
@@ -337,7 +337,7 @@ def test_tension_above_the_hard_limit_is_latched_and_held_with_less(rig):
     rig.pass_time(0.1)
     assert rig.drive("a").fault == "tension_exceeded"
     rig.controller.reset()
-    assert rig.run(rig.move(0.005))[0] is Outcome.REACHED
+    assert rig.run(rig.move(0.005))[0] is MoveOutcome.REACHED
 
 
 def test_heat_reduces_the_tension_then_stops_and_ends_by_itself(rig):
@@ -360,7 +360,7 @@ def test_a_drive_that_stays_too_warm_can_be_released(rig):
     rig.pass_time(0.05)
     assert "by itself" in rig.move(0.012, ["a"]).refusal
     outcome, reason = rig.run(rig.controller.release(rig.now, ["a"]))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     assert rig.drive("a").fault == "over_temperature"
     assert rig.fingers["a"].position == pytest.approx(rig.fingers["a"].taut, abs=1e-3)
 
@@ -373,14 +373,14 @@ def test_without_commands_a_hold_reduces_its_tension_and_releases_later(spring_f
     assert rig.actions["a"].setpoint.tension_limit == LIMITS.tension_hold
     rig.pass_time(4.0)
     assert rig.fingers["a"].position == pytest.approx(rig.fingers["a"].taut, abs=1e-3)
-    assert rig.run(rig.move(0.005))[0] is Outcome.REACHED
+    assert rig.run(rig.move(0.005))[0] is MoveOutcome.REACHED
     assert rig.drive().fault == ""
 
 
 def test_a_jam_is_a_stall_with_its_place(rig):
     rig.fingers["a"].advance = lambda *_: None
     outcome, reason = rig.run(rig.move(0.020, ["a"]))
-    assert outcome is Outcome.FAULT
+    assert outcome is MoveOutcome.FAULT
     assert "from the target" in reason
     assert rig.drive("a").fault == "stalled"
 
@@ -393,7 +393,7 @@ def test_a_ramp_in_pieces_is_followed_as_one(spring_finger, reading):
         for step in range(200):
             if step == 0 or (period and step % period == 0):
                 left = 1.0 - step * DT
-                path = Trajectory.checked([left], [0.020], [], LIMITS.travel, LIMITS.speed)
+                path = TendonTrajectory.checked([left], [0.020], [], LIMITS.travel, LIMITS.speed)
                 rig.controller.follow({"a": path}, rig.now)
             rig.cycle()
             goals.append(rig.drive()._m.setpoint)
@@ -414,14 +414,14 @@ def test_a_curve_that_swings_out_between_its_points_stays_within_the_travel(spri
     policies = Policies(stream_timeout=2.0)
     rig = Rig(lambda: spring_finger(stiffness=300.0), reading, names=("a",), policies=policies).on()
     rig.run(rig.move(0.015))
-    path = Trajectory.checked([0.1, 0.9, 1.4], [0.015, end, end], speeds, LIMITS.travel, 0.25)
+    path = TendonTrajectory.checked([0.1, 0.9, 1.4], [0.015, end, end], speeds, LIMITS.travel, 0.25)
     between = [path.length(t) for t in np.linspace(0.1, 0.9, 100)]
     assert max(between) > LIMITS.travel + 0.01 or min(between) < -0.01
     ticket, goals = rig.controller.follow({"a": path}, rig.now), []
     while rig.controller.result(ticket)[0] is None:
         rig.cycle()
         goals.append(rig.drive()._m.setpoint)
-    assert rig.controller.result(ticket)[0] is Outcome.REACHED
+    assert rig.controller.result(ticket)[0] is MoveOutcome.REACHED
     assert min(goals) > -1e-9
     assert max(goals) < LIMITS.travel + 1e-9
     assert goals[-1] == pytest.approx(end, abs=1e-6)
@@ -440,12 +440,12 @@ def test_what_an_owner_moves_stops_with_its_lease_and_a_release_goes_on(rig):
     ticket = rig.move(0.020, lease=owned.token, speed=0.005)
     rig.pass_time(0.2)
     assert rig.controller.release_lease(owned.token, rig.now) == ("a", "b")
-    assert rig.controller.result(ticket)[0] is Outcome.CANCELLED
+    assert rig.controller.result(ticket)[0] is MoveOutcome.CANCELLED
     owned = lease(rig)
     ticket = rig.controller.release(rig.now)
     rig.pass_time(0.1)
     rig.controller.release_lease(owned.token, rig.now)
-    assert rig.run(ticket)[0] is Outcome.REACHED
+    assert rig.run(ticket)[0] is MoveOutcome.REACHED
 
 
 def test_a_silent_owners_motion_stops_within_a_fifth_of_a_second_and_a_release_goes_on(rig):
@@ -454,28 +454,28 @@ def test_a_silent_owners_motion_stops_within_a_fifth_of_a_second_and_a_release_g
     ticket = rig.move(0.020, lease=owned.token, speed=0.005)
     rig.pass_time(0.7)
     outcome, reason = rig.controller.result(ticket)
-    assert outcome is Outcome.FAULT
+    assert outcome is MoveOutcome.FAULT
     assert "no heartbeat of manager" in reason
     lease(rig, 0.5)
     ticket = rig.controller.release(rig.now)
-    assert rig.run(ticket)[0] is Outcome.REACHED
+    assert rig.run(ticket)[0] is MoveOutcome.REACHED
 
 
 def test_heartbeats_keep_a_motion_a_hold_and_a_stream(spring_finger, reading):
     policies = Policies(stream_timeout=0.3, command_timeout=0.5)
     rig = Rig(spring_finger, reading, policies=policies).on()
     owned = lease(rig, 0.4)
-    path = Trajectory.checked([2.0], [0.020], [], LIMITS.travel, LIMITS.speed)
+    path = TendonTrajectory.checked([2.0], [0.020], [], LIMITS.travel, LIMITS.speed)
     ticket = rig.controller.follow({"a": path}, rig.now, owned.token)
     while rig.controller.result(ticket)[0] is None:
         rig.pass_time(0.1)
         rig.controller.ownership.renew(owned.token, rig.now)
-    assert rig.controller.result(ticket)[0] is Outcome.REACHED
+    assert rig.controller.result(ticket)[0] is MoveOutcome.REACHED
     assert rig.drive().fault == ""
 
 
 def test_an_unfed_stream_stops_although_its_sender_gave_it_an_hour(rig):
-    path = Trajectory.checked([3600.0], [0.030], [], LIMITS.travel, LIMITS.speed)
+    path = TendonTrajectory.checked([3600.0], [0.030], [], LIMITS.travel, LIMITS.speed)
     rig.controller.follow({"a": path}, rig.now)
     rig.pass_time(0.7)
     assert rig.drive().fault == "owner_lost"
@@ -488,7 +488,7 @@ def test_a_hold_above_the_hold_tension_is_reduced_when_nobody_cares_and_one_belo
     policies = Policies(command_timeout=1.0, release_after=100.0)
     for tension, reduced in ((14.0, True), (6.0, False)):
         rig = Rig(spring_finger, reading, policies=policies).on()
-        assert rig.run(rig.controller.move(tension_move(tension), rig.now))[0] is Outcome.REACHED
+        assert rig.run(rig.controller.move(tension_move(tension), rig.now))[0] is MoveOutcome.REACHED
         rig.pass_time(3.0)
         assert (rig.drive().fault == "command_timeout") is reduced
         assert (rig.fingers["a"].tension < 0.9 * tension) is reduced
@@ -501,7 +501,7 @@ def test_a_forced_take_over_stops_what_moves(rig):
     new, taken = rig.controller.ownership.acquire("Ann", ["a"], 1.0, rig.now, force=True, reason="jam")
     rig.controller.stop_taken(taken, new, "jam")
     outcome, reason = rig.controller.result(ticket)
-    assert outcome is Outcome.CANCELLED
+    assert outcome is MoveOutcome.CANCELLED
     assert "taken over by Ann: jam" in reason
 
 

@@ -45,11 +45,11 @@ def test_whatever_the_fault_it_holds_where_it_stands(standing: Standing, fault: 
     for _ in range(5):
         standing.step()
     standing.drive.set_fault(fault, "")
-    told = standing.step().setpoint
-    assert told is not None
-    if told.position is not None:
-        assert told.position == pytest.approx(HERE, abs=1e-3)
-    assert told.tension_limit <= LIMITS.tension_hold
+    setpoint = standing.step().setpoint
+    assert setpoint is not None
+    if setpoint.position is not None:
+        assert setpoint.position == pytest.approx(HERE, abs=1e-3)
+    assert setpoint.tension_limit <= LIMITS.tension_hold
 
 
 @pytest.mark.parametrize("fault", [name for name, row in FAULTS.items() if row.reaction is Reaction.LET_GO])
@@ -73,10 +73,10 @@ def test_a_drive_that_does_not_know_where_it_is_keeps_its_goal_with_the_holding_
     for _ in range(6):
         standing.step(position=HERE + 0.0628)
     assert standing.drive.fault == "position_jump"
-    told = standing.step(position=HERE + 0.0628).setpoint
-    assert told is not None
-    assert told.position is None
-    assert told.tension_limit == pytest.approx(LIMITS.tension_hold)
+    setpoint = standing.step(position=HERE + 0.0628).setpoint
+    assert setpoint is not None
+    assert setpoint.position is None
+    assert setpoint.tension_limit == pytest.approx(LIMITS.tension_hold)
 
 
 def test_a_homing_far_from_the_device_s_zero_finds_where_the_tendon_gets_taut(spring_finger, reading) -> None:  # type: ignore[no-untyped-def]
@@ -100,7 +100,7 @@ def test_a_homing_far_from_the_device_s_zero_finds_where_the_tendon_gets_taut(sp
         cycle()
     assert drive.zero == pytest.approx(0.503, abs=3e-4)
     for _ in range(20):
-        told = cycle(session_mark=9).setpoint
+        setpoint = cycle(session_mark=9).setpoint
     assert drive.fault == "", "the device gets its new mark afterwards"
-    assert told is not None
-    assert told.position == pytest.approx(drive.zero, abs=1e-4)
+    assert setpoint is not None
+    assert setpoint.position == pytest.approx(drive.zero, abs=1e-4)

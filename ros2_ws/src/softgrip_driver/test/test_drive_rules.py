@@ -9,9 +9,9 @@ import pytest
 
 from softgrip_driver.faults import FAULTS, Recovery
 from softgrip_driver.tendon.drive import Drive
+from softgrip_driver.tendon.guard_set import GuardSet
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import DriveState, Hold, MoveToLength, Outcome
-from softgrip_driver.tendon.watch import Watch
+from softgrip_driver.tendon.motions import DriveState, Hold, MoveOutcome, MoveToLength
 
 LIMITS = TendonLimits()
 DT = 0.005
@@ -52,9 +52,9 @@ def stepped(reading) -> Stepped:  # type: ignore[no-untyped-def]
 
 def test_what_it_is_sent_counts_from_its_zero(stepped: Stepped) -> None:
     stepped.hold(0.0)
-    told = stepped.step().setpoint
-    assert told is not None
-    assert told.position == pytest.approx(ZERO + 0.010, abs=1e-6)
+    setpoint = stepped.step().setpoint
+    assert setpoint is not None
+    assert setpoint.position == pytest.approx(ZERO + 0.010, abs=1e-6)
 
 
 def test_a_servo_that_is_being_set_up_again_takes_no_order(stepped: Stepped) -> None:
@@ -82,17 +82,17 @@ def test_a_drive_whose_position_is_void_does_not_go_on_pulling(stepped: Stepped,
     """It held with its set-point 2 mm ahead; whoever keeps pulling keeps some of that, at most the holding tension."""
     stepped.hold(0.002)
     stepped.drive.set_fault(fault, "")
-    told = stepped.step(tension=8.0).setpoint
-    assert told is not None
-    assert (told.position - (ZERO + 0.010) > 5e-4) is pulls
-    assert told.tension_limit <= LIMITS.tension_hold
+    setpoint = stepped.step(tension=8.0).setpoint
+    assert setpoint is not None
+    assert (setpoint.position - (ZERO + 0.010) > 5e-4) is pulls
+    assert setpoint.tension_limit <= LIMITS.tension_hold
 
 
 @pytest.mark.parametrize("fault", [name for name, row in FAULTS.items() if row.recovery is Recovery.HOME])
 def test_a_fault_that_costs_the_zero_says_so_and_ends_the_order(stepped: Stepped, fault: str) -> None:
     stepped.move()
     stepped.drive.set_fault(fault, "")
-    assert (stepped.drive.homed, stepped.drive.zero_lost, stepped.drive.outcome) == (False, True, Outcome.FAULT)
+    assert (stepped.drive.homed, stepped.drive.zero_lost, stepped.drive.outcome) == (False, True, MoveOutcome.FAULT)
 
 
 def test_the_first_latched_fault_stays_until_a_person_resets_it(stepped: Stepped) -> None:
@@ -131,7 +131,7 @@ def test_a_reading_that_is_no_number_is_no_reading(reading, field: str, value: f
 def test_switched_off_it_says_so_to_its_device_and_forgets_what_it_did(stepped: Stepped) -> None:
     stepped.move()
     assert stepped.drive.switch_off().power is False
-    assert (stepped.drive.busy, stepped.drive.outcome) == (False, Outcome.CANCELLED)
+    assert (stepped.drive.busy, stepped.drive.outcome) == (False, MoveOutcome.CANCELLED)
     assert stepped.drive.state is DriveState.IDENTIFIED
     assert stepped.step(powered=True).power is False, "a device that did not hear it is told again"
     assert stepped.step(powered=False).power is None
@@ -142,21 +142,21 @@ def test_a_drive_that_was_left_holding_is_not_switched_off_before_it_was_decided
     drive.is_left_holding = True
     assert drive.step(DT, reading(DT, ZERO, 0.0, 8.0, powered=True)).power is None
     drive.take_over(ZERO + 0.002)
-    told = drive.step(2 * DT, reading(2 * DT, ZERO, 0.0, 8.0, powered=True)).setpoint
-    assert told is not None
-    assert told.position - ZERO > 1e-3, "it goes on pulling by what the device's goal is ahead"
+    setpoint = drive.step(2 * DT, reading(2 * DT, ZERO, 0.0, 8.0, powered=True)).setpoint
+    assert setpoint is not None
+    assert setpoint.position - ZERO > 1e-3, "it goes on pulling by what the device's goal is ahead"
 
 
 def test_an_order_that_is_cancelled_ends_and_stops(stepped: Stepped) -> None:
     stepped.move()
     stepped.drive.cancel_motion("its owner is gone")
-    assert (stepped.drive.outcome, stepped.drive.state) == (Outcome.CANCELLED, DriveState.HOLDING)
+    assert (stepped.drive.outcome, stepped.drive.state) == (MoveOutcome.CANCELLED, DriveState.HOLDING)
 
 
 def test_an_order_that_is_aborted_ends_as_a_fault_and_stops(stepped: Stepped) -> None:
     stepped.move()
     stepped.drive.abort("another tendon broke")
-    assert (stepped.drive.outcome, stepped.drive.state) == (Outcome.FAULT, DriveState.HOLDING)
+    assert (stepped.drive.outcome, stepped.drive.state) == (MoveOutcome.FAULT, DriveState.HOLDING)
 
 
 def test_nothing_is_ready_that_has_not_answered_or_has_a_latched_fault(stepped: Stepped) -> None:
@@ -211,7 +211,7 @@ def test_a_late_step_moves_a_set_point_by_two_periods_at_most(stepped: Stepped) 
 
 
 def test_the_tension_that_counts_is_a_median_of_three(reading) -> None:  # type: ignore[no-untyped-def]
-    watch = Watch(LIMITS, 20.0, DT)
+    watch = GuardSet(LIMITS, 20.0, DT)
     assert [watch.tension(reading(i * DT, 0.0, 0.0, tension)) for i, tension in enumerate((5.0, 5.0, 60.0, 5.0))] == [
         5.0, 5.0, 5.0, 5.0,
     ]  # fmt: skip

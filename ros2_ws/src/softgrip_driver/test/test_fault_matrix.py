@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
-from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
 
 TABLES = {
     "bus": "servos: 200 Hz, 3 servos at 1 Mbaud",
@@ -193,7 +193,7 @@ def named(bench, row, before, began, ticket):
     after = max(0.0, safe - began)
     assert row.safe_within is None or after <= row.safe_within
     if ticket is not None:
-        assert bench.result(ticket)[0] is Outcome.FAULT
+        assert bench.result(ticket)[0] is MoveOutcome.FAULT
     if row.opens_others:
         assert bench.until(
             lambda now: all(d.state is DriveState.RELEASING for d in now.drives if d.tendon != drive.tendon)
@@ -230,7 +230,7 @@ def recover(bench, row):
         assert homed(bench, unhomed)
     ticket = bench.loop.call(lambda c, now: c.move(MoveRequest([], MoveMode.LENGTH, [0.004], 0.015, 20.0), now))
     outcome, reason = bench.run(ticket)
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     return {"self": "by itself", "command": "next command", "home": "reset, home"}.get(row.recovery, row.recovery)
 
 
@@ -238,7 +238,7 @@ def homed(bench, tendons):
     """Home as a person would: once more where a busy machine has spoilt it."""
     for _ in range(3):
         outcome, reason = bench.run(bench.loop.call(lambda c, now: c.home(now, tendons)), 25.0)
-        if outcome is Outcome.REACHED:
+        if outcome is MoveOutcome.REACHED:
             return True
     return pytest.fail(reason)
 

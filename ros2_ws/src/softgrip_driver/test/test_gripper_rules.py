@@ -9,9 +9,9 @@ from softgrip_driver.errors import NoReplyError
 from softgrip_driver.tendon.gripper import Block, GripperController, MoveMode, MoveRequest, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.loop import BusLoop
-from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
 from softgrip_driver.tendon.status import DriveActions
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
 DT = 0.005
 LIMITS = TendonLimits()
@@ -49,7 +49,7 @@ class Cell:
         """Every kind of order."""
         move = MoveRequest((), MoveMode.LENGTH, [0.015], 0.02, 20.0)
         pull = MoveRequest((), MoveMode.TENSION, [8.0], 0.02)
-        stream = {"a": Trajectory.checked([1.0], [0.015], [], LIMITS.travel, LIMITS.speed)}
+        stream = {"a": TendonTrajectory.checked([1.0], [0.015], [], LIMITS.travel, LIMITS.speed)}
         return {
             "length": lambda: self.controller.move(move, self.now),
             "tension": lambda: self.controller.move(pull, self.now),
@@ -72,7 +72,7 @@ def test_no_order_of_any_kind_moves_a_cell_that_is_stopped_or_locked(cell: Cell,
     cell.cycle(2)
     assert all(drive.powered is not block.lets_go for drive in cell.controller.drives.values())
     ticket = cell.orders()[kind]()
-    assert cell.controller.result(ticket)[0] is Outcome.REFUSED
+    assert cell.controller.result(ticket)[0] is MoveOutcome.REFUSED
     assert block.text in ticket.refusal
     where = {name: finger.position for name, finger in cell.fingers.items()}
     cell.cycle(100)
@@ -112,7 +112,7 @@ def test_a_cancelled_move_stops_where_it_is_and_no_other_one_does(cell: Cell) ->
     cell.cycle(400)
     assert cell.controller.drives["a"].state is DriveState.HOLDING
     assert cell.fingers["a"].position == pytest.approx(stopped_at, abs=1e-3)
-    assert cell.controller.result(other)[0] is Outcome.REACHED
+    assert cell.controller.result(other)[0] is MoveOutcome.REACHED
 
 
 def test_cancelling_what_was_replaced_stops_nothing(cell: Cell) -> None:
@@ -120,7 +120,7 @@ def test_cancelling_what_was_replaced_stops_nothing(cell: Cell) -> None:
     new = cell.controller.move(MoveRequest(["a"], MoveMode.LENGTH, [0.010], 0.02, 20.0), cell.now)
     cell.controller.cancel(old, cell.now)
     cell.cycle(400)
-    assert cell.controller.result(new)[0] is Outcome.REACHED
+    assert cell.controller.result(new)[0] is MoveOutcome.REACHED
 
 
 # --- the loop's last act -------------------------------------------------------------------------------------------

@@ -9,20 +9,20 @@ from collections.abc import Callable
 import pytest
 
 from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.tendon.guard_set import GuardSet
 from softgrip_driver.tendon.guards import (
     BreakGuard,
     JumpGuard,
     MedianFilter,
     OverloadGuard,
-    Silence,
+    ReplySilence,
     SlackGuard,
     StallGuard,
     TensionGuard,
     ThermalGuard,
 )
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Hold, MoveToLength, View
-from softgrip_driver.tendon.watch import Watch
+from softgrip_driver.tendon.motions import DriveObservation, Hold, MoveToLength
 
 LIMITS = TendonLimits()
 DT = 0.005
@@ -32,8 +32,8 @@ def times(duration: float) -> list[float]:
     return [i * DT for i in range(round(duration / DT))]
 
 
-def view(now: float, tension: float, length: float = 0.02, **others: float) -> View:
-    return View(now, DT, length, 0.0, tension, tension, 35.0, **others)
+def view(now: float, tension: float, length: float = 0.02, **others: float) -> DriveObservation:
+    return DriveObservation(now, DT, length, 0.0, tension, tension, 35.0, **others)
 
 
 # --- median, silence, jumps ----------------------------------------------------------------------------------------
@@ -47,7 +47,7 @@ def test_the_median_knows_a_lasting_change_after_two_samples() -> None:
 
 
 def test_silence_adds_up_what_was_asked_and_ends_with_an_answer() -> None:
-    silence = Silence(0.01)
+    silence = ReplySilence(0.01)
     silence.heard(1.0)
     assert [silence.unanswered(1.0 + 0.01 * i) for i in (1, 2, 3)] == pytest.approx([0.01, 0.02, 0.03])
     silence.heard(1.04)
@@ -55,13 +55,13 @@ def test_silence_adds_up_what_was_asked_and_ends_with_an_answer() -> None:
 
 
 def test_a_pause_of_the_computer_counts_as_one_question_of_25_ms() -> None:
-    silence = Silence(0.01)
+    silence = ReplySilence(0.01)
     silence.heard(1.0)
     assert silence.unanswered(6.0) == pytest.approx(0.025)
 
 
 def test_a_loop_slower_than_that_counts_its_own_period() -> None:
-    silence = Silence(0.1)
+    silence = ReplySilence(0.1)
     silence.heard(1.0)
     assert silence.unanswered(6.0) == pytest.approx(0.1)
 
@@ -238,7 +238,7 @@ def test_an_overload_is_over_at_nine_tenths_of_the_heat() -> None:
 
 
 def test_what_is_allowed_is_the_least_of_heat_and_overload() -> None:
-    watch = Watch(LIMITS, 20.0, DT)
+    watch = GuardSet(LIMITS, 20.0, DT)
     assert watch.allows(60.0, 0.0, DT).tension == pytest.approx(0.5 * 35.0)
     assert watch.allows(30.0, 0.0, DT).tension == pytest.approx(35.0)
     while not (allowed := watch.allows(30.0, 40.0, 0.1)).warnings:
@@ -247,7 +247,7 @@ def test_what_is_allowed_is_the_least_of_heat_and_overload() -> None:
 
 
 def test_a_hold_that_was_reduced_has_lost_no_tendon() -> None:
-    watch, hold = Watch(LIMITS, 20.0, DT), Hold(0.02, 35.0)
+    watch, hold = GuardSet(LIMITS, 20.0, DT), Hold(0.02, 35.0)
     for t in times(0.3):
         assert watch.finds(view(t, 30.0), hold, 35.0, homed=True) is None
     for t in times(0.3):
@@ -257,7 +257,7 @@ def test_a_hold_that_was_reduced_has_lost_no_tendon() -> None:
 def test_a_finger_that_opens_has_lost_no_tendon_and_one_that_holds_has() -> None:
     opening = MoveToLength(0.0, 0.02, 35.0, view(0.0, 8.0), LIMITS)
     for motion, expected in ((opening, None), (Hold(0.02, 35.0), "tendon_broken")):
-        watch = Watch(LIMITS, 20.0, DT)
+        watch = GuardSet(LIMITS, 20.0, DT)
         for t in times(0.3):
             assert watch.finds(view(t, 8.0), motion, 35.0, homed=True) is None
         found = [watch.finds(view(0.3 + t, 0.0), motion, 35.0, homed=True) for t in times(0.2)]
@@ -267,13 +267,13 @@ def test_a_finger_that_opens_has_lost_no_tendon_and_one_that_holds_has() -> None
 def test_a_drive_without_a_zero_is_not_called_slack_for_a_length_that_means_nothing() -> None:
     closing = MoveToLength(0.03, 0.02, 35.0, view(0.0, 0.0), LIMITS)
     for homed, expected in ((False, None), (True, "tendon_slack")):
-        watch = Watch(LIMITS, 20.0, DT)
+        watch = GuardSet(LIMITS, 20.0, DT)
         found = [watch.finds(view(t, 0.0), closing, 35.0, homed=homed) for t in times(0.2)]
         assert next((one[0] for one in found if one), None) == expected
 
 
 def test_the_hard_limit_is_found_whatever_is_going_on() -> None:
-    found = Watch(LIMITS, 20.0, DT).finds(view(0.0, 46.0), Hold(0.02, 35.0), 35.0, homed=False)
+    found = GuardSet(LIMITS, 20.0, DT).finds(view(0.0, 46.0), Hold(0.02, 35.0), 35.0, homed=False)
     assert found is not None
     assert found[0] == "tension_exceeded"
 

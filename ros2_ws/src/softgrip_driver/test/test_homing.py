@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from softgrip_driver.tendon.homing import Homing, Sample, _Phase, knee
+from softgrip_driver.tendon.homing import Homing, HomingSample, _Phase, knee
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Step, View
+from softgrip_driver.tendon.motions import DriveObservation, MotionStep
 
 LIMITS = TendonLimits(homing_speed=0.014, release_speed=0.03)
 PERIOD = 0.01  # [s]
@@ -71,7 +71,9 @@ class Finger:
         pull = self.force + self._gears - self._braking * (self.speed > 1.1 * LIMITS.homing_speed)
         late = min(period, 2.0 * PERIOD)
         faster = (self.speed - before) / period
-        return View(self.now, late, self.length, self.speed, max(0.0, pull), pull, 45.0, acceleration=faster)
+        return DriveObservation(
+            self.now, late, self.length, self.speed, max(0.0, pull), pull, 45.0, acceleration=faster
+        )
 
     def _live(self, asked):
         damping = 2.0 * self._damping * self.MASS * self._frequency
@@ -85,7 +87,7 @@ class Finger:
 
 
 def home(finger, limits=LIMITS):
-    step = Step(0.0, limits.tension_hold)
+    step = MotionStep(0.0, limits.tension_hold)
     homing = Homing(finger.view(step), limits)
     while homing.zero is None:
         assert finger.now < limits.homing_timeout
@@ -152,13 +154,13 @@ def test_letting_out_is_as_quick_as_a_release_but_not_quicker_than_twice_the_hom
     """Only the winding in is measured; 8 mm at up to 28 mm/s and the time to get up to speed."""
     limits = dataclasses.replace(LIMITS, release_speed=release_speed)
     finger = Finger()
-    step = Step(0.0, limits.tension_hold)
+    step = MotionStep(0.0, limits.tension_hold)
     homing = Homing(finger.view(step), limits)
     began = finger.now
     while step.length > -LIMITS.slack_travel:
         step = homing.step(finger.view(step))
-    least = LIMITS.slack_travel / speed
-    assert least < finger.now - began < least + 2.0 * speed / LIMITS.acceleration
+    minimum = LIMITS.slack_travel / speed
+    assert minimum < finger.now - began < minimum + 2.0 * speed / LIMITS.acceleration
 
 
 def wound_in(taut, end, friction=0.0, rise=700.0, braking=0.0, jerk=0.0):
@@ -171,7 +173,7 @@ def wound_in(taut, end, friction=0.0, rise=700.0, braking=0.0, jerk=0.0):
         # braked for 2 mm after the turn, the last 0.4 of them less and less
         braked = braking * min(1.0, max(0.0, (-4e-3 - length) / 4e-4))
         jerked = jerk if 20 <= number < 26 else 0.0
-        samples.append(Sample(length, 0.0, -1.0 + pulled - braked + jerked + noise.gauss(0.0, 0.05)))
+        samples.append(HomingSample(length, 0.0, -1.0 + pulled - braked + jerked + noise.gauss(0.0, 0.05)))
     return samples
 
 
@@ -193,7 +195,7 @@ def test_the_knee_is_where_the_tendon_begins_to_pull(end, what):
 
 
 def seen(kept):
-    homing = Homing(Finger().view(Step(0.0, 1.0)), LIMITS)
+    homing = Homing(Finger().view(MotionStep(0.0, 1.0)), LIMITS)
     homing._samples = [sample for sample in wound_in(2e-3, 5e-3) if kept(sample.length)]
     return homing._shows(2e-3)
 
@@ -217,12 +219,12 @@ def test_what_samples_have_to_show_of_a_knee(kept, shows):
 def test_too_few_samples_send_it_further_out():
     """A drive that stands taut at once, wherever it winds in, lets out further the second time."""
     now, length, goals = 0.0, 0.0, []
-    homing = Homing(View(now, PERIOD, length, 0.0, 0.0, 0.0, 45.0), LIMITS)
+    homing = Homing(DriveObservation(now, PERIOD, length, 0.0, 0.0, 0.0, 45.0), LIMITS)
     while homing._again == Homing.AGAIN or goals[-1] <= goals[-2]:
         now += PERIOD
         taut = homing._phase is not _Phase.LET_OUT
         tension = LIMITS.homing_tension if taut else 0.0
-        goals.append(homing.step(View(now, PERIOD, length, 0.0, tension, tension, 45.0)).length)
+        goals.append(homing.step(DriveObservation(now, PERIOD, length, 0.0, tension, tension, 45.0)).length)
         length = length if taut else goals[-1]
         assert now < LIMITS.homing_timeout
     assert min(goals) == pytest.approx(-2.5 * LIMITS.slack_travel, abs=1e-4)
@@ -230,7 +232,7 @@ def test_too_few_samples_send_it_further_out():
 
 def test_what_the_device_limits_is_not_listened_to():
     """The force is constant there, and the tendon's rise goes on."""
-    finger, step = Finger(), Step(0.0, LIMITS.tension_hold)
+    finger, step = Finger(), MotionStep(0.0, LIMITS.tension_hold)
     homing, shown = Homing(finger.view(step), LIMITS), []
     while homing.zero is None:
         view = finger.view(step)

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from softgrip_driver.tendon.homing import Homing, Sample, _Phase, knee
+from softgrip_driver.tendon.homing import Homing, HomingSample, _Phase, knee
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Outcome, Step, View
+from softgrip_driver.tendon.motions import DriveObservation, MotionStep, MoveOutcome
 from softgrip_driver.tendon.profile import SpeedProfile
 
 LIMITS = TendonLimits()
@@ -23,17 +23,17 @@ class Run:
         self.now, self.length = 0.0, 0.0
         self.homing = Homing(self.view(), LIMITS)
 
-    def view(self, tension: float = 0.0, speed: float = 0.0) -> View:
-        return View(self.now, DT, self.length, speed, tension, tension, 35.0)
+    def view(self, tension: float = 0.0, speed: float = 0.0) -> DriveObservation:
+        return DriveObservation(self.now, DT, self.length, speed, tension, tension, 35.0)
 
-    def step(self, tension: float = 0.0, speed: float = 0.0, *, obeys: bool = True) -> Step:
+    def step(self, tension: float = 0.0, speed: float = 0.0, *, obeys: bool = True) -> MotionStep:
         self.now += DT
         found = self.homing.step(self.view(tension, speed))
         if obeys:
             self.length = found.length
         return found
 
-    def let_out(self) -> list[Step]:
+    def let_out(self) -> list[MotionStep]:
         steps = [self.step()]
         while self.homing._phase is _Phase.LET_OUT:
             steps.append(self.step())
@@ -71,7 +71,7 @@ def test_taut_is_standing_for_150_ms_with_seven_tenths_of_the_homing_tension(
 def test_what_was_seen_in_a_try_that_showed_nothing_is_forgotten() -> None:
     run = Run()
     run.let_out()
-    run.homing._samples = [Sample(-0.020 + 0.001 * number, 0.0, 0.3) for number in range(12)]
+    run.homing._samples = [HomingSample(-0.020 + 0.001 * number, 0.0, 0.3) for number in range(12)]
     while run.homing._phase is _Phase.TAKE_UP:
         run.step(1.5, obeys=False)
     assert run.homing._samples == []
@@ -82,7 +82,7 @@ def test_a_tendon_that_never_gets_taut_ends_it_at_50_mm_and_names_the_tendon() -
     run.let_out()
     while (step := run.step(speed=LIMITS.homing_speed)).outcome is None:
         assert run.now < 14.0
-    assert (step.outcome, step.fault) == (Outcome.FAULT, "homing_failed")
+    assert (step.outcome, step.fault) == (MoveOutcome.FAULT, "homing_failed")
     assert "50 mm wound in without 1.5 N: is the tendon attached?" in step.reason
     assert step.length == pytest.approx(-LIMITS.slack_travel + LIMITS.homing_travel, abs=1e-3)
 
@@ -103,14 +103,14 @@ def test_it_has_ended_only_when_the_finger_is_at_its_zero() -> None:
     for _ in range(400):
         assert run.step(obeys=False).outcome is None, "the finger stands 4 mm from it"
     run.length = 0.002
-    assert run.step().outcome is Outcome.REACHED
+    assert run.step().outcome is MoveOutcome.REACHED
 
 
 @pytest.mark.parametrize(("count", "found"), [(7, False), (8, True)])
 def test_a_knee_needs_eight_samples(count: int, found: bool) -> None:
     """Slack to 4 mm, then 1 N/mm."""
     lengths = [0.008 * number / (count - 1) for number in range(count)]
-    samples = [Sample(length, 0.0, 0.2 + 1000.0 * max(0.0, length - 0.004)) for length in lengths]
+    samples = [HomingSample(length, 0.0, 0.2 + 1000.0 * max(0.0, length - 0.004)) for length in lengths]
     place = knee(samples, 0.008)
     assert (place is not None) is found
     if found:
@@ -118,4 +118,4 @@ def test_a_knee_needs_eight_samples(count: int, found: bool) -> None:
 
 
 def test_a_force_that_falls_has_no_knee() -> None:
-    assert knee([Sample(1e-4 * number, 0.0, 2.0 - 0.02 * number) for number in range(80)], 0.008) is None
+    assert knee([HomingSample(1e-4 * number, 0.0, 2.0 - 0.02 * number) for number in range(80)], 0.008) is None

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.profile import SpeedProfile
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
 
 @given(
@@ -42,7 +42,7 @@ def test_a_profile_takes_the_time_of_its_trapezoid():
 
 
 def test_straight_lines_join_points_without_speeds():
-    path = Trajectory.checked([1.0, 2.0], [0.01, 0.02], [], 0.03, 0.05).starting_from(0.0, 0.0)
+    path = TendonTrajectory.checked([1.0, 2.0], [0.01, 0.02], [], 0.03, 0.05).starting_from(0.0, 0.0)
     assert path.length(0.5) == pytest.approx(0.005)
     assert path.length(1.5) == pytest.approx(0.015)
     assert path.length(9.0) == 0.02
@@ -56,7 +56,7 @@ def test_hermite_reproduces_any_cubic():
         return 0.004 + 0.006 * t - 0.003 * t**2
 
     times = [0.0, 0.7, 2.0]
-    path = Trajectory.checked(times, [cubic(t) for t in times], [slope(t) for t in times], 0.1, math.inf)
+    path = TendonTrajectory.checked(times, [cubic(t) for t in times], [slope(t) for t in times], 0.1, math.inf)
     for t in (0.1, 0.35, 0.9, 1.6, 1.99):
         assert path.length(t) == pytest.approx(cubic(t), abs=1e-12)
 
@@ -75,4 +75,4 @@ def test_hermite_reproduces_any_cubic():
 )
 def test_a_bad_trajectory_is_refused_with_what_is_wrong(times, lengths, speeds, text):
     with pytest.raises(ConfigurationError, match=text):
-        Trajectory.checked(times, lengths, speeds, 0.03, 0.05)
+        TendonTrajectory.checked(times, lengths, speeds, 0.03, 0.05)

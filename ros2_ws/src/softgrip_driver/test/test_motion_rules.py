@@ -10,18 +10,29 @@ import pytest
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Follow, Hold, Motion, MoveToLength, MoveToTension, Outcome, Step, View
+from softgrip_driver.tendon.motions import (
+    DriveObservation,
+    Follow,
+    Hold,
+    Motion,
+    MotionStep,
+    MoveOutcome,
+    MoveToLength,
+    MoveToTension,
+)
 from softgrip_driver.tendon.profile import SpeedProfile
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
 LIMITS = TendonLimits()
 DT = 0.005
 HERE = 0.010
 
 
-def view(now: float = 0.0, length: float = HERE, tension: float = 0.0, cap: float = 35.0, **others: float) -> View:
+def view(
+    now: float = 0.0, length: float = HERE, tension: float = 0.0, cap: float = 35.0, **others: float
+) -> DriveObservation:
     values = {"speed": 0.0, **others}
-    return View(now, DT, length, values.pop("speed"), tension, tension, cap, **values)
+    return DriveObservation(now, DT, length, values.pop("speed"), tension, tension, cap, **values)
 
 
 def to_length(target: float, limit: float = 20.0, speed: float = 0.02, **others: float) -> MoveToLength:
@@ -34,11 +45,11 @@ def to_tension(target: float, **others: float) -> MoveToTension:
 
 
 def follow(points: list[float], times: list[float], limit: float = 20.0, **others: float) -> Follow:
-    trajectory = Trajectory.checked(times, points, [], LIMITS.travel, LIMITS.speed)
+    trajectory = TendonTrajectory.checked(times, points, [], LIMITS.travel, LIMITS.speed)
     return Follow(trajectory, limit, view(**others), LIMITS)
 
 
-def standing(motion: Motion, seconds: float, **seen: float) -> list[Step]:
+def standing(motion: Motion, seconds: float, **seen: float) -> list[MotionStep]:
     """Steps of a motion whose drive does not move, until it is over."""
     steps = []
     for number in range(1, round(seconds / DT) + 1):
@@ -48,7 +59,7 @@ def standing(motion: Motion, seconds: float, **seen: float) -> list[Step]:
     return steps
 
 
-def obeyed(motion: Motion, seconds: float, **seen: float) -> list[Step]:
+def obeyed(motion: Motion, seconds: float, **seen: float) -> list[MotionStep]:
     """Steps of a motion whose drive is always where its set-point was, until it is over."""
     steps = [motion.step(view(DT, **seen))]
     for number in range(2, round(seconds / DT) + 1):
@@ -73,7 +84,7 @@ def test_a_tension_limit_is_met_after_30_ms_of_it(motion: Motion) -> None:
     for number in range(1, 21):
         assert motion.step(view(number * DT)).outcome is None
     ends = [motion.step(view(0.1 + number * DT, tension=10.0)).outcome for number in range(1, 8)]
-    assert ends == [None] * 6 + [Outcome.TENSION_LIMIT]
+    assert ends == [None] * 6 + [MoveOutcome.TENSION_LIMIT]
 
 
 def test_one_wild_sample_meets_no_limit() -> None:
@@ -99,7 +110,7 @@ def test_what_inertia_takes_is_no_tension_of_the_tendon(motion: Motion) -> None:
 
 def test_a_taut_finger_opens_though_it_pulls_with_more_than_its_limit() -> None:
     steps = obeyed(to_length(0.0, 10.0), 2.0, tension=15.0)
-    assert steps[-1].outcome is Outcome.REACHED
+    assert steps[-1].outcome is MoveOutcome.REACHED
 
 
 # --- how far a set-point goes --------------------------------------------------------------------------------------
@@ -167,24 +178,24 @@ def test_a_finger_that_passes_by_has_not_arrived() -> None:
     arrived = to_length(HERE)
     arrived.step(view(DT))
     assert arrived.step(view(2 * DT, speed=0.02)).outcome is None, "it moves"
-    assert arrived.step(view(3 * DT)).outcome is Outcome.REACHED
+    assert arrived.step(view(3 * DT)).outcome is MoveOutcome.REACHED
 
 
 def test_a_finger_that_is_held_up_short_of_its_target_has_stalled_and_not_arrived() -> None:
     """5 mm short: the set-point arrives after some 0.3 s; standing for 0.4 s more is a stall."""
     last = standing(to_length(0.015), 2.0, tension=3.0)[-1]
-    assert (last.outcome, last.fault) == (Outcome.FAULT, "stalled")
+    assert (last.outcome, last.fault) == (MoveOutcome.FAULT, "stalled")
 
 
 def test_a_tension_has_to_stay_for_60_ms() -> None:
     motion = to_tension(8.0)
     ends = [motion.step(view(number * DT, tension=8.0)).outcome for number in range(1, 15)]
-    assert ends == [None] * 12 + [Outcome.REACHED] * 2
+    assert ends == [None] * 12 + [MoveOutcome.REACHED] * 2
 
 
 def test_a_tension_that_can_not_be_had_ends_as_a_stall() -> None:
     last = standing(to_tension(20.0), 3.0, tension=1.0)[-1]
-    assert (last.outcome, last.fault) == (Outcome.FAULT, "stalled")
+    assert (last.outcome, last.fault) == (MoveOutcome.FAULT, "stalled")
 
 
 def test_a_stream_into_an_obstacle_stalls_however_often_it_is_sent_anew() -> None:
@@ -199,7 +210,7 @@ def test_a_stream_into_an_obstacle_stalls_however_often_it_is_sent_anew() -> Non
         step = motion.step(view(now, tension=1.0, ahead=LIMITS.lead))
         if step.outcome is not None:
             break
-    assert (step.outcome, step.fault) == (Outcome.FAULT, "stalled")
+    assert (step.outcome, step.fault) == (MoveOutcome.FAULT, "stalled")
 
 
 # --- trajectories --------------------------------------------------------------------------------------------------
@@ -212,6 +223,6 @@ def test_no_number_of_a_trajectory_may_be_none(column: int, place: int, value: f
     columns = [[1.0, 2.0], [0.01, 0.02], [0.0, 0.01]]
     columns[column][place] = value
     with pytest.raises(ConfigurationError):
-        Trajectory.checked(*columns, LIMITS.travel, LIMITS.speed)
+        TendonTrajectory.checked(*columns, LIMITS.travel, LIMITS.speed)
     columns[column] = [[1.0, 2.0], [0.01, 0.02], [0.0, 0.01]][column]
-    assert Trajectory.checked(*columns, LIMITS.travel, LIMITS.speed).duration == 2.0
+    assert TendonTrajectory.checked(*columns, LIMITS.travel, LIMITS.speed).duration == 2.0

@@ -18,15 +18,15 @@ class Switch:
     tendons = ("a",)
 
     def __init__(self) -> None:
-        self.told: list[tuple[str, bool]] = []
+        self.switched: list[tuple[str, bool]] = []
 
     def power(self, tendon: str, on: bool) -> None:
-        self.told.append((tendon, on))
+        self.switched.append((tendon, on))
 
 
-@pytest.mark.parametrize(("block", "told"), [(None, [("a", True)]), (LOCK, [])], ids=["free", "locked"])
+@pytest.mark.parametrize(("block", "switched"), [(None, [("a", True)]), (LOCK, [])], ids=["free", "locked"])
 def test_an_order_switches_torque_on_only_in_a_free_cell(
-    reading, block: Block | None, told: list[tuple[str, bool]]
+    reading, block: Block | None, switched: list[tuple[str, bool]]
 ) -> None:  # type: ignore[no-untyped-def]
     switch = Switch()
     controller = GripperController({"a": TendonLimits()}, Policies(), block=lambda: block)
@@ -34,4 +34,4 @@ def test_an_order_switches_torque_on_only_in_a_free_cell(
     loop = BusLoop(switch, controller, 100.0)  # type: ignore[arg-type]
     loop.call = lambda request, *_, **__: request(controller, 0.01)  # type: ignore[method-assign]  # no thread
     assert loop.order(lambda *_: "asked", power=True) == "asked"
-    assert switch.told == told
+    assert switch.switched == switched

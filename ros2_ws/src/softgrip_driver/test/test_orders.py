@@ -43,14 +43,14 @@ def test_without_a_position_only_the_limit_goes_out(quiet, monkeypatch):
 
 def test_a_tension_limit_that_got_lost_is_told_again(quiet):
     """A group write that nobody heard: the register read back now and then shows it."""
-    servo, wanted = quiet.plant.servos[0], quiet.servos[0].current_units(5.0)
+    servo, requested = quiet.plant.servos[0], quiet.servos[0].current_units(5.0)
     quiet.backend.write({"index": Setpoint(None, 5.0)})
-    assert servo.registers.get("goal_current") == wanted
+    assert servo.registers.get("goal_current") == requested
     servo.registers.put("goal_current", 1200)
     for _ in range(40):
         quiet.pass_time(0.02)
         quiet.backend.write({"index": Setpoint(None, 5.0)})
-    assert servo.registers.get("goal_current") == wanted
+    assert servo.registers.get("goal_current") == requested
 
 
 def test_the_last_line_is_drawn_with_the_torque(quiet):
@@ -107,16 +107,16 @@ class Stage:
     """Notes what it is told."""
 
     def __init__(self):
-        self.told = []
+        self.goals = []
 
     def travel(self):
-        return 0.001 * len(self.told)
+        return 0.001 * len(self.goals)
 
     def start(self, goal, _speed):
-        self.told.append(goal)
+        self.goals.append(goal)
 
     def stop(self):
-        self.told.append("stop")
+        self.goals.append("stop")
 
 
 class Gauge:
@@ -141,35 +141,35 @@ def pull(stage):
     gauge = Gauge()
     backend = StageBackend("pull", stage, gauge, 0.01)
     backend.power("pull", True)
-    told(backend, stage, Setpoint(0.020, 20.0))
-    assert stage.told == ["stop", 0.020]
+    goals(backend, stage, Setpoint(0.020, 20.0))
+    assert stage.goals == ["stop", 0.020]
     return backend, gauge
 
 
-def told(backend, stage, setpoint):
+def goals(backend, stage, setpoint):
     """What one cycle tells the stage."""
-    before = len(stage.told)
+    before = len(stage.goals)
     backend.read()
     backend.write({"pull": setpoint})
-    return stage.told[before:]
+    return stage.goals[before:]
 
 
 def test_a_stage_stops_at_the_first_reading_that_its_gauge_owes(stage, pull):
     """One missing line is no fault yet, but nobody pulls blind meanwhile."""
     backend, gauge = pull
     gauge.silent = True
-    assert told(backend, stage, Setpoint(0.021, 20.0)) == ["stop"]
+    assert goals(backend, stage, Setpoint(0.021, 20.0)) == ["stop"]
     gauge.silent = False
-    assert told(backend, stage, Setpoint(0.022, 20.0)) == [0.022]
+    assert goals(backend, stage, Setpoint(0.022, 20.0)) == [0.022]
 
 
 def test_a_stage_stops_at_the_tension_limit_and_may_always_let_out(stage, pull):
     backend, _ = pull
-    assert told(backend, stage, Setpoint(0.021, 0.5)) == ["stop"]
-    assert told(backend, stage, Setpoint(0.0, 0.5)) == [0.0]
+    assert goals(backend, stage, Setpoint(0.021, 0.5)) == ["stop"]
+    assert goals(backend, stage, Setpoint(0.0, 0.5)) == [0.0]
 
 
 def test_a_stage_without_a_goal_stops_once(stage, pull):
     backend, _ = pull
-    assert told(backend, stage, Setpoint(None, 20.0)) == ["stop"]
-    assert told(backend, stage, Setpoint(None, 20.0)) == []
+    assert goals(backend, stage, Setpoint(None, 20.0)) == ["stop"]
+    assert goals(backend, stage, Setpoint(None, 20.0)) == []

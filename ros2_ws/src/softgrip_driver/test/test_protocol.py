@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.bus import Bus, Reply
+from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.stuffing import PacketHandler, stuff, unstuff
-from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError, RefusedError
-from softgrip_driver.fuzz_target import SEEDS, ScriptedSerial, Target, crc16, mutate
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
+from softgrip_driver.fuzz_target import SEEDS, DriverFuzzTarget, ScriptedSerial, crc16, mutate
 
 #: streams that hypothesis makes up; `make fuzz` asks for 100,000
 EXAMPLES = int(os.environ.get("SOFTGRIP_FUZZ_EXAMPLES", "300"))
@@ -162,7 +162,7 @@ def test_alert_comes_with_good_data_and_does_not_hide_it(scripted):
 
 def test_a_refusal_says_what_the_servo_said(scripted):
     bus, _ = scripted(status(1, b"", error=7))
-    with pytest.raises(RefusedError, match="EEPROM while torque is on") as caught:
+    with pytest.raises(DeviceRefusedError, match="EEPROM while torque is on") as caught:
         bus.write(1, reg.OPERATING_MODE, 5)
     assert caught.value.code == 7
 
@@ -216,7 +216,7 @@ def test_a_hundred_thousand_damaged_streams_give_an_error_or_the_truth(scripted)
             value = bus.read_bytes(1, 132, 4).data
         except (NoReplyError, CorruptReplyError):
             continue
-        except RefusedError:
+        except DeviceRefusedError:
             pytest.fail(f"a damaged stream passed for a refusal: {stream.hex(' ')}")
         accepted += 1
         assert value == truth, stream.hex(" ")
@@ -230,7 +230,7 @@ pieces = st.binary(max_size=40) | st.sampled_from(SEEDS) | st.builds(
 
 @pytest.fixture(scope="module")
 def target():
-    return Target()
+    return DriverFuzzTarget()
 
 
 @settings(max_examples=EXAMPLES, deadline=None)
@@ -240,8 +240,8 @@ def test_no_stream_breaks_a_parser_or_gives_a_value_that_it_does_not_hold(target
 
 
 def test_the_fuzz_target_sees_a_wrong_value(monkeypatch):
-    target = Target()
-    monkeypatch.setattr(target._bus, "read_bytes", lambda *_: Reply(1, False, 0, b"\x01\x02\x03\x04"))
+    target = DriverFuzzTarget()
+    monkeypatch.setattr(target._bus, "read_bytes", lambda *_: BusReply(1, False, 0, b"\x01\x02\x03\x04"))
     with pytest.raises(AssertionError, match="took 01 02 03 04 out of"):
         target.feed(b"noise")
 

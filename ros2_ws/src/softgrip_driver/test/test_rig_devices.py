@@ -10,9 +10,9 @@ from softgrip_driver.errors import (
     ConfigurationError,
     CorruptReplyError,
     DeviceNotFoundError,
+    DeviceRefusedError,
     NoReplyError,
     PortLostError,
-    RefusedError,
 )
 from softgrip_driver.rig import mark10
 from softgrip_driver.rig.amplifier import LineFormat, line_format
@@ -252,7 +252,7 @@ def test_auto_return_at_the_panel_is_found_out(tmp_path, make_rig, until):
     stage.start(5e-3, 1e-3)
     until(lambda: stage.travel() > 1e-3)
     rig.inject("auto_return")
-    with pytest.raises(RefusedError, match="PC control is off"):
+    with pytest.raises(DeviceRefusedError, match="PC control is off"):
         stage.start(8e-3, 1e-3)
     stage.close()
 
@@ -274,7 +274,7 @@ def test_an_illegal_command_is_told_with_its_code(tmp_path, make_rig):
     gauge = gauge_of("gcl2", tmp_path)
     gauge.open()
     rig.inject("illegal_command")
-    with pytest.raises(RefusedError, match=r"\*10") as caught:
+    with pytest.raises(DeviceRefusedError, match=r"\*10") as caught:
         gauge.tension()
     assert caught.value.code == 10
     gauge.close()
@@ -295,11 +295,11 @@ def test_grbl_in_alarm_is_refused(tmp_path, make_rig):
     rig = make_rig(stage="grbl")
     rig.inject("alarm")
     stage = make_stage("grbl", str(tmp_path / "stand"))
-    with pytest.raises(RefusedError, match=r"\$X"):
+    with pytest.raises(DeviceRefusedError, match=r"\$X"):
         stage.open()
     rig.clear()
     stage.open()
-    with pytest.raises(RefusedError, match="soft limits"):
+    with pytest.raises(DeviceRefusedError, match="soft limits"):
         stage.start(0.5, 1e-3)
     stage.close()
 

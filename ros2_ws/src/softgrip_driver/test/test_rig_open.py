@@ -5,20 +5,20 @@ from __future__ import annotations
 
 import pytest
 
-from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DriverError, NoReplyError, RefusedError
+from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError
 from softgrip_driver.rig.bench import Bench
-from softgrip_driver.rig.devices import Identity
+from softgrip_driver.rig.devices import DeviceIdentity
 
 
 class Device:
     def __init__(self, error: DriverError | None = None) -> None:
         self._error, self.is_open = error, False
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         if self._error is not None:
             raise self._error
         self.is_open = True
-        return Identity("a device")
+        return DeviceIdentity("a device")
 
     def close(self) -> None:
         self.is_open = False
@@ -26,7 +26,12 @@ class Device:
 
 @pytest.mark.parametrize(
     "error",
-    [RefusedError("no", 1), CorruptReplyError("nonsense"), ConfigurationError("another unit"), NoReplyError("silent")],
+    [
+        DeviceRefusedError("no", 1),
+        CorruptReplyError("nonsense"),
+        ConfigurationError("another unit"),
+        NoReplyError("silent"),
+    ],
     ids=["refused", "nonsense", "wrong settings", "silent"],
 )
 def test_a_stage_whose_gauge_can_not_be_opened_is_closed_again(error: DriverError) -> None:

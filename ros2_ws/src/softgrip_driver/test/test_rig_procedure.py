@@ -6,13 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from softgrip_driver.errors import NoReplyError, RefusedError
+from softgrip_driver.errors import DeviceRefusedError, NoReplyError
 from softgrip_driver.rig.errors import JournalError, LimitError, SaturatedError, StageStalledError, StoppedError
-from softgrip_driver.rig.journal import Journal, Measured, Request
-from softgrip_driver.rig.procedure import Phase, PlanFailedError, Settings
+from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
+from softgrip_driver.rig.procedure import PlanFailedError, ProcedurePhase, RigSettings
 from softgrip_driver.rig.pull import PullSettings, record_pull
-from softgrip_driver.rig.slide import Verdict
-from softgrip_model.friction.record import Verdict as ModelVerdict
+from softgrip_driver.rig.slide import PointVerdict
+from softgrip_model.friction.record import ModelVerdict
 
 #: Four settings that carry a fit: quicker than nine.
 CORNERS = Request(
@@ -30,11 +30,11 @@ def bench(tmp_path, virtual_rig):
 
     class Bench(virtual_rig.VirtualRig):
         def procedure(self, **settings):
-            return super().procedure(Settings(**settings))
+            return super().procedure(RigSettings(**settings))
 
         def journal(self):
             (path,) = self.folder.glob("*.jsonl")
-            return Journal.read(path)
+            return PlanJournal.read(path)
 
     return Bench(3, tmp_path / "plans")
 
@@ -64,7 +64,7 @@ def test_the_person_is_told_what_to_set_and_hang(bench):
     assert first.instruction == "Set the wrap angle to 10 deg and hang 200 g."
     assert (first.index, first.total, first.point.load) == (0, 5, 0.2)
     phases = [s.phase for s in bench.hands.steps if s.index == 1]
-    assert phases == [Phase.SET_UP, Phase.CHECKING, Phase.PULLING, Phase.ACCEPTED]
+    assert phases == [ProcedurePhase.SET_UP, ProcedurePhase.CHECKING, ProcedurePhase.PULLING, ProcedurePhase.ACCEPTED]
 
 
 def test_samples_describe_the_slide(bench):
@@ -90,10 +90,12 @@ def test_the_pulley_is_measured_and_taken_out(bench):
 def test_an_adaptive_plan_stops_when_the_interval_is_narrow(bench):
     wide = bench.procedure(adaptive_interval=0.3).run(Request("adaptive"))
     assert len(wide.points) == 7
-    narrow = bench.procedure(adaptive_interval=0.03, adaptive_most=20, common_stddev=0.001).run(Request("adaptive"))
+    narrow = bench.procedure(adaptive_interval=0.03, adaptive_max_points=20, common_stddev=0.001).run(
+        Request("adaptive")
+    )
     assert 7 <= len(narrow.points) < 20
     assert narrow.calibration.assessment.widest_interval <= 0.03
-    capped = bench.procedure(adaptive_interval=0.001, adaptive_most=8).run(Request("adaptive"))
+    capped = bench.procedure(adaptive_interval=0.001, adaptive_max_points=8).run(Request("adaptive"))
     assert len(capped.points) == 8
 
 
@@ -133,9 +135,9 @@ def test_a_passing_fault_costs_one_attempt(bench, fault, arguments, reason):
     bench.procedure().run(CORNERS)
     first, second = bench.hands.points[:2]
     assert first.index == second.index == 0
-    assert first.slide.verdict is not Verdict.ACCEPTED
+    assert first.slide.verdict is not PointVerdict.ACCEPTED
     assert any(word in first.slide.reason for word in reason.split("|")), first.slide.reason
-    assert second.slide.verdict is Verdict.ACCEPTED
+    assert second.slide.verdict is PointVerdict.ACCEPTED
     assert len(bench.journal().points) == 5
     assert bench.hands.asked()[1].instruction.startswith("Again (")
 
@@ -144,11 +146,11 @@ def test_too_few_readings_of_a_slide_are_answered_with_a_slower_pull(bench):
     """A gauge (or a busy computer) that gives one reading a second: 19 of the 18 s of a stroke at 40 mm/min."""
     bench.procedure(pull=PullSettings(sample_period=1.0, stall_time=10.0)).run(CORNERS)
     first, *others = (p for p in bench.hands.points if p.index == 0)
-    assert first.slide.verdict is Verdict.REPEAT
+    assert first.slide.verdict is PointVerdict.REPEAT
     assert first.slide.reason == "expected at least 25 readings of a slide, found 19: pull slower"
     assert first.speed == pytest.approx(40e-3 / 60.0)
     assert [p.speed for p in others] == pytest.approx([20e-3 / 60.0, 10e-3 / 60.0][: len(others)])
-    assert others[-1].slide.verdict is Verdict.ACCEPTED
+    assert others[-1].slide.verdict is PointVerdict.ACCEPTED
     assert bench.hands.asked()[1].instruction.startswith("Again (expected at least 25 readings")
 
 
@@ -202,7 +204,7 @@ def test_a_wrong_angle_below_a_smaller_one_is_noticed_at_once(bench):
 
     bench.hands.before = before
     bench.procedure().run(Request("9"))
-    (bad,) = [p for p in bench.hands.points if p.slide.verdict is Verdict.REPEAT]
+    (bad,) = [p for p in bench.hands.points if p.slide.verdict is PointVerdict.REPEAT]
     assert "check the angle" in bad.slide.reason
     assert bad.point.load == 0.2
 
@@ -235,8 +237,8 @@ def test_a_wrong_angle_that_looks_possible_is_found_at_the_end_and_measured_agai
         ("stand_silent", {}, (PlanFailedError, NoReplyError), "check power"),
         ("stand_reply_cut", {}, PlanFailedError, "within|travel|number"),
         ("drift", {"rate": 0.05}, PlanFailedError, "drifts|hang|steady"),
-        ("auto_return", {}, RefusedError, "PC control is off"),
-        ("illegal_command", {}, RefusedError, "illegal command"),
+        ("auto_return", {}, DeviceRefusedError, "PC control is off"),
+        ("illegal_command", {}, DeviceRefusedError, "illegal command"),
         ("saturated", {"capacity": 1.9}, SaturatedError, "capacity"),
         ("stage_jammed", {}, StageStalledError, "jam"),
     ],
@@ -266,7 +268,7 @@ def test_a_fault_during_the_pull_stops_the_stage(bench):
             bench.rig.inject("illegal_command")
 
     bench.hands.on_sample = switch
-    with pytest.raises(RefusedError):
+    with pytest.raises(DeviceRefusedError):
         bench.procedure().run(CORNERS)
     assert bench.stands()
     assert 0.0 < bench.rig.plant.travel < 11e-3
@@ -332,17 +334,17 @@ def test_a_power_cut_in_the_middle_of_a_line_loses_that_line_only(bench):
     content = path.read_bytes()
     for cut in range(content.rindex(b"\n", 0, -1) + 2, len(content)):
         path.write_bytes(content[:cut])
-        journal = Journal.read(path)
+        journal = PlanJournal.read(path)
         assert sorted(journal.points) == [0]
-        journal.accept(Measured(1, 0.17, 1.0, 9.81, 11.0))
-        assert sorted(Journal.read(path).points) == [0, 1]
+        journal.accept(MeasuredPoint(1, 0.17, 1.0, 9.81, 11.0))
+        assert sorted(PlanJournal.read(path).points) == [0, 1]
 
 
 def test_a_damaged_record_is_refused_with_its_line(tmp_path):
-    journal = Journal.begin(tmp_path, "p", CORNERS)
-    journal.accept(Measured(0, 0.2, 0.2, 2.0, 2.2))
+    journal = PlanJournal.begin(tmp_path, "p", CORNERS)
+    journal.accept(MeasuredPoint(0, 0.2, 0.2, 2.0, 2.2))
     journal.path.write_bytes(journal.path.read_bytes() + b"garbage\n")
     with pytest.raises(JournalError, match="line 3"):
-        Journal.read(journal.path)
+        PlanJournal.read(journal.path)
     with pytest.raises(JournalError, match="already there"):
-        Journal.begin(tmp_path, "p", CORNERS)
+        PlanJournal.begin(tmp_path, "p", CORNERS)

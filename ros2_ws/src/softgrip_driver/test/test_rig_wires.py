@@ -5,8 +5,8 @@ import pytest
 
 from softgrip_driver.errors import PortLostError
 from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
-from softgrip_driver.rig.journal import Journal, Request
-from softgrip_driver.rig.procedure import Procedure, Settings
+from softgrip_driver.rig.journal import PlanJournal, Request
+from softgrip_driver.rig.procedure import Procedure, RigSettings
 from softgrip_emulator.rig import EmulatedRig
 
 NINE = Request("9", cable="PE braid", surface="TPU")
@@ -27,7 +27,7 @@ def wired(tmp_path, world, virtual_rig):
         for device in devices:
             device.open()
         hands = virtual_rig.Hands(rig)
-        return hands, Procedure(*devices, hands, world.clock, Settings(**settings), tmp_path / "plans")
+        return hands, Procedure(*devices, hands, world.clock, RigSettings(**settings), tmp_path / "plans")
 
     yield make
     for rig in rigs:
@@ -72,4 +72,4 @@ def test_an_unplugged_device_ends_the_plan(wired, until_stands, tmp_path, port):
     if port == "stand":
         assert "runs to its own limit" in caught.value.__notes__[0]
     (path,) = (tmp_path / "plans").glob("*.jsonl")
-    assert Journal.read(path).points == {}
+    assert PlanJournal.read(path).points == {}

@@ -18,24 +18,24 @@ from softgrip_driver.tendon.safety_store import SafetyRecord, SafetyStore, StopC
 
 
 @pytest.fixture
-def told() -> list[tuple[bool, bool]]:
+def reported() -> list[tuple[bool, bool]]:
     """What whoever follows safety/state was told: stopped, locked."""
     return []
 
 
 @pytest.fixture
-def safety(tmp_path: Path, told: list[tuple[bool, bool]]) -> Safety:
+def safety(tmp_path: Path, reported: list[tuple[bool, bool]]) -> Safety:
     return Safety(
-        SafetyStore(tmp_path / "safety.yaml"), lambda record: told.append((record.is_stopped, record.is_locked))
+        SafetyStore(tmp_path / "safety.yaml"), lambda record: reported.append((record.is_stopped, record.is_locked))
     )
 
 
-def test_every_change_is_reported_to_those_who_follow(safety: Safety, told: list[tuple[bool, bool]]) -> None:
+def test_every_change_is_reported_to_those_who_follow(safety: Safety, reported: list[tuple[bool, bool]]) -> None:
     safety.latch_stop("a person")
     token = safety.acquire_lock("manager", "hands in the palm")
     safety.reset_stop()
     safety.release_lock(token)
-    assert told == [(True, False), (True, True), (False, True), (False, False)]
+    assert reported == [(True, False), (True, True), (False, True), (False, False)]
 
 
 def test_a_token_has_16_bytes_that_nobody_can_guess_and_is_another_one_each_time(safety: Safety) -> None:

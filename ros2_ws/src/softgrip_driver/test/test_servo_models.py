@@ -8,17 +8,17 @@ import pytest
 
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import Servo, set_up, wanted_eeprom
+from softgrip_driver.dynamixel.bringup import ServoConfiguration, required_eeprom, set_up
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError, DriverError, WrongDeviceError
 from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import DriveState, Outcome
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.servo import Servo as EmulatedServo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
@@ -29,7 +29,9 @@ EMULATED = ["XL330-M288", "XC330-M288", "XM430-W350"]
 
 def servo_of(model, mode=CURRENT):
     table = MODELS[model]
-    return Servo("t", 1, table, Spool(0.01, 1), TorqueModel(table.torque_per_ampere, table.no_load_current), mode)
+    return ServoConfiguration(
+        "t", 1, table, Spool(0.01, 1), TorqueModel(table.torque_per_ampere, table.no_load_current), mode
+    )
 
 
 @pytest.fixture(params=EMULATED)
@@ -100,7 +102,7 @@ def test_bring_up_from_factory_settings(wired, mode):
     corrected = [text for text in set_up(bus, servo, write_eeprom=True) if text]
     assert any("operating mode is 3, needs " + str(int(mode)) in text for text in corrected)
     assert any("return delay time is 250, needs 0" in text for text in corrected)
-    for item, value in wanted_eeprom(servo).items():
+    for item, value in required_eeprom(servo).items():
         assert bus.read(1, item) == value
     # A change of mode puts the goal current to its limit and the profile to 0; both are written after it.
     assert bus.read(1, reg.GOAL_CURRENT) == servo.current_units(0.0) < bus.read(1, reg.CURRENT_LIMIT)
@@ -170,8 +172,8 @@ def test_what_differs_is_reported_before_any_of_it_is_written(two):
     one.disconnect()
     assert reports[0][0] == "tendon 'one', ID 1: return delay time is 250, needs 0; it is written now"
     for number in (1, 2):
-        told = [text for text, _ in reports if f"ID {number}:" in text]
-        assert sum("operating mode is 3, needs 5" in text for text in told) == 1
+        reported = [text for text, _ in reports if f"ID {number}:" in text]
+        assert sum("operating mode is 3, needs 5" in text for text in reported) == 1
     assert all(then == factory for _, then in reports)
     assert [device.registers.get("operating_mode") for device in devices] == [5, 5]
     reports.clear()
@@ -254,10 +256,10 @@ WHOLE = [
 def test_moves_and_a_tension_limit_on_every_model(taut):
     """Also where the servo itself has no limit (extended position): the controller stops at what it measures."""
     outcome, reason = taut.run(taut.move([0.007], 0.01))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     limit = 20.0 if taut.controller.drives["index"].limits is STRONG else 12.0
     outcome, reason = taut.run(taut.move([0.034], 0.01, limit, ["index"]))
-    assert outcome is Outcome.TENSION_LIMIT, reason
+    assert outcome is MoveOutcome.TENSION_LIMIT, reason
     # Twice what the gears' friction may hide, and the torque constant's own error.
     assert taut.plant.bank.tension_n[0] == pytest.approx(limit, abs=0.5 * limit)
 
@@ -266,7 +268,7 @@ def test_homing_finds_the_truth(bench):
     """The zero is where the emulated finger's slack is taken up, as far as a motor's current can tell."""
     bench.loop.power(on=True)
     outcome, reason = bench.run(bench.loop.call(lambda controller, now: controller.home(now)), 25.0)
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     slack = bench.plant.bank.slack_m - bench.plant.wound_m()
     for index, name in enumerate(TENDONS):
         drive = bench.controller.drives[name]
@@ -277,7 +279,7 @@ def test_homing_finds_the_truth(bench):
 def test_two_grippers_on_one_bus(taut):
     """A broken tendon stops and opens its own gripper; the other one goes on as if nothing had been."""
     outcome, reason = taut.run(taut.move([8.0], mode=MoveMode.TENSION))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     taut.pass_time(0.4)
     other = taut.move([0.012], 0.002, tendons=["thumb"])
     taut.cause("tendon_break", slot="index")
@@ -286,7 +288,7 @@ def test_two_grippers_on_one_bus(taut):
     assert taut.drive("middle").state is DriveState.RELEASING
     assert taut.drive("thumb").fault == ""
     outcome, reason = taut.run(other)
-    assert outcome is not Outcome.FAULT, reason
+    assert outcome is not MoveOutcome.FAULT, reason
 
 
 def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(taut):
@@ -295,7 +297,7 @@ def test_a_streamed_trajectory_reaches_the_servos_within_its_limits(taut):
     lengths, seen = [], []
     taut.world.live(lambda _: lengths.append(float(taut.plant.wound_m()[0] - taut.plant.bank.slack_m[0])))
     for step in range(1, 9):
-        trajectory = Trajectory.checked([0.1], [0.004 + 0.001 * step], [], 0.035, 0.05)
+        trajectory = TendonTrajectory.checked([0.1], [0.004 + 0.001 * step], [], 0.035, 0.05)
         ticket = taut.loop.call(lambda controller, now, one=trajectory: controller.follow({"index": one}, now))
         assert not ticket.refusal
         seen += taut.pass_time(0.1)
@@ -310,7 +312,7 @@ def test_a_move_does_not_overshoot(taut):
     """20 mm at 20 mm/s: what a servo is behind while it moves goes by itself when it stops."""
     for start, end in ((0.002, 0.022), (0.022, 0.002)):
         outcome, reason = taut.run(taut.move([start], tendons=["index", "middle"]))
-        assert outcome is Outcome.REACHED, reason
+        assert outcome is MoveOutcome.REACHED, reason
         taut.pass_time(0.5)
         seen = taut.watched(taut.move([end], 0.02, tendons=["index", "middle"])) + taut.pass_time(1.0)
         direction = 1.0 if end > start else -1.0
@@ -337,14 +339,14 @@ def test_a_taut_finger_stays_taut_when_the_next_move_begins(taut, first, then):
     """The true tension goes from where it is to what is asked: never below both by more than a sixth."""
     names = ["index", "thumb"]
     outcome, reason = taut.run(taut.move(**first, speed=0.03, tendons=names))
-    assert outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}, reason
+    assert outcome in {MoveOutcome.REACHED, MoveOutcome.TENSION_LIMIT}, reason
     taut.pass_time(0.5)
     before = taut.plant.bank.tension_n.copy()
     tensions = []
     taut.world.live(lambda _: tensions.append(taut.plant.bank.tension_n.copy()))
     outcome, reason = taut.run(taut.move(**then, speed=0.03, tendons=names))
-    assert outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}, reason
+    assert outcome in {MoveOutcome.REACHED, MoveOutcome.TENSION_LIMIT}, reason
     taut.pass_time(0.3)
-    wanted = then["targets"][0] if "mode" in then else then["tension_limit"]
+    requested = then["targets"][0] if "mode" in then else then["tension_limit"]
     for index in (0, 2):
-        assert min(tension[index] for tension in tensions) > 5.0 / 6.0 * min(before[index], wanted)
+        assert min(tension[index] for tension in tensions) > 5.0 / 6.0 * min(before[index], requested)

@@ -8,7 +8,7 @@ import pytest
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.session import ZeroKeeper
 from softgrip_driver.tendon.units import Spool
 from softgrip_driver.tendon.zero_store import StoredZero, ZeroStore, next_mark
@@ -68,7 +68,7 @@ def test_a_zero_survives_the_driver_but_not_the_servo(bench, tmp_path):
     assert not any(one.valid for one in first.recall(bench.loop))
     bench.loop.power(on=True)
     outcome, reason = bench.run(bench.loop.call(lambda c, now: c.home(now)), 25.0)
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     first.keep(bench.loop, "2026-01-01T00:00:00+00:00")
     zero = bench.controller.drives["index"].zero
 

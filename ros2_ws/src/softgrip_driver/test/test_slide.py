@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from softgrip_driver.rig.pull import LimitError, PullSettings, Sample, StoppedError, Stroke, Trace, record_pull
-from softgrip_driver.rig.slide import Slide, Verdict, analyse
+from softgrip_driver.rig.pull import LimitError, PullSettings, RigSample, StoppedError, Stroke, Trace, record_pull
+from softgrip_driver.rig.slide import PointVerdict, Slide, analyse
 
 LOAD, RATIO = 1.0, 1.2
 T2 = 9.80665 * LOAD
@@ -50,7 +50,7 @@ def judge(one: Trace, pulley_ratio: float = 1.0) -> Slide:
 
 def test_a_good_pull_gives_the_ratio_that_it_was_made_of() -> None:
     slide = judge(trace())
-    assert slide.verdict is Verdict.ACCEPTED, slide.reason
+    assert slide.verdict is PointVerdict.ACCEPTED, slide.reason
     assert slide.ratio == pytest.approx(RATIO, rel=2e-3)
     assert slide.stddev == pytest.approx(0.01, rel=0.2)
 
@@ -62,16 +62,16 @@ def test_the_pulley_s_own_friction_is_divided_out() -> None:
 @pytest.mark.parametrize(
     ("found", "verdict", "reason"),
     [
-        (trace(load=0.75), Verdict.REJECTED, r"expected 1000 g hung, found about 7\d\d g"),
-        (trace(load=1.3), Verdict.REJECTED, r"expected 1000 g hung, found about 1[23]\d\d g"),
-        (trace(shape=lambda x: -60.0 * x), Verdict.REPEAT, r"T1 drifts by \d"),
-        (trace(shape=lambda x: 1.5 * np.sign(np.sin(x * 2e4))), Verdict.REPEAT, r"stick-slip of 2\d"),
-        (trace(ratio=0.93), Verdict.REPEAT, r"expected T1/T2 within 0.97 .. \d.*found 0.9[23]"),
-        (trace(ratio=3.0), Verdict.REPEAT, r"expected T1/T2 within 0.97 .. 2.02, found (2.99|3.0)"),
+        (trace(load=0.75), PointVerdict.REJECTED, r"expected 1000 g hung, found about 7\d\d g"),
+        (trace(load=1.3), PointVerdict.REJECTED, r"expected 1000 g hung, found about 1[23]\d\d g"),
+        (trace(shape=lambda x: -60.0 * x), PointVerdict.REPEAT, r"T1 drifts by \d"),
+        (trace(shape=lambda x: 1.5 * np.sign(np.sin(x * 2e4))), PointVerdict.REPEAT, r"stick-slip of 2\d"),
+        (trace(ratio=0.93), PointVerdict.REPEAT, r"expected T1/T2 within 0.97 .. \d.*found 0.9[23]"),
+        (trace(ratio=3.0), PointVerdict.REPEAT, r"expected T1/T2 within 0.97 .. 2.02, found (2.99|3.0)"),
     ],
     ids=["too little weight", "too much weight", "drift", "stick-slip", "less than the weight", "too much friction"],
 )
-def test_what_is_wrong_with_a_pull_is_told_and_gives_no_point(found: Trace, verdict: Verdict, reason: str) -> None:
+def test_what_is_wrong_with_a_pull_is_told_and_gives_no_point(found: Trace, verdict: PointVerdict, reason: str) -> None:
     slide = judge(found)
     assert slide.verdict is verdict
     assert re.search(reason, slide.reason), slide.reason
@@ -81,7 +81,7 @@ def test_a_gauge_that_shows_one_number_is_stuck() -> None:
     good = trace()
     flat = Stroke(good.pull.time, good.pull.travel, np.full(COUNT, T2 * RATIO))
     slide = judge(Trace(good.rest, flat, good.release))
-    assert slide.verdict is Verdict.REJECTED
+    assert slide.verdict is PointVerdict.REJECTED
     assert "its reading is stuck" in slide.reason
 
 
@@ -127,7 +127,7 @@ class Gauge:
 
 
 def pull(
-    stage: Stage, clock: Clock, gauge: Gauge | None = None, on_sample: Callable[[Sample], None] = lambda _: None
+    stage: Stage, clock: Clock, gauge: Gauge | None = None, on_sample: Callable[[RigSample], None] = lambda _: None
 ) -> Trace:
     settings = PullSettings(speed=2e-3, return_speed=4e-3, dwell=0.2)
     return record_pull(stage, gauge or Gauge(), settings, clock, on_sample)  # type: ignore[arg-type]
@@ -156,7 +156,7 @@ def test_whatever_ends_a_pull_stops_the_stage(error: BaseException) -> None:
     clock = Clock()
     stage = Stage(clock)
 
-    def fail(sample: Sample) -> None:
+    def fail(sample: RigSample) -> None:
         if sample.travel > 2e-3:
             raise error
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 
 from softgrip_driver.errors import NoReplyError
-from softgrip_driver.rig.devices import Identity
+from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.rig.errors import SaturatedError
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
@@ -17,20 +17,20 @@ class RecordingStage:
 
     def __init__(self) -> None:
         self.where = 0.0
-        self.told: list[tuple[str, float]] = []
+        self.orders: list[tuple[str, float]] = []
 
-    def open(self) -> Identity:
-        return Identity("stage")
+    def open(self) -> DeviceIdentity:
+        return DeviceIdentity("stage")
 
     def start(self, target: float, speed: float) -> None:
         assert speed == 0.01
-        self.told.append(("start", target))
+        self.orders.append(("start", target))
 
     def travel(self) -> float:
         return self.where
 
     def stop(self) -> None:
-        self.told.append(("stop", self.where))
+        self.orders.append(("stop", self.where))
 
     def close(self) -> None:
         pass
@@ -42,8 +42,8 @@ class SetGauge:
     def __init__(self) -> None:
         self.shows: float | Exception = 1.0
 
-    def open(self) -> Identity:
-        return Identity("gauge")
+    def open(self) -> DeviceIdentity:
+        return DeviceIdentity("gauge")
 
     def tension(self) -> float:
         if isinstance(self.shows, Exception):
@@ -63,9 +63,9 @@ class Rig:
     def tell(self, length: float | None, tension_limit: float = 10.0) -> list[tuple[str, float]]:
         """One cycle; return what the stage was told."""
         self.reading = self.backend.read()["pull"]
-        self.stage.told.clear()
+        self.stage.orders.clear()
         self.backend.write({"pull": Setpoint(length, tension_limit)})
-        return list(self.stage.told)
+        return list(self.stage.orders)
 
 
 @pytest.fixture
@@ -132,9 +132,9 @@ def test_without_power_it_goes_nowhere_and_switching_off_stops_it() -> None:
     assert rig.tell(0.005) == []
     rig.backend.power("pull", True)
     rig.tell(0.005)
-    rig.stage.told.clear()
+    rig.stage.orders.clear()
     rig.backend.power("pull", False)
-    assert rig.stage.told == [("stop", 0.0)]
+    assert rig.stage.orders == [("stop", 0.0)]
     assert rig.tell(0.006) == []
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from softgrip_driver.errors import RefusedError
+from softgrip_driver.errors import DeviceRefusedError
 from softgrip_driver.rig.mark10_stand import Mark10Stand
 
 
@@ -53,6 +53,6 @@ def test_it_moves_up_when_limit_and_speed_were_taken() -> None:
 )
 def test_it_does_not_move_when_its_limit_or_its_speed_is_another(answers: dict[str, bytes], expected: str) -> None:
     port = Port(**answers)
-    with pytest.raises(RefusedError, match=expected):
+    with pytest.raises(DeviceRefusedError, match=expected):
         Mark10Stand(port).start(0.012, 40e-3 / 60.0)  # type: ignore[arg-type]
     assert not {b"lu", b"ld", b"u", b"d"} & set(port.sent)

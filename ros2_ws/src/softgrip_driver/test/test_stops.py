@@ -9,8 +9,8 @@ import pytest
 from softgrip_driver.dynamixel.registers import OperatingMode
 from softgrip_driver.tendon.gripper import MoveMode, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import DriveState, Outcome
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
 HELD = 8.0
 #: instruction of the protocol
@@ -46,7 +46,7 @@ def test_an_emergency_stop_that_holds_goes_on_holding_and_nothing_moves_until_th
     assert "estop_reset" in ticket.refusal
     holding.reset(power=True)
     outcome, reason = holding.run(holding.loop.call(lambda controller, now: controller.release(now)))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
 
 
 @pytest.mark.parametrize("cause", CAUSES)
@@ -76,7 +76,7 @@ def test_letting_go_reaches_a_drive_as_soon_as_it_can_be_told(holding):
 
 # A servo that is not talked to for 80 ms stops by itself and gives back what its control needs an error for.
 @pytest.mark.parametrize(
-    ("cause", "arguments", "fault", "least"),
+    ("cause", "arguments", "fault", "minimum"),
     [
         ("overheating", {"slot": "index", "temperature_c": 66.0}, "over_temperature", 0.95),
         ("alert", {"slot": "index", "bits": 1}, "input_voltage", 0.95),
@@ -85,7 +85,7 @@ def test_letting_go_reaches_a_drive_as_soon_as_it_can_be_told(holding):
         ("bus_unplugged", {}, "port_lost", 0.6),
     ],
 )
-def test_a_fault_that_lasts_does_not_let_go_of_what_is_held(holding, cause, arguments, fault, least):
+def test_a_fault_that_lasts_does_not_let_go_of_what_is_held(holding, cause, arguments, fault, minimum):
     before = holding.plant.bank.tension_n.copy()
     holding.cause(cause, **arguments)
     for _ in range(8):
@@ -94,7 +94,7 @@ def test_a_fault_that_lasts_does_not_let_go_of_what_is_held(holding, cause, argu
             holding.cause(cause, **arguments)
         seen = holding.pass_time(0.25)
         assert seen[-1].drives[0].fault == fault
-        assert (holding.plant.bank.tension_n >= least * before).all()
+        assert (holding.plant.bank.tension_n >= minimum * before).all()
     holding.clear()
     holding.pass_time(0.6)
     assert (holding.plant.bank.tension_n >= 0.9 * before).all()
@@ -151,7 +151,7 @@ def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
     bench.hold_taut(0.0)
     asked, lasting = TendonLimits().tension_soft, Policies().continuous_tension
     outcome, reason = bench.run(bench.move([asked], 0.03, tendons=["index"], mode=MoveMode.TENSION))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
     held = float(bench.plant.bank.tension_n[0])
     began = bench.now()
     assert bench.until(lambda _: any("backed off" in text for text in bench.drive("index").warnings), 12.0)
@@ -221,7 +221,7 @@ def test_a_jam_under_a_trajectory_is_a_stall(bench, end, streamed):
     bench.run(bench.move([0.014]))
 
     def follow():
-        path = Trajectory.checked([1.0], [end], [], TendonLimits().travel, TendonLimits().speed)
+        path = TendonTrajectory.checked([1.0], [end], [], TendonLimits().travel, TendonLimits().speed)
         return bench.loop.call(lambda controller, now: controller.follow({"index": path}, now))
 
     ticket = follow()
@@ -235,7 +235,7 @@ def test_a_jam_under_a_trajectory_is_a_stall(bench, end, streamed):
             break
         ticket = follow() if streamed else ticket
     assert bench.drive("index").fault == "stalled"
-    assert bench.result(ticket)[0] is Outcome.FAULT
+    assert bench.result(ticket)[0] is MoveOutcome.FAULT
     # The setpoint waits for the drive, so that nothing jerks when it comes free.
     stands = bench.controller.drives["index"].position
     assert np.abs(np.array(goals) - stands).max() < TendonLimits().lead + 3.1e-3

@@ -7,7 +7,7 @@ import pytest
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, Policies, StopPolicy
-from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
 
 HELD_N = 8.0
 
@@ -74,7 +74,7 @@ def test_a_hold_goes_on_through_the_death_of_the_driver_and_its_successor_takes_
     holding.pass_time(0.2)
     assert (holding.plant.bank.tension_n > 0.8 * held).all()
     outcome, reason = holding.run(holding.move([0.004]))
-    assert outcome is Outcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason
 
 
 def test_a_servo_that_moved_when_its_driver_died_stops_by_its_watchdog(bench):

@@ -3,7 +3,7 @@
 
 import pytest
 
-from softgrip_driver.tendon.motions import Step, View
+from softgrip_driver.tendon.motions import DriveObservation, MotionStep
 from softgrip_driver.tendon.trim import Trim
 
 DT = 0.01  # [s]
@@ -14,8 +14,8 @@ def seconds_until(trim, error_m, reached):
     for count in range(1000):
         if reached(trim.value):
             return count * DT
-        view = View(count * DT, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
-        trim.step(Step(0.010, 35.0), view)
+        view = DriveObservation(count * DT, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
+        trim.step(MotionStep(0.010, 35.0), view)
     raise AssertionError("never reached")
 
 
@@ -31,6 +31,6 @@ def test_next_to_its_goal_a_drive_is_corrected_as_slowly_in_as_out(error_m):
     """A hold's noise would else wear its trim away."""
     trim = Trim(lead=0.006)
     trim.value = 1e-3
-    view = View(0.0, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
-    trim.step(Step(0.010, 35.0), view)
+    view = DriveObservation(0.0, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
+    trim.step(MotionStep(0.010, 35.0), view)
     assert trim.value - 1e-3 == pytest.approx(Trim.RATE * error_m * DT)

@@ -13,9 +13,9 @@ import yaml
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Step, View
+from softgrip_driver.tendon.motions import DriveObservation, MotionStep
 from softgrip_driver.tendon.session import ZeroKeeper
-from softgrip_driver.tendon.trajectory import MAX_POINTS, Trajectory
+from softgrip_driver.tendon.trajectory import MAX_POINTS, TendonTrajectory
 from softgrip_driver.tendon.trim import Trim
 from softgrip_driver.tendon.units import Spool
 from softgrip_driver.tendon.zero_store import StoredZero, ZeroStore
@@ -107,10 +107,10 @@ def test_a_whole_file_of_another_schema_is_refused(tmp_path: Path, schema: Any) 
 def test_no_point_of_a_trajectory_goes_faster_than_the_drive(speed: float, taken: bool) -> None:
     limits = TendonLimits()
     if taken:
-        Trajectory.checked([1.0, 2.0], [0.01, 0.02], [0.0, speed], limits.travel, limits.speed)
+        TendonTrajectory.checked([1.0, 2.0], [0.01, 0.02], [0.0, speed], limits.travel, limits.speed)
         return
     with pytest.raises(ConfigurationError, match=r"expected velocities up to 0\.05"):
-        Trajectory.checked([1.0, 2.0], [0.01, 0.02], [0.0, speed], limits.travel, limits.speed)
+        TendonTrajectory.checked([1.0, 2.0], [0.01, 0.02], [0.0, speed], limits.travel, limits.speed)
 
 
 @pytest.mark.parametrize(("points", "taken"), [(2000, True), (2001, False)])
@@ -118,10 +118,10 @@ def test_a_plan_of_more_than_2000_points_has_to_be_streamed(points: int, taken: 
     assert MAX_POINTS == 2000
     times = [0.01 * (number + 1) for number in range(points)]
     if taken:
-        assert Trajectory.checked(times, [0.01] * points, [], 0.035, 0.05).duration == pytest.approx(20.0)
+        assert TendonTrajectory.checked(times, [0.01] * points, [], 0.035, 0.05).duration == pytest.approx(20.0)
         return
     with pytest.raises(ConfigurationError, match="at most 2000 points"):
-        Trajectory.checked(times, [0.01] * points, [], 0.035, 0.05)
+        TendonTrajectory.checked(times, [0.01] * points, [], 0.035, 0.05)
 
 
 # --- the correction of a set-point ---------------------------------------------------------------------------------
@@ -129,8 +129,8 @@ def test_a_plan_of_more_than_2000_points_has_to_be_streamed(points: int, taken: 
 
 def corrected(trim: Trim, error: float, seconds: float, tension: float = 5.0) -> float:
     for number in range(round(seconds / DT)):
-        seen = View(number * DT, DT, 0.010 - error, 0.0, tension=tension, pull=tension, tension_cap=45.0)
-        trim.step(Step(0.010, 20.0), seen)
+        seen = DriveObservation(number * DT, DT, 0.010 - error, 0.0, tension=tension, pull=tension, tension_cap=45.0)
+        trim.step(MotionStep(0.010, 20.0), seen)
     return trim.value
 
 

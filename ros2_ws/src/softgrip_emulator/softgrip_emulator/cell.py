@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from softgrip_emulator.camera.apart import CameraApart
-from softgrip_emulator.camera.look import CameraSettings, Look, Pose
+from softgrip_emulator.camera.camera_process import CameraProcess
+from softgrip_emulator.camera.exposure_sample import CameraSettings, ExposureSample, Pose
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.errors import EmulatorError
@@ -48,7 +48,7 @@ _EXPOSURE_S: Final = 0.008
 
 
 @dataclass(frozen=True)
-class FingerReading:
+class EmulatedFingerReading:
     """The truth about one mounted finger, SI units."""
 
     slot: str
@@ -64,7 +64,7 @@ class FingerReading:
 class Truth:
     """Everything that is so at one instant."""
 
-    fingers: tuple[FingerReading, ...]
+    fingers: tuple[EmulatedFingerReading, ...]
     grasp: GraspState
     active_faults: tuple[str, ...]
 
@@ -115,7 +115,7 @@ class EmulatedCell:
         self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)
         self._settings = camera or CameraSettings()
         timed = replace(self._settings, fps=self._settings.fps * time_scale)
-        self.camera = CameraApart(timed, seed, SEEN_SLOT, self._look)
+        self.camera = CameraProcess(timed, seed, SEEN_SLOT, self._look)
         self.faults = FaultBoard(self)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live, name="plant", daemon=True)
@@ -180,7 +180,7 @@ class EmulatedCell:
             chain, _ = bank.chain()
             pulled = plant.wound_m() - plant.taken_slack_m()
             fingers = tuple(
-                FingerReading(
+                EmulatedFingerReading(
                     slot=slot,
                     profile=finger.profile,
                     pulled_length_m=float(pulled[i]),
@@ -194,7 +194,7 @@ class EmulatedCell:
             )
             return Truth(fingers, plant.grasp.state(), self.faults.active)
 
-    def _look(self) -> Look:
+    def _look(self) -> ExposureSample:
         """The seen finger now, and where it was when the exposure began (from its joint speeds)."""
         plant, faults = self.plant, replace(self.camera.faults)
         with plant.lock:
@@ -203,14 +203,14 @@ class EmulatedCell:
             finger = plant.mounted[index]
             if finger is None:
                 empty = Pose(np.zeros((0, 2)), np.zeros(0))
-                return Look(empty, empty, stamp_s, faults)
+                return ExposureSample(empty, empty, stamp_s, faults)
             chain, heading = plant.bank.chain()
             joints = finger.joints
             product = plant.grasp.outline_m(index)
             now = Pose(chain[index, : joints + 1], heading[index, :joints], finger.body_height_m, product)
             earlier, earlier_heading = plant.bank.chain(plant.bank.q - _EXPOSURE_S * plant.bank.joint_speed)
             before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m, product)
-            return Look(now, before, stamp_s, faults)
+            return ExposureSample(now, before, stamp_s, faults)
 
     def _live(self) -> None:
         while not self._stop.is_set():

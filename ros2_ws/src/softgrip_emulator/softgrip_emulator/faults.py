@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from softgrip_emulator.dynamixel.servo import HardwareError
+from softgrip_emulator.dynamixel.servo import EmulatedHardwareError
 from softgrip_emulator.errors import EmulatorError
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ class _Held:
 
     thing: object
     without: Any
-    wanted: dict[object, Any] = field(default_factory=dict)
+    requested: dict[object, Any] = field(default_factory=dict)
 
 
 _HELD: dict[tuple[int, str], _Held] = {}
@@ -234,17 +234,17 @@ def _set(thing: object, **values: Any) -> Undo:
     fault = object()
     for name, value in values.items():
         held = _HELD.setdefault((id(thing), name), _Held(thing, getattr(thing, name)))
-        held.wanted[fault] = value
+        held.requested[fault] = value
         setattr(thing, name, value)
 
     def undo() -> None:
         for name in values:
             held = _HELD.get((id(thing), name))
-            if held is None or fault not in held.wanted:
+            if held is None or fault not in held.requested:
                 continue
-            del held.wanted[fault]
-            setattr(thing, name, [held.without, *held.wanted.values()][-1])
-            if not held.wanted:
+            del held.requested[fault]
+            setattr(thing, name, [held.without, *held.requested.values()][-1])
+            if not held.requested:
                 del _HELD[(id(thing), name)]
 
     return undo
@@ -291,13 +291,13 @@ def _servo_silent(cell: EmulatedCell, slot: str) -> Undo:
     return _set(cell.plant.servos[cell.plant.index(slot)], silenced=True)
 
 
-def _alert(cell: EmulatedCell, slot: str, bits: int = HardwareError.ELECTRICAL_SHOCK) -> Undo:
+def _alert(cell: EmulatedCell, slot: str, bits: int = EmulatedHardwareError.ELECTRICAL_SHOCK) -> Undo:
     # The bits stay until the servo is rebooted, as on the real one.
     return _set(cell.plant.servos[cell.plant.index(slot)], forced_error_bits=int(bits))
 
 
 def _overload(cell: EmulatedCell, slot: str) -> Undo:
-    return _alert(cell, slot, HardwareError.OVERLOAD)
+    return _alert(cell, slot, EmulatedHardwareError.OVERLOAD)
 
 
 def _overheating(cell: EmulatedCell, slot: str, temperature_c: float = 71.0) -> Undo:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.packets import BROADCAST_ID, HEADER, Instruction, crc16, encode
-from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.rig.grbl import GrblStage
-from softgrip_emulator.rig.mark10_gauge import Mark10Gauge
-from softgrip_emulator.rig.mark10_stand import Mark10Stand
+from softgrip_emulator.rig.grbl import EmulatedGrblStage
+from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
+from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
 from softgrip_emulator.rig.sensor import LoadCell
 from softgrip_emulator.rig.truth import RigTruth
@@ -48,16 +48,20 @@ SEEDS: Final = (
 )
 
 
-class Target:
+class EmulatorFuzzTarget:
     """A chain of three servos, a stand, a stage and a gauge that are fed one stream after another."""
 
     def __init__(self) -> None:
         model = load_model("xl330_m288")
-        self._chain = DynamixelChain([Servo(model, number, baud=_BAUD) for number in (1, 2, 3)])
+        self._chain = DynamixelChain([EmulatedServo(model, number, baud=_BAUD) for number in (1, 2, 3)])
         truth = RigTruth.from_seed(1)
         plant = RigPlant(truth, 1)
         cell = LoadCell(plant, 50.0, 1)
-        self._text: list[WireDevice] = [Mark10Stand(plant, cell), GrblStage(plant), Mark10Gauge(cell)]
+        self._text: list[WireDevice] = [
+            EmulatedMark10Stand(plant, cell),
+            EmulatedGrblStage(plant),
+            EmulatedMark10Gauge(cell),
+        ]
         self._now_s = 0.0
 
     def feed(self, stream: bytes) -> None:
@@ -112,3 +116,7 @@ def mutate(packet: bytes, rng: random.Random) -> bytes:
             case _:
                 data.insert(place, rng.randrange(256))
     return bytes(data)
+
+
+#: What `tools/fuzz.py` feeds.
+TARGET = EmulatorFuzzTarget

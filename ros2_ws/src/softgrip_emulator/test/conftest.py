@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.plant.truth import FingerTruth
 from softgrip_emulator.wire.pty import PtyPort
@@ -50,7 +50,7 @@ def patient_sdk(monkeypatch):
 def servos():
     """Three XL330 with IDs 1, 2, 3 at 1 Mbaud without return delay."""
     model = load_model("xl330_m288")
-    return [Servo(model, number, baud=1_000_000, return_delay_us=0) for number in (1, 2, 3)]
+    return [EmulatedServo(model, number, baud=1_000_000, return_delay_us=0) for number in (1, 2, 3)]
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 import yaml
 
-from softgrip_emulator.camera.apart import CameraApart
 from softgrip_emulator.camera.camera import Camera
-from softgrip_emulator.camera.look import CameraFaults, CameraSettings, Look, Pose
+from softgrip_emulator.camera.camera_process import CameraProcess
+from softgrip_emulator.camera.exposure_sample import CameraFaults, CameraSettings, ExposureSample, Pose
 from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
 from softgrip_emulator.camera.scene import Light, Scene
 from softgrip_emulator.camera.stream import FrameBoard, StreamServer
@@ -120,7 +120,7 @@ def stream(tmp_path):
 
     def look():
         angle[0] += 0.5
-        return Look(pose_of((angle[0], 0, 0)), pose_of((angle[0], 0, 0)), time.time(), faults)
+        return ExposureSample(pose_of((angle[0], 0, 0)), pose_of((angle[0], 0, 0)), time.time(), faults)
 
     camera = Camera(scene, board, look, fps=60.0, random=np.random.default_rng(1).random)
     server = StreamServer(board)
@@ -175,7 +175,7 @@ def test_a_dark_camera_and_one_that_loses_frames():
     pose, faults = pose_of((10, 0, 0)), CameraFaults(gain=0.05)
     scene = Scene(draw_optics(320, 240, seed=1), seed=1)
     random = np.random.default_rng(1).random
-    camera = Camera(scene, FrameBoard(), lambda: Look(pose, pose, 0.0, faults), random=random)
+    camera = Camera(scene, FrameBoard(), lambda: ExposureSample(pose, pose, 0.0, faults), random=random)
     assert cv2.imdecode(np.frombuffer(camera.take()[0], np.uint8), cv2.IMREAD_COLOR).mean() < 12
     faults.gain = 1.0
     faults.drop_share = 0.5
@@ -262,11 +262,11 @@ def test_a_product_is_seen_behind_the_finger_and_hides_no_marker():
 
 def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_path):
     stamps = iter(range(1, 1000))
-    apart = CameraApart(
+    apart = CameraProcess(
         CameraSettings(320, 240, fps=60.0),
         1,
         "index",
-        lambda: Look(pose_of((10, 0, 0)), pose_of((10, 0, 0)), float(next(stamps))),
+        lambda: ExposureSample(pose_of((10, 0, 0)), pose_of((10, 0, 0)), float(next(stamps))),
     )
     apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
     rows = list(parts((tmp_path / "camera.url").read_text().strip(), 3))
@@ -281,23 +281,25 @@ def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_pat
     assert not apart.running
 
 
-@pytest.mark.parametrize("wanted", [0, 12])
-def test_the_camera_apart_takes_the_priority_it_is_given_where_it_may(tmp_path, wanted):
+@pytest.mark.parametrize("requested", [0, 12])
+def test_the_camera_apart_takes_the_priority_it_is_given_where_it_may(tmp_path, requested):
     trial = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
     allowed = subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False).returncode == 0
     pose = pose_of((10, 0, 0))
-    apart = CameraApart(CameraSettings(320, 240, realtime_priority=wanted), 1, "index", lambda: Look(pose, pose, 0.0))
+    apart = CameraProcess(
+        CameraSettings(320, 240, realtime_priority=requested), 1, "index", lambda: ExposureSample(pose, pose, 0.0)
+    )
     apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
     process = apart._process.pid
-    assert os.sched_getscheduler(process) == (os.SCHED_FIFO if wanted and allowed else os.SCHED_OTHER)
-    assert os.sched_getparam(process).sched_priority == (wanted if allowed else 0)
+    assert os.sched_getscheduler(process) == (os.SCHED_FIFO if requested and allowed else os.SCHED_OTHER)
+    assert os.sched_getparam(process).sched_priority == (requested if allowed else 0)
     assert len(list(parts((tmp_path / "camera.url").read_text().strip(), 2))) == 2
     apart.close()
 
 
 def test_a_camera_that_is_killed_is_noticed(tmp_path, until):
     pose = pose_of((10, 0, 0))
-    apart = CameraApart(CameraSettings(320, 240), 1, "index", lambda: Look(pose, pose, 0.0))
+    apart = CameraProcess(CameraSettings(320, 240), 1, "index", lambda: ExposureSample(pose, pose, 0.0))
     apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
     apart._process.kill()
     assert until(lambda: not apart.running)

@@ -8,7 +8,7 @@ import dynamixel_sdk
 import numpy as np
 import pytest
 
-from softgrip_emulator.camera.look import CameraSettings
+from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.packets import Instruction, encode
 from softgrip_emulator.errors import EmulatorError

@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_nodekit import SENSOR, seconds
-from softgrip_nodekit.testing import PATIENCE, node_processes, own_domain, peer_node
+from softgrip_nodekit.testing import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -58,7 +58,7 @@ def test_services_truth_and_clean_end(start, peer, tmp_path):
     ]
     assert [len(finger.joint_angles) for finger in truth.fingers] == [3, 3, 2]
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=PATIENCE) == 0
+    assert process.wait(timeout=TEST_TIMEOUT_S) == 0
     assert list(tmp_path.iterdir()) == []
 
 
@@ -80,7 +80,7 @@ def test_a_faster_cell_publishes_its_clock(start, peer):
 )
 def test_what_keeps_it_from_starting_is_said(start, parameter, message):
     process = start(parameter)
-    _, errors = process.communicate(timeout=PATIENCE)
+    _, errors = process.communicate(timeout=TEST_TIMEOUT_S)
     assert process.returncode == 2
     assert "cannot start" in errors
     assert message in errors

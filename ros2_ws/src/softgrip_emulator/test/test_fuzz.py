@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.packets import BROADCAST_ID, Instruction, PacketReader, encode
-from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.fuzz_target import holds_packet, mutate
 
@@ -24,7 +24,7 @@ WRITTEN = ((64, 1, 1), (112, 4, 32767), (116, 4, 4095))
 
 def make_chain():
     model = load_model("xl330_m288")
-    return DynamixelChain([Servo(model, number, baud=57_600) for number in (1, 2, 3)])
+    return DynamixelChain([EmulatedServo(model, number, baud=57_600) for number in (1, 2, 3)])
 
 
 def values(chain):
@@ -40,8 +40,10 @@ def good_packets(rng):
     if choice == 1:
         return encode(device, Instruction.READ, bytes([rng.randrange(256), 0, rng.randrange(16), 0]))
     if choice == 2:
-        address, size, most = rng.choice(WRITTEN)
-        return encode(device, Instruction.WRITE, bytes([address, 0]) + rng.randrange(most + 1).to_bytes(size, "little"))
+        address, size, maximum = rng.choice(WRITTEN)
+        return encode(
+            device, Instruction.WRITE, bytes([address, 0]) + rng.randrange(maximum + 1).to_bytes(size, "little")
+        )
     if choice == 3:
         return encode(BROADCAST_ID, Instruction.SYNC_READ, bytes([132, 0, 4, 0, 1, 2, 3]))
     if choice == 4:

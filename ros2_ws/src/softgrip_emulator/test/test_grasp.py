@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.plant.by_hand import HandPulledCell
+from softgrip_emulator.plant.manual_grasp import HandPulledCell
 from softgrip_emulator.plant.products import hand, products
 
 
@@ -154,5 +154,5 @@ def test_the_same_seed_gives_the_same_grasp(cell):
     for _ in range(2):
         plant = cell("pinch", seed=7)
         plant.place("grape")
-        states.append(plant.close(8.0, most_s=1.5))
+        states.append(plant.close(8.0, max_s=1.5))
     assert states[0] == states[1]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from softgrip_emulator.plant._core import JointLoad
-from softgrip_emulator.plant.by_hand import HandPulledCell
 from softgrip_emulator.plant.fingers import FingerBank
+from softgrip_emulator.plant.manual_grasp import HandPulledCell
 from softgrip_emulator.plant.products import product
 from softgrip_emulator.plant.truth import draw_finger
 

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from softgrip_emulator.dynamixel.motion import Drive
+from softgrip_emulator.dynamixel.motion import ServoDrive
 from softgrip_emulator.dynamixel.servo import Shaft
 from softgrip_emulator.dynamixel.table import available_models, load_model
 from softgrip_emulator.plant.motor import AMBIENT_C, Motor
@@ -31,7 +31,7 @@ def run(motor, drive, tension_n, voltage_v, seconds, dt_s=1e-3):
 
 def test_no_load_speed(rated):
     motor, _, _, rpm, voltage_v = rated
-    run(motor, Drive(1.0, 10.0), 0.0, voltage_v, 1.0)
+    run(motor, ServoDrive(1.0, 10.0), 0.0, voltage_v, 1.0)
     assert motor.shaft.velocity_rad_s * 60 / (2 * math.pi) == pytest.approx(rpm, rel=0.02)
 
 
@@ -39,25 +39,25 @@ def test_stall_current_and_the_tension_it_can_just_not_pull(rated):
     motor, torque_nm, current_a, _, voltage_v = rated
     # The tendon presses the gear's teeth: 6 % of the load is lost besides.
     can_pull_n = torque_nm / motor.spool_radius_m / 1.06
-    run(motor, Drive(1.0, 10.0), 1.02 * can_pull_n, voltage_v, 0.3)
+    run(motor, ServoDrive(1.0, 10.0), 1.02 * can_pull_n, voltage_v, 0.3)
     assert motor.shaft.velocity_rad_s == 0.0
     assert motor.shaft.current_a == pytest.approx(current_a, rel=0.02)
-    run(motor, Drive(1.0, 10.0), 0.9 * can_pull_n, voltage_v, 0.3)
+    run(motor, ServoDrive(1.0, 10.0), 0.9 * can_pull_n, voltage_v, 0.3)
     assert motor.shaft.velocity_rad_s > 0.0
 
 
 def test_the_current_limit_bounds_the_pull(rated):
     motor, torque_nm, current_a, _, voltage_v = rated
-    run(motor, Drive(1.0, 0.5 * current_a), 0.6 * torque_nm / 0.010, voltage_v, 0.3)
+    run(motor, ServoDrive(1.0, 0.5 * current_a), 0.6 * torque_nm / 0.010, voltage_v, 0.3)
     assert motor.shaft.velocity_rad_s <= 0.0
     assert motor.shaft.current_a <= 0.5 * current_a + 1e-9
 
 
 def test_friction_holds_a_small_load_without_current(rated):
     motor = rated[0]
-    run(motor, Drive(), 0.8 * motor.ratings.gear_friction_nm / 0.010, 5.0, 0.5)
+    run(motor, ServoDrive(), 0.8 * motor.ratings.gear_friction_nm / 0.010, 5.0, 0.5)
     assert motor.shaft.angle_rad == 0.0
-    run(motor, Drive(), 3.0 * motor.ratings.gear_friction_nm / 0.010, 5.0, 0.5)
+    run(motor, ServoDrive(), 3.0 * motor.ratings.gear_friction_nm / 0.010, 5.0, 0.5)
     assert motor.shaft.angle_rad < 0.0
 
 
@@ -67,6 +67,6 @@ def test_heat_follows_the_first_order_law(rated):
     motor.shaft.temperature_c = AMBIENT_C
     motor.extra_heat_w = 2.0
     span_s = ratings.heat_capacity_j_per_k * ratings.thermal_resistance_k_per_w
-    run(motor, Drive(), 0.0, 5.0, span_s, dt_s=0.05)
+    run(motor, ServoDrive(), 0.0, 5.0, span_s, dt_s=0.05)
     rise = 2.0 * ratings.thermal_resistance_k_per_w * (1.0 - math.exp(-1.0))
     assert motor.shaft.temperature_c - AMBIENT_C == pytest.approx(rise, rel=0.01)

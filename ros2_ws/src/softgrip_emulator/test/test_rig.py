@@ -6,10 +6,10 @@ import pytest
 
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.rig import EmulatedRig, FrictionTruth, RigTruth
-from softgrip_emulator.rig.amplifier import FORMATS, StreamAmplifier
-from softgrip_emulator.rig.grbl import GrblStage
-from softgrip_emulator.rig.mark10_gauge import Mark10Gauge
-from softgrip_emulator.rig.mark10_stand import Mark10Stand
+from softgrip_emulator.rig.amplifier import FORMATS, EmulatedAmplifier
+from softgrip_emulator.rig.grbl import EmulatedGrblStage
+from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
+from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
 from softgrip_emulator.rig.sensor import LoadCell
 
@@ -123,7 +123,7 @@ def test_seeds_draw_other_cables_and_the_same_seed_the_same():
 
 def test_the_stand_speaks_as_its_manual():
     rig = plant()
-    stand = Mark10Stand(rig, LoadCell(rig, 50.0, 1))
+    stand = EmulatedMark10Stand(rig, LoadCell(rig, 50.0, 1))
     assert said(stand.exchange(b"x", 0.0, BAUD)) == b"0.00 mm\r\n"
     assert said(stand.exchange(b"n", 0.0, BAUD)) == b"-0.00 N\r\n0.00 mm\r\n"
     assert said(stand.exchange(b"e0060.0h012", 0.0, BAUD)) == b""
@@ -139,7 +139,7 @@ def test_the_stand_speaks_as_its_manual():
 
 def test_the_stand_ignores_motion_without_pc_control():
     rig = plant()
-    stand = Mark10Stand(rig, LoadCell(rig, 50.0, 1))
+    stand = EmulatedMark10Stand(rig, LoadCell(rig, 50.0, 1))
     stand.exchange(b"u", 0.0, BAUD)
     stand.panel_auto_return()
     assert rig.velocity == 0.0
@@ -149,7 +149,7 @@ def test_the_stand_ignores_motion_without_pc_control():
 
 def test_the_gauge_speaks_gcl2():
     rig = plant()
-    gauge = Mark10Gauge(LoadCell(rig, 50.0, 1))
+    gauge = EmulatedMark10Gauge(LoadCell(rig, 50.0, 1))
     rig.set(0.0, 1.0)
     force = 9.81 / 1.01
     assert said(gauge.exchange(b"?\r", 0.0, BAUD)) == f"{-force:.2f} N\r\n".encode()
@@ -166,7 +166,7 @@ def test_the_gauge_speaks_gcl2():
 
 def test_grbl_speaks_as_documented():
     rig = plant()
-    grbl = GrblStage(rig)
+    grbl = EmulatedGrblStage(rig)
     assert said(grbl.opened(0.0)) == b"\r\nGrbl 1.1h ['$' for help]\r\n"
     assert said(grbl.exchange(b"?", 0.0, BAUD)).startswith(b"<Idle|MPos:0.000,0.000,0.000|Bf:15,128|FS:0,0|WCO:")
     assert said(grbl.exchange(b"$J=G91 G21 X10 F60\n", 0.0, BAUD)) == b"ok\r\n"
@@ -193,7 +193,7 @@ def test_grbl_speaks_as_documented():
 @pytest.mark.parametrize("name", sorted(FORMATS))
 def test_amplifiers_stream_and_are_met_in_the_middle_of_a_line(name):
     rig = plant()
-    amplifier = StreamAmplifier(LoadCell(rig, 50.0, 1), name)
+    amplifier = EmulatedAmplifier(LoadCell(rig, 50.0, 1), name)
     first = said(amplifier.opened(0.0))
     due = amplifier.due_s()
     assert due == pytest.approx(1 / 80)

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
-from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S, HardwareError, Servo
+from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S, EmulatedHardwareError, EmulatedServo
 from softgrip_emulator.dynamixel.table import available_models, load_model
 
 MODELS = available_models()
@@ -14,7 +14,7 @@ MODELS = available_models()
 
 @pytest.fixture(params=MODELS)
 def servo(request):
-    return Servo(load_model(request.param), 7)
+    return EmulatedServo(load_model(request.param), 7)
 
 
 def do(servo, instruction, parameters=b"", now_s=0.0):
@@ -35,7 +35,7 @@ def test_models_are_those_of_the_cell():
     ],
 )
 def test_factory_values(name, number, current_limit, temperature_limit, p_gain, shutdown, read):
-    servo = Servo(load_model(name), 1)
+    servo = EmulatedServo(load_model(name), 1)
     names = ("model_number", "current_limit", "temperature_limit", "position_p_gain", "shutdown", "return_delay_time")
     assert [read(servo, item) for item in names] == [number, current_limit, temperature_limit, p_gain, shutdown, 250]
     assert do(servo, Instruction.PING).parameters[:2] == number.to_bytes(2, "little")
@@ -177,11 +177,11 @@ def test_reboot_answers_then_is_silent(servo, read, write):
 
 def test_shutdown_takes_the_torque_until_a_reboot(servo, read, write):
     write(servo, "torque_enable", 1)
-    servo.forced_error_bits = HardwareError.OVERLOAD
+    servo.forced_error_bits = EmulatedHardwareError.OVERLOAD
     servo.step(0.001, 0.001)
     assert read(servo, "torque_enable") == 0
     assert servo.read_for_host(70, 1, 0.0).error == ALERT
-    assert servo.read_for_host(70, 1, 0.0).parameters == bytes([HardwareError.OVERLOAD])
+    assert servo.read_for_host(70, 1, 0.0).parameters == bytes([EmulatedHardwareError.OVERLOAD])
     assert write(servo, "torque_enable", 1) == ALERT
     assert read(servo, "torque_enable") == 0
     do(servo, Instruction.REBOOT)
@@ -194,7 +194,7 @@ def test_shutdown_takes_the_torque_until_a_reboot(servo, read, write):
 def test_an_error_outside_the_shutdown_mask_only_alerts(servo, read, write):
     write(servo, "shutdown", 0)
     write(servo, "torque_enable", 1)
-    servo.forced_error_bits = HardwareError.OVERLOAD
+    servo.forced_error_bits = EmulatedHardwareError.OVERLOAD
     servo.step(0.001, 0.001)
     assert read(servo, "torque_enable") == 1
     assert do(servo, Instruction.PING).error == ALERT
@@ -208,11 +208,11 @@ def test_overload_and_heat_and_voltage_are_noticed(servo, read, write):
     assert read(servo, "hardware_error_status") == 0
     for step in range(2000, 4000):
         servo.step(step * 1e-3, 1e-3)
-    assert read(servo, "hardware_error_status") == HardwareError.OVERLOAD
+    assert read(servo, "hardware_error_status") == EmulatedHardwareError.OVERLOAD
     servo.shaft.temperature_c = read(servo, "temperature_limit") + 1.0
     servo.shaft.supply_v = read(servo, "min_voltage_limit") / 10.0 - 0.3
     servo.step(4.0, 1e-3)
-    expected = HardwareError.OVERLOAD | HardwareError.OVERHEATING | HardwareError.INPUT_VOLTAGE
+    expected = EmulatedHardwareError.OVERLOAD | EmulatedHardwareError.OVERHEATING | EmulatedHardwareError.INPUT_VOLTAGE
     assert read(servo, "hardware_error_status") == expected
 
 
@@ -293,7 +293,7 @@ def test_position_glitch_shows_and_goes(servo, read, write):
 
 
 def test_a_profile_reaches_its_goal_in_the_time_the_trapezoid_takes(write):
-    servo = Servo(load_model("xl330_m288"), 1)
+    servo = EmulatedServo(load_model("xl330_m288"), 1)
     write(servo, "operating_mode", 4)
     write(servo, "profile_velocity", 100)
     write(servo, "profile_acceleration", 20)

@@ -179,9 +179,9 @@ def test_controls_agree(power: Kernel) -> None:
 
 def test_marching_finds_what_solving_from_nothing_finds(power: Kernel) -> None:
     pulls = np.linspace(0.1, 22.0, 300)
-    there, anew = power.solve(pulls), power.solve(pulls, march=False)
-    np.testing.assert_allclose(there.angle_rad, anew.angle_rad, atol=1e-9)
-    np.testing.assert_allclose(there.tension_n, anew.tension_n, rtol=1e-8)
+    there, unmarched = power.solve(pulls), power.solve(pulls, march=False)
+    np.testing.assert_allclose(there.angle_rad, unmarched.angle_rad, atol=1e-9)
+    np.testing.assert_allclose(there.tension_n, unmarched.tension_n, rtol=1e-8)
     assert there.iterations.sum() < 1.35 * len(pulls)
 
 

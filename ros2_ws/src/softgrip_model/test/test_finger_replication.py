@@ -10,7 +10,7 @@ import pytest
 
 from softgrip_model.finger import FRICTIONLESS, FingerError, Status
 from softgrip_model.finger.published import OPTIMISED_ROUTING_MM, UNIFORM_ROUTING_MM, chapter_3_finger
-from softgrip_model.finger.replication import Recipe, Replica, replicate
+from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
 from softgrip_model.friction.laws import LambdaSign
 from softgrip_model.friction.published import published
 
@@ -45,7 +45,7 @@ def test_reference_angles(
     case: tuple[float, float, tuple[float, ...], tuple[float, ...] | None, tuple[float, ...], float],
 ) -> None:
     length, passage, routing, at_10, at_20, tension = case
-    found = replicate(chapter_3_finger(routing, length), PRINTED, recipe=Recipe(passage_radius_mm=passage))
+    found = replicate(chapter_3_finger(routing, length), PRINTED, recipe=ReplicationRecipe(passage_radius_mm=passage))
     degrees = np.degrees(found.angle_rad)
     if at_10 is not None:
         np.testing.assert_allclose(degrees[99], at_10, atol=0.006)
@@ -61,7 +61,9 @@ def test_published_facts_of_the_optimised_finger() -> None:
     assert crossing(found) == pytest.approx(11.7, abs=0.051)
     fine = replicate(chapter_3_finger(OPTIMISED_ROUTING_MM, 13.0), PRINTED, steps=1600)
     assert spread(fine) == pytest.approx(4.595, abs=6e-4)
-    other = replicate(chapter_3_finger(OPTIMISED_ROUTING_MM, 10.0), PRINTED, recipe=Recipe(passage_radius_mm=1.0))
+    other = replicate(
+        chapter_3_finger(OPTIMISED_ROUTING_MM, 10.0), PRINTED, recipe=ReplicationRecipe(passage_radius_mm=1.0)
+    )
     assert spread(other) == pytest.approx(4.274, abs=6e-4)
     assert crossing(other) == pytest.approx(12.1, abs=0.051)
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from softgrip_model.commands import fit_friction
-from softgrip_model.friction.calibration import Pair, calibrate
+from softgrip_model.friction.calibration import SurfacePair, calibrate
 from softgrip_model.friction.csv_file import read_csv
 from softgrip_model.friction.errors import DataError, ModelFileError
 from softgrip_model.friction.laws import GRAVITY, Law
@@ -20,7 +20,7 @@ from softgrip_model.friction.published import published, published_ids
 from softgrip_model.friction.store import ModelStore
 
 LAW = published("twine-tpu").law
-PAIR = Pair("PP twine", "TPU", 0.75e-3, 3e-3)
+PAIR = SurfacePair("PP twine", "TPU", 0.75e-3, 3e-3)
 
 
 def rows(noise=0.01, angles=(10, 50, 90), loads=(200, 600, 1000)):

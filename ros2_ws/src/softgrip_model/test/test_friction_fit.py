@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from softgrip_model.friction.assess import Limits, assess, lack_of_fit
-from softgrip_model.friction.calibration import Pair, calibrate
+from softgrip_model.friction.assess import AcceptanceLimits, assess, lack_of_fit
+from softgrip_model.friction.calibration import SurfacePair, calibrate
 from softgrip_model.friction.comparison import compare, spread_points
 from softgrip_model.friction.design import efficiency, next_best, optimal_design
 from softgrip_model.friction.errors import DataError
@@ -16,13 +16,13 @@ from softgrip_model.friction.fit import BOUNDS, Loss, capstan_per_load, errors, 
 from softgrip_model.friction.laws import GRAVITY, FrictionLaw, KReading, Law
 from softgrip_model.friction.measurements import measurements
 from softgrip_model.friction.published import TABLE_3_2, published
-from softgrip_model.friction.record import Verdict
+from softgrip_model.friction.record import ModelVerdict
 
 LOADS = GRAVITY * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
 GRID_45 = tuple(a.ravel() for a in np.meshgrid(np.radians(np.arange(10, 91, 10)), LOADS, indexing="ij"))
 GRID_9 = tuple(a.ravel() for a in np.meshgrid(np.radians([10, 50, 90]), LOADS[::2], indexing="ij"))
 TWINE = published("twine-tpu").law
-BRAID = Pair("PE braid", "TPU", 0.125e-3, 3e-3)
+BRAID = SurfacePair("PE braid", "TPU", 0.125e-3, 3e-3)
 
 
 def made(law, grid=GRID_45, noise=0.0, seed=0, **kwargs):
@@ -139,7 +139,7 @@ def test_four_points_fit_but_say_that_their_error_is_unknown():
     points = made(TWINE, (angle, tension), 0.01)
     found = calibrate(points, BRAID)
     assert found.model.covariance is None
-    assert found.model.verdict is Verdict.DO_NOT_USE
+    assert found.model.verdict is ModelVerdict.DO_NOT_USE
     assert "degree of freedom" in found.model.reason
     known = fit(points, radius_mm=3.125, noise_stddev=0.01)
     assert np.isfinite(known.interval_half_width(1.0, 5.0))
@@ -159,8 +159,8 @@ def test_a_common_error_widens_the_interval_and_nothing_else():
 
 
 def test_good_points_are_usable():
-    found = calibrate(made(TWINE, GRID_9, 0.01), Pair("twine", "TPU", 0.75e-3, 3e-3))
-    assert found.model.verdict is Verdict.USABLE
+    found = calibrate(made(TWINE, GRID_9, 0.01), SurfacePair("twine", "TPU", 0.75e-3, 3e-3))
+    assert found.model.verdict is ModelVerdict.USABLE
     assert found.model.points == 9
 
 
@@ -171,7 +171,7 @@ def test_one_bad_point_is_named(spoiled):
     high[spoiled] *= 1.25
     bad = measurements(points.angle, points.tension_low, high)
     judged = assess(fit(bad, radius_mm=TWINE.radius_mm))
-    assert judged.verdict is Verdict.REPEAT_POINTS
+    assert judged.verdict is ModelVerdict.REPEAT_POINTS
     assert judged.outliers == (spoiled,)
     assert f"point {spoiled + 1}" in judged.reason
     assert np.argmax(judged.cooks_distance) == spoiled
@@ -179,13 +179,13 @@ def test_one_bad_point_is_named(spoiled):
 
 def test_a_law_that_does_not_fit_is_refused():
     judged = assess(fit(made(TWINE, GRID_45, 0.01), Law.CAPSTAN, radius_mm=TWINE.radius_mm))
-    assert judged.verdict is Verdict.DO_NOT_USE
+    assert judged.verdict is ModelVerdict.DO_NOT_USE
     assert "average error" in judged.reason
 
 
 def test_noise_makes_the_interval_too_wide():
-    judged = assess(fit(made(TWINE, GRID_9, 0.06, 3), radius_mm=TWINE.radius_mm), Limits(average_error=1.0))
-    assert judged.verdict is Verdict.DO_NOT_USE
+    judged = assess(fit(made(TWINE, GRID_9, 0.06, 3), radius_mm=TWINE.radius_mm), AcceptanceLimits(average_error=1.0))
+    assert judged.verdict is ModelVerdict.DO_NOT_USE
     assert "95 % interval" in judged.reason
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from softgrip_model.friction.errors import LawError
-from softgrip_model.friction.laws import FrictionLaw, KReading, LambdaSign, Law, Status
+from softgrip_model.friction.laws import FrictionLaw, KReading, LambdaSign, Law, LawStatus
 from softgrip_model.friction.published import TABLE_3_2, published, published_ids
 
 #: (T2 [N], angle [deg]) of the reference values.
@@ -97,8 +97,8 @@ def test_surface_term_vanishes_where_it_should(pair, newtons):
     law = published(pair).law
     assert law.vanishing_tension == pytest.approx(newtons, abs=0.005)
     below, above = law.evaluate(0.0, [0.99 * newtons, 1.01 * newtons]).status
-    assert not below & Status.SURFACE_CLAMPED
-    assert above & Status.SURFACE_CLAMPED
+    assert not below & LawStatus.SURFACE_CLAMPED
+    assert above & LawStatus.SURFACE_CLAMPED
     assert float(law.ratio(0.0, 2 * newtons)) == 1.0
 
 
@@ -236,10 +236,10 @@ def test_derivatives_are_regular_where_k_vanishes():
 def test_values_outside_the_calibrated_range_are_given_and_flagged():
     law = published("braid-tpu").law
     inside, angle, tension, both = law.evaluate(np.radians([50, 100, 50, 5]), [5.0, 5.0, 12.0, 1.0]).status
-    assert inside == Status.OK
-    assert angle == Status.ANGLE_OUTSIDE_RANGE
-    assert tension == Status.TENSION_OUTSIDE_RANGE
-    assert both == Status.ANGLE_OUTSIDE_RANGE | Status.TENSION_OUTSIDE_RANGE
+    assert inside == LawStatus.OK
+    assert angle == LawStatus.ANGLE_OUTSIDE_RANGE
+    assert tension == LawStatus.TENSION_OUTSIDE_RANGE
+    assert both == LawStatus.ANGLE_OUTSIDE_RANGE | LawStatus.TENSION_OUTSIDE_RANGE
     assert np.isfinite(law.ratio(np.radians(100), 12.0))
 
 
@@ -250,7 +250,7 @@ def test_no_value_past_the_blow_up_angle():
     assert np.isfinite(value.log_ratio[0])
     assert np.isnan(value.log_ratio[1])
     assert np.isnan(value.d_coefficients[1]).all()
-    assert value.status[1] & Status.BLOW_UP
+    assert value.status[1] & LawStatus.BLOW_UP
     limit = dataclasses.replace(law, k_reading=KReading.LIMIT)
     assert np.isinf(limit.blow_up_angle(0.1))
     assert np.isfinite(limit.ratio(1.001 * angle, 0.1))
@@ -260,7 +260,7 @@ def test_tensions_below_the_floor_count_as_the_floor_and_are_flagged():
     law = published("braid-tpu").law
     value = law.evaluate(1.0, [0.0, 1e-3, 1e-2])
     assert value.log_ratio[0] == value.log_ratio[1] == value.log_ratio[2]
-    assert list(value.status & Status.TENSION_FLOORED) == [Status.TENSION_FLOORED, Status.TENSION_FLOORED, 0]
+    assert list(value.status & LawStatus.TENSION_FLOORED) == [LawStatus.TENSION_FLOORED, LawStatus.TENSION_FLOORED, 0]
     assert value.d_log_tension[0] == 0.0
 
 
@@ -268,7 +268,7 @@ def test_tensions_below_the_floor_count_as_the_floor_and_are_flagged():
 def test_impossible_input_has_no_value(angle, tension):
     value = published("braid-tpu").law.evaluate(angle, tension)
     assert np.isnan(value.log_ratio)
-    assert value.status & Status.INVALID
+    assert value.status & LawStatus.INVALID
 
 
 @pytest.mark.parametrize(

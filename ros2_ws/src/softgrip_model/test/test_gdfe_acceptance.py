@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from softgrip_model.gdfe import Law, Linear, Settings, Solver, Supports, VolumeShape, bar
+from softgrip_model.gdfe import ConstitutiveLaw, Linear, Solver, SolverSettings, Supports, VolumeShape, bar
 from softgrip_model.gdfe.march import march
 from softgrip_model.gdfe.materials import cheetah, cheetah_ogden, ninjaflex, ninjaflex_ogden
 from softgrip_model.gdfe.solver import Metric
@@ -54,7 +54,7 @@ UNIT_BLEND = {
 
 def cube_solver(omega, shape):
     mesh = bar((1.0, 1.0, 1.0), (1, 1, 1))
-    settings = Settings(law=Law.THESIS, volume_shape=shape)
+    settings = SolverSettings(law=ConstitutiveLaw.THESIS, volume_shape=shape)
     supports = Supports.none(8).with_prescribed(np.arange(8, dtype=np.int32))
     solver = Solver(mesh, [Linear("any", 1.0, 0.3)], supports, settings=settings)
     solver.set_thesis_state(np.array([omega]), np.zeros(1))
@@ -84,7 +84,7 @@ def test_unit_reference(shape, omega, goal):
 @pytest.mark.parametrize("shape", list(VolumeShape))
 def test_a_rigid_motion_leaves_no_residual(shape):
     case, materials = five_materials()
-    solver = Solver(case.mesh, materials, case.supports, settings=Settings(volume_shape=shape))
+    solver = Solver(case.mesh, materials, case.supports, settings=SolverSettings(volume_shape=shape))
     axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
     k = np.cross(np.eye(3), -axis)
     turn = np.eye(3) + np.sin(2.5) * k + (1 - np.cos(2.5)) * k @ k
@@ -148,7 +148,7 @@ def test_nominal_stress_of_the_ogden_constants(material, stretch, stress):
 def test_thesis_law_in_ten_increments_of_tension(shape, joint):
     materials = (cheetah(), ninjaflex())
     case, used = tension(materials=materials)
-    settings = Settings(law=Law.THESIS, volume_shape=shape, metric=Metric.CENTRING, step_limit=1.0)
+    settings = SolverSettings(law=ConstitutiveLaw.THESIS, volume_shape=shape, metric=Metric.CENTRING, step_limit=1.0)
     solver = Solver(case.mesh, used, case.supports, settings=settings)
     state = ThesisState(solver, materials, shape_factors_published)
     found = march(solver, case.loading, 10, tolerance=1e-9, first_guess=case.first_guess, before=state.before)
@@ -158,7 +158,7 @@ def test_thesis_law_in_ten_increments_of_tension(shape, joint):
 
 def test_five_materials_by_shape_factors_against_calculix():
     case, materials = five_materials()
-    settings = Settings(law=Law.THESIS, volume_shape=VolumeShape.SCALE)
+    settings = SolverSettings(law=ConstitutiveLaw.THESIS, volume_shape=VolumeShape.SCALE)
     solver = Solver(case.mesh, materials, case.supports, settings=settings)
     state = ThesisState(solver, materials, shape_factors_closed_form, previous_shape=False, update=False)
     found = march(solver, case.loading, 1, tolerance=1e-7, before=state.before)
@@ -172,7 +172,7 @@ def test_five_materials_by_shape_factors_against_calculix():
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
 def test_five_materials_by_the_calibrated_law_against_calculix(poisson):
     case, materials = five_materials(poisson=poisson)
-    solver = Solver(case.mesh, materials, case.supports, settings=Settings(volume_shape=VolumeShape.SCALE))
+    solver = Solver(case.mesh, materials, case.supports, settings=SolverSettings(volume_shape=VolumeShape.SCALE))
     found = march(solver, case.loading, 1)
     mean, largest = difference(found.last.displacement, case.reference())
     assert found.completed
@@ -203,7 +203,12 @@ def test_rotation_by_the_calibrated_law_against_calculix():
 
 def test_tension_by_the_rigorous_law():
     case, materials = tension(poisson=0.49)
-    solver = Solver(case.mesh, materials, case.supports, settings=Settings(law=Law.RIGOROUS, window=20, step_limit=1.0))
+    solver = Solver(
+        case.mesh,
+        materials,
+        case.supports,
+        settings=SolverSettings(law=ConstitutiveLaw.RIGOROUS, window=20, step_limit=1.0),
+    )
     found = march(solver, case.loading, 10, first_guess=case.first_guess)
     assert found.completed
     assert 100.0 * joint_position(case, found.last.displacement) == pytest.approx(35.50, abs=0.01)
@@ -212,7 +217,12 @@ def test_tension_by_the_rigorous_law():
 
 def test_rotation_by_the_rigorous_law_against_calculix():
     case, materials = rotation(poisson=0.49)
-    solver = Solver(case.mesh, materials, case.supports, settings=Settings(law=Law.RIGOROUS, window=20, step_limit=1.0))
+    solver = Solver(
+        case.mesh,
+        materials,
+        case.supports,
+        settings=SolverSettings(law=ConstitutiveLaw.RIGOROUS, window=20, step_limit=1.0),
+    )
     found = march(solver, case.loading, 10)
     mean, largest = difference(found.last.displacement, case.reference())
     assert found.completed

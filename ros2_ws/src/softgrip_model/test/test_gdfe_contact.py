@@ -11,9 +11,9 @@ from softgrip_model.gdfe import (
     Linear,
     Mesh,
     Obstacle,
-    Settings,
-    Shape,
+    ObstacleShape,
     Solver,
+    SolverSettings,
     Supports,
     Surroundings,
     bar,
@@ -26,7 +26,7 @@ def pressed_bar(friction, poisson=0.0):
     """A bar standing on x = 0, its end x = 4 under a plane; base 2 x 2, E = 3."""
     mesh = bar((4.0, 2.0, 2.0), (4, 2, 2))
     base, end = (mesh.nodes_where(mesh.nodes[:, 0] == x) for x in (0.0, 4.0))
-    plane = Obstacle(Shape.PLANE, (4.0, 0.0, 0.0), end, axis=(-1.0, 0.0, 0.0), friction=friction)
+    plane = Obstacle(ObstacleShape.PLANE, (4.0, 0.0, 0.0), end, axis=(-1.0, 0.0, 0.0), friction=friction)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(base)
     solver = Solver(mesh, [Linear("any", 3.0, poisson)], supports, surroundings=Surroundings(obstacles=(plane,)))
     return solver, end
@@ -109,7 +109,7 @@ def test_a_sphere_is_pushed_back_as_hertz_says():
     prescribed[far] = np.stack(
         [outward * x[far], outward * y[far], -scale * (down**2 / r**3 + 2 * (1 - poisson) / r)], 1
     )
-    sphere = Obstacle(Shape.SPHERE, (0.0, 0.0, radius), mesh.nodes_where(z == 0.0), radius=radius)
+    sphere = Obstacle(ObstacleShape.SPHERE, (0.0, 0.0, radius), mesh.nodes_where(z == 0.0), radius=radius)
     around = Surroundings(obstacles=(sphere,))
     solver = Solver(mesh, [Linear("any", modulus, poisson)], supports, surroundings=around)
     found = solver.solve(prescribed, acts=Acts(motions=((0.0, 0.0, -depth),)), tolerance=1e-6)
@@ -134,12 +134,12 @@ def test_a_strip_around_a_cylinder_holds_by_the_capstan_equation():
     quads = mesh.surface()
     load = np.zeros_like(mesh.nodes)
     load[:, 1] = -1.0 * face_shares(mesh.nodes, quads[np.isin(quads, pulled).all(axis=1)])
-    cylinder = Obstacle(Shape.CYLINDER, (0.0, 0.0, 5.0), inside, (0.0, 0.0, 2.0), radius, friction)
+    cylinder = Obstacle(ObstacleShape.CYLINDER, (0.0, 0.0, 5.0), inside, (0.0, 0.0, 2.0), radius, friction)
     solver = Solver(
         mesh,
         [Linear("any", 1e3, 0.0)],
         supports,
-        settings=Settings(window=30, step_limit=0.5),
+        settings=SolverSettings(window=30, step_limit=0.5),
         surroundings=Surroundings(obstacles=(cylinder,)),
     )
     found = solver.solve(load=load, tolerance=1e-5, max_iterations=6000)
@@ -157,14 +157,14 @@ def test_a_beam_pulled_onto_a_cylinder_lies_on_it():
     x, y = mesh.nodes[:, 0], mesh.nodes[:, 1]
     supports = Supports.none(len(x)).with_prescribed(mesh.nodes_where(x == 0.0))
     bottom, end = mesh.nodes_where(y == y.min()), mesh.nodes_where(x == 40.0)
-    cylinder = Obstacle(Shape.CYLINDER, (20.0, -10.0, 0.0), bottom, (0.0, 0.0, 1.0), radius=7.5)
+    cylinder = Obstacle(ObstacleShape.CYLINDER, (20.0, -10.0, 0.0), bottom, (0.0, 0.0, 1.0), radius=7.5)
     load = np.zeros_like(mesh.nodes)
     load[end, 1] = -0.5 / len(end)
     solver = Solver(
         mesh,
         [Linear("any", 5.0, 0.3)],
         supports,
-        settings=Settings(window=20, step_limit=1.0),
+        settings=SolverSettings(window=20, step_limit=1.0),
         surroundings=Surroundings(obstacles=(cylinder,)),
     )
     found = solver.solve(load=load, tolerance=1e-6, max_iterations=4000)
@@ -190,6 +190,6 @@ def test_a_beam_pulled_onto_a_cylinder_lies_on_it():
     ids=["radius", "friction", "axis", "nodes"],
 )
 def test_impossible_obstacles_are_refused(change, message):
-    good = {"shape": Shape.SPHERE, "point": (0.0, 0.0, 0.0), "nodes": np.array([1]), "radius": 1.0}
+    good = {"shape": ObstacleShape.SPHERE, "point": (0.0, 0.0, 0.0), "nodes": np.array([1]), "radius": 1.0}
     with pytest.raises(GdfeError, match=message):
         Obstacle(**{**good, **change})

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.reference_cable import calculix_closings, closing_of, our_closing
 from softgrip_model.gdfe.reference_finger import calculix_moments, our_moments, reference_closing
@@ -18,7 +18,7 @@ from softgrip_model.profile import load_directory, shipped_directory
 @pytest.fixture(scope="module")
 def closing():
     settings = ClosingSettings(RESOLUTIONS["coarse"], 6.0, keyframe_mm=2.0, tolerance=1e-6, max_iterations=4000)
-    return Closing(load_directory(shipped_directory())["power"], "index", settings)
+    return ClosingPath(load_directory(shipped_directory())["power"], "index", settings)
 
 
 def cable_points(finger, displacement):

@@ -8,15 +8,15 @@ from scipy.integrate import solve_ivp
 from softgrip_model.finger import FRICTIONLESS
 from softgrip_model.gdfe import (
     Acts,
-    Cable,
-    Drive,
+    CableDrive,
     FollowerPatch,
     GdfeError,
     Linear,
     Mesh,
+    RoutedCable,
     RoutingPoint,
-    Settings,
     Solver,
+    SolverSettings,
     Supports,
     Surroundings,
     _core,
@@ -142,7 +142,7 @@ def test_a_force_that_turns_with_the_tip_bends_a_beam_as_the_elastica():
         mesh,
         [Linear("any", modulus, 0.0)],
         supports,
-        settings=Settings(window=30, step_limit=2.0),
+        settings=SolverSettings(window=30, step_limit=2.0),
         surroundings=Surroundings(followers=(patch,)),
     )
     start = None
@@ -167,16 +167,16 @@ def two_cables(upper, lower):
         for x in np.arange(10.0, 41.0, 10.0):
             nodes = mesh.nodes_where((mesh.nodes[:, 0] == x) & (mesh.nodes[:, 1] == y))
             points.append(RoutingPoint((x, y, 0.0), nodes, np.full(len(nodes), 1.0 / len(nodes))))
-        cables.append(Cable(tuple(points), FRICTIONLESS))
+        cables.append(RoutedCable(tuple(points), FRICTIONLESS))
     supports = Supports.none(len(mesh.nodes)).with_prescribed(base)
-    solver = Solver(mesh, [Linear("any", 1.0, 0.0)], supports, cables, Settings(window=30))
+    solver = Solver(mesh, [Linear("any", 1.0, 0.0)], supports, cables, SolverSettings(window=30))
     found = solver.solve(drives=[upper, lower], tolerance=1e-8, length_tolerance=1e-7, max_iterations=4000)
     assert found.converged
     end = face_shares(mesh.nodes, quads_where(mesh, mesh.nodes[:, 0] == 40.0))
     return found, end @ found.displacement
 
 
-@pytest.mark.parametrize("drive", [Drive(0.3, by_length=False), Drive(0.1)], ids=["tension", "length"])
+@pytest.mark.parametrize("drive", [CableDrive(0.3, by_length=False), CableDrive(0.1)], ids=["tension", "length"])
 def test_two_opposed_cables_cancel_and_shorten_the_bar(drive):
     found, tip = two_cables(drive, drive)
     tension = found.tension[0][0]
@@ -186,8 +186,8 @@ def test_two_opposed_cables_cancel_and_shorten_the_bar(drive):
 
 
 def test_a_cable_by_length_and_one_by_tension_act_together():
-    by_tension, tip = two_cables(Drive(0.2, by_length=False), Drive(1.0, by_length=False))
-    mixed, other = two_cables(Drive(0.2, by_length=False), Drive(by_tension.shortening[1]))
+    by_tension, tip = two_cables(CableDrive(0.2, by_length=False), CableDrive(1.0, by_length=False))
+    mixed, other = two_cables(CableDrive(0.2, by_length=False), CableDrive(by_tension.shortening[1]))
     assert mixed.tension[1][0] == pytest.approx(1.0, rel=1e-3)
     np.testing.assert_allclose(other, tip, atol=1e-3)
     assert tip[1] < -1.0

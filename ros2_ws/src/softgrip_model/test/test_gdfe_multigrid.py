@@ -6,16 +6,16 @@ import pytest
 
 from softgrip_model.finger import FRICTIONLESS
 from softgrip_model.gdfe import (
-    Cable,
-    Drive,
+    CableDrive,
+    ConstitutiveLaw,
     GdfeError,
-    Law,
     Linear,
     Mesh,
     Method,
+    RoutedCable,
     RoutingPoint,
-    Settings,
     Solver,
+    SolverSettings,
     Supports,
     bar,
 )
@@ -51,7 +51,7 @@ def drawn_bar(
     supports = supports.with_tied(right, "x") if tied else supports.with_prescribed(right)
     moved = np.zeros_like(mesh.nodes)
     moved[right] = [0.1 * size[0], 0.1 * size[0], 0.0]
-    solver = Solver(mesh, materials, supports, settings=Settings(method=method, **settings))
+    solver = Solver(mesh, materials, supports, settings=SolverSettings(method=method, **settings))
     return solver.solve(moved, tolerance=tolerance, max_iterations=4000)
 
 
@@ -64,7 +64,10 @@ CASES = {
     "nodes in any order": {"materials": [cheetah(), ninjaflex()], "shuffled": True},
     "tied face": {"materials": [cheetah(), ninjaflex()], "tied": True},
     "double": {"materials": [cheetah(), ninjaflex()], "single_precision_factor": False},
-    "rigorous": {"materials": [neo_hookean("a", 3.0, 0.4), neo_hookean("b", 1.0, 0.4)], "law": Law.RIGOROUS},
+    "rigorous": {
+        "materials": [neo_hookean("a", 3.0, 0.4), neo_hookean("b", 1.0, 0.4)],
+        "law": ConstitutiveLaw.RIGOROUS,
+    },
 }
 
 
@@ -105,9 +108,11 @@ def test_a_driven_cable_finds_its_tension_without_a_factor():
     found = {}
     for method in BOTH:
         supports = Supports.none(len(mesh.nodes)).with_prescribed(left)
-        settings = Settings(method=method, window=30)
-        solver = Solver(mesh, [Linear("MPa", 1.0, 0.3)], supports, [Cable((base, *points), FRICTIONLESS)], settings)
-        found[method] = solver.solve(drives=[Drive(2.0)], tolerance=1e-7, max_iterations=4000)
+        settings = SolverSettings(method=method, window=30)
+        solver = Solver(
+            mesh, [Linear("MPa", 1.0, 0.3)], supports, [RoutedCable((base, *points), FRICTIONLESS)], settings
+        )
+        found[method] = solver.solve(drives=[CableDrive(2.0)], tolerance=1e-7, max_iterations=4000)
         assert found[method].converged
     direct, multigrid = (found[method] for method in BOTH)
     assert multigrid.anchor_tension[0] == pytest.approx(direct.anchor_tension[0], rel=1e-4)
@@ -120,4 +125,6 @@ def test_a_mesh_that_is_not_held_is_refused_by_multigrid_too(held, threads):
     mesh = bar((16.0, 8.0, 8.0), (16, 8, 8))
     supports = Supports.none(len(mesh.nodes)).with_prescribed(mesh.nodes_where(mesh.nodes[:, 0] == 0.0), held)
     with pytest.raises(GdfeError, match="not held"):
-        Solver(mesh, [Linear("any", 1.0, 0.3)], supports, settings=Settings(method=Method.MULTIGRID, threads=threads))
+        Solver(
+            mesh, [Linear("any", 1.0, 0.3)], supports, settings=SolverSettings(method=Method.MULTIGRID, threads=threads)
+        )

@@ -15,17 +15,17 @@ from softgrip_model.finger import FRICTIONLESS
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.friction.laws import Law as FrictionName
 from softgrip_model.gdfe import (
-    Cable,
-    Drive,
+    CableDrive,
+    ConstitutiveLaw,
     GdfeError,
-    Law,
     Linear,
     Mesh,
     Metric,
     Ordering,
+    RoutedCable,
     RoutingPoint,
-    Settings,
     Solver,
+    SolverSettings,
     State,
     Supports,
     VolumeShape,
@@ -73,7 +73,7 @@ def test_rigorous_forces_are_the_gradient_of_the_energy():
     material = Ogden("two terms", (1.3, 0.4), (2.0, -1.5), 0.4)
     everywhere = np.arange(len(mesh.nodes), dtype=np.int32)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(everywhere)
-    solver = Solver(mesh, [material], supports, settings=Settings(law=Law.RIGOROUS))
+    solver = Solver(mesh, [material], supports, settings=SolverSettings(law=ConstitutiveLaw.RIGOROUS))
     rng = np.random.default_rng(2)
     at, direction = 0.05 * rng.uniform(-1, 1, mesh.nodes.shape), rng.uniform(-1, 1, mesh.nodes.shape)
     h = 1e-5
@@ -81,11 +81,11 @@ def test_rigorous_forces_are_the_gradient_of_the_energy():
     assert np.sum(solver.internal_force(at) * direction) == pytest.approx(slope, rel=1e-7)
 
 
-@pytest.mark.parametrize("law", [Law.CALIBRATED, Law.RIGOROUS])
+@pytest.mark.parametrize("law", [ConstitutiveLaw.CALIBRATED, ConstitutiveLaw.RIGOROUS])
 def test_forces_turn_with_the_body(law):
     mesh = skewed()
     supports = Supports.none(len(mesh.nodes)).with_prescribed(np.arange(len(mesh.nodes)))
-    solver = Solver(mesh, [neo_hookean("rubber", 2.0, 0.4)], supports, settings=Settings(law=law))
+    solver = Solver(mesh, [neo_hookean("rubber", 2.0, 0.4)], supports, settings=SolverSettings(law=law))
     at = mesh.nodes + 0.1 * np.random.default_rng(4).uniform(-1, 1, mesh.nodes.shape)
     c, s = np.cos(2.0), np.sin(2.0)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
@@ -108,7 +108,7 @@ def solved_bar(**settings):
     mesh = bar((8.0, 2.0, 2.0), (8, 2, 2))
     left, right = mesh.nodes_where(mesh.nodes[:, 0] == 0.0), mesh.nodes_where(mesh.nodes[:, 0] == 8.0)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right, "yz").with_tied(right, "x")
-    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=Settings(**settings))
+    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=SolverSettings(**settings))
     prescribed = np.zeros_like(mesh.nodes)
     prescribed[right, 1] = 2.0
     return solver.solve(prescribed, tolerance=1e-9, max_iterations=5000)
@@ -142,7 +142,7 @@ def test_every_elimination_order_undoes_the_same_matrix(shape):
     found = []
     for ordering in (Ordering.AMD, Ordering.METIS, Ordering.AUTOMATIC):
         for threads in (1, 2, 5):
-            settings = Settings(ordering=ordering, threads=threads, single_precision_factor=False)
+            settings = SolverSettings(ordering=ordering, threads=threads, single_precision_factor=False)
             solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=settings)
             found.append(solver.solve(prescribed, tolerance=1e-10))
             # plane after plane, each coupled in full with the next, is an order, too
@@ -157,7 +157,7 @@ def test_every_elimination_order_undoes_the_same_matrix(shape):
 def test_a_block_is_not_eliminated_plane_after_plane(ordering):
     mesh = bar((12.0, 12.0, 12.0), (12, 12, 12))
     supports = Supports.none(len(mesh.nodes)).with_prescribed(mesh.nodes_where(mesh.nodes[:, 0] == 0.0))
-    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=Settings(ordering=ordering))
+    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=SolverSettings(ordering=ordering))
     assert solver.matrix_entries < 0.7 * 12 * 13**4  # every unknown with all of one plane
 
 
@@ -171,7 +171,7 @@ def test_where_the_matrix_is_the_tangent_a_plain_iteration_goes_straight_there(a
         supports = supports.with_tied(right, axis)
     load = np.zeros_like(mesh.nodes)
     load[right, 0] = 1e-3
-    found = Solver(mesh, [Linear("any", 1.0, 0.0)], supports, settings=Settings(window=0)).solve(load=load)
+    found = Solver(mesh, [Linear("any", 1.0, 0.0)], supports, settings=SolverSettings(window=0)).solve(load=load)
     assert found.converged
     assert found.iterations <= 10
 
@@ -191,7 +191,7 @@ def test_two_matrices_are_made_at_once_with_the_same_bits_every_time():
     load[right, 1] = 1e-2
     found = []
     for _ in range(3):
-        settings = Settings(ordering=Ordering.METIS, threads=2)
+        settings = SolverSettings(ordering=Ordering.METIS, threads=2)
         found.append(Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=settings).solve(load=load))
     assert found[0].converged
     assert all(other.history == found[0].history for other in found[1:])
@@ -200,10 +200,10 @@ def test_two_matrices_are_made_at_once_with_the_same_bits_every_time():
 THREADS_OF_A_PROCESS = """
 import os
 from softgrip_model.gdfe.thesis_bars import five_materials
-from softgrip_model.gdfe import Settings, Solver
+from softgrip_model.gdfe import Solver, SolverSettings
 case, materials = five_materials()
 before = len(os.listdir("/proc/self/task"))
-Solver(case.mesh, materials, case.supports, settings=Settings(threads=1))
+Solver(case.mesh, materials, case.supports, settings=SolverSettings(threads=1))
 print(len(os.listdir("/proc/self/task")) - before)
 """
 
@@ -239,7 +239,9 @@ def test_an_inverted_start_is_survived(shape):
     mesh = bar((4.0, 2.0, 2.0), (4, 2, 2))
     left = mesh.nodes_where(mesh.nodes[:, 0] == 0.0)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(left)
-    solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=Settings(volume_shape=shape, step_limit=0.5))
+    solver = Solver(
+        mesh, [Linear("any", 5.0, 0.3)], supports, settings=SolverSettings(volume_shape=shape, step_limit=0.5)
+    )
     pushed = np.zeros_like(mesh.nodes)
     pushed[np.argmin(np.linalg.norm(mesh.nodes - [2.0, 0.0, 0.0], axis=1)), 0] = 1.4  # through its neighbours
     found = solver.solve(start=State(pushed), force_floor=1.0, max_iterations=4000)
@@ -259,13 +261,13 @@ def cable_beam(friction, *, by_length):
         if len(nodes := mesh.nodes_where((mesh.nodes[:, 0] == x) & (mesh.nodes[:, 1] == -5.0)))
     ]
     base = RoutingPoint((0.0, -5.0, 0.0), np.zeros(0, dtype=np.int32), np.zeros(0))
-    cable = Cable((base, *points), friction)
+    cable = RoutedCable((base, *points), friction)
     solver = Solver(
         mesh,
         [Linear("MPa", 1.0, 0.3)],
         Supports.none(len(mesh.nodes)).with_prescribed(left),
         [cable],
-        Settings(window=30),
+        SolverSettings(window=30),
     )
     return solver.solve(drives=[by_length], tolerance=1e-6, max_iterations=4000), mesh
 
@@ -273,15 +275,15 @@ def cable_beam(friction, *, by_length):
 def test_a_cantilever_under_its_cable_bends_as_the_arc_says():
     # E = 1 MPa, 80 x 10 x 10 mm, 1 N along the lower edge: curvature T e / E I, all along
     curvature = 1.0 * 5.0 / (1.0 * 10.0**4 / 12.0)
-    found, mesh = cable_beam(FRICTIONLESS, by_length=Drive(1.0, by_length=False))
+    found, mesh = cable_beam(FRICTIONLESS, by_length=CableDrive(1.0, by_length=False))
     tip = found.displacement[mesh.nodes[:, 0] == 80.0, 1].mean()
     assert found.converged
     assert tip == pytest.approx(-(1.0 - np.cos(80.0 * curvature)) / curvature, rel=0.03)
 
 
 def test_length_and_tension_are_two_sides_of_one_equilibrium():
-    by_tension, _ = cable_beam(FRICTIONLESS, by_length=Drive(0.5, by_length=False))
-    by_length, _ = cable_beam(FRICTIONLESS, by_length=Drive(by_tension.shortening[0]))
+    by_tension, _ = cable_beam(FRICTIONLESS, by_length=CableDrive(0.5, by_length=False))
+    by_length, _ = cable_beam(FRICTIONLESS, by_length=CableDrive(by_tension.shortening[0]))
     assert by_length.converged
     assert by_length.tension[0][0] == pytest.approx(0.5, rel=1e-3)
     np.testing.assert_allclose(by_length.displacement, by_tension.displacement, atol=5e-3)
@@ -289,7 +291,7 @@ def test_length_and_tension_are_two_sides_of_one_equilibrium():
 
 def test_friction_takes_tension_away_by_the_wrap_angles():
     mu = 0.3
-    found, mesh = cable_beam(FrictionLaw(FrictionName.CAPSTAN, (mu,), 1.0), by_length=Drive(1.0, by_length=False))
+    found, mesh = cable_beam(FrictionLaw(FrictionName.CAPSTAN, (mu,), 1.0), by_length=CableDrive(1.0, by_length=False))
     at = mesh.nodes + found.displacement
     line = [np.array([0.0, -5.0, 0.0])]
     line += [at[(mesh.nodes[:, 0] == x) & (mesh.nodes[:, 1] == -5.0)].mean(axis=0) for x in ROUTED]

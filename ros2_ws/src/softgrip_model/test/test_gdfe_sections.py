@@ -8,20 +8,20 @@ import pytest
 
 from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.gdfe import (
-    Cable,
-    Drive,
+    CableDrive,
     GdfeError,
     Linear,
     Obstacle,
-    Settings,
-    Shape,
+    ObstacleShape,
+    RoutedCable,
     Solver,
+    SolverSettings,
     Supports,
     Surroundings,
     bar,
 )
 from softgrip_model.gdfe.cable import attach, guide
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.profile import load_directory, shipped_directory
 
 #: [mm] Sixty times as long as thick.
@@ -35,7 +35,7 @@ def strip(sections_after=-1, *, elements=(40, 2, 2), cables=(), ends=1, surround
     if ends == 2:
         held |= mesh.nodes[:, 0] > LENGTH - 1e-9
     supports = Supports.none(len(mesh.nodes)).with_prescribed(np.flatnonzero(held))
-    method = Settings(sections_after=sections_after, **settings)
+    method = SolverSettings(sections_after=sections_after, **settings)
     return Solver(mesh, [SOFT], supports, [make(mesh) for make in cables], method, surroundings)
 
 
@@ -87,15 +87,15 @@ ABOVE = (0.4, -0.4)
 def cable(mesh, height, friction):
     """Along the strip at a height over its middle: that is where it pulls it to."""
     points = [attach(mesh, (x, 0.0, height)) for x in (15.0, 30.0, 45.0, 59.0)]
-    return Cable((guide((0.0, 0.0, height)), *points), FrictionLaw(Law.CAPSTAN, (friction,), 1.0))
+    return RoutedCable((guide((0.0, 0.0, height)), *points), FrictionLaw(Law.CAPSTAN, (friction,), 1.0))
 
 
 PULLS = {
-    "a length": [Drive(0.5)],
-    "a tension": [Drive(0.005, by_length=False)],
-    "two lengths": [Drive(0.5), Drive(0.1)],
-    "a length against a tension": [Drive(0.5), Drive(0.002, by_length=False)],
-    "a slack one": [Drive(0.5), Drive(-1.0)],
+    "a length": [CableDrive(0.5)],
+    "a tension": [CableDrive(0.005, by_length=False)],
+    "two lengths": [CableDrive(0.5), CableDrive(0.1)],
+    "a length against a tension": [CableDrive(0.5), CableDrive(0.002, by_length=False)],
+    "a slack one": [CableDrive(0.5), CableDrive(-1.0)],
 }
 
 
@@ -145,7 +145,7 @@ def test_the_shipped_fingers_need_a_third_of_the_iterations_at_most(monkeypatch)
             monkeypatch.setattr("softgrip_model.gdfe.closing.SECTIONS_AFTER", after)
             monkeypatch.setattr("softgrip_model.gdfe.closing.WINDOW", window)
             settings = ClosingSettings(tolerance=1e-5, travel_mm=12.0, max_iterations=2000)
-            closing = Closing(profile, "index", settings, body=Body(profile, "index", settings.resolution))
+            closing = ClosingPath(profile, "index", settings, body=Body(profile, "index", settings.resolution))
             closing.keyframes.cover(12.0)
             chains.append(closing.keyframes._known)
         plain, quick = (sum(one.iterations for one in chain) for chain in chains)
@@ -169,22 +169,22 @@ def test_two_nodes_are_no_rigid_body_and_left_to_the_constant_matrix():
     supports = Supports.none(8).with_prescribed(np.arange(6))
     load = np.zeros((8, 3))
     load[6:, 0] = 0.1
-    plain, quick = (Solver(mesh, [SOFT], supports, settings=Settings(sections_after=k)) for k in (-1, 0))
+    plain, quick = (Solver(mesh, [SOFT], supports, settings=SolverSettings(sections_after=k)) for k in (-1, 0))
     np.testing.assert_array_equal(solve(quick, load=load).displacement, solve(plain, load=load).displacement)
 
 
 def test_a_body_without_a_free_node_has_none():
     mesh = bar((1.0, 1.0, 1.0), (1, 1, 1))
     held = Supports.none(8).with_prescribed(np.arange(8))
-    assert Solver(mesh, [SOFT], held, settings=Settings(sections_after=0)).solve(0.1 * mesh.nodes).converged
+    assert Solver(mesh, [SOFT], held, settings=SolverSettings(sections_after=0)).solve(0.1 * mesh.nodes).converged
 
 
 def test_what_they_do_not_know_is_refused():
     with pytest.raises(GdfeError, match=r"sections_after: expected .* no obstacles"):
-        strip(0, surroundings=Surroundings(obstacles=(Obstacle(Shape.PLANE, (0.0, 0.0, -1.0), np.arange(9)),)))
+        strip(0, surroundings=Surroundings(obstacles=(Obstacle(ObstacleShape.PLANE, (0.0, 0.0, -1.0), np.arange(9)),)))
     mesh = bar(SIZE, (4, 1, 1))
     left, right = (mesh.nodes_where(np.abs(mesh.nodes[:, 0] - x) < 1e-9) for x in (0.0, LENGTH))
     held = Supports.none(len(mesh.nodes)).with_prescribed(left)
     for supports in (held.with_tied(right, "x"), held.with_prescribed(right, "x")):
         with pytest.raises(GdfeError, match="none tied"):
-            Solver(mesh, [SOFT], supports, settings=Settings(sections_after=0))
+            Solver(mesh, [SOFT], supports, settings=SolverSettings(sections_after=0))

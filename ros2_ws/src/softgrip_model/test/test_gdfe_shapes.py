@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.friction.laws import FrictionLaw, Law
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings, _Equations
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, _Equations
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.session import ShapeSession, Shown
 from softgrip_model.profile import load_directory, shipped_directory
@@ -46,7 +46,7 @@ def solved(monkeypatch):
 
 
 def test_a_shape_does_not_depend_on_what_was_asked_for_before(profiles):
-    asked, fresh = (Closing(profiles["hook"], "index", COARSE) for _ in range(2))
+    asked, fresh = (ClosingPath(profiles["hook"], "index", COARSE) for _ in range(2))
     for pulled in (0.0093, 0.0021, 0.0058, 0.0002):
         asked.shape(pulled)
     for pulled in (0.0047, 0.0003):
@@ -57,7 +57,7 @@ def test_a_shape_does_not_depend_on_what_was_asked_for_before(profiles):
 def test_a_shape_is_that_of_a_solve_from_rest_alone(profiles, pulled):
     """Keyframes, extrapolation and interpolation choose where to start, not where to end."""
     settings = ClosingSettings(RESOLUTIONS["coarse"], tolerance=1e-6, max_iterations=6000)
-    closing = Closing(profiles["power"], "index", settings)
+    closing = ClosingPath(profiles["power"], "index", settings)
     direct = closing._equations.solve(closing.body.solver, 6000, 1e3 * pulled, closing.body.solver.rest())
     assert direct.converged
     shape = closing.shape(pulled)
@@ -66,7 +66,7 @@ def test_a_shape_is_that_of_a_solve_from_rest_alone(profiles, pulled):
 
 
 def test_only_what_the_length_needs_is_solved(profiles, solved):
-    closing = Closing(profiles["pinch"], "index", COARSE)
+    closing = ClosingPath(profiles["pinch"], "index", COARSE)
     assert not solved
     closing.shape(0.0021)
     assert max(length for length, _ in solved) == pytest.approx(3.0)
@@ -81,7 +81,7 @@ def test_a_keyframe_may_take_half_the_iterations_of_a_shape(profiles, monkeypatc
     allowed = []
     solve = _Equations.solve
     monkeypatch.setattr(_Equations, "solve", lambda self, *given: (allowed.append(given[1]), solve(self, *given))[1])
-    Closing(profiles["pinch"], "index", ClosingSettings(RESOLUTIONS["coarse"], max_iterations=200)).shape(0.0012)
+    ClosingPath(profiles["pinch"], "index", ClosingSettings(RESOLUTIONS["coarse"], max_iterations=200)).shape(0.0012)
     assert allowed[-1] == 200
     assert set(allowed[:-1]) == {100}
 
@@ -90,8 +90,8 @@ def test_a_body_shared_by_two_frictions_gives_the_bits_of_two_bodies(profiles):
     body = Body(profiles["hook"], "index", COARSE.resolution)
     for coefficient in (0.0, 0.4, 0.0):
         friction = rubbing(coefficient)
-        shared = Closing(profiles["hook"], "index", COARSE, friction=friction, body=body)
-        alone = Closing(profiles["hook"], "index", COARSE, friction=friction)
+        shared = ClosingPath(profiles["hook"], "index", COARSE, friction=friction, body=body)
+        alone = ClosingPath(profiles["hook"], "index", COARSE, friction=friction)
         one, other = shared.shape(0.003), alone.shape(0.003)
         np.testing.assert_array_equal(one.vertices, other.vertices)
         assert one.tension == other.tension
@@ -134,7 +134,7 @@ class SlowMachine:
             number = int(self.now * STATE_HZ + 1e-6)
             stamp = number / STATE_HZ
             before = len(self.solved)
-            sample = TendonSample(round(1e9 * stamp), pulled_m(stamp), 0.0, 1.0)
+            sample = TendonInput(round(1e9 * stamp), pulled_m(stamp), 0.0, 1.0)
             shown = list(self.session.on_tendons(["index"], [sample]))
             iterations = sum(found.iterations for _, found in self.solved[before:])
             self.shown += [(stamp, one) for one in shown]
@@ -148,7 +148,7 @@ def closing_motion(stamp):
 def test_a_slow_solver_gives_fewer_and_coarser_shapes_that_say_so_and_recovers(profiles, solved):
     machine = SlowMachine(session_of(profiles, MEDIUM), solved, 0.01)
     machine.run(40.0, closing_motion)
-    fine = Closing(profiles["power"], "index", MEDIUM).hexahedra
+    fine = ClosingPath(profiles["power"], "index", MEDIUM).hexahedra
     assert {shown.hexahedra for _, shown in machine.shown} == {432, fine}
     assert len({shown.configuration for _, shown in machine.shown}) == 1  # whichever mesh serves
     for stamp, shown in machine.shown:
@@ -165,7 +165,7 @@ def test_a_slow_solver_gives_fewer_and_coarser_shapes_that_say_so_and_recovers(p
 
 
 def test_what_the_coarse_mesh_had_to_show_the_fine_one_learns_while_the_tendon_rests(profiles, solved):
-    fine = Closing(profiles["power"], "index", MEDIUM).hexahedra
+    fine = ClosingPath(profiles["power"], "index", MEDIUM).hexahedra
 
     def closing_and_opening(stamp):
         return float(np.clip(0.010 * (min(stamp, 3.4 - stamp) - 1.0), -0.001, 0.006))
@@ -189,7 +189,7 @@ def test_what_a_slow_machine_showed_a_quick_one_replays_to_the_same_bits(profile
     machine.run(12.0, closing_motion)
     replayed = session_of(profiles, MEDIUM)
     for stamp, then in machine.shown:
-        (now,) = replayed.on_tendons(["index"], [TendonSample(round(1e9 * stamp), closing_motion(stamp), 0.0, 1.0)])
+        (now,) = replayed.on_tendons(["index"], [TendonInput(round(1e9 * stamp), closing_motion(stamp), 0.0, 1.0)])
         assert (now.mesh, now.reason, now.shape.iterations) == (then.mesh, then.reason, then.shape.iterations)
         np.testing.assert_array_equal(now.shape.vertices, then.shape.vertices)
 
@@ -207,14 +207,14 @@ def test_states_that_show_nothing_leave_no_trace(profiles):
 
     def shown(empty_too):
         session = ShapeSession(profiles, {"index": "hook"}, COARSE, rate_hz=30.0, marker_rate_hz=1.0)
-        told = []
+        reported = []
         for k in range(120):
             stamp = round(k * 1e9 / STATE_HZ)
             if k in (40, 80):
                 session.set_mounted({"index": "hook"} if k == 80 else {})
             if empty_too or not 40 <= k < 80:
-                told += session.on_tendons(["index"], [TendonSample(stamp, 0.00002 * k, 0.0, 1.0)])
-        return [(one.rate_hz, one.reason, one.hexahedra) for one in told]
+                reported += session.on_tendons(["index"], [TendonInput(stamp, 0.00002 * k, 0.0, 1.0)])
+        return [(one.rate_hz, one.reason, one.hexahedra) for one in reported]
 
     assert shown(empty_too=True) == shown(empty_too=False)
 
@@ -224,7 +224,7 @@ def test_a_finger_that_took_long_to_make_ready_is_not_shown_coarse_for_it(profil
     fine = session._fingers["index"].fine.hexahedra
 
     def shown(seconds):
-        (one,) = session.on_tendons(["index"], [TendonSample(round(1e9 * seconds), -0.001, 0.0, 1.0)])
+        (one,) = session.on_tendons(["index"], [TendonInput(round(1e9 * seconds), -0.001, 0.0, 1.0)])
         return one.hexahedra
 
     assert shown(0.0) == fine
@@ -235,11 +235,11 @@ def test_a_finger_that_took_long_to_make_ready_is_not_shown_coarse_for_it(profil
 
 def test_keyframes_that_made_no_shape_late_are_foreseen_to_take_no_time(profiles):
     session = ShapeSession(profiles, {"index": "hook"}, MEDIUM, rate_hz=25.0, marker_rate_hz=0.0)
-    told = []
+    reported = []
     for number, pulled in enumerate((-0.001, 0.0005, 0.0015, 0.0025, 0.012)):
-        told += session.on_tendons(["index"], [TendonSample(number * 40_000_000, pulled, 0.0, 1.0)])
-    assert len(told) == 5
-    assert not any("coarser mesh" in shown.reason for shown in told)
+        reported += session.on_tendons(["index"], [TendonInput(number * 40_000_000, pulled, 0.0, 1.0)])
+    assert len(reported) == 5
+    assert not any("coarser mesh" in shown.reason for shown in reported)
 
 
 @pytest.mark.parametrize(("late_s", "given"), [(0.0, [1, 2, 4]), (0.03, [1, 0, 0])])
@@ -251,7 +251,7 @@ def test_the_fine_mesh_catches_up_ever_faster_on_keyframes_that_take_no_time(pro
 
     def show():
         pulled = 0.004 + 0.0002 * (len(asked) % 2)
-        (one,) = session.on_tendons(["index"], [TendonSample(round(1e9 * stamp), pulled, 0.0, 1.0)])
+        (one,) = session.on_tendons(["index"], [TendonInput(round(1e9 * stamp), pulled, 0.0, 1.0)])
         asked.append(keyframes.asked)
         hexahedra.append(one.hexahedra)
 

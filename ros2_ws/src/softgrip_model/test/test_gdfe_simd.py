@@ -5,7 +5,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from softgrip_model.gdfe import Law, Linear, Method, Settings, Solver, State, Supports, VolumeShape, _core, bar
+from softgrip_model.gdfe import (
+    ConstitutiveLaw,
+    Linear,
+    Method,
+    Solver,
+    SolverSettings,
+    State,
+    Supports,
+    VolumeShape,
+    _core,
+    bar,
+)
 from softgrip_model.gdfe.materials import cheetah, ninjaflex
 
 
@@ -21,7 +32,7 @@ def solved(shape=VolumeShape.PROJ, **settings):
     supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right)
     moved = np.zeros_like(mesh.nodes)
     moved[right] = [3.0, 2.0, 0.0]
-    settings = Settings(volume_shape=shape, **settings)
+    settings = SolverSettings(volume_shape=shape, **settings)
     solver = Solver(mesh, [cheetah(), ninjaflex()], supports, settings=settings)
     found = solver.solve(moved, start=State(0.3 * moved), tolerance=1e-9, max_iterations=4000)
     assert found.converged
@@ -65,7 +76,7 @@ def test_inverted_elements_are_survived_by_every_instruction_set(instruction_set
     for name in _core.simd_targets():
         instruction_set(name)
         for method in (Method.DIRECT, Method.MULTIGRID):
-            settings = Settings(law=Law.CALIBRATED, method=method, step_limit=0.5)
+            settings = SolverSettings(law=ConstitutiveLaw.CALIBRATED, method=method, step_limit=0.5)
             supports = Supports.none(len(mesh.nodes)).with_prescribed(left)
             solver = Solver(mesh, [Linear("any", 5.0, 0.3)], supports, settings=settings)
             found = solver.solve(start=State(pushed), force_floor=1.0, max_iterations=4000)
@@ -98,7 +109,7 @@ def test_rotation_and_nearest_volume_are_those_of_the_singular_values(instructio
     supports = Supports.none(8).with_prescribed(np.arange(8, dtype=np.int32))
     parts = []
     for omega in (1.0, 0.0):  # nothing but the rotated rest shape, nothing but the volume-conserving one
-        solver = Solver(mesh, [Linear("any", 1.0, 0.3)], supports, settings=Settings(law=Law.THESIS))
+        solver = Solver(mesh, [Linear("any", 1.0, 0.3)], supports, settings=SolverSettings(law=ConstitutiveLaw.THESIS))
         solver.set_thesis_state(np.array([omega]), np.zeros(1))
         # on a unit cube the forces of the affine state are G P^T with G = X / 2, P = F - what is aimed at
         parts.append(lambda f, s=solver: f - s.internal_force(mesh.nodes @ f.T - mesh.nodes).T @ mesh.nodes)

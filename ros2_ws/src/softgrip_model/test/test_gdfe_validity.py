@@ -22,7 +22,7 @@ def planar(l):  # noqa: E741
     return np.array([l, 1.0, 1.0 / l])
 
 
-def least_tangent(material, stretches):
+def min_tangent(material, stretches):
     """Least stiffness against a change of shape, by finite differences of the Kirchhoff stress."""
 
     def stress(log_stretch):
@@ -43,7 +43,7 @@ def least_tangent(material, stretches):
 )
 def test_cheetah_is_stable_up_to_its_limit(mode, inside, limit):
     material = cheetah_ogden()
-    at = brentq(lambda s: least_tangent(material, mode(s)), inside, limit + 0.1 * (limit - inside))
+    at = brentq(lambda s: min_tangent(material, mode(s)), inside, limit + 0.1 * (limit - inside))
     assert at == pytest.approx(limit, abs=0.006)
     outward = np.sign(limit - inside)
     assert material.stable(mode(at - 1e-4 * outward))

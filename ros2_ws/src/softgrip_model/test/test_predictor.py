@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from softgrip_model.finger import FingerError, Kernel
-from softgrip_model.finger.in_use import InUse, Timeline
-from softgrip_model.finger.matching import Matcher, TendonSample
+from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
+from softgrip_model.finger.matching import Matcher, TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, Configuration, TendonReading, Validity, assumed_friction
 from softgrip_model.finger.session import MeasuredFinger, Residual, Session
 from softgrip_model.finger.wear import WearSettings
@@ -104,10 +104,10 @@ def test_configuration_digest_tells_profiles_apart(profiles: dict[str, Profile])
 
 
 def test_pairs_do_not_depend_on_arrival_order() -> None:
-    samples = [TendonSample(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0 + t) for t in range(20)]
+    samples = [TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0 + t) for t in range(20)]
     measured = [(35 * MILLISECOND, "a"), (70 * MILLISECOND, "b"), (104 * MILLISECOND, "c")]
 
-    def run(order: str) -> list[tuple[TendonSample, str]]:
+    def run(order: str) -> list[tuple[TendonInput, str]]:
         matcher: Matcher[str] = Matcher()
         pairs = []
         if order == "measured first":
@@ -125,15 +125,15 @@ def test_pairs_do_not_depend_on_arrival_order() -> None:
 
 def test_no_pair_across_a_gap_of_the_tendon_stream() -> None:
     matcher: Matcher[str] = Matcher(largest_gap=50 * MILLISECOND)
-    matcher.add_tendon(TendonSample(0, 0.0, 0.0, 0.0))
-    matcher.add_tendon(TendonSample(400 * MILLISECOND, 0.0, 0.0, 0.0))
+    matcher.add_tendon(TendonInput(0, 0.0, 0.0, 0.0))
+    matcher.add_tendon(TendonInput(400 * MILLISECOND, 0.0, 0.0, 0.0))
     assert matcher.add_measured(200 * MILLISECOND, "lost") == []
 
 
 def test_only_the_last_two_seconds_are_kept() -> None:
     matcher: Matcher[str] = Matcher()
     for t in range(400):
-        matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
+        matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
     assert matcher.add_measured(1_005 * MILLISECOND, "late") == []
     ((sample, _),) = matcher.add_measured(2_005 * MILLISECOND, "in time")
     assert sample.pulled_length == pytest.approx(0.2005)
@@ -143,12 +143,12 @@ def test_a_source_that_starts_again_is_paired_again() -> None:
     """Simulated time that begins anew; a sample that is merely late changes nothing."""
     matcher: Matcher[str] = Matcher()
     for t in range(100, 120):
-        matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
-    assert matcher.add_tendon(TendonSample(1_100 * MILLISECOND, 9.0, 0.1, 2.0)) == []
+        matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
+    assert matcher.add_tendon(TendonInput(1_100 * MILLISECOND, 9.0, 0.1, 2.0)) == []
     ((sample, _),) = matcher.add_measured(1_100 * MILLISECOND, "seen")
     assert sample.pulled_length == pytest.approx(0.11)
     for t in range(5):
-        matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
+        matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
     ((sample, _),) = matcher.add_measured(15 * MILLISECOND, "seen again")
     assert sample.pulled_length == pytest.approx(0.0015)
 
@@ -160,7 +160,7 @@ class Seen:
 def test_measurements_of_a_silent_tendon_are_let_go() -> None:
     """A tendon without a zero says no length for hours, and the camera sees on."""
     matcher: Matcher[Seen] = Matcher()
-    matcher.add_tendon(TendonSample(0, 0.0, 0.0, 0.0))
+    matcher.add_tendon(TendonInput(0, 0.0, 0.0, 0.0))
     kept: weakref.WeakSet[Seen] = weakref.WeakSet()
     for t in range(1, 1000):
         seen = Seen()
@@ -174,14 +174,14 @@ def test_measurements_that_begin_anew_are_paired_though_the_tendon_was_silent() 
     for t in range(100, 200):
         matcher.add_measured(t * 50 * MILLISECOND, "of the time before")
     matcher.add_measured(15 * MILLISECOND, "seen")
-    pairs = [pair for t in range(5) for pair in matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 0.0, 0.0, 0.0))]
+    pairs = [pair for t in range(5) for pair in matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 0.0, 0.0, 0.0))]
     assert [measured for _, measured in pairs] == ["seen"]
 
 
 def test_velocity_that_nobody_gives_comes_from_the_lengths() -> None:
     matcher: Matcher[str] = Matcher()
     for t in range(3):
-        matcher.add_tendon(TendonSample(t * 10 * MILLISECOND, 2e-4 * t, math.nan, 1.0))
+        matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 2e-4 * t, math.nan, 1.0))
     ((sample, _),) = matcher.add_measured(15 * MILLISECOND, "seen")
     assert sample.velocity == pytest.approx(0.02)
 
@@ -189,7 +189,7 @@ def test_velocity_that_nobody_gives_comes_from_the_lengths() -> None:
 def test_residual_of_a_perfect_measurement_is_zero(profiles: dict[str, Profile]) -> None:
     session = Session(profiles, {"index": "pinch"}, WearSettings())
     (prediction,) = session.configuration.predict([TendonReading("index", 0.01)])
-    session.on_tendons([TendonSample(5, 0.01, 0.0, prediction.tension)], ["index"])
+    session.on_tendons([TendonInput(5, 0.01, 0.0, prediction.tension)], ["index"])
     seen = MeasuredFinger("index", tuple(prediction.joint_angles), prediction.tip)
     (residual,) = session.on_measured(5, [seen])
     assert residual.tip_error < 1e-12
@@ -207,11 +207,11 @@ def test_a_frame_is_judged_by_the_finger_that_sat_there_at_its_stamp(profiles: d
     (prediction,) = session.configuration.predict([TendonReading("index", 0.01)])
     seen = MeasuredFinger("index", tuple(prediction.joint_angles), prediction.tip, "pinch")
     other = dataclasses.replace(seen, profile="power")
-    session.on_tendons([TendonSample(5, 0.01, 0.0, prediction.tension)], ["index"])
+    session.on_tendons([TendonInput(5, 0.01, 0.0, prediction.tension)], ["index"])
     assert len(session.on_measured(5, [seen])) == 1
     assert not session.on_measured(8, [seen, other])
     session.set_mounted({"index": "power"})
-    (late,) = session.on_tendons([TendonSample(10, 0.01, 0.0, prediction.tension)], ["index"])
+    (late,) = session.on_tendons([TendonInput(10, 0.01, 0.0, prediction.tension)], ["index"])
     assert (late.stamp, late.tip_error) == (8, pytest.approx(0.0, abs=1e-12))
     assert not session.on_measured(10, [seen])
     assert len(session.on_measured(10, [other])) == 1
@@ -228,10 +228,10 @@ def test_residuals_do_not_depend_on_the_order_of_frames_and_swaps(profiles: dict
             "swap": lambda: session.set_mounted({"index": "power"}),
             "grasp": lambda: session.set_free(False),
         }
-        found = session.on_tendons([TendonSample(5, 0.01, 0.0, 3.0)], ["index"])
+        found = session.on_tendons([TendonInput(5, 0.01, 0.0, 3.0)], ["index"])
         for name in order.split():
             found += step[name]() or []
-        return found + session.on_tendons([TendonSample(10, 0.012, 0.0, 3.5)], ["index"])
+        return found + session.on_tendons([TendonInput(10, 0.012, 0.0, 3.5)], ["index"])
 
     first = residuals("frame swap grasp")
     assert len(first) == 1
@@ -258,7 +258,7 @@ def test_a_late_sample_does_not_change_what_was_in_use(profiles: dict[str, Profi
     assert (timeline.at(30), timeline.at(-100)) == (first, first)
 
 
-def replace_free(in_use: InUse) -> InUse:
+def replace_free(in_use: ActiveConfiguration) -> ActiveConfiguration:
     return dataclasses.replace(in_use, free=not in_use.free)
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from softgrip_model.finger import FRICTIONLESS, Kernel, Strip
-from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import TendonReading
 from softgrip_model.finger.published import chapter_4_finger
 from softgrip_model.finger.session import MeasuredFinger, Residual, Session
-from softgrip_model.finger.wear import Cusum, Shift, Verdict, WearMonitor, WearSettings
+from softgrip_model.finger.wear import Cusum, WearMonitor, WearSettings, WearShift, WearVerdict
 from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.profile import Profile
 
@@ -50,7 +50,7 @@ class Closings:
 
     def at(self, pull: float, velocity: float, tension: float, angles: np.ndarray, tip: np.ndarray) -> None:
         self.stamp += 20 * MILLISECOND
-        sample = TendonSample(self.stamp, 1e-3 * pull, velocity, tension)
+        sample = TendonInput(self.stamp, 1e-3 * pull, velocity, tension)
         self.residuals += self.session.on_tendons([sample], ["index"])
         seen = MeasuredFinger("index", tuple(angles), (1e-3 * tip[0], 1e-3 * tip[1]))
         self.residuals += self.session.on_measured(self.stamp, [seen])
@@ -70,7 +70,7 @@ def test_nothing_moved_raises_no_alarm(profiles: dict[str, Profile], seed: int) 
     """A baseline of few closings is uncertain; that is no shift."""
     closings = power_closings(profiles, seed)
     closings.run(40, 1.1, 0.9)  # a finger that differs from its model from the start is the baseline
-    assert {residual.verdict for residual in closings.residuals} <= {Verdict.OK, Verdict.WATCH}
+    assert {residual.verdict for residual in closings.residuals} <= {WearVerdict.OK, WearVerdict.WATCH}
 
 
 def test_slow_wear_is_not_taken_into_the_baseline(closings: Closings) -> None:
@@ -78,7 +78,7 @@ def test_slow_wear_is_not_taken_into_the_baseline(closings: Closings) -> None:
     for closing in range(40):
         closings.run(1, 1.0 + 0.01 * closing, 1.0)
     last = closings.residuals[-1]
-    assert last.verdict is Verdict.RECALIBRATE
+    assert last.verdict is WearVerdict.RECALIBRATE
     assert last.cusum_friction > last.cusum_stiffness
 
 
@@ -119,7 +119,7 @@ def test_friction_shift_asks_for_calibration(closings: Closings) -> None:
     closings.run(6, 1.0, 1.0)
     closings.run(12, 1.25, 1.0)
     last = closings.residuals[-1]
-    assert last.verdict is Verdict.RECALIBRATE
+    assert last.verdict is WearVerdict.RECALIBRATE
     assert last.reason.startswith("friction +")
     assert last.cusum_friction > last.cusum_stiffness
 
@@ -128,7 +128,7 @@ def test_soft_strips_mean_a_worn_finger(closings: Closings) -> None:
     closings.run(6, 1.0, 1.0)
     closings.run(12, 1.0, 0.8)
     last = closings.residuals[-1]
-    assert last.verdict is Verdict.WORN
+    assert last.verdict is WearVerdict.WORN
     assert re.match(r"friction [+-]\d %, stiffness -(1[5-9]|2\d) % .*strips have changed", last.reason)
 
 
@@ -147,7 +147,7 @@ def test_a_grasp_that_is_heard_of_spoils_no_earlier_closing(closings: Closings) 
     closings.run(6, 1.25, 1.0)
     closings.session.set_free(False)
     closings.run(6, 1.0, 0.5)
-    assert closings.residuals[-1].verdict is Verdict.RECALIBRATE
+    assert closings.residuals[-1].verdict is WearVerdict.RECALIBRATE
 
 
 def test_much_more_friction_means_a_worn_cable(closings: Closings) -> None:
@@ -155,7 +155,7 @@ def test_much_more_friction_means_a_worn_cable(closings: Closings) -> None:
     closings.run(6, 1.0, 1.0)
     closings.run(6, 1.9, 1.0)
     last = closings.residuals[-1]
-    assert last.verdict is Verdict.WORN
+    assert last.verdict is WearVerdict.WORN
     assert re.match(r"friction \+[89]\d %, stiffness [+-]\d % .*cable or channel is worn", last.reason)
 
 
@@ -164,7 +164,7 @@ def test_where_both_moved_both_are_told(closings: Closings) -> None:
     closings.run(6, 1.0, 1.0)
     closings.run(6, 1.3, 0.8)
     last = closings.residuals[-1]
-    assert last.verdict is Verdict.WORN
+    assert last.verdict is WearVerdict.WORN
     assert re.match(r"friction \+[23]\d %, stiffness -[12]\d % .*strips have changed", last.reason)
 
 
@@ -200,7 +200,7 @@ def test_a_cable_that_slides_freely_has_a_stiffness_all_the_same() -> None:
     assert shift.stiffness == pytest.approx(-0.03, abs=1e-6)
 
 
-def one_closing(believed: FrictionLaw, true: FrictionLaw, stiffness_factor: float) -> Shift:
+def one_closing(believed: FrictionLaw, true: FrictionLaw, stiffness_factor: float) -> WearShift:
     """What a monitor makes of one closing of the power finger."""
     finger = chapter_4_finger("power")
     a, b, c = (stiffness_factor * modulus for modulus in finger.strip.modulus_mpa)

@@ -15,7 +15,7 @@ from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import seconds, to_time_message
 from softgrip_nodekit.timers import steady_timer
-from softgrip_nodekit.trace import Caller, Commander, Doors, Goal, SentGoal, TracedDoors
+from softgrip_nodekit.trace import Caller, Commander, Goal, NodeIo, RecordingIo, SentGoal
 from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [
@@ -27,18 +27,18 @@ __all__ = [
     "Caller",
     "Commander",
     "Diagnostics",
-    "Doors",
     "FatalError",
     "Goal",
     "Health",
     "HealthMonitor",
     "HealthWatch",
+    "NodeIo",
     "Parameter",
     "ParameterTable",
     "Rank",
+    "RecordingIo",
     "SentGoal",
     "StartupError",
-    "TracedDoors",
     "UrgentServer",
     "WhileBrief",
     "callback_errors",

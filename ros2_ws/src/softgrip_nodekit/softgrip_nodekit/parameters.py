@@ -30,6 +30,8 @@ class Parameter:
         changeable: may be set while the node runs.
         device: a path that need not exist yet when the node starts itself: `run` waits a while for it, because USB
             devices and emulated ones appear when they are ready.
+        former: the name it had before; a value given under it at start is taken, with a warning. Files written for an
+            earlier release and recorded bags stay usable.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Parameter:
     choices: tuple[Any, ...] = ()
     changeable: bool = False
     device: bool = False
+    former: str = ""
 
     def problem(self, value: Any) -> str | None:
         """Return what is wrong with a value as expected / found, or None."""
@@ -125,7 +128,7 @@ class ParameterTable:
         """
         for row in self.rows:
             try:
-                node.declare_parameter(row.name, row.default, row.descriptor())
+                node.declare_parameter(row.name, self._default(node, row), row.descriptor())
             except Exception as error:
                 raise StartupError(f"parameter '{row.name}': {row.refusal(error)}") from error
         values = {row.name: self._plain(node.get_parameter(row.name).value) for row in self.rows}
@@ -134,6 +137,7 @@ class ParameterTable:
             raise StartupError("; ".join(problems))
         node.add_on_set_parameters_callback(self._validate)
         node.device_paths = [values[row.name] for row in self.rows if row.device]  # type: ignore[attr-defined]
+        node.former_parameters = [row.former for row in self.rows if row.former]  # type: ignore[attr-defined]
         return values
 
     def on_change(self, node: Node, apply: Callable[[dict[str, Any]], None]) -> None:
@@ -145,6 +149,18 @@ class ParameterTable:
                 apply(changed)
 
         node.add_post_set_parameters_callback(post)
+
+    @staticmethod
+    def _default(node: Node, row: Parameter) -> Any:
+        """Return the row's default, or what was given under its former name."""
+        if not row.former:
+            return row.default
+        given = node.declare_parameter(row.former, descriptor=ParameterDescriptor(dynamic_typing=True)).value
+        node.undeclare_parameter(row.former)
+        if given is None:
+            return row.default
+        node.get_logger().warning(f"parameter '{row.former}' is called '{row.name}' now: use that name")
+        return given
 
     def _validate(self, parameters: Sequence[Any]) -> SetParametersResult:
         for parameter in parameters:

@@ -30,7 +30,7 @@ CANNOT_START = 2
 DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
 #: [s] for the middleware to take leave of the others; launch sends its next signal after five.
-FAREWELL_LIMIT = 3.0
+SHUTDOWN_TIMEOUT_S = 3.0
 STDERR = 2
 #: [s] for which a thread may keep Python to itself while others want it; Python's own is five times as long.
 SWITCH_INTERVAL = 0.001
@@ -91,7 +91,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         code = 1
         print(f"[{node.get_name() if node else ''}] ends: {error}", file=sys.stderr, flush=True)  # noqa: T201  as above
     except Exception:
-        if not _is_told_to_stop():
+        if not _is_asked_to_stop():
             raise
         # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
     finally:
@@ -128,7 +128,12 @@ def _end_with_the_terminal() -> None:
 def _refuse_unknown_parameters(node: Node) -> None:
     """Refuse values for parameters that the node does not have: ROS 2 passes over a misspelt one in silence."""
     given = node._parameter_overrides  # noqa: SLF001  rclpy has no public way to ask
-    unknown = [name for name in given if not node.has_parameter(name) and not name.startswith(_QOS_OVERRIDES)]
+    former = getattr(node, "former_parameters", ())
+    unknown = [
+        name
+        for name in given
+        if not node.has_parameter(name) and not name.startswith(_QOS_OVERRIDES) and name not in former
+    ]
     if unknown:
         known = ", ".join(sorted(node.list_parameters([], 0).names))
         raise StartupError(f"unknown parameter {', '.join(map(repr, unknown))}; {node.get_name()} has {known}")
@@ -139,7 +144,7 @@ def _claim_processor(node: Node) -> None:
         node.get_logger().info(claim_processor(int(node.get_parameter(REALTIME_PRIORITY).value), own_threads()))
 
 
-def _is_told_to_stop() -> bool:
+def _is_asked_to_stop() -> bool:
     """Whether a signal ends this process; rclpy's thread for signals may be a little later than the error it caused."""
     deadline = time.monotonic() + SIGNAL_WAIT_S
     while rclpy.ok() and time.monotonic() < deadline:
@@ -178,7 +183,7 @@ def _leave(node: Node | None, executor: Any) -> None:
             executor.shutdown(timeout_sec=2.0)
         # All is safe and written. A middleware that does not let go, with Python's lock in its hands, would hold up the
         # whole cell: this ends the process all the same (code 1), with what it was waiting for on stderr.
-        faulthandler.dump_traceback_later(FAREWELL_LIMIT, exit=True, file=STDERR)
+        faulthandler.dump_traceback_later(SHUTDOWN_TIMEOUT_S, exit=True, file=STDERR)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 #: [s] for whatever a test waits for; a busy machine takes its time
-PATIENCE = 60.0
+TEST_TIMEOUT_S = 60.0
 
 Start = Callable[..., "subprocess.Popen[str]"]
 
@@ -68,14 +68,14 @@ class Peer:
 
     def wait(self, future: Any) -> Any:
         """Return what a future becomes."""
-        rclpy.spin_until_future_complete(self.node, future, timeout_sec=PATIENCE)
+        rclpy.spin_until_future_complete(self.node, future, timeout_sec=TEST_TIMEOUT_S)
         assert future.done(), "no answer in time"
         return future.result()
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         """Return a service's answer."""
         client = self.node.create_client(kind, name)
-        assert client.wait_for_service(timeout_sec=PATIENCE), name
+        assert client.wait_for_service(timeout_sec=TEST_TIMEOUT_S), name
         return self.wait(client.call_async(kind.Request(**fields)))
 
     def trigger(self, name: str) -> Any:
@@ -90,7 +90,7 @@ class Peer:
 
     def spin_until(self, condition: Callable[[], object]) -> None:
         """Take what comes until a condition holds."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TEST_TIMEOUT_S
         while not condition():
             assert time.monotonic() < end, "not in time"
             rclpy.spin_once(self.node, timeout_sec=0.05)

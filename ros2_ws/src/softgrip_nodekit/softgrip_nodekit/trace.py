@@ -2,9 +2,9 @@
 """A node's ways in and out, each step written down: what makes a node with services and actions replayable.
 
 Topics alone do not tell what a node was asked, in which order it worked on what had arrived, or what its clocks said.
-A node that gets all of that through a `Doors` publishes it on ``~/trace`` (softgrip_interfaces/NodeTrace), and a
-replayer that hands it another `Doors` makes it take the same steps again (softgrip_bag). A step is the stretch from one
-entry into the node's code to its return or its next await; within a step the clocks stand still.
+A node that gets all of that through a `NodeIo` publishes it on ``~/trace`` (softgrip_interfaces/NodeTrace), and a
+replayer that hands it another `NodeIo` makes it take the same steps again (softgrip_bag). A step is the stretch from
+one entry into the node's code to its return or its next await; within a step the clocks stand still.
 
 The node's executor must be single-threaded: steps do not overlap.
 """
@@ -93,7 +93,7 @@ class Commander(Protocol):
         """Send a goal; ``answered`` gets it once it was accepted or refused."""
 
 
-class Doors(Protocol):
+class NodeIo(Protocol):
     """Everything through which a node's code is entered, asks others, and reads clocks."""
 
     def now_ns(self) -> int:
@@ -190,7 +190,7 @@ class _Log:
         self._publisher.publish(message)
 
 
-class TracedDoors:
+class RecordingIo:
     """The doors of a running node: rclpy's, with every step written down and published."""
 
     def __init__(self, node: Node) -> None:

@@ -16,19 +16,19 @@ from rclpy.node import Node
 
 from softgrip_nodekit import HealthMonitor, HealthWatch
 from softgrip_nodekit.guards import serve_ping
-from softgrip_nodekit.testing import PATIENCE
+from softgrip_nodekit.testing import TEST_TIMEOUT_S
 
 
 def test_silence_counts_from_the_last_answer_and_is_told_once() -> None:
     watch = HealthWatch(["manager", "camera"], limit_s=1.0, max_gap_s=0.6)
-    told = []
+    reported = []
     for tick in range(21):  # every half second
         now = 0.5 * tick
         if not 2.0 < now < 6.0:
             watch.take_answer("manager", now)
         change = watch.look(now)
-        told += [(now, "silent", name) for name in change.silent] + [(now, "back", name) for name in change.back]
-    assert told == [(3.5, "silent", "manager"), (6.0, "back", "manager")]
+        reported += [(now, "silent", name) for name in change.silent] + [(now, "back", name) for name in change.back]
+    assert reported == [(3.5, "silent", "manager"), (6.0, "back", "manager")]
     assert watch.silent == []
 
 
@@ -55,7 +55,7 @@ class Watched:
         serve_ping(self.node)
         self.go_on = threading.Event()
         self.go_on.set()
-        self.node.create_timer(0.01, lambda: self.go_on.wait(PATIENCE) and None)
+        self.node.create_timer(0.01, lambda: self.go_on.wait(TEST_TIMEOUT_S) and None)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._executor.spin)
@@ -94,7 +94,7 @@ def driver() -> Iterator[Node]:
 
 
 def await_that(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TEST_TIMEOUT_S
     while not condition():
         assert time.monotonic() < end, "not in time"
         time.sleep(0.01)
@@ -104,23 +104,23 @@ def test_a_frozen_executor_is_named_while_its_node_is_still_on_the_graph(
     driver: Node, watched: Callable[..., Watched]
 ) -> None:
     manager, other = watched("manager", "/cell"), watched("other", "/elsewhere")
-    told: list[tuple[str, str]] = []
+    reported: list[tuple[str, str]] = []
     monitor = HealthMonitor(
         driver,
         ["manager", "/elsewhere/other"],
         period=0.02,
         limit=0.5,
-        on_silent=lambda name: told.append(("silent", name)),
-        on_back=lambda name: told.append(("back", name)),
+        on_silent=lambda name: reported.append(("silent", name)),
+        on_back=lambda name: reported.append(("back", name)),
     )
     try:
         await_that(lambda: len(monitor._watch._answered) == 2)
         manager.go_on.clear()
-        await_that(lambda: told == [("silent", "manager")])
+        await_that(lambda: reported == [("silent", "manager")])
         assert monitor.silent == ["manager"]
         assert "manager" in driver.get_node_names()
         manager.go_on.set()
-        await_that(lambda: told == [("silent", "manager"), ("back", "manager")])
+        await_that(lambda: reported == [("silent", "manager"), ("back", "manager")])
         other.close()  # ended, not frozen: it does not answer either
         await_that(lambda: monitor.silent == ["/elsewhere/other"])
     finally:

@@ -96,6 +96,55 @@ def test_text_that_looks_like_a_number_is_taken_in_quotes(context: Any) -> None:
     node.destroy_node()
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [((), 2.0), (("patience_s:=5.0",), 5.0), (("timeout_s:=7.0",), 7.0), (("patience_s:=5.0", "timeout_s:=7.0"), 7.0)],
+)
+def test_a_value_given_under_a_former_name_counts_unless_the_present_name_is_given(
+    context: Any, given: tuple[str, ...], expected: float
+) -> None:
+    node = make_node(context, *(word for one in given for word in ("-p", one)))
+    renamed = ParameterTable(Parameter("timeout_s", 2.0, "of a wait", "s", 0.0, 9.0, former="patience_s"))
+    assert renamed.declare(node) == {"timeout_s": expected}
+    assert not node.has_parameter("patience_s")
+    node.destroy_node()
+
+
+def test_a_value_out_of_bounds_under_a_former_name_ends_the_node_with_the_present_name(context: Any) -> None:
+    node = make_node(context, "-p", "patience_s:=10.0")
+    renamed = ParameterTable(Parameter("timeout_s", 2.0, "of a wait", "s", 0.0, 9.0, former="patience_s"))
+    with pytest.raises(StartupError, match=r"parameter .timeout_s.: .*10"):
+        renamed.declare(node)
+    node.destroy_node()
+
+
+FORMER_NODE = """
+import sys
+import threading
+from rclpy.node import Node
+from softgrip_nodekit import Parameter, ParameterTable, run
+
+def made():
+    node = Node("meter")
+    table = ParameterTable(Parameter("timeout_s", 2.0, "of a wait", "s", 0.0, 9.0, former="patience_s"))
+    print("timeout", table.declare(node)["timeout_s"], flush=True)
+    threading.Timer(0.5, node.context.try_shutdown).start()
+    return node
+
+sys.exit(run(made))
+"""
+
+
+def test_a_node_starts_with_a_file_that_has_a_former_name(tmp_path: Path) -> None:
+    file = tmp_path / "old.yaml"
+    file.write_text("meter:\n  ros__parameters:\n    patience_s: 5.0\n")
+    command = [sys.executable, "-c", FORMER_NODE, "--ros-args", "--params-file", str(file)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert "timeout 5.0" in ended.stdout
+    assert "parameter 'patience_s' is called 'timeout_s' now" in ended.stderr + ended.stdout
+    assert ended.returncode == 0, ended.stderr
+
+
 NODE = """
 import sys
 from rclpy.node import Node

@@ -21,11 +21,11 @@ from softgrip_nodekit.presence import Presence
 
 
 def test_a_first_appearance_is_no_news_and_every_change_is_told_once() -> None:
-    told: list[tuple[str, bool]] = []
-    presence = Presence(lambda name, there: told.append((name, there)))
+    reported: list[tuple[str, bool]] = []
+    presence = Presence(lambda name, there: reported.append((name, there)))
     for names in (["a"], ["a", "b"], ["b"], ["b"], ["a", "b"], [], [], ["b"]):
         presence.update(names)
-    assert told == [("a", False), ("a", True), ("a", False), ("b", False), ("b", True)]
+    assert reported == [("a", False), ("a", True), ("a", False), ("b", False), ("b", True)]
 
 
 @pytest.fixture
@@ -75,8 +75,8 @@ def test_diagnostics_tell_of_streams_states_and_nodes_that_are_gone_but_not_of_c
 
     source = start_source()
     spin_until(executor, lambda: "source: itself" in reports)
-    looks = watcher.get_clock().now()
-    spin_until(executor, lambda: (watcher.get_clock().now() - looks).nanoseconds > 5e8)
+    began = watcher.get_clock().now()
+    spin_until(executor, lambda: (watcher.get_clock().now() - began).nanoseconds > 5e8)
     assert not [name for name in reports if "input" in name or "node" in name]
 
     source.destroy_node()

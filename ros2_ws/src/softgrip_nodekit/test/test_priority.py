@@ -74,9 +74,9 @@ def test_without_the_right_it_says_how_to_give_it(monkeypatch: pytest.MonkeyPatc
         raise error
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    told = claim_processor(20)
-    assert told.startswith("ordinary priority")
-    assert says in told
+    reported = claim_processor(20)
+    assert reported.startswith("ordinary priority")
+    assert says in reported
 
 
 def test_a_thread_that_has_ended_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,23 +107,23 @@ def test_long_work_goes_behind_until_it_is_brief_again(monkeypatch: pytest.Monke
     given: list[tuple[int, int]] = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda _, policy, how: given.append((policy, how.sched_priority)))
     monkeypatch.setattr(priority, "own_threads", lambda: [0])
-    haste = WhileBrief(10, longest_s=0.01, turns=3)
+    brief = WhileBrief(10, longest_s=0.01, turns=3)
     for seconds in (0.002, 0.01):
-        haste.note(seconds)
+        brief.note(seconds)
     assert given == []
     for seconds in (0.011, 0.5):
-        haste.note(seconds)
+        brief.note(seconds)
     assert given == [(os.SCHED_OTHER, 0)]  # told once
     for seconds in (0.002, 0.002, 0.02, 0.002, 0.002):
-        haste.note(seconds)
+        brief.note(seconds)
     assert given == [(os.SCHED_OTHER, 0)]  # not three in a row
-    haste.note(0.002)
-    haste.note(0.002)
+    brief.note(0.002)
+    brief.note(0.002)
     assert given == [(os.SCHED_OTHER, 0), (os.SCHED_FIFO, 10)]
 
 
 def test_who_was_never_in_front_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: pytest.fail("nobody asked for it"))
-    haste = WhileBrief(0, turns=1)
+    brief = WhileBrief(0, turns=1)
     for seconds in (1.0, 0.001, 0.001):
-        haste.note(seconds)
+        brief.note(seconds)

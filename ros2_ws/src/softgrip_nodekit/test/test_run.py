@@ -21,7 +21,7 @@ from softgrip_nodekit import (
     run,
 )
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S
-from softgrip_nodekit.testing import PATIENCE
+from softgrip_nodekit.testing import TEST_TIMEOUT_S
 
 ERROR = "Unable to convert call argument '0' to Python object"
 
@@ -143,7 +143,7 @@ def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None
 
 
 def await_lines(said: list[str], count: int) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TEST_TIMEOUT_S
     while len(said) < count:
         assert time.monotonic() < end, said
         time.sleep(0.01)

@@ -16,11 +16,11 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from softgrip_nodekit import UrgentServer
-from softgrip_nodekit.testing import PATIENCE
+from softgrip_nodekit.testing import TEST_TIMEOUT_S
 
 
 def _await(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TEST_TIMEOUT_S
     while not condition():
         assert time.monotonic() < end, "not in time"
         time.sleep(0.01)
@@ -64,9 +64,9 @@ def call() -> Iterator[Callable[..., Any]]:
 
     def ask(name: str, kind: Any = Trigger) -> Any:
         client = node.create_client(kind, name)
-        assert client.wait_for_service(timeout_sec=PATIENCE), name
+        assert client.wait_for_service(timeout_sec=TEST_TIMEOUT_S), name
         future = client.call_async(kind.Request())
-        executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
+        executor.spin_until_future_complete(future, timeout_sec=TEST_TIMEOUT_S)
         assert future.done(), f"{name} was not answered"
         return future.result()
 
@@ -87,7 +87,7 @@ def test_it_answers_while_the_nodes_executor_stands_in_a_callback(make: Make, ca
 
     def stand() -> None:
         inside.set()
-        leave.wait(PATIENCE)
+        leave.wait(TEST_TIMEOUT_S)
 
     node.create_timer(0.001, stand)
     executor = SingleThreadedExecutor(context=node.context)
@@ -95,7 +95,7 @@ def test_it_answers_while_the_nodes_executor_stands_in_a_callback(make: Make, ca
     spinning = threading.Thread(target=executor.spin)
     spinning.start()
     try:
-        assert inside.wait(PATIENCE)
+        assert inside.wait(TEST_TIMEOUT_S)
         assert call("/estop").success
     finally:
         leave.set()
@@ -146,7 +146,7 @@ def test_a_response_of_the_wrong_kind_does_not_end_it(make: Make, call: Callable
 
     node, _ = make(callback=serve)
     client = node.create_client(Trigger, "/estop")
-    assert client.wait_for_service(timeout_sec=PATIENCE)
+    assert client.wait_for_service(timeout_sec=TEST_TIMEOUT_S)
     client.call_async(Trigger.Request())  # its answer is none
     assert call("/estop").success
 

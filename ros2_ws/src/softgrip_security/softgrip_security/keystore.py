@@ -30,7 +30,7 @@ from softgrip_security.certificates import (
     sign_document,
 )
 from softgrip_security.errors import SecurityError
-from softgrip_security.policy import ROUTER, Identity, Policy
+from softgrip_security.policy import ROUTER, Policy, PolicyIdentity
 
 #: How long a certificate is good, and how long before its end it is reported.
 DAYS = 397
@@ -219,7 +219,7 @@ class Keystore:
         self._write_signed(authority, self._folder / "enclaves" / "governance", sros2.governance_xml())
         for name, enclave in self._enclaves().items():
             certificate = _read(enclave / "cert.pem", enclave / "key.pem").certificate
-            identity = Identity(ROUTER, ()) if name == ROUTER else self._policy.identity(name)
+            identity = PolicyIdentity(ROUTER, ()) if name == ROUTER else self._policy.identity(name)
             text = sros2.permissions_xml(identity, certificate.not_valid_before_utc, certificate.not_valid_after_utc)
             self._write_signed(authority, enclave / "permissions", text)
 

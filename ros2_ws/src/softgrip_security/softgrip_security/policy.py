@@ -45,7 +45,7 @@ ACTION_TOPICS = ("feedback", "status")
 
 
 @dataclass(frozen=True)
-class Identity:
+class PolicyIdentity:
     """Who one certificate stands for.
 
     Attributes:
@@ -84,10 +84,10 @@ class Identity:
 class Policy:
     """All identities of a cell, in its namespace."""
 
-    identities: tuple[Identity, ...]
+    identities: tuple[PolicyIdentity, ...]
     namespace: str = "/"
 
-    def identity(self, name: str) -> Identity:
+    def identity(self, name: str) -> PolicyIdentity:
         """Return one identity.
 
         Raises:
@@ -146,7 +146,7 @@ class _Reader:
         open_topics = [topic for topic in published if topic not in withheld]
         return Policy(tuple(_with_published(one, open_topics) for one in found), self._namespace)
 
-    def _identity(self, name: Any, body: Any, *, is_tool: bool) -> Identity:
+    def _identity(self, name: Any, body: Any, *, is_tool: bool) -> PolicyIdentity:
         if not isinstance(name, str) or not _IDENTITY.fullmatch(name):
             raise SecurityError(f"identity: expected a name of a-z, 0-9 and _, found {name!r}")
         body = _mapping(body, name, ("groups", "named", *Grant))
@@ -159,7 +159,7 @@ class _Reader:
             grant: _sorted(full for one in names for full in self._expand(one, [name, *named]))
             for grant, names in grants.items()
         }
-        return Identity(name, (*own, *named), full, is_tool)
+        return PolicyIdentity(name, (*own, *named), full, is_tool)
 
     def _grants(self, body: Mapping[str, Any], where: str, inside: tuple[str, ...]) -> dict[Grant, list[str]]:
         """Return what a body and its groups grant, as written."""
@@ -195,13 +195,13 @@ def _node_names(name: Any, body: Any) -> list[str]:
     return [str(name), *(str(one) for one in named if not str(one).endswith("*"))]
 
 
-def _with_published(identity: Identity, topics: Iterable[str]) -> Identity:
+def _with_published(identity: PolicyIdentity, topics: Iterable[str]) -> PolicyIdentity:
     """Return the identity with {published} among its subscriptions filled in."""
     subscribed = identity.names(Grant.SUBSCRIBE)
     if _PUBLISHED not in subscribed:
         return identity
     names = _sorted([*(name for name in subscribed if name != _PUBLISHED), *topics])
-    return Identity(
+    return PolicyIdentity(
         identity.name, identity.node_names, {**identity.grants, Grant.SUBSCRIBE: names}, is_tool=identity.is_tool
     )
 

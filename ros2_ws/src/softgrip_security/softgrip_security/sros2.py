@@ -11,7 +11,7 @@ import datetime as dt
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-from softgrip_security.policy import EVERY_TOPIC, Grant, Identity, Policy
+from softgrip_security.policy import EVERY_TOPIC, Grant, Policy, PolicyIdentity
 
 #: Domains that a keystore is good for: all that ROS 2 knows. The keys are the border of a cell, not the domain.
 DOMAINS = (0, 232)
@@ -41,7 +41,7 @@ def policy_xml(policy: Policy) -> bytes:
     return _document(root)
 
 
-def permissions_xml(identity: Identity, begin: dt.datetime, end: dt.datetime) -> bytes:
+def permissions_xml(identity: PolicyIdentity, begin: dt.datetime, end: dt.datetime) -> bytes:
     """Return the permissions of an identity, for as long as its certificate is good; all else is denied."""
     root = _dds("permissions")
     grant = ET.SubElement(ET.SubElement(root, "permissions"), "grant", name=identity.enclave)
@@ -84,14 +84,14 @@ def governance_xml() -> bytes:
     return _document(root)
 
 
-def published_topics(identity: Identity) -> list[str]:
+def published_topics(identity: PolicyIdentity) -> list[str]:
     """Return the DDS topics that an identity writes."""
     return _topics(
         identity.topics(Grant.PUBLISH), asks=identity.services(Grant.CALL), answers=identity.services(Grant.SERVE)
     )
 
 
-def subscribed_topics(identity: Identity) -> list[str]:
+def subscribed_topics(identity: PolicyIdentity) -> list[str]:
     """Return the DDS topics that an identity reads."""
     return _topics(
         identity.topics(Grant.SUBSCRIBE), asks=identity.services(Grant.SERVE), answers=identity.services(Grant.CALL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from softgrip_security.policy import EVERY_TOPIC, Grant, Identity, Policy
+from softgrip_security.policy import EVERY_TOPIC, Grant, Policy, PolicyIdentity
 
 #: What every node has; left out of the tables.
 _OF_EVERY_NODE = (
@@ -35,7 +35,7 @@ def policy_tables(policy: Policy) -> str:
     return f"{_table('node', nodes)}\n\n{_table('tool', tools)}\n"
 
 
-def _table(title: str, identities: Iterable[Identity]) -> str:
+def _table(title: str, identities: Iterable[PolicyIdentity]) -> str:
     lines = [f"| {title} | publishes | subscribes | serves | calls |", "|---|---|---|---|---|"]
     lines += [
         f"| {one.name} | {_cell(one, Grant.PUBLISH)} | {_cell(one, Grant.SUBSCRIBE)} "
@@ -45,7 +45,7 @@ def _table(title: str, identities: Iterable[Identity]) -> str:
     return "\n".join(lines)
 
 
-def _cell(identity: Identity, plain: Grant, action: Grant | None = None) -> str:
+def _cell(identity: PolicyIdentity, plain: Grant, action: Grant | None = None) -> str:
     names = [name for name in identity.names(plain) if not _is_of_every_node(name)]
     if EVERY_TOPIC in names:
         return "every topic"

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from softgrip_security.policy import EVERY_TOPIC, ROUTER, Grant, Identity, Policy
+from softgrip_security.policy import EVERY_TOPIC, ROUTER, Grant, Policy, PolicyIdentity
 
 ROUTER_PORT = 7447
 #: What every session may look at: who is there.
@@ -72,7 +72,7 @@ def access_control(policy: Policy) -> dict[str, Any]:
     }
 
 
-def _identity_rules(identity: Identity, namespace: str) -> _Rules:
+def _identity_rules(identity: PolicyIdentity, namespace: str) -> _Rules:
     """Return what others let an identity send (ingress), and what they send it (egress)."""
     rules = _Rules(identity.name)
     publish, subscribe = (identity.topics(grant) for grant in (Grant.PUBLISH, Grant.SUBSCRIBE))
@@ -114,7 +114,7 @@ def _advanced(names: Iterable[str], side: str = "") -> list[str]:
     return [f"{key}/{end}" for key in _data(names)]
 
 
-def _tokens(identity: Identity, namespace: str) -> list[str]:
+def _tokens(identity: PolicyIdentity, namespace: str) -> list[str]:
     """Return the liveliness tokens that an identity may put up: its nodes, and the endpoints of its grants."""
     kinds = (
         ("MP", identity.topics(Grant.PUBLISH)),

@@ -6,7 +6,7 @@ from __future__ import annotations
 import datetime as dt
 import xml.etree.ElementTree as ET
 
-from softgrip_security.policy import Grant, Identity, Policy
+from softgrip_security.policy import Grant, Policy, PolicyIdentity
 from softgrip_security.sros2 import governance_xml, permissions_xml, policy_xml
 
 BEGIN, END = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC), dt.datetime(2027, 1, 2, tzinfo=dt.UTC)
@@ -18,7 +18,7 @@ def topics(document, direction):
 
 def permissions(**grants):
     return permissions_xml(
-        Identity("camera", ("camera",), {Grant(name): names for name, names in grants.items()}), BEGIN, END
+        PolicyIdentity("camera", ("camera",), {Grant(name): names for name, names in grants.items()}), BEGIN, END
     )
 
 
@@ -72,7 +72,7 @@ def test_the_domain_admits_nobody_without_a_certificate():
 
 def test_the_policy_is_written_as_sros2_reads_it():
     grants = {Grant.PUBLISH: ("/image",), Grant.SERVE: ("/camera/ping",), Grant.CALL_ACTION: ("/tendon/move",)}
-    root = ET.fromstring(policy_xml(Policy((Identity("camera", ("camera",), grants),))))
+    root = ET.fromstring(policy_xml(Policy((PolicyIdentity("camera", ("camera",), grants),))))
     enclave = root.find("enclaves/enclave")
     assert enclave is not None
     assert enclave.get("path") == "/softgrip/camera"

@@ -111,7 +111,7 @@ class FingerPlane:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class CameraCalibration:
     """A lens and the planes of the fingers it sees.
 
     Attributes:
@@ -184,7 +184,7 @@ class PlaneMap:
         return math.sqrt(abs(float(np.linalg.det(np.stack([right - corner, up - corner]))))) / step
 
 
-def load(path: Path | str) -> Calibration:
+def load(path: Path | str) -> CameraCalibration:
     """Read and check a calibration file.
 
     Raises:
@@ -205,7 +205,7 @@ def load(path: Path | str) -> Calibration:
         raise CalibrationError(f"{path}: {missing}; see softgrip_vision/calibration.py for the layout") from error
 
 
-def _parse(document: Mapping[str, Any], digest: str) -> Calibration:
+def _parse(document: Mapping[str, Any], digest: str) -> CameraCalibration:
     extra = document["softgrip"]
     if extra.get("schema") != SCHEMA:
         raise CalibrationError(f"expected softgrip.schema {SCHEMA}, found {extra.get('schema')!r}")
@@ -213,7 +213,7 @@ def _parse(document: Mapping[str, Any], digest: str) -> Calibration:
     names = [plane.finger for plane in planes]
     if len(set(names)) != len(names):
         raise CalibrationError(f"expected one plane per finger, found {names}")
-    return Calibration(
+    return CameraCalibration(
         lens=_parse_lens(document),
         planes=planes,
         date=str(extra["date"]),
@@ -271,7 +271,7 @@ def _matrix(entry: Mapping[str, Any], what: str, shape: tuple[int, int]) -> Arra
     return values.reshape(shape)
 
 
-def save(calibration: Calibration, path: Path | str) -> None:
+def save(calibration: CameraCalibration, path: Path | str) -> None:
     """Write a calibration file (replaced in one step, so that a reader never sees half of it)."""
     path = Path(path)
     lens = calibration.lens

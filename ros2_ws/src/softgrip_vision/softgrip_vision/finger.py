@@ -18,12 +18,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_vision.calibration import Calibration, PlaneMap
+from softgrip_vision.calibration import CameraCalibration, PlaneMap
 from softgrip_vision.chain import ChainFilter, ChainGeometry, Place, Spread
 from softgrip_vision.colour import ColourModel, Image, hue_of
 from softgrip_vision.errors import FrameError
 from softgrip_vision.layout import JOINT_RANGE, ChainLayout, FingerSetup
-from softgrip_vision.looks import MOST_AREA, BodySide, Looks, alike, colours_at, sharp_area, surrounds_of
+from softgrip_vision.marker_appearance import (
+    MAX_AREA,
+    BodySide,
+    MarkerAppearance,
+    alike,
+    colours_at,
+    sharp_area,
+    surrounds_of,
+)
 from softgrip_vision.options import TrackerOptions
 from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
 from softgrip_vision.search import FoundChain, find_chain, search_spots
@@ -52,7 +60,7 @@ SURE_REACH = 0.3
 #: diameters: when it was in sight just now, and when it comes back.
 STAYING_REACH, RETURNING_REACH = 1.5, 0.8
 #: With more markers out of sight than this, the whole image is searched at once.
-MOST_HIDDEN = 2
+MAX_HIDDEN = 2
 #: [m] and relative: how far the distance to the marker before may be off the link's length.
 LINK_TOLERANCE = (0.5e-3, 0.02)
 #: A link looks at most so much longer than where the first joint is: perspective, and the tolerance above.
@@ -76,7 +84,7 @@ class FingerTracker:
     setup: FingerSetup
     profile: str
     layout: ChainLayout
-    calibration: Calibration
+    calibration: CameraCalibration
     options: TrackerOptions = field(default_factory=TrackerOptions)
 
     def __post_init__(self) -> None:
@@ -99,7 +107,7 @@ class FingerTracker:
         """Forget everything seen; the next frame is searched."""
         self._filter: ChainFilter | None = None
         self._predicted: list[Place] = []
-        self._looks: list[Looks] = []
+        self._appearances: list[MarkerAppearance] = []
         self._side = BodySide.BRIGHTER
         self._colour = ColourModel(self.setup.hue_deg)
         self._stamp = math.nan
@@ -138,7 +146,7 @@ class FingerTracker:
             self._last_sound = stamp
             return self._confirm(image, rivals, stamp)
         seen = self._follow_all(image, self._filter, rivals)
-        doubtful = seen.count(None) > MOST_HIDDEN or stamp - self._last_complete > self.options.patience
+        doubtful = seen.count(None) > MAX_HIDDEN or stamp - self._last_complete > self.options.reacquire_timeout_s
         # A joint may have moved faster than predicted, or a marker changed its looks for good.
         if doubtful and not self._acquire(image):
             return self._confirm(image, rivals, stamp)
@@ -160,8 +168,8 @@ class FingerTracker:
         for marker in markers:
             seen.append(self._follow(image, chain, marker, near[marker], seen, rivals))
         self._in_sight = [found is not None for found in seen]
-        area = sharp_area(self._looks[0].area_px, [found.spot for found in seen if found is not None])
-        self._looks = [looks._replace(area_px=area) for looks in self._looks]
+        area = sharp_area(self._appearances[0].area_px, [found.spot for found in seen if found is not None])
+        self._appearances = [appearance._replace(area_px=area) for appearance in self._appearances]
         return seen
 
     def _acquire(self, image: Image) -> str:
@@ -187,7 +195,9 @@ class FingerTracker:
         # All markers of a finger have one size; the middle one of five is better known than each.
         area = statistics.median(spot.area_px for spot in found.spots)
         surrounds = surrounds_of(image, found.spots, side)
-        self._looks = [Looks(area, spot.height, around) for spot, around in zip(found.spots, surrounds, strict=True)]
+        self._appearances = [
+            MarkerAppearance(area, spot.height, around) for spot, around in zip(found.spots, surrounds, strict=True)
+        ]
         self._in_sight = [True] * len(found.spots)
         self._returning.clear()
         self._filter = ChainFilter(self._geometry)
@@ -214,11 +224,11 @@ class FingerTracker:
         }
         if not windows:
             return [[] for _ in markers]
-        thresholds = [self.options.threshold_share * self._looks[marker].height for marker in windows]
-        area = self._looks[0].area_px
-        spots = find_spots(image, list(windows.values()), self._colour, thresholds, (0.5 * area, MOST_AREA * area))
+        thresholds = [self.options.threshold_share * self._appearances[marker].height for marker in windows]
+        area = self._appearances[0].area_px
+        spots = find_spots(image, list(windows.values()), self._colour, thresholds, (0.5 * area, MAX_AREA * area))
         admitted = {
-            marker: [spot for spot in found if self._looks[marker].admits(spot)]
+            marker: [spot for spot in found if self._appearances[marker].admits(spot)]
             for marker, found in zip(windows, spots, strict=True)
         }
         all_spots = [spot for found in admitted.values() for spot in found]
@@ -254,19 +264,19 @@ class FingerTracker:
         if best is None:
             self._returning.pop(marker, None)
             return None
-        looks, parent = self._looks[marker], seen[-1] if seen else None
-        if best.distance > UNSURPRISING and not looks.resembles(best.spot, best.surround):
+        appearance, parent = self._appearances[marker], seen[-1] if seen else None
+        if best.distance > UNSURPRISING and not appearance.resembles(best.spot, best.surround):
             return None
         if parent is None and marker > 0:
             # Nothing near holds it: only a place that is well known will do.
             trusted = STAYING_REACH if self._in_sight[marker] else RETURNING_REACH
-            if reach > trusted * self._diameter_px or not looks.resembles(best.spot, best.surround):
+            if reach > trusted * self._diameter_px or not appearance.resembles(best.spot, best.surround):
                 return None
         if not self._in_sight[marker] and not self._returns(marker, best, reach):
             return None
         chain.update(marker, best.point, best.noise)
-        self._looks[marker] = looks.updated(best.spot, best.surround)
-        return Seen(best.spot, best.point, looks.confidence(best.spot, best.distance, GATE))
+        self._appearances[marker] = appearance.updated(best.spot, best.surround)
+        return Seen(best.spot, best.point, appearance.confidence(best.spot, best.distance, GATE))
 
     def _anywhere(self, marker: int, expected: Place, reach: float, parent: Seen | None) -> tuple[Place, float]:
         """Return the place [px] around which a marker is looked for and how far, by the filter or, if less, its link.
@@ -303,7 +313,7 @@ class FingerTracker:
             sighting
             for candidate in candidates
             if not self._belongs_elsewhere(candidate.spot, self._predicted[marker], seen, rivals)
-            for sighting in [locate(candidate, self._looks[marker], self._diameter_px, placement, expected)]
+            for sighting in [locate(candidate, self._appearances[marker], self._diameter_px, placement, expected)]
             if sighting.distance <= GATE and self._fits_link(chain, marker, parent, sighting)
         ]
         return min(sightings, key=lambda sighting: sighting.distance, default=None)
@@ -338,7 +348,7 @@ class FingerTracker:
         time, no further away than a joint can have moved.
         """
         before = self._returning.pop(marker, None)
-        if not self._looks[marker].resembles(sighting.spot, sighting.surround):
+        if not self._appearances[marker].resembles(sighting.spot, sighting.surround):
             return False
         if reach <= SURE_REACH * self._diameter_px:
             return True
@@ -355,9 +365,9 @@ class FingerTracker:
         hidden = [name for name, found in zip(names, seen, strict=True) if found is None]
         if not hidden:
             self._last_complete = stamp
-        if len(hidden) <= MOST_HIDDEN:
+        if len(hidden) <= MAX_HIDDEN:
             self._last_sound = stamp
-        elif stamp - self._last_sound > self.options.patience:
+        elif stamp - self._last_sound > self.options.reacquire_timeout_s:
             self.reset()
             return self.silent(f"lost: {', '.join(hidden)} not seen for too long; searching the whole image")
         unknown = chain.settle_hidden([found is None for found in seen])

@@ -23,7 +23,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
-class Frame:
+class CameraFrame:
     """A captured frame; exactly one of ``jpeg`` and ``image`` is there.
 
     Attributes:
@@ -64,7 +64,7 @@ class Frame:
 class FrameSource(Protocol):
     """Anything that gives frames, one after the other."""
 
-    def read(self) -> Frame | None:
+    def read(self) -> CameraFrame | None:
         """Wait for the next frame; None at the end of a source that has one. Raises SourceError."""
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from collections import deque
 
 import numpy as np
 
-from softgrip_vision.frame import Frame
+from softgrip_vision.frame import CameraFrame
 
 #: [s] of the same picture, bit for bit: a sensor's noise never repeats
 FROZEN_TIME = 0.5
@@ -26,11 +26,11 @@ class FrameWatch:
     """Sees every frame, and is asked now and then what is wrong."""
 
     def __init__(self) -> None:
-        self._last: Frame | None = None
+        self._last: CameraFrame | None = None
         self._same_since = 0
         self._stamps: deque[int] = deque()
 
-    def see(self, frame: Frame) -> None:
+    def see(self, frame: CameraFrame) -> None:
         """Take note of a frame."""
         if self._last is None or not _same(frame, self._last):
             self._same_since = frame.stamp_ns
@@ -76,7 +76,7 @@ class FrameWatch:
         return float(gaps.sum() / (gaps.sum() + len(intervals)))
 
 
-def _same(frame: Frame, other: Frame) -> bool:
+def _same(frame: CameraFrame, other: CameraFrame) -> bool:
     """Whether two frames agree bit for bit."""
     if frame.jpeg is not None or other.jpeg is not None:
         return frame.jpeg == other.jpeg

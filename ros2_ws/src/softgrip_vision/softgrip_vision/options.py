@@ -21,4 +21,4 @@ class TrackerOptions:
     threshold_share: float = 0.4
     placement_stddev_m: float = 5e-5
     largest_angle_stddev: float = math.radians(2.0)
-    patience: float = 0.7
+    reacquire_timeout_s: float = 0.7

@@ -28,11 +28,11 @@ SEARCH_FLOOR = 10.0
 #: Multiples of the threshold that are tried.
 SEARCH_LEVELS = (1.0, 2.0, 4.0, 8.0)
 #: Spots looked at in full resolution at each of them.
-MOST_SPOTS = 80
+MAX_SPOTS = 80
 #: Relative area of a marker against the calibrated one.
 AREA_RATIO = (0.4, 1.8)
 #: A marker's least roundness: a little motion blur is allowed.
-LEAST_ROUNDNESS = 0.6
+MIN_ROUNDNESS = 0.6
 #: [m] and relative: how far a distance between two markers may be off (placement, print, blur).
 LENGTH_TOLERANCE = (0.8e-3, 0.03)
 #: [m] how far the mount may be from where the calibration has it.
@@ -85,7 +85,7 @@ def search_spots(image: Image, region: Window, colour: ColourModel, diameter_px:
             window = _clip(*corner, width * factor, height * factor, margin, image.shape)
             (found,) = find_spots(image, [window], colour, [level], (AREA_RATIO[0] * area, AREA_RATIO[1] * area))
             spots += found
-    return _distinct([spot for spot in spots if spot.roundness >= LEAST_ROUNDNESS], diameter_px)
+    return _distinct([spot for spot in spots if spot.roundness >= MIN_ROUNDNESS], diameter_px)
 
 
 def _components(signal: Signal, level: float, area: float) -> list[list[int]]:
@@ -93,7 +93,7 @@ def _components(signal: Signal, level: float, area: float) -> list[list[int]]:
     boxes = _core.components(signal, level)
     areas = boxes[:, 4]
     boxes = boxes[(areas > 0.2 * area) & (areas < 4.0 * area)]
-    order = np.argsort(np.abs(np.log(boxes[:, 4] / area)), kind="stable")[:MOST_SPOTS]
+    order = np.argsort(np.abs(np.log(boxes[:, 4] / area)), kind="stable")[:MAX_SPOTS]
     found: list[list[int]] = boxes[order, :4].tolist()
     return found
 

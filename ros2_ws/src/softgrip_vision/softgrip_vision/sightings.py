@@ -12,7 +12,7 @@ import numpy as np
 from softgrip_vision.calibration import PlaneMap
 from softgrip_vision.chain import Place, Spread
 from softgrip_vision.colour import Image
-from softgrip_vision.looks import BodySide, Looks, surrounds_of
+from softgrip_vision.marker_appearance import BodySide, MarkerAppearance, surrounds_of
 from softgrip_vision.spots import Spot
 
 
@@ -70,13 +70,17 @@ def candidates_of(image: Image, spots: Sequence[Spot], plane: PlaneMap, side: Bo
 
 
 def locate(
-    candidate: Candidate, looks: Looks, diameter_px: float, placement_stddev_m: float, expected: tuple[Place, Spread]
+    candidate: Candidate,
+    appearance: MarkerAppearance,
+    diameter_px: float,
+    placement_stddev_m: float,
+    expected: tuple[Place, Spread],
 ) -> Sighting:
     """Return a candidate with its distance from a marker's expected place.
 
     Args:
         candidate: the spot.
-        looks: of the marker.
+        appearance: of the marker.
         diameter_px: [px] of the marker.
         placement_stddev_m: [m] how exactly markers sit on the finger.
         expected: [m] where the marker is expected and [m^2] its covariance.
@@ -84,7 +88,7 @@ def locate(
     spot, (x, y), metric, surround = candidate
     (expected_x, expected_y), spread = expected
     # What a covered edge can move the centre by is added to what noise can (see Looks.hidden_share).
-    lopsided = looks.hidden_share(spot) * diameter_px / 2
+    lopsided = appearance.hidden_share(spot) * diameter_px / 2
     variance, placement = spot.stddev_px**2 + lopsided**2, placement_stddev_m**2
     noise = Spread(metric.xx * variance + placement, metric.xy * variance, metric.yy * variance + placement)
     both = Spread(spread.xx + noise.xx, spread.xy + noise.xy, spread.yy + noise.yy)

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_vision.calibration import Calibration, FingerPlane, Lens, PlaneMap
+from softgrip_vision.calibration import CameraCalibration, FingerPlane, Lens, PlaneMap
 from softgrip_vision.chain import ChainGeometry
 from softgrip_vision.colour import Image
 from softgrip_vision.layout import ChainLayout
@@ -41,7 +41,7 @@ def make_calibration(
     scale: float = 4500.0,
     tilt: float = 0.06,
     distortion: tuple[float, ...] = (-0.12, 0.05, 5e-4, -3e-4, 0.0),
-) -> Calibration:
+) -> CameraCalibration:
     """Return a calibration of a slightly tilted camera with a real lens.
 
     Args:
@@ -63,7 +63,7 @@ def make_calibration(
         homography = matrix @ np.column_stack([rotation[:, 0], rotation[:, 1], place])
         planes.append(FingerPlane(finger, homography / homography[2, 2], 0.020, 0.005, 0.0))
     lens = Lens(width, height, matrix, np.array(distortion), "synthetic")
-    return Calibration(lens, tuple(planes), "2026-11-21T00:00:00Z", "synthetic", 0.0, 1)
+    return CameraCalibration(lens, tuple(planes), "2026-11-21T00:00:00Z", "synthetic", 0.0, 1)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Picture:
     visible: dict[str, Array] = field(default_factory=dict)
 
 
-class Scene:
+class SyntheticScene:
     """Renders one camera's view of its fingers.
 
     Args:
@@ -136,7 +136,7 @@ class Scene:
 
     def __init__(
         self,
-        calibration: Calibration,
+        calibration: CameraCalibration,
         chains: Mapping[str, ChainLayout],
         *,
         clutter: int = 0,

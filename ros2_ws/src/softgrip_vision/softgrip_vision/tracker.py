@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softgrip_model.digest import text_digest
-from softgrip_vision.calibration import Calibration
+from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.colour import Image
 from softgrip_vision.errors import FrameError, LayoutError
 from softgrip_vision.finger import FingerTracker
@@ -34,7 +34,7 @@ class Tracker:
 
     fingers: tuple[FingerSetup, ...]
     chains: Chains
-    calibration: Calibration
+    calibration: CameraCalibration
     profile: str
     options: TrackerOptions = field(default_factory=TrackerOptions)
 
@@ -82,7 +82,9 @@ class Tracker:
     def configuration(self) -> str:
         """Digest of all that the numbers depend on besides the frames: calibration, fingers, chains, options."""
         layouts = [tracker.layout for tracker in self._trackers.values()]
-        text = repr((self.calibration.digest, self.fingers, layouts, self.profiles_text, self.options))
+        # an option's former name: bags recorded with it stay comparable
+        options = repr(self.options).replace("reacquire_timeout_s=", "patience=")
+        text = f"({self.calibration.digest!r}, {self.fingers!r}, {layouts!r}, {self.profiles_text!r}, {options})"
         return text_digest(text)
 
     def set_options(self, options: TrackerOptions) -> None:

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
-from softgrip_vision.calibration import Calibration
+from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.layout import ChainLayout, FingerSetup
-from softgrip_vision.synthetic import Conditions, Scene, make_calibration
+from softgrip_vision.synthetic import Conditions, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))
@@ -28,22 +28,22 @@ def one_core() -> None:
 
 
 @pytest.fixture(scope="session")
-def calibration() -> Calibration:
+def calibration() -> CameraCalibration:
     return make_calibration()
 
 
 @pytest.fixture(scope="session")
-def scene(calibration: Calibration) -> Scene:
-    return Scene(calibration, {"index": CHAIN}, seed=1)
+def scene(calibration: CameraCalibration) -> SyntheticScene:
+    return SyntheticScene(calibration, {"index": CHAIN}, seed=1)
 
 
 @pytest.fixture
-def tracker(calibration: Calibration) -> Tracker:
+def tracker(calibration: CameraCalibration) -> Tracker:
     return Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
 
 
 @pytest.fixture(scope="session")
-def jpegs(scene: Scene) -> list[bytes]:
+def jpegs(scene: SyntheticScene) -> list[bytes]:
     """Five frames of a finger that closes slowly."""
     images = [scene.render({"index": np.full(3, 0.1 + 0.02 * k)}, Conditions(noise=1.0)).image for k in range(5)]
     return [bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]) for image in images]

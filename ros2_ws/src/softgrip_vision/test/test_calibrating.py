@@ -144,7 +144,7 @@ def test_views_that_show_nothing_new_are_left_out(tmp_path: Path, pictures: list
     for number, picture in enumerate([pictures[0], pictures[0], pictures[1], np.zeros_like(pictures[0])]):
         cv2.imwrite(str(tmp_path / f"{number}.png"), picture)
     read = []
-    kept = collect_views(open_source(str(tmp_path)), BOARD, most_frames=100, progress=lambda n, k: read.append((n, k)))
+    kept = collect_views(open_source(str(tmp_path)), BOARD, max_frames=100, progress=lambda n, k: read.append((n, k)))
     assert len(kept) == 2
     assert read[-1] == (4, 2)
 

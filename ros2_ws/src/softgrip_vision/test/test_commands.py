@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from softgrip_vision import calibration as files
-from softgrip_vision.calibration import Calibration
+from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.commands import calibrate_camera, track
 from softgrip_vision.overlay import HIDDEN, draw
-from softgrip_vision.synthetic import Conditions, Occluder, Scene
+from softgrip_vision.synthetic import Conditions, Occluder, SyntheticScene
 from softgrip_vision.tracker import Tracker
 
 FRAMES = 12
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> Path:
+def film(tmp_path_factory: pytest.TempPathFactory, scene: SyntheticScene) -> Path:
     folder = tmp_path_factory.mktemp("film")
     for k in range(FRAMES):
         cv2.imwrite(
@@ -32,7 +32,11 @@ def film(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> Path:
 
 
 def test_a_film_becomes_a_table_a_picture_and_an_overlay(
-    tmp_path: Path, film: Path, calibration: Calibration, scene: Scene, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    film: Path,
+    calibration: CameraCalibration,
+    scene: SyntheticScene,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     files.save(calibration, tmp_path / "c.yaml")
     out = tmp_path / "out"
@@ -61,7 +65,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, film: Path, capsys: pytest.Captur
 
 
 def test_a_video_of_another_size_than_calibrated_is_refused(
-    tmp_path: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, calibration: CameraCalibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files.save(calibration, tmp_path / "c.yaml")
     (tmp_path / "film").mkdir()
@@ -76,7 +80,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_a_film_that_breaks_off_leaves_what_was_measured(
-    tmp_path: Path, film: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, film: Path, calibration: CameraCalibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files.save(calibration, tmp_path / "c.yaml")
     cut = tmp_path / "cut"
@@ -94,7 +98,7 @@ def test_a_film_that_breaks_off_leaves_what_was_measured(
 
 
 def test_a_video_that_is_cut_off_is_named(
-    tmp_path: Path, film: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, film: Path, calibration: CameraCalibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files.save(calibration, tmp_path / "c.yaml")
     whole = tmp_path / "whole.avi"
@@ -114,7 +118,7 @@ def test_a_video_that_is_cut_off_is_named(
 
 
 def test_folders_and_planes_that_are_none(
-    tmp_path: Path, film: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, film: Path, calibration: CameraCalibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files.save(calibration, tmp_path / "c.yaml")
     files.save(replace(calibration, planes=()), tmp_path / "lens.yaml")
@@ -158,7 +162,7 @@ def test_where_a_calibration_goes_is_made_sure_of_before_the_work(
 
 
 def test_a_real_hand_without_markers(
-    tmp_path: Path, hand_video: Path, calibration: Calibration, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, hand_video: Path, calibration: CameraCalibration, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Forty frames of the recording, spread over it: nothing is measured, and the command says so."""
     files.save(calibration, tmp_path / "c.yaml")
@@ -181,7 +185,7 @@ def test_a_real_hand_without_markers(
     assert all(row["joint_0_rad"] in {"", "nan"} for row in rows)
 
 
-def test_overlay_marks_what_is_hidden(tracker: Tracker, scene: Scene) -> None:
+def test_overlay_marks_what_is_hidden(tracker: Tracker, scene: SyntheticScene) -> None:
     pose = np.full(3, 0.3)
     tip = scene.centres("index", pose)[-1]
     tracker.measure(scene.render({"index": pose}).image, 1.0)

@@ -27,8 +27,8 @@ from std_msgs.msg import Header
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
 from softgrip_vision import calibration as files
-from softgrip_vision.calibration import Calibration
-from softgrip_vision.synthetic import Scene
+from softgrip_vision.calibration import CameraCalibration
+from softgrip_vision.synthetic import SyntheticScene
 
 pytestmark = pytest.mark.ros
 
@@ -111,13 +111,13 @@ def watcher(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watcher]:
 
 
 @pytest.fixture
-def calibration_file(tmp_path: Path, calibration: Calibration) -> Path:
+def calibration_file(tmp_path: Path, calibration: CameraCalibration) -> Path:
     files.save(calibration, tmp_path / "camera.yaml")
     return tmp_path / "camera.yaml"
 
 
 @pytest.fixture(scope="module")
-def jpeg(scene: Scene) -> bytes:
+def jpeg(scene: SyntheticScene) -> bytes:
     return bytes(cv2.imencode(".jpg", scene.render({"index": POSE}).image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1])
 
 
@@ -126,7 +126,7 @@ def test_from_stream_to_joint_angles(
     calibration_file: Path,
     jpeg: bytes,
     tmp_path: Path,
-    scene: Scene,
+    scene: SyntheticScene,
     serve: Callable[..., str],
     part: Callable[[bytes, str | None], bytes],
 ) -> None:

@@ -12,7 +12,7 @@ import pytest
 from softgrip_vision import _core
 from softgrip_vision.calibration import Lens
 from softgrip_vision.colour import ColourModel
-from softgrip_vision.looks import BodySide, colours_at, surrounds_of
+from softgrip_vision.marker_appearance import BodySide, colours_at, surrounds_of
 from softgrip_vision.spots import Spot, Window, find_spots
 
 #: No multiples of 60 deg: signals are no whole numbers, and none lies on a threshold by chance.

@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 import pytest
 
-from softgrip_vision.calibration import Calibration
+from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.colour import ColourModel
 from softgrip_vision.layout import ChainLayout, FingerSetup
 from softgrip_vision.search import search_spots
 from softgrip_vision.sources import decode
 from softgrip_vision.spots import Window
-from softgrip_vision.synthetic import Scene
+from softgrip_vision.synthetic import SyntheticScene
 from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))
@@ -29,7 +29,7 @@ CROPS = 2000
 PACKAGES = ("matplotlib", "skimage", "sklearn", "mediapipe", "cv2", "scipy", "imageio", "PIL")
 SMALLEST = 5_000
 #: A drawing or an icon has fewer colours.
-FEWEST_COLOURS = 1_000
+MIN_COLOURS = 1_000
 VIDEO_FRAMES = 30
 
 
@@ -45,7 +45,7 @@ def photographs() -> dict[str, np.ndarray]:
                 if path.suffix.lower() not in {".jpg", ".jpeg", ".png"} or path.stat().st_size < SMALLEST:
                     continue
                 image = decode(path.read_bytes())
-                if len(np.unique(image.reshape(-1, 3), axis=0)) > FEWEST_COLOURS:
+                if len(np.unique(image.reshape(-1, 3), axis=0)) > MIN_COLOURS:
                     found[f"{package}/{path.relative_to(root)}"] = image
     return found
 
@@ -54,8 +54,8 @@ def frames_of(path: Path) -> list[np.ndarray]:
     """Frames of a video, spread over it."""
     video = cv2.VideoCapture(str(path))
     count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-    wanted = set(np.linspace(0, count - 1, VIDEO_FRAMES).astype(int).tolist())
-    frames = [np.asarray(video.retrieve()[1]) for k in range(count) if video.grab() and k in wanted]
+    requested = set(np.linspace(0, count - 1, VIDEO_FRAMES).astype(int).tolist())
+    frames = [np.asarray(video.retrieve()[1]) for k in range(count) if video.grab() and k in requested]
     video.release()
     return frames
 
@@ -93,7 +93,7 @@ def test_random_crops_of_real_images_never_crash(real: list[np.ndarray]) -> None
             assert 0 <= spot.v < height
 
 
-def test_no_finger_is_seen_in_real_images(calibration: Calibration, real: list[np.ndarray]) -> None:
+def test_no_finger_is_seen_in_real_images(calibration: CameraCalibration, real: list[np.ndarray]) -> None:
     random = np.random.default_rng(8)
     tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     for frame in range(40):
@@ -105,7 +105,7 @@ def test_no_finger_is_seen_in_real_images(calibration: Calibration, real: list[n
 
 
 def test_a_real_picture_put_over_a_followed_finger(
-    calibration: Calibration, scene: Scene, real: list[np.ndarray]
+    calibration: CameraCalibration, scene: SyntheticScene, real: list[np.ndarray]
 ) -> None:
     """Parts of photographs hide parts of the finger: what is still given out is right."""
     random = np.random.default_rng(9)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from softgrip_vision.errors import SourceError
-from softgrip_vision.sources import Capture, CaptureState, Frame, SourceOptions, open_source
+from softgrip_vision.sources import CameraFrame, Capture, CaptureState, SourceOptions, open_source
 
 #: [s] between frames, and how long anything may take.
 PERIOD, DEADLINE = 0.02, 20.0
@@ -141,7 +141,7 @@ def greys(count: int) -> list[np.ndarray]:
 def test_frames_come_in_order_with_their_time_of_arrival(camera: Callable[..., Camera]) -> None:
     before = time.time_ns()
     source = open_source(camera(greys(40)).url, SourceOptions(timeout=5.0))
-    frames: list[Frame] = []
+    frames: list[CameraFrame] = []
     while (frame := source.read()) is not None:
         frames.append(frame)
     source.close()

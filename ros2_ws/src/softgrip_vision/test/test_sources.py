@@ -19,9 +19,9 @@ import pytest
 
 from softgrip_vision.errors import FrameError, SourceError
 from softgrip_vision.sources import (
+    CameraFrame,
     Capture,
     CaptureState,
-    Frame,
     SourceOptions,
     decode,
     image_size,
@@ -329,7 +329,7 @@ def test_kinds_of_sources(tmp_path: Path) -> None:
         dereference(f"@{pointer}")
 
 
-def run(source: str, frames: list[Frame], *, repeat: bool = False) -> Capture:
+def run(source: str, frames: list[CameraFrame], *, repeat: bool = False) -> Capture:
     """Start a capture that puts its frames into a list."""
 
     def on_frame() -> None:
@@ -345,7 +345,7 @@ def run(source: str, frames: list[Frame], *, repeat: bool = False) -> Capture:
 def test_capture_waits_for_the_file_that_names_it_and_reconnects(
     tmp_path: Path, serve: Serve, part: Part, jpegs: Sequence[bytes]
 ) -> None:
-    frames: list[Frame] = []
+    frames: list[CameraFrame] = []
     pointer = tmp_path / "camera.url"
     capture = run(f"@{pointer}", frames)
     assert until(lambda: capture.status.state is CaptureState.WAITING)
@@ -390,7 +390,7 @@ def test_capture_drops_the_oldest_rather_than_lag(serve: Serve, part: Part, jpeg
 
 def test_capture_says_when_a_file_ended(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((8, 8, 3), np.uint8))
-    frames: list[Frame] = []
+    frames: list[CameraFrame] = []
     capture = run(str(tmp_path), frames)
     assert until(lambda: capture.status.state is CaptureState.ENDED)
     assert len(frames) == 1

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softgrip_model.profile import shipped_directory
-from softgrip_vision.calibration import Calibration, PlaneMap
+from softgrip_vision.calibration import CameraCalibration, PlaneMap
 from softgrip_vision.chain import ChainGeometry
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
 from softgrip_vision.finger import FingerTracker
@@ -21,7 +21,7 @@ from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.search import find_chain
 from softgrip_vision.spots import Spot
-from softgrip_vision.synthetic import Conditions, Occluder, Scene, make_calibration
+from softgrip_vision.synthetic import Conditions, Occluder, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))
@@ -30,7 +30,7 @@ FPS = 30.0
 
 def follow(
     tracker: Tracker,
-    scene: Scene,
+    scene: SyntheticScene,
     poses: Sequence[np.ndarray],
     hide: dict[int, set[int]] | None = None,
     conditions: Conditions | None = None,
@@ -49,7 +49,7 @@ def closing(frames: int) -> list[np.ndarray]:
     return [np.array([0.9, 0.7, 0.5]) * k / frames for k in range(frames)]
 
 
-def test_angles_and_tip_of_a_closing(tracker: Tracker, scene: Scene) -> None:
+def test_angles_and_tip_of_a_closing(tracker: Tracker, scene: SyntheticScene) -> None:
     poses = closing(15)
     for reading, truth in zip(follow(tracker, scene, poses), poses, strict=True):
         assert reading.pose is not None
@@ -58,7 +58,7 @@ def test_angles_and_tip_of_a_closing(tracker: Tracker, scene: Scene) -> None:
         assert [m.name for m in reading.markers] == ["base", "joint_0", "joint_1", "joint_2", "tip"]
 
 
-def test_centres_are_sub_pixel_and_their_deviation_is_honest(tracker: Tracker, scene: Scene) -> None:
+def test_centres_are_sub_pixel_and_their_deviation_is_honest(tracker: Tracker, scene: SyntheticScene) -> None:
     poses = closing(12)
     ratios = []
     for reading, truth in zip(follow(tracker, scene, poses), poses, strict=True):
@@ -68,7 +68,7 @@ def test_centres_are_sub_pixel_and_their_deviation_is_honest(tracker: Tracker, s
     assert 0.1 < np.std(ratios) < 1.5
 
 
-def test_a_hidden_marker_is_said_to_be_hidden_and_keeps_its_name(tracker: Tracker, scene: Scene) -> None:
+def test_a_hidden_marker_is_said_to_be_hidden_and_keeps_its_name(tracker: Tracker, scene: SyntheticScene) -> None:
     poses = closing(24)
     hide = {frame: {2} for frame in range(8, 18)}
     readings = follow(tracker, scene, poses, hide)
@@ -82,16 +82,16 @@ def test_a_hidden_marker_is_said_to_be_hidden_and_keeps_its_name(tracker: Tracke
             assert math.dist(marker.pixel, scene.centres("index", poses[frame])[2]) < 0.3
 
 
-def test_without_the_tip_nothing_is_said_about_the_pose(tracker: Tracker, scene: Scene) -> None:
+def test_without_the_tip_nothing_is_said_about_the_pose(tracker: Tracker, scene: SyntheticScene) -> None:
     readings = follow(tracker, scene, closing(16), {frame: {4} for frame in range(6, 12)})
     assert [frame for frame in range(6, 12) if readings[frame].pose is not None] in ([], [6])
     assert "tip" in readings[10].problem
     assert readings[15].pose is not None
 
 
-def test_what_comes_back_has_to_be_on_the_finger(calibration: Calibration) -> None:
+def test_what_comes_back_has_to_be_on_the_finger(calibration: CameraCalibration) -> None:
     """Green discs of a marker's size and colour lie around: none is taken for the hidden tip."""
-    scene = Scene(calibration, {"index": CHAIN}, decoys=60, seed=5)
+    scene = SyntheticScene(calibration, {"index": CHAIN}, decoys=60, seed=5)
     tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     poses = [np.array([0.3, 0.3, 0.3])] * 6 + closing(30)[10:]
     readings = follow(tracker, scene, poses, {frame: {4} for frame in range(4, 26)})
@@ -99,7 +99,9 @@ def test_what_comes_back_has_to_be_on_the_finger(calibration: Calibration) -> No
     assert all(readings[frame].markers[4].occluded for frame in range(4, 26))
 
 
-def test_a_marker_that_was_out_of_sight_is_believed_at_the_second_sight(tracker: Tracker, scene: Scene) -> None:
+def test_a_marker_that_was_out_of_sight_is_believed_at_the_second_sight(
+    tracker: Tracker, scene: SyntheticScene
+) -> None:
     """Its place is not known well any more: one flash in one frame is no marker."""
     there, elsewhere = np.array([0.3, 0.3, 0.3]), np.array([0.3, 0.3, 0.36])
     hide = {frame: {4} for frame in (*range(4, 12), 13, 14, 15)}
@@ -110,7 +112,9 @@ def test_a_marker_that_was_out_of_sight_is_believed_at_the_second_sight(tracker:
     assert readings[-1].pose.angles == pytest.approx(elsewhere, abs=math.radians(0.5))
 
 
-def test_two_frames_of_the_same_film_give_the_same_numbers(calibration: Calibration, scene: Scene) -> None:
+def test_two_frames_of_the_same_film_give_the_same_numbers(
+    calibration: CameraCalibration, scene: SyntheticScene
+) -> None:
     images = [scene.render({"index": pose}, Conditions(noise=2.0)).image for pose in closing(6)]
     results = []
     for _ in range(2):
@@ -124,9 +128,9 @@ def test_two_frames_of_the_same_film_give_the_same_numbers(calibration: Calibrat
 
 
 @pytest.mark.parametrize("offset", [(0.0, 20.0), (-18.0, -12.0)])
-def test_markers_on_the_edge_of_the_body(calibration: Calibration, offset: tuple[float, float]) -> None:
+def test_markers_on_the_edge_of_the_body(calibration: CameraCalibration, offset: tuple[float, float]) -> None:
     """As on the printed fingers: at the apex of a groove, half before the body and half before the bench."""
-    scene = Scene(calibration, {"index": CHAIN}, body_offset_px=offset)
+    scene = SyntheticScene(calibration, {"index": CHAIN}, body_offset_px=offset)
     tracker = Tracker((FingerSetup("index"),), {"power": {"index": CHAIN}}, calibration, "power")
     poses = closing(20)
     for reading, truth in zip(follow(tracker, scene, poses, {8: {3}, 9: {3}}), poses, strict=True):
@@ -136,7 +140,7 @@ def test_markers_on_the_edge_of_the_body(calibration: Calibration, offset: tuple
     assert reading.pose is not None, reading.problem
 
 
-def test_a_stop_after_fast_motion_is_followed(tracker: Tracker, scene: Scene) -> None:
+def test_a_stop_after_fast_motion_is_followed(tracker: Tracker, scene: SyntheticScene) -> None:
     """Blur makes markers larger; when it ends they are not taken for covered ones."""
     pose = np.full(3, 0.3)
     for frame in range(30):
@@ -148,7 +152,7 @@ def test_a_stop_after_fast_motion_is_followed(tracker: Tracker, scene: Scene) ->
 def test_fingers_by_colour() -> None:
     """The same plane, green and blue markers: each finger sees its own only."""
     calibration = make_calibration(("index",))
-    scene = Scene(calibration, {"index": CHAIN})
+    scene = SyntheticScene(calibration, {"index": CHAIN})
     green = scene.render({"index": np.full(3, 0.3)}).image
     blue = np.ascontiguousarray(green[:, :, [1, 0, 2]])  # green becomes blue
     finder = Tracker((FingerSetup("index", hue_deg=240.0),), {"power": {"index": CHAIN}}, calibration, "power")
@@ -158,7 +162,7 @@ def test_fingers_by_colour() -> None:
     assert reading.pose.angles == pytest.approx(np.full(3, 0.3), abs=0.01)
 
 
-def test_a_spot_goes_to_the_finger_with_the_better_claim(calibration: Calibration, scene: Scene) -> None:
+def test_a_spot_goes_to_the_finger_with_the_better_claim(calibration: CameraCalibration, scene: SyntheticScene) -> None:
     """Where another finger expects a marker of its own, the spot is not taken; a marker's diameter away it is."""
     pose = np.full(3, 0.3)
     image = scene.render({"index": pose}, Conditions(noise=2.0)).image
@@ -173,7 +177,7 @@ def test_a_spot_goes_to_the_finger_with_the_better_claim(calibration: Calibratio
 
 @pytest.mark.parametrize(("last", "found"), [(1.6, True), (-0.3, True), (-0.6, False), (2.0, False)])
 def test_a_chain_that_bends_as_no_finger_does_is_none(
-    calibration: Calibration, scene: Scene, last: float, *, found: bool
+    calibration: CameraCalibration, scene: SyntheticScene, last: float, *, found: bool
 ) -> None:
     """Distances alone do not make a finger: its joints turn between -20 and 100 deg."""
     places = scene.centres("index", np.array([0.3, 0.3, last]))
@@ -186,7 +190,7 @@ def test_a_chain_that_bends_as_no_finger_does_is_none(
 def test_several_fingers_side_by_side() -> None:
     fingers = ("index", "middle", "thumb")
     calibration = make_calibration(fingers, scale=2800.0)
-    scene = Scene(calibration, dict.fromkeys(fingers, CHAIN))
+    scene = SyntheticScene(calibration, dict.fromkeys(fingers, CHAIN))
     tracker = Tracker(
         tuple(FingerSetup(f) for f in fingers), {"power": dict.fromkeys(fingers, CHAIN)}, calibration, "power"
     )
@@ -197,11 +201,11 @@ def test_several_fingers_side_by_side() -> None:
         assert reading.pose.angles == pytest.approx(truth[reading.finger], abs=0.01)
 
 
-def test_another_profile_is_followed_after_a_swap(calibration: Calibration) -> None:
+def test_another_profile_is_followed_after_a_swap(calibration: CameraCalibration) -> None:
     longer = ChainLayout((0.035, 0.035, 0.035))
     chains = {"power": {"index": CHAIN}, "even": {"index": longer}}
     tracker = Tracker((FingerSetup("index"),), chains, calibration, "power")
-    scene = Scene(calibration, {"index": longer})
+    scene = SyntheticScene(calibration, {"index": longer})
     image = scene.render({"index": np.full(3, 0.2)}).image
     assert tracker.measure(image, 1.0)[0].pose is None
     before = tracker.configuration
@@ -212,7 +216,7 @@ def test_another_profile_is_followed_after_a_swap(calibration: Calibration) -> N
     assert reading.profile == "even"
 
 
-def test_a_finger_with_an_unknown_profile_is_not_measured(tracker: Tracker, scene: Scene) -> None:
+def test_a_finger_with_an_unknown_profile_is_not_measured(tracker: Tracker, scene: SyntheticScene) -> None:
     image = scene.render({"index": np.full(3, 0.2)}).image
     assert tracker.measure(image, 1.0)[0].pose is not None
     with pytest.raises(LayoutError, match="expected a profile of \\['power'\\], found 'unheard of'"):
@@ -224,12 +228,12 @@ def test_a_finger_with_an_unknown_profile_is_not_measured(tracker: Tracker, scen
     assert tracker.measure(image, 1.06)[0].pose is not None
 
 
-def test_a_profile_without_the_finger_is_named(calibration: Calibration) -> None:
+def test_a_profile_without_the_finger_is_named(calibration: CameraCalibration) -> None:
     with pytest.raises(LayoutError, match="profile 'power' has no finger 'index'"):
         Tracker((FingerSetup("index"),), {"power": {"thumb": CHAIN}}, calibration, "power")
 
 
-def test_options_change_live(tracker: Tracker, scene: Scene) -> None:
+def test_options_change_live(tracker: Tracker, scene: SyntheticScene) -> None:
     pose = np.full(3, 0.2)
     assert follow(tracker, scene, [pose])[0].pose is not None
     tracker.set_options(TrackerOptions(largest_angle_stddev=1e-6))
@@ -238,7 +242,7 @@ def test_options_change_live(tracker: Tracker, scene: Scene) -> None:
     assert "known to" in reading.problem
 
 
-def test_a_missing_marker_is_silence_not_a_guess(tracker: Tracker, scene: Scene) -> None:
+def test_a_missing_marker_is_silence_not_a_guess(tracker: Tracker, scene: SyntheticScene) -> None:
     (reading, *_) = follow(tracker, scene, [np.full(3, 0.3)], {0: {3}})
     assert reading.pose is None
     assert "expected a chain of 5 markers" in reading.problem
@@ -253,7 +257,7 @@ def test_pictures_without_a_finger_are_silent(tracker: Tracker, colour: tuple[in
     assert reading.problem
 
 
-def test_the_finger_vanishes_and_comes_back(tracker: Tracker, scene: Scene) -> None:
+def test_the_finger_vanishes_and_comes_back(tracker: Tracker, scene: SyntheticScene) -> None:
     pose = np.full(3, 0.3)
     present = scene.render({"index": pose}).image
     absent = np.full_like(present, 90)
@@ -265,7 +269,7 @@ def test_the_finger_vanishes_and_comes_back(tracker: Tracker, scene: Scene) -> N
     assert said[48].pose is not None
 
 
-def test_wrong_frames_are_named(tracker: Tracker, scene: Scene) -> None:
+def test_wrong_frames_are_named(tracker: Tracker, scene: SyntheticScene) -> None:
     image = scene.render({"index": np.full(3, 0.3)}).image
     with pytest.raises(FrameError, match="8-bit colour image"):
         tracker.measure(image[:, :, 0], 1.0)
@@ -278,7 +282,7 @@ def test_wrong_frames_are_named(tracker: Tracker, scene: Scene) -> None:
         tracker.measure(image, 0.99)
 
 
-def test_a_frame_of_another_size_in_between_changes_nothing(tracker: Tracker, scene: Scene) -> None:
+def test_a_frame_of_another_size_in_between_changes_nothing(tracker: Tracker, scene: SyntheticScene) -> None:
     image = scene.render({"index": np.full(3, 0.3)}).image
     assert tracker.measure(image, 1.0)[0].pose is not None
     with pytest.raises(CalibrationError, match="found 640x360"):
@@ -288,7 +292,7 @@ def test_a_frame_of_another_size_in_between_changes_nothing(tracker: Tracker, sc
     assert reading.pose.angles == pytest.approx(np.full(3, 0.3), abs=math.radians(0.3))
 
 
-def test_time_that_starts_again_starts_the_tracker_again(tracker: Tracker, scene: Scene) -> None:
+def test_time_that_starts_again_starts_the_tracker_again(tracker: Tracker, scene: SyntheticScene) -> None:
     image = scene.render({"index": np.full(3, 0.3)}).image
     tracker.measure(image, 1000.0)
     assert tracker.measure(image, 1.0)[0].pose is not None

@@ -17,7 +17,15 @@ from softgrip_bag.nodes.steps import runs, stamp_of
 from softgrip_bag.nodes.types import message_class
 from softgrip_bag.old_definitions import ENUMERATIONS, old_name
 from softgrip_bag.reader import RawMessage, topic_types
-from softgrip_bag.story import Closing, Fault, Fit, Grasp, Mode, Sample, Story
+from softgrip_bag.story import (
+    RecordedClosing,
+    RecordedFault,
+    RecordedFit,
+    RecordedGrasp,
+    RecordedMode,
+    RecordedSample,
+    Story,
+)
 from softgrip_interfaces.action import Grasp as GraspAction
 from softgrip_interfaces.msg import CellState, FrictionModel, FrictionSample, PredictionResidual
 
@@ -63,10 +71,10 @@ class _Reader:
         mode = _constant(CellState, message.mode)
         self._mode = mode
         reason = message.fault or message.reason
-        self.story.modes.append(Mode(time, mode, message.finger_set, message.product, reason))
+        self.story.modes.append(RecordedMode(time, mode, message.finger_set, message.product, reason))
 
     def _friction_active(self, time: int, message: Any) -> None:
-        fit = Fit(
+        fit = RecordedFit(
             time=time,
             id=message.id,
             law=message.law,
@@ -85,7 +93,7 @@ class _Reader:
     def _rig_sample(self, time: int, message: Any) -> None:
         accepted = message.verdict == FrictionSample.ACCEPTED
         self.story.samples.append(
-            Sample(time, message.angle, message.tension_high, message.tension_low, accepted=accepted)
+            RecordedSample(time, message.angle, message.tension_high, message.tension_low, accepted=accepted)
         )
 
     def _finger_measured(self, _: int, message: Any) -> None:
@@ -121,7 +129,7 @@ class _Reader:
         self._faults[source, of] = name
         if name and name != before:
             shown = f"{of}: {name}" if name != of else name
-            self.story.faults.append(Fault(time, source, shown, text))
+            self.story.faults.append(RecordedFault(time, source, shown, text))
 
 
 def digest(bag: Path) -> Story:
@@ -141,7 +149,7 @@ def digest(bag: Path) -> Story:
     return story
 
 
-def _closings(reader: _Reader) -> list[Closing]:
+def _closings(reader: _Reader) -> list[RecordedClosing]:
     found = []
     for (profile, finger), seen in sorted(reader.measured.items()):
         expected = reader.predicted.get((profile, finger), [])
@@ -160,12 +168,14 @@ def _closings(reader: _Reader) -> list[Closing]:
         errors = [error for stamp, error in reader.errors[finger] if stamp in own and np.isfinite(error)]
         pulled, measured, predicted = zip(*pairs, strict=True)
         found.append(
-            Closing(profile, finger, np.array(pulled), np.array(measured), np.array(predicted), np.array(errors))
+            RecordedClosing(
+                profile, finger, np.array(pulled), np.array(measured), np.array(predicted), np.array(errors)
+            )
         )
     return found
 
 
-def _grasps(bag: Path) -> list[Grasp]:
+def _grasps(bag: Path) -> list[RecordedGrasp]:
     found = []
     is_old = is_before_unset(bag)
     try:
@@ -181,7 +191,9 @@ def _grasps(bag: Path) -> list[Grasp]:
                         if is_old
                         else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
                     )
-                    found.append(Grasp(step.wall, product, outcome, result.reason, result.latency, result.duration))
+                    found.append(
+                        RecordedGrasp(step.wall, product, outcome, result.reason, result.latency, result.duration)
+                    )
     except BagError:
         return found  # what is there of a trace with a gap
     return found

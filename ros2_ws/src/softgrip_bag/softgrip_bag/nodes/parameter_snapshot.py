@@ -20,7 +20,7 @@ from softgrip_bag.nodes.file_reader import FileReader
 from softgrip_bag.redaction import redact
 
 #: [s] a node that has not answered until then is asked anew.
-PATIENCE_S = 5.0
+ANSWER_TIMEOUT_S = 5.0
 #: [s] between two tries to read a file that is not there.
 RETRY_S = 0.5
 #: As many refusals are kept: they come from anybody.
@@ -86,7 +86,7 @@ class ParameterSnapshot:
 
     def _ask(self, full: str) -> None:
         now = time.monotonic()
-        if now - self._asked.get(full, float("-inf")) < PATIENCE_S:
+        if now - self._asked.get(full, float("-inf")) < ANSWER_TIMEOUT_S:
             return
         if full not in self._clients:
             self._clients[full] = (

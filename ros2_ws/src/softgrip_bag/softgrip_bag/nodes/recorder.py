@@ -44,7 +44,7 @@ from softgrip_bag.reader import RawMessage
 from softgrip_bag.repair import bags_in, repair_all
 from softgrip_bag.ring import Ring, snapshot_seconds
 from softgrip_bag.schema_text import schema_text
-from softgrip_bag.writer import Attachment, BagWriter, Limits, Topic, clamp_stamp
+from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic, clamp_stamp
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
 from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run, with_message_info
@@ -116,7 +116,7 @@ class Recorder(Node):
     def __init__(self) -> None:
         super().__init__("recorder")
         self._values = PARAMETERS.declare(self)
-        self._limits = Limits(
+        self._limits = FileLimits(
             self._values["split_size_mb"] * _MB, self._values["split_time_s"], self._values["kept_files"]
         )
         self._bag: Pipeline | None = None
@@ -210,7 +210,7 @@ class Recorder(Node):
                 f"{free / _MB:.0f} MB; delete bags, or name another root"
             )
 
-    def _new_bag(self, folder: Path, limits: Limits) -> BagWriter:
+    def _new_bag(self, folder: Path, limits: FileLimits) -> BagWriter:
         bag = BagWriter(folder, self._facts, limits)
         for attachment in [*self._carried.values()]:
             bag.attach(attachment)
@@ -287,7 +287,7 @@ class Recorder(Node):
 
     def _write_snapshot(self, folder: Path, messages: Sequence[RawMessage], why: str = "") -> Path:
         self._check_reserve(folder, sum(len(message.data) for message in messages))
-        bag = self._new_bag(folder, Limits())
+        bag = self._new_bag(folder, FileLimits())
         try:
             if why:
                 bag.add_fact("softgrip_fault", {"fault": why})
@@ -301,8 +301,8 @@ class Recorder(Node):
     def _snapshot_of_fault(self) -> None:
         """Write what led to a fault and what followed, on a thread: recording goes on meanwhile."""
         why = self._fault_watch.due(time.monotonic())
-        wanted = self._values["snapshot_on_fault"]
-        if not why or wanted == "never" or (wanted == "unrecorded" and self._recording):
+        requested = self._values["snapshot_on_fault"]
+        if not why or requested == "never" or (requested == "unrecorded" and self._recording):
             return
         folder = self._folder("", "fault")
         messages = self._ring.last()
@@ -458,8 +458,8 @@ class Recorder(Node):
             if faults is not None:
                 self._watch_faults(name, faults, data, cls)
             # a recording ends on all topics at once, so that nothing in it follows from what is not
-            wanted = self._drain is None or self._drain.see(message.published)
-            if self._bag is not None and wanted:
+            requested = self._drain is None or self._drain.see(message.published)
+            if self._bag is not None and requested:
                 self._bag.put(name, received, message.published, data)
 
         qos = matching(topic.qos, self._values["queue_depth"])

@@ -35,7 +35,7 @@ class MissingMessageError(BagError):
 
 
 @dataclass(frozen=True)
-class Step:
+class TraceStep:
     """One entry of a trace: ``name`` is "<word> <what>", times in ns."""
 
     number: int
@@ -51,13 +51,13 @@ class Step:
         return self.name.startswith(_SAID)
 
 
-def runs(bag: Path, topic: str) -> Iterator[list[Step]]:
+def runs(bag: Path, topic: str) -> Iterator[list[TraceStep]]:
     """Yield the steps of each run of the node: it may have been restarted while the bag was recorded.
 
     Raises:
         BagError: when the beginning or a part is missing.
     """
-    steps: list[Step] = []
+    steps: list[TraceStep] = []
     for raw in read(bag, {topic}):
         batch = deserialize_message(raw.data, message_class(raw.type_name))
         if batch.first == 0 and steps:
@@ -75,11 +75,11 @@ def runs(bag: Path, topic: str) -> Iterator[list[Step]]:
         yield steps
 
 
-def _steps(batch: Any) -> Iterator[Step]:
+def _steps(batch: Any) -> Iterator[TraceStep]:
     data = bytes(batch.data)
     ends = [0, *itertools.accumulate(batch.size)]
     for index, name in enumerate(batch.name):
-        yield Step(
+        yield TraceStep(
             int(batch.first) + index,
             str(batch.names[name]),
             int(batch.stamp[index]),
@@ -100,7 +100,7 @@ class Messages:
         self._received: list[tuple[int, tuple[str, int]]] = []
         self._read_until = 0
 
-    def get(self, step: Step, topic: str) -> Any:
+    def get(self, step: TraceStep, topic: str) -> Any:
         """Return the message that a step worked on.
 
         Raises:

@@ -16,10 +16,10 @@ import yaml
 from softgrip_cell.catalogue_file import catalogue_text, read_catalogue
 from softgrip_cell.classify import classify, flexion_shares, read_demonstration
 from softgrip_cell.errors import CellError
+from softgrip_cell.finger_records import KIND, SCHEMA, FingerState, finger_record_document, read_finger_records
 from softgrip_cell.outcomes import Tally, estimate
-from softgrip_cell.passports import KIND, SCHEMA, FingerState, passport_document, read_passports
-from softgrip_cell.products import Fragility, Shape
-from softgrip_cell.storage import SHIPPED_URL, Database, Journal, Library
+from softgrip_cell.products import Fragility, ProductShape
+from softgrip_cell.storage import SHIPPED_URL, CellJournal, Database, Library
 
 EPILOG = """examples:
   ros2 run softgrip_cell library export products.yaml     edit the file, then
@@ -45,7 +45,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="library",
-        description="Products, finger sets and finger passports of a cell.",
+        description="Products, finger sets and finger records of a cell.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -55,8 +55,8 @@ def _parser() -> argparse.ArgumentParser:
     for name, run, text in (
         ("export", _export, "write products and finger sets to a YAML file"),
         ("import", _import, "take products and finger sets from a YAML file, all or nothing"),
-        ("export-fingers", _export_fingers, "write the finger passports to a YAML file"),
-        ("import-fingers", _import_fingers, "take finger passports from a YAML file, all or nothing"),
+        ("export-fingers", _export_fingers, "write the finger records to a YAML file"),
+        ("import-fingers", _import_fingers, "take finger records from a YAML file, all or nothing"),
     ):
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("file", type=Path)
@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     finger.add_argument("state", choices=[state.value for state in FingerState])
     finger.set_defaults(run=_finger)
     new = commands.add_parser("classify", help="how a new product is to be grasped, and why")
-    new.add_argument("shape", choices=[shape.value for shape in Shape])
+    new.add_argument("shape", choices=[shape.value for shape in ProductShape])
     new.add_argument("size_m", type=float, nargs=3, metavar="SIZE_M", help="length, width, height [m]")
     new.add_argument("--fragility", choices=[f.value for f in Fragility], default=Fragility.ROBUST.value)
     new.add_argument("--demonstration", type=Path, help="CSV, last three columns = joint angles base to tip [rad]")
@@ -101,16 +101,18 @@ def _import(options: argparse.Namespace) -> None:
 def _export_fingers(options: argparse.Namespace) -> None:
     database, library = _open(options)
     with database:
-        fingers = {serial: passport_document(passport) for serial, passport in library.passports().items()}
+        fingers = {
+            serial: finger_record_document(finger_record) for serial, finger_record in library.finger_records().items()
+        }
     document = {"schema": SCHEMA, "kind": KIND, "fingers": fingers}
     options.file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
 
 
 def _import_fingers(options: argparse.Namespace) -> None:
-    passports = read_passports(options.file)
+    finger_records = read_finger_records(options.file)
     database, library = _open(options)
     with database:
-        written = library.import_passports(passports.values(), options.who)
+        written = library.import_finger_records(finger_records.values(), options.who)
     print(f"written: {', '.join(written) or 'nothing, all is as in the database'}")
 
 
@@ -125,7 +127,7 @@ def _outcomes(options: argparse.Namespace) -> None:
     database, library = _open(options)
     with database:
         catalogue = library.catalogue()
-        tallies = Journal(database, (), time.time_ns).tallies()
+        tallies = CellJournal(database, (), time.time_ns).tallies()
     print(f"{'product':<16}" + "".join(f"{name:<30}" for name in catalogue.finger_sets))
     for product in catalogue.products.values():
         cells = []
@@ -147,7 +149,7 @@ def _audit(options: argparse.Namespace) -> None:
 def _classify(options: argparse.Namespace) -> None:
     shares = flexion_shares(read_demonstration(options.demonstration)) if options.demonstration else None
     length, width, height = options.size_m
-    found = classify(Shape(options.shape), (length, width, height), Fragility(options.fragility), shares)
+    found = classify(ProductShape(options.shape), (length, width, height), Fragility(options.fragility), shares)
     print(f"{found.grasp.value} (confidence {found.confidence:.2f})")
     for reason in found.reasons:
         print(f"  {reason}")

@@ -15,7 +15,7 @@ from softgrip_cell.grasp.trail import Trail
 from softgrip_cell.grasp.values import GraspTask
 
 #: Share of the holding excess that a product has to have taken before losing it is a slip, not a mistaken touch.
-FELT_SHARE: Final = 0.15
+PEAK_CONTACT_SHARE: Final = 0.15
 
 #: Fingers that move less than this within STANDING_S stand [m], [s]: 3 mm/s.
 STANDING_S: Final = 0.06
@@ -37,10 +37,10 @@ COLLAPSE_SHARE: Final = 0.5
 
 
 class Grip:
-    """Judges the fingers sample by sample.
+    """Judge the fingers sample by sample.
 
-    A *wall* is a finger that has closed as far as it goes: it stands at its stops and its tension tells nothing, but
-    what the other side presses against it is held. A *witness* is a finger that something stopped short of its end.
+    A finger is *at its end stop* when it has closed as far as it goes: its tension says nothing, but what the other
+    side presses against it is held. A finger is *blocked* when something stopped it short of its end.
     """
 
     def __init__(self, task: GraspTask, settings: GraspSettings, pressing: Pressing) -> None:
@@ -52,9 +52,9 @@ class Grip:
         self._readings: tuple[Reading, ...] = ()
         self._now_ns = 0
         self._peak_n = [0.0] * len(task.slots)
-        self._felt_n = [0.0] * len(task.slots)
+        self._peak_contact_n = [0.0] * len(task.slots)
         self._met_at_end: set[int] = set()
-        self._leaning: frozenset[int] = frozenset()
+        self._tip_deflected: frozenset[int] = frozenset()
 
     @property
     def readings(self) -> tuple[Reading, ...]:
@@ -63,20 +63,20 @@ class Grip:
 
     @property
     def peak_n(self) -> tuple[float, ...]:
-        """Greatest excess tension of every finger before its end [N]."""
+        """Greatest contact tension of every finger before its end [N]."""
         return tuple(self._peak_n)
 
-    def look(self, now_ns: int, readings: tuple[Reading, ...], leaning: frozenset[int] = frozenset()) -> None:
-        """Take the readings of a sample, and which fingers the camera sees lean on something."""
+    def look(self, now_ns: int, readings: tuple[Reading, ...], tip_deflected: frozenset[int] = frozenset()) -> None:
+        """Take the readings of a sample, and which fingertips the camera sees deflected."""
         self._now_ns = now_ns
-        self._leaning = leaning
+        self._tip_deflected = tip_deflected
         self._readings = readings
         self._trail.add(now_ns, readings)
         self._touches.look(now_ns, readings)
         for slot, (reading, kept_n) in enumerate(zip(readings, self._touches.kept_n, strict=True)):
             if not self.at_end(slot):
-                self._peak_n[slot] = max(self._peak_n[slot], reading.excess_n)
-                self._felt_n[slot] = max(self._felt_n[slot], kept_n)
+                self._peak_n[slot] = max(self._peak_n[slot], reading.contact_tension_n)
+                self._peak_contact_n[slot] = max(self._peak_contact_n[slot], kept_n)
 
     def meet(self, slots: Sequence[int]) -> None:
         """Remember which of these fingers are at their ends now: what they meet there counts as long as they press."""
@@ -90,8 +90,8 @@ class Grip:
     # --- fingers ---------------------------------------------------------------------------------------------------
 
     def at_end(self, slot: int) -> bool:
-        """A finger has closed as far as it may, or creeps the last bit of it, where it is no witness any more."""
-        return not self._is_witness(slot)
+        """A finger has closed as far as it may, or creeps the last bit of it, where it does not count as blocked."""
+        return not self._is_blocked(slot)
 
     def touches(self, slot: int) -> bool:
         """A finger's tension tells a touch, and no mere disturbance of its drive."""
@@ -102,8 +102,8 @@ class Grip:
 
         Pushed back by the others, a standing finger has its friction against it and less tension than in free motion.
         """
-        seen = slot in self._leaning and self._readings[slot].judged
-        return self.touches(slot) or seen or (slot in self._pressing.slots and not self._is_wall(slot))
+        seen = slot in self._tip_deflected and self._readings[slot].judged
+        return self.touches(slot) or seen or (slot in self._pressing.slots and not self._is_at_end_stop(slot))
 
     def standing(self) -> tuple[bool, ...]:
         """Which fingers stand."""
@@ -113,11 +113,11 @@ class Grip:
         """How far the finger that went farthest has moved lately [m]."""
         return self._trail.advance_m(self._now_ns, within_s)
 
-    def _is_wall(self, slot: int) -> bool:
+    def _is_at_end_stop(self, slot: int) -> bool:
         return self._readings[slot].pulled_m >= self._pressing.path_m(slot)
 
-    def _is_witness(self, slot: int) -> bool:
-        return self._readings[slot].pulled_m <= self._pressing.path_m(slot) - self._settings.witness_m
+    def _is_blocked(self, slot: int) -> bool:
+        return self._readings[slot].pulled_m <= self._pressing.path_m(slot) - self._settings.min_blockage_m
 
     # --- the hand --------------------------------------------------------------------------------------------------
 
@@ -132,25 +132,25 @@ class Grip:
     def enclosed(self) -> bool:
         """Something is between the fingers: both sides press, and at least one finger was stopped by it."""
         presses = [self.presses(slot) for slot in range(len(self._readings))]
-        return self.encloses(presses) and self._witnessed(presses)
+        return self.encloses(presses) and self._has_blocked(presses)
 
-    def escaped(self) -> bool:
+    def lost_contact(self) -> bool:
         """Nothing touches any more."""
-        return not any(reading.excess_n >= 0.5 * reading.threshold_n for reading in self._readings)
+        return not any(reading.contact_tension_n >= 0.5 * reading.threshold_n for reading in self._readings)
 
-    def felt(self) -> bool:
+    def had_contact(self) -> bool:
         """Both sides have pressed on something, not only brushed it, for longer than a drive is disturbed."""
-        least_n = FELT_SHARE * self._task.recipe.hold_excess_n
-        return self.encloses([felt_n >= least_n for felt_n in self._felt_n])
+        min_n = PEAK_CONTACT_SHARE * self._task.recipe.hold_contact_tension_n
+        return self.encloses([kept_n >= min_n for kept_n in self._peak_contact_n])
 
-    def hooked(self) -> bool:
+    def is_hooked_on(self) -> bool:
         """The thumb of a hook presses on something while the fingers, closed as far as they go, feel none of it."""
         thumb = self._task.thumb
         fingers = [slot for slot in range(len(self._readings)) if slot != thumb]
         return (
             not self._task.opposed
             and self._readings[thumb].touching
-            and self._is_witness(thumb)
+            and self._is_blocked(thumb)
             and all(self.at_end(slot) for slot in fingers)
         )
 
@@ -159,16 +159,16 @@ class Grip:
         share = self._settings.slip_share
         return self._supports(
             [
-                reading.excess_n >= share * reading.threshold_n
-                or slot in self._leaning
+                reading.contact_tension_n >= share * reading.threshold_n
+                or slot in self._tip_deflected
                 or self._pressing.is_starting(slot, self._now_ns)
                 for slot, reading in enumerate(self._readings)
             ]
         )
 
-    def leans(self) -> bool:
+    def is_tip_deflected(self) -> bool:
         """A finger is seen bent by something: while lifted, that can only be what hangs in the hand."""
-        return bool(self._leaning)
+        return bool(self._tip_deflected)
 
     def collapsed(self) -> bool:
         """Both sides have lost at once what they pressed with, and a finger leaps into the room that was left.
@@ -177,16 +177,19 @@ class Grip:
         """
         before = self._trail.hardest(self._now_ns, COLLAPSE_S)
         fell = [
-            then.tension_n - now.tension_n >= COLLAPSE_SHARE * self._task.recipe.hold_excess_n and not now.touching
+            then.tension_n - now.tension_n >= COLLAPSE_SHARE * self._task.recipe.hold_contact_tension_n
+            and not now.touching
             for now, then in zip(self._readings, before, strict=True)
         ]
-        felt = any(reading.touching and not self._is_wall(slot) for slot, reading in enumerate(self._readings))
-        return self.encloses(fell) and not felt and COLLAPSE_M <= self.advance_m(COLLAPSE_S) < math.inf
+        had_contact = any(
+            reading.touching and not self._is_at_end_stop(slot) for slot, reading in enumerate(self._readings)
+        )
+        return self.encloses(fell) and not had_contact and COLLAPSE_M <= self.advance_m(COLLAPSE_S) < math.inf
 
     def grips(self) -> bool:
         """Both sides stand and press with what the recipe asks for."""
         full = [reading.touching and self._pressing.is_full(s, reading) for s, reading in enumerate(self._readings)]
-        pulled = self._pressing.was_told_within(STANDING_S, self._now_ns)
+        pulled = self._pressing.was_commanded_within(STANDING_S, self._now_ns)
         return self.encloses(full) and not pulled and self.advance_m(STANDING_S) <= GRIPPING_M
 
     def rests(self) -> bool:
@@ -196,12 +199,12 @@ class Grip:
     def _supports(self, presses: Sequence[bool]) -> bool:
         """These fingers hold something between them, or press it against those that stand at their stops."""
         slots = range(len(self._readings))
-        walls = [self._is_wall(slot) for slot in slots]
-        free = [not walls[slot] or slot in self._met_at_end for slot in slots]
+        at_end_stop = [self._is_at_end_stop(slot) for slot in slots]
+        free = [not at_end_stop[slot] or slot in self._met_at_end for slot in slots]
         feels = [free[slot] and presses[slot] for slot in slots]
         between = self.encloses(feels)
-        on_wall = any(feels) and self.encloses([feels[slot] or walls[slot] for slot in slots])
-        return (between or on_wall) and self._witnessed(feels)
+        on_end_stop = any(feels) and self.encloses([feels[slot] or at_end_stop[slot] for slot in slots])
+        return (between or on_end_stop) and self._has_blocked(feels)
 
-    def _witnessed(self, presses: Sequence[bool]) -> bool:
-        return any(press and self._is_witness(slot) for slot, press in enumerate(presses))
+    def _has_blocked(self, presses: Sequence[bool]) -> bool:
+        return any(press and self._is_blocked(slot) for slot, press in enumerate(presses))

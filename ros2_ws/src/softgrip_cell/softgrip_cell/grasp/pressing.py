@@ -13,7 +13,7 @@ from softgrip_cell.grasp.values import Close, GraspTask, Press
 from softgrip_cell.products import Fragility
 
 #: Fingers that touch nothing are held with this, so that their tendons stay taut [N].
-LEAST_TENSION_N: Final = 1.0
+MIN_TENSION_N: Final = 1.0
 
 #: Share of the holding excess from which a finger counts as pressing with all that was asked of it.
 FULL_SHARE: Final = 0.8
@@ -52,7 +52,7 @@ class Pressing:
         self._kept_n: dict[int, float] = {}
         self._starting_until_ns: dict[int, int] = {}
         self._low_since_ns: dict[int, int] = {}
-        self._told: dict[int, tuple[float, Reading]] = {}
+        self._last_commands: dict[int, tuple[float, Reading]] = {}
         self._yielded: set[int] = set()
 
     @property
@@ -71,12 +71,14 @@ class Pressing:
     def close(self, slots: Sequence[int]) -> Close:
         """Close these fingers along their paths, with a tension that the product bears wherever they meet it."""
         free_n = max(self._task.references[slot].tension(self.path_m(slot)) for slot in slots)
-        excess_n = max(self._reader.excess_limit(slot, self._recipe.force_limit_n) for slot in slots)
-        limit_n = min(free_n + excess_n, self._settings.tension_limit_n)
+        contact_tension_n = max(
+            self._reader.contact_tension_limit_n(slot, self._recipe.force_limit_n) for slot in slots
+        )
+        limit_n = min(free_n + contact_tension_n, self._settings.tension_limit_n)
         for slot in slots:
             self._kept_since_ns.pop(slot, None)
             self._kept_n.pop(slot, None)
-            self._told.pop(slot, None)
+            self._last_commands.pop(slot, None)
             self._yielded.discard(slot)
         return Close(tuple(slots), tuple(map(self.path_m, slots)), self._recipe.closing_speed_m_per_s, limit_n)
 
@@ -86,16 +88,16 @@ class Pressing:
             self._kept_since_ns[slot] = now_ns
             if now_ns >= self._starting_until_ns.get(slot, 0) + (STARTING_ONCE_S - STARTING_S) * 1e9:
                 self._starting_until_ns[slot] = now_ns + round(STARTING_S * 1e9)
-        tensions_n = tuple(self._wanted_n(slot, readings[slot]) for slot in slots)
-        self._told.update((slot, (n, readings[slot])) for slot, n in zip(slots, tensions_n, strict=True))
+        tensions_n = tuple(self._requested_n(slot, readings[slot]) for slot in slots)
+        self._last_commands.update((slot, (n, readings[slot])) for slot, n in zip(slots, tensions_n, strict=True))
         return Press(tuple(slots), tensions_n, self._speed_m_per_s)
 
     def keep(self, slots: Sequence[int], readings: Sequence[Reading], now_ns: int) -> Press:
         """Have fingers that touch nothing yet keep the tension that they have, so that they follow what comes."""
         self._kept_since_ns.update(dict.fromkeys(slots, now_ns))
-        wanted_n = [min(readings[slot].tension_n, self._wanted_n(slot, readings[slot])) for slot in slots]
-        self._kept_n.update(zip(slots, wanted_n, strict=True))
-        return Press(tuple(slots), tuple(max(LEAST_TENSION_N, n) for n in wanted_n), self._speed_m_per_s)
+        requested_n = [min(readings[slot].tension_n, self._requested_n(slot, readings[slot])) for slot in slots]
+        self._kept_n.update(zip(slots, requested_n, strict=True))
+        return Press(tuple(slots), tuple(max(MIN_TENSION_N, n) for n in requested_n), self._speed_m_per_s)
 
     def keep_up(self, readings: Sequence[Reading], standing: Sequence[bool], now_ns: int) -> tuple[Press, ...]:
         """Pull again where a product that settled or gave way has taken a finger's tension away.
@@ -104,9 +106,9 @@ class Pressing:
         """
         for slot, reading in enumerate(readings):
             if self._yields(slot, reading):
-                self._kept_n[slot] = min(self._told[slot][0], self._kept_n.get(slot, math.inf))
+                self._kept_n[slot] = min(self._last_commands[slot][0], self._kept_n.get(slot, math.inf))
                 self._yielded.add(slot)
-            low = slot in self._kept_since_ns and reading.tension_n < self._wanted_n(slot, reading, KEEP_SHARE)
+            low = slot in self._kept_since_ns and reading.tension_n < self._requested_n(slot, reading, KEEP_SHARE)
             if low and standing[slot]:
                 self._low_since_ns.setdefault(slot, now_ns)
             else:
@@ -122,17 +124,19 @@ class Pressing:
 
     def hold_still(self) -> None:
         """From here on no finger is told more than it was told last."""
-        self._kept_n.update((slot, min(n, self._kept_n.get(slot, n))) for slot, (n, _) in self._told.items())
+        self._kept_n.update((slot, min(n, self._kept_n.get(slot, n))) for slot, (n, _) in self._last_commands.items())
 
     def _yields(self, slot: int, reading: Reading) -> bool:
         """What this finger was told last has moved it on, but it presses no harder for it."""
-        told = self._told.get(slot)
-        if told is None:
+        last_command = self._last_commands.get(slot)
+        if last_command is None:
             return False
-        gained_n = reading.excess_n - told[1].excess_n
-        return reading.pulled_m - told[1].pulled_m >= YIELD_M and gained_n <= YIELD_SHARE * self._excess_n(slot)
+        gained_n = reading.contact_tension_n - last_command[1].contact_tension_n
+        return reading.pulled_m - last_command[
+            1
+        ].pulled_m >= YIELD_M and gained_n <= YIELD_SHARE * self._contact_tension_n(slot)
 
-    def was_told_within(self, span_s: float, now_ns: int) -> bool:
+    def was_commanded_within(self, span_s: float, now_ns: int) -> bool:
         """A finger was told what to keep so short a time ago that it may not have begun to move."""
         return any(now_ns - since_ns < span_s * 1e9 for since_ns in self._kept_since_ns.values())
 
@@ -145,13 +149,15 @@ class Pressing:
         if slot not in self._kept_since_ns:
             return False
         given_n = KEEP_SHARE * self._kept_n[slot] if slot in self._yielded else math.inf
-        return reading.excess_n >= FULL_SHARE * self._excess_n(slot) or reading.tension_n >= given_n
+        return reading.contact_tension_n >= FULL_SHARE * self._contact_tension_n(slot) or reading.tension_n >= given_n
 
-    def _excess_n(self, slot: int) -> float:
+    def _contact_tension_n(self, slot: int) -> float:
         """Excess tension that a finger shall press with [N]: the recipe's, unless the product bears less."""
-        return min(self._recipe.hold_excess_n, self._reader.excess_limit(slot, self._recipe.force_limit_n))
+        return min(
+            self._recipe.hold_contact_tension_n, self._reader.contact_tension_limit_n(slot, self._recipe.force_limit_n)
+        )
 
-    def _wanted_n(self, slot: int, reading: Reading, share: float = 1.0) -> float:
+    def _requested_n(self, slot: int, reading: Reading, share: float = 1.0) -> float:
         """Tension that a finger shall keep where it stands now [N], with a share of the excess asked of it."""
-        most_n = min(reading.free_n + share * self._excess_n(slot), self._settings.tension_limit_n)
-        return max(LEAST_TENSION_N, min(most_n, share * self._kept_n.get(slot, math.inf)))
+        max_n = min(reading.free_n + share * self._contact_tension_n(slot), self._settings.tension_limit_n)
+        return max(MIN_TENSION_N, min(max_n, share * self._kept_n.get(slot, math.inf)))

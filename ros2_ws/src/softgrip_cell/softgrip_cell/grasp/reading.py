@@ -12,7 +12,7 @@ from typing import Final
 
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.observation import Pair
+from softgrip_cell.observation import ObservedPair
 
 #: Pulled length between two predictions from which the fingertip's path per pulled length is taken [m].
 LEVER_STEP_M: Final = 0.0005
@@ -53,7 +53,7 @@ class Reading:
     pulled_m: float
     tension_n: float
     free_n: float
-    excess_n: float
+    contact_tension_n: float
     threshold_n: float
     force_n: float
     judged: bool = True
@@ -61,7 +61,7 @@ class Reading:
     @property
     def touching(self) -> bool:
         """More tension than free motion explains."""
-        return self.excess_n >= self.threshold_n and self.judged
+        return self.contact_tension_n >= self.threshold_n and self.judged
 
 
 class Baseline:
@@ -95,8 +95,8 @@ class Baseline:
         self._pulled_m = max(self._pulled_m, pulled_m)
         off_n = difference_n - self._value_n
         if travel_m > 0.0 and off_n < QUIET_SHARE * threshold_n:
-            most_n = BASELINE_SLOPE_N_PER_M * travel_m
-            step_n = max(-most_n, min(most_n, BASELINE_SMOOTHING * off_n))
+            max_n = BASELINE_SLOPE_N_PER_M * travel_m
+            step_n = max(-max_n, min(max_n, BASELINE_SMOOTHING * off_n))
             self._value_n = max(BASELINE_LOW_N, self._value_n + step_n)
 
 
@@ -115,7 +115,7 @@ class Reader:
         self._baselines = [Baseline() for _ in self._references]
         self._anchors: list[tuple[float, tuple[float, float]] | None] = [None] * len(self._references)
 
-    def read(self, pair: Pair, pressing: Collection[int] = ()) -> tuple[Reading, ...]:
+    def read(self, pair: ObservedPair, pressing: Collection[int] = ()) -> tuple[Reading, ...]:
         """Return the reading of every slot.
 
         Args:
@@ -124,11 +124,11 @@ class Reader:
         """
         return tuple(self._read_slot(slot, pair, slot not in pressing) for slot in range(len(self._references)))
 
-    def excess_limit(self, slot: int, force_limit_n: float) -> float:
+    def contact_tension_limit_n(self, slot: int, force_limit_n: float) -> float:
         """Return the excess tension that may mean a contact force limit [N]."""
         return force_limit_n * self._levers[slot] / self._settings.lever_factor
 
-    def _read_slot(self, slot: int, pair: Pair, closing: bool) -> Reading:
+    def _read_slot(self, slot: int, pair: ObservedPair, closing: bool) -> Reading:
         settings, reference = self._settings, self._references[slot]
         pulled_m, tension_n = pair.sample.pulled_m[slot], pair.sample.tension_n[slot]
         predicted_n = pair.free.tension_n[slot]
@@ -150,14 +150,14 @@ class Reader:
         elif within and closing:
             baseline.prepare(tension_n - free_n)
         free_n = max(0.0, free_n + baseline.value_n)
-        excess_n = tension_n - free_n
+        contact_tension_n = tension_n - free_n
         return Reading(
             pulled_m=pulled_m,
             tension_n=tension_n,
             free_n=free_n,
-            excess_n=excess_n,
+            contact_tension_n=contact_tension_n,
             threshold_n=threshold_n,
-            force_n=max(0.0, excess_n) * settings.lever_factor / self._levers[slot],
+            force_n=max(0.0, contact_tension_n) * settings.lever_factor / self._levers[slot],
             judged=judged,
         )
 

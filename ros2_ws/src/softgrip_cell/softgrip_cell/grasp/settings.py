@@ -21,7 +21,7 @@ class GraspSettings:
         end_m: see end_free_fraction [m].
         contact_from_m: pulled length from which contact is looked for: before, slack and the motor's start hide it [m].
         run: samples in a row that have to agree before anything is decided.
-        witness_m: a finger that stopped so far short of its end met something; nearer, its own stops may hold it [m].
+        min_blockage_m: a finger that stopped so far short of its end is blocked; nearer, its own stops may hold it [m].
         tip_m: a fingertip that is seen farther than this from its predicted place, beside the camera's own uncertainty,
             leans on something; what the check after a swap lets pass, twice as far beyond the path that it covered [m].
         slip_share: share of the contact threshold below which a finger that held touches nothing any more.
@@ -47,7 +47,7 @@ class GraspSettings:
     end_m: float = 0.0015
     contact_from_m: float = 0.003
     run: int = 3
-    witness_m: float = 0.0008
+    min_blockage_m: float = 0.0008
     tip_m: float = 0.012
     slip_share: float = 0.7
     slip_s: float = 0.04

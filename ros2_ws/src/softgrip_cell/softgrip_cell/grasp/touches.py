@@ -35,13 +35,13 @@ class _Touch:
 
     def look(self, now_ns: int, reading: Reading) -> None:
         """Take a sample."""
-        self._latest_n.append(reading.excess_n)
+        self._latest_n.append(reading.contact_tension_n)
         if not reading.touching:
             self._samples = 0
         elif not self._samples:
-            self._began_ns, self._began_n = now_ns, reading.excess_n
+            self._began_ns, self._began_n = now_ns, reading.contact_tension_n
         self._samples += reading.touching
-        grown = reading.excess_n >= self._began_n
+        grown = reading.contact_tension_n >= self._began_n
         lasts = now_ns - self._began_ns >= LASTS_S * 1e9
         self.sure = self._samples >= self._run and (grown or lasts)
 

@@ -11,7 +11,7 @@ from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.products import Product, Recipe
 
 
-class Phase(StrEnum):
+class GraspPhase(StrEnum):
     """Where a grasp stands (Grasp.action feedback)."""
 
     APPROACH = "approach"
@@ -21,7 +21,7 @@ class Phase(StrEnum):
     DONE = "done"
 
 
-class Outcome(StrEnum):
+class GraspOutcome(StrEnum):
     """How a grasp ended (Grasp.action result)."""
 
     GRIPPED = "GRIPPED"
@@ -85,7 +85,7 @@ Command = Open | Close | Press | Stop
 
 
 @dataclass(frozen=True)
-class Verdict:
+class GraspVerdict:
     """How a grasp ended and why.
 
     Attributes:
@@ -94,17 +94,17 @@ class Verdict:
         evidence: the numbers behind it, plain data.
     """
 
-    outcome: Outcome
+    outcome: GraspOutcome
     reason: str
     latency_s: float
     evidence: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Step:
+class GraspStep:
     """What follows from one observation; usually nothing."""
 
-    phase: Phase
+    phase: GraspPhase
     commands: tuple[Command, ...] = ()
-    verdict: Verdict | None = None
+    verdict: GraspVerdict | None = None
     contact: bool = False

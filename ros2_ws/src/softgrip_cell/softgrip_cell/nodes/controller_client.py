@@ -104,8 +104,8 @@ class CellController:
             feedback = message.feedback
             self._token = feedback.token
             if feedback.confirmation:
-                told = list(confirm(feedback.step, feedback.instruction))
-                request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=told)
+                given = list(confirm(feedback.step, feedback.instruction))
+                request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=given)
                 answer = self._confirm.call_async(request)
                 answer.add_done_callback(self._log_refusal)
 
@@ -141,12 +141,12 @@ class CellController:
         Returns:
             Grasp.Result; look at its outcome (names in GRASP_OUTCOMES).
         """
-        told: list[str] = []
+        given: list[str] = []
 
         def on_feedback(message: Any) -> None:
             phase = message.feedback.phase
-            if on_phase is not None and phase not in told:
-                told.append(phase)
+            if on_phase is not None and phase not in given:
+                given.append(phase)
                 on_phase(phase)
 
         goal = Grasp.Goal(product=product, confirm_lift=confirm_lift, trial=trial)

@@ -12,10 +12,10 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
 from softgrip_cell.gates import DriverFacts, FrictionFacts, SafetyFacts
-from softgrip_cell.grasp.values import Outcome, Verdict
+from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
 from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
 from softgrip_cell.planner import PlannedOrder
-from softgrip_cell.storage.journal import Slot, SlotState
+from softgrip_cell.storage.journal import MountedSlot, SlotState
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
@@ -37,11 +37,11 @@ _SLOT_STATES = {
 }
 
 _OUTCOMES = {
-    Outcome.GRIPPED: Grasp.Result.GRIPPED,
-    Outcome.EMPTY: Grasp.Result.EMPTY,
-    Outcome.SLIPPED: Grasp.Result.SLIPPED,
-    Outcome.TENDON_FAULT: Grasp.Result.TENDON_FAULT,
-    Outcome.ABORTED: Grasp.Result.ABORTED,
+    GraspOutcome.GRIPPED: Grasp.Result.GRIPPED,
+    GraspOutcome.EMPTY: Grasp.Result.EMPTY,
+    GraspOutcome.SLIPPED: Grasp.Result.SLIPPED,
+    GraspOutcome.TENDON_FAULT: Grasp.Result.TENDON_FAULT,
+    GraspOutcome.ABORTED: Grasp.Result.ABORTED,
 }
 
 #: Verdicts of friction models that may be used.
@@ -188,7 +188,7 @@ def safety_facts(message: SafetyState) -> SafetyFacts:
     )
 
 
-def mounted_fingers(slots: Sequence[Slot]) -> list[MountedFinger]:
+def mounted_fingers(slots: Sequence[MountedSlot]) -> list[MountedFinger]:
     """Return slots as messages."""
     return [
         MountedFinger(finger=slot.name, serial=slot.serial, profile=slot.profile, state=_SLOT_STATES[slot.state])
@@ -209,7 +209,7 @@ def plan_step(step: PlannedOrder) -> PlanStep:
     )
 
 
-def grasp_result(verdict: Verdict, sample: TendonSample | None, duration_s: float) -> Grasp.Result:
+def grasp_result(verdict: GraspVerdict, sample: TendonSample | None, duration_s: float) -> Grasp.Result:
     """Return how a grasp ended as an action result."""
     return Grasp.Result(
         outcome=_OUTCOMES[verdict.outcome],
@@ -222,7 +222,7 @@ def grasp_result(verdict: Verdict, sample: TendonSample | None, duration_s: floa
     )
 
 
-def swap_result(outcome: str, reason: str, slots: Sequence[Slot], duration_s: float) -> SwapFingers.Result:
+def swap_result(outcome: str, reason: str, slots: Sequence[MountedSlot], duration_s: float) -> SwapFingers.Result:
     """Return how a swap ended as an action result; ``outcome`` is the name of the result's constant."""
     return SwapFingers.Result(
         outcome=getattr(SwapFingers.Result, outcome),
@@ -232,7 +232,7 @@ def swap_result(outcome: str, reason: str, slots: Sequence[Slot], duration_s: fl
     )
 
 
-def cell_state(stamp: Time, mode: int, slots: Sequence[Slot], numbers: Mapping[str, Any]) -> CellState:
+def cell_state(stamp: Time, mode: int, slots: Sequence[MountedSlot], numbers: Mapping[str, Any]) -> CellState:
     """Return the cell's state as a message; ``numbers`` holds its remaining fields by name."""
     message = CellState(mode=mode, mounted=mounted_fingers(slots), **numbers)
     message.header.stamp = stamp

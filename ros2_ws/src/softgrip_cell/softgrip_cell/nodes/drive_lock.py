@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from softgrip_interfaces.srv import AcquireLock, ReleaseLock
-from softgrip_nodekit import Doors
+from softgrip_nodekit import NodeIo
 
 #: Called with whether it was done (None: nobody answered, it may or may not have been), and the token or the words.
 Answered = Callable[[bool | None, str], None]
@@ -21,10 +21,10 @@ class DriveLock:
         owner: who, in words.
     """
 
-    def __init__(self, doors: Doors, owner: str) -> None:
+    def __init__(self, node_io: NodeIo, owner: str) -> None:
         self._owner = owner
-        self._acquire = doors.client(AcquireLock, "tendon/lock")
-        self._release = doors.client(ReleaseLock, "tendon/unlock")
+        self._acquire = node_io.client(AcquireLock, "tendon/lock")
+        self._release = node_io.client(ReleaseLock, "tendon/unlock")
 
     def ready(self) -> bool:
         """Whether the driver serves locks."""

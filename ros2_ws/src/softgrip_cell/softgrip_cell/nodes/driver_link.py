@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from softgrip_cell.grasp.values import Close, Command, Open, Press
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
-from softgrip_nodekit import Caller, Doors, to_time_message
+from softgrip_nodekit import Caller, NodeIo, to_time_message
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
@@ -57,14 +57,14 @@ class DriverLink:
         limits: what no movement may exceed.
     """
 
-    def __init__(self, doors: Doors, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
-        self._doors = doors
+    def __init__(self, node_io: NodeIo, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
+        self._node_io = node_io
         self._slots = tuple(slots)
         self.lease = lease
         self._limits = limits
-        self._move = doors.action_client(MoveTendon, "tendon/move")
-        self._release = doors.client(Trigger, "tendon/release")
-        self._home = doors.client(Trigger, "tendon/home")
+        self._move = node_io.action_client(MoveTendon, "tendon/move")
+        self._release = node_io.client(Trigger, "tendon/release")
+        self._home = node_io.client(Trigger, "tendon/home")
         self._movements: list[_Movement] = []
 
     def missing(self) -> list[str]:
@@ -133,7 +133,7 @@ class DriverLink:
             speed=float(speed_m_per_s),
             tension_limit=float(tension_limit_n),
             lease=self.lease.token,
-            deadline=to_time_message(self._doors.now_ns() + round(self._limits.order_s * 1e9)),
+            deadline=to_time_message(self._node_io.now_ns() + round(self._limits.order_s * 1e9)),
         )
 
         def on_goal(handle: Any) -> None:

@@ -13,8 +13,10 @@ from sensor_msgs.msg import JointState
 
 from softgrip_cell.catalogue_file import SHIPPED as SHIPPED_CATALOGUE
 from softgrip_cell.catalogue_file import read_catalogue
-from softgrip_cell.cell import Cell, Clocks, Mode
+from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import CellError, OccupiedError, SchemaError, StorageError
+from softgrip_cell.finger_records import SHIPPED as SHIPPED_FINGER_RECORDS
+from softgrip_cell.finger_records import read_finger_records
 from softgrip_cell.gates import DriverFacts, FrictionLimits
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.nodes import convert
@@ -24,11 +26,9 @@ from softgrip_cell.nodes.grasp_server import GraspServer
 from softgrip_cell.nodes.parameters import PARAMETERS, agreements, check_settings, grasp_settings, motion_limits
 from softgrip_cell.nodes.swap_server import SwapServer
 from softgrip_cell.nodes.tendon_lease import TendonLease
-from softgrip_cell.observation import Pair, Pairing, Silence
-from softgrip_cell.passports import SHIPPED as SHIPPED_PASSPORTS
-from softgrip_cell.passports import read_passports
+from softgrip_cell.observation import ObservedPair, Pairing, StreamSilence
 from softgrip_cell.planner import Order
-from softgrip_cell.storage import Database, Journal, Library
+from softgrip_cell.storage import CellJournal, Database, Library
 from softgrip_interfaces.msg import (
     CellState,
     FingerStates,
@@ -45,10 +45,10 @@ from softgrip_nodekit import (
     RELIABLE,
     SENSOR,
     Diagnostics,
-    Doors,
     Health,
+    NodeIo,
+    RecordingIo,
     StartupError,
-    TracedDoors,
     run,
     to_time_message,
 )
@@ -71,9 +71,9 @@ Value = TypeVar("Value")
 class GraspMixManager(Node):
     """Knows products and fingers, plans, guides swaps, grasps, and says how it went."""
 
-    def __init__(self, doors: Callable[[Node], Doors] = TracedDoors) -> None:
+    def __init__(self, node_io: Callable[[Node], NodeIo] = RecordingIo) -> None:
         super().__init__(WHO)
-        self._doors = doors(self)
+        self._node_io = node_io(self)
         values = PARAMETERS.declare(self)
         self._slots: list[str] = values["slots"]
         if values["thumb"] not in self._slots or len(set(self._slots)) != len(self._slots):
@@ -83,7 +83,7 @@ class GraspMixManager(Node):
         self._grasp_settings: GraspSettings = grasp_settings(values)
         self._status: TendonStatusArray | None = None
         self._silence_s: float = values["silence_s"]
-        self._status_silence, self._state_silence = (Silence(round(self._silence_s / LOOK_S)) for _ in range(2))
+        self._status_silence, self._state_silence = (StreamSilence(round(self._silence_s / LOOK_S)) for _ in range(2))
         self._dropped = 0  # tendon/state messages without a number for every slot
         self._next_retry_s = 0.0
         self._friction: FrictionModel | None = None
@@ -96,27 +96,29 @@ class GraspMixManager(Node):
         except StartupError:
             self._database.close()
             raise
-        self._started_at_s = self._doors.monotonic_s()
+        self._started_at_s = self._node_io.monotonic_s()
         heartbeats = self.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
         self._lease = TendonLease(
-            self._doors, heartbeats.publish, WHO, self._slots, values["lease_s"], self._on_lease_lost
+            self._node_io, heartbeats.publish, WHO, self._slots, values["lease_s"], self._on_lease_lost
         )
-        self._driver = DriverLink(self._doors, self._slots, self._lease, motion_limits(values))
-        self._grasp = GraspServer(self._doors, self._cell, self._driver, self._grasp_settings)
-        lock, check = DriveLock(self._doors, WHO), check_settings(values)
-        self._swap = SwapServer(self._doors, self._cell, self._driver, lock, check, self._slots, values["swap_limit_s"])
+        self._driver = DriverLink(self._node_io, self._slots, self._lease, motion_limits(values))
+        self._grasp = GraspServer(self._node_io, self._cell, self._driver, self._grasp_settings)
+        lock, check = DriveLock(self._node_io, WHO), check_settings(values)
+        self._swap = SwapServer(
+            self._node_io, self._cell, self._driver, lock, check, self._slots, values["swap_limit_s"]
+        )
         self._state_publisher = self.create_publisher(CellState, "cell/state", LATCHED)
-        self._doors.service(SelectProduct, "cell/select_product", self._on_select)
-        self._doors.service(PlanMix, "cell/plan_mix", self._on_plan)
-        self._doors.subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
-        self._doors.subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
-        self._doors.subscription(SafetyState, "safety/state", self._on_safety, LATCHED)
-        self._doors.subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
-        self._doors.subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
-        self._doors.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
-        self._doors.subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
-        self._doors.subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
-        self._doors.timer(LOOK_S, self._watch)
+        self._node_io.service(SelectProduct, "cell/select_product", self._on_select)
+        self._node_io.service(PlanMix, "cell/plan_mix", self._on_plan)
+        self._node_io.subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
+        self._node_io.subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
+        self._node_io.subscription(SafetyState, "safety/state", self._on_safety, LATCHED)
+        self._node_io.subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
+        self._node_io.subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
+        self._node_io.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self._node_io.subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
+        self._node_io.subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
+        self._node_io.timer(LOOK_S, self._watch)
         self._publish_state()
 
     def close(self) -> None:
@@ -128,15 +130,17 @@ class GraspMixManager(Node):
 
     def _open_cell(self, values: dict[str, Any]) -> Cell:
         """Fill an empty database from the shipped files and take up what the last run left."""
-        library = Library(self._database, self._doors.now_ns)
+        library = Library(self._database, self._node_io.now_ns)
 
         def prepare() -> None:
             self._database.open()
             if library.is_empty():
                 catalogue = read_catalogue(Path(values["catalogue"]) if values["catalogue"] else SHIPPED_CATALOGUE)
-                passports = read_passports(Path(values["passports"]) if values["passports"] else SHIPPED_PASSPORTS)
+                finger_records = read_finger_records(
+                    Path(values["finger_records"]) if values["finger_records"] else SHIPPED_FINGER_RECORDS
+                )
                 library.import_catalogue(catalogue, WHO)
-                library.import_passports(passports.values(), WHO)
+                library.import_finger_records(finger_records.values(), WHO)
 
         try:
             prepare()
@@ -145,9 +149,9 @@ class GraspMixManager(Node):
         except StorageError as error:
             self.get_logger().error(f"{error}; the cell is at fault until it can be used")
         limits = FrictionLimits(values["friction_age_limit_s"], values["friction_range_factor"])
-        self._doors.state(self._save, self._load)
-        journal = Journal(self._database, self._slots, self._doors.now_ns)
-        clocks = Clocks(now_ns=self._doors.now_ns, monotonic_s=self._doors.monotonic_s)
+        self._node_io.state(self._save, self._load)
+        journal = CellJournal(self._database, self._slots, self._node_io.now_ns)
+        clocks = Clocks(now_ns=self._node_io.now_ns, monotonic_s=self._node_io.monotonic_s)
         thumb = self._slots.index(values["thumb"])
         cell = Cell(library, journal, thumb, limits, clocks, agreements(values), prepare)
         cell.update_friction(self._friction_facts)
@@ -174,7 +178,7 @@ class GraspMixManager(Node):
     def _friction_facts(self) -> Any:
         if self._friction is None:
             return None
-        return convert.friction_facts(self._friction, self._doors.now_ns())
+        return convert.friction_facts(self._friction, self._node_io.now_ns())
 
     def _on_tendon_state(self, message: JointState) -> None:
         sample = convert.tendon_sample(message, self._slots)
@@ -194,7 +198,7 @@ class GraspMixManager(Node):
         profiles = [slot.profile for slot in self._cell.slots()]
         self._take(self._pairing.add_prediction(convert.free_motion(message, self._slots, profiles)))
 
-    def _take(self, pair: Pair | None) -> None:
+    def _take(self, pair: ObservedPair | None) -> None:
         if pair is not None:
             self._grasp.observe(pair)
             self._swap.observe(pair)
@@ -249,9 +253,9 @@ class GraspMixManager(Node):
         self._state_silence.look()
         self._watch_silence()
         self._swap.watch_clock()
-        is_due = self._doors.monotonic_s() >= self._next_retry_s
+        is_due = self._node_io.monotonic_s() >= self._next_retry_s
         if is_due:
-            self._next_retry_s = self._doors.monotonic_s() + RETRY_S
+            self._next_retry_s = self._node_io.monotonic_s() + RETRY_S
             self._cell.retry_writes()
         self._care_for_lease(is_due)
         self._update_driver()
@@ -269,7 +273,7 @@ class GraspMixManager(Node):
             if self._dropped:
                 text += f"; {self._dropped} messages without a number for every slot were dropped"
             self._diagnostics.set("tendons", Health.OK, text)
-        elif self._status is None and self._doors.monotonic_s() - self._started_at_s < START_S:
+        elif self._status is None and self._node_io.monotonic_s() - self._started_at_s < START_S:
             self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
         else:
             reason = f"expected {' and '.join(silent)}, found none for {self._silence_s:g} s"
@@ -294,7 +298,9 @@ class GraspMixManager(Node):
 
     def _report_cell(self) -> None:
         mode = self._cell.mode
-        health = {Mode.FAULT: Health.ERROR, Mode.ESTOP: Health.ERROR, Mode.UNKNOWN: Health.WARN}.get(mode, Health.OK)
+        health = {CellMode.FAULT: Health.ERROR, CellMode.ESTOP: Health.ERROR, CellMode.UNKNOWN: Health.WARN}.get(
+            mode, Health.OK
+        )
         if self._cell.lock is not None and not self._swap.active:
             health = max(health, Health.WARN)
         state = self._cell.state()
@@ -345,7 +351,7 @@ class GraspMixManager(Node):
         compared = (self._cell.mode, self._cell.slots(), {k: v for k, v in numbers.items() if k != "availability"})
         if compared != self._published:
             self._published = compared
-            stamp = to_time_message(self._doors.now_ns())
+            stamp = to_time_message(self._node_io.now_ns())
             self._state_publisher.publish(convert.cell_state(stamp, int(self._cell.mode), self._cell.slots(), numbers))
 
 

@@ -12,12 +12,12 @@ from rclpy.task import Future
 from softgrip_cell.errors import CellError
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, GraspTask, Outcome, Phase, Step, Verdict
+from softgrip_cell.grasp.values import Close, GraspOutcome, GraspPhase, GraspStep, GraspTask, GraspVerdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
+from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_interfaces.action import Grasp, MoveTendon
-from softgrip_nodekit import Doors
+from softgrip_nodekit import NodeIo
 
 
 class GraspHost(Protocol):
@@ -26,7 +26,7 @@ class GraspHost(Protocol):
     def begin_grasp(self, product_id: str, *, confirm_lift: bool, trial: bool) -> GraspTask:
         """Check every gate and take the cell; raises RefusedError."""
 
-    def end_grasp(self, task: GraspTask, verdict: Verdict, duration_s: float) -> None:
+    def end_grasp(self, task: GraspTask, verdict: GraspVerdict, duration_s: float) -> None:
         """Write down what came of it and give the cell back."""
 
     def abandon_grasp(self, reason: str) -> None:
@@ -39,8 +39,8 @@ class GraspHost(Protocol):
 class GraspServer:
     """One grasp at a time, decided in the subscription callbacks that feed it."""
 
-    def __init__(self, doors: Doors, host: GraspHost, driver: DriverLink, settings: GraspSettings) -> None:
-        self._doors = doors
+    def __init__(self, node_io: NodeIo, host: GraspHost, driver: DriverLink, settings: GraspSettings) -> None:
+        self._node_io = node_io
         self._host = host
         self._driver = driver
         self._settings = settings
@@ -49,11 +49,11 @@ class GraspServer:
         self._done: Future | None = None
         self._sample: TendonSample | None = None
         self._is_active = False
-        self._step = Step(Phase.DONE)
-        doors.action_server(Grasp, "cell/grasp", self._execute, self._cancel)
+        self._step = GraspStep(GraspPhase.DONE)
+        node_io.action_server(Grasp, "cell/grasp", self._execute, self._cancel)
 
     @property
-    def phase(self) -> Phase | None:
+    def phase(self) -> GraspPhase | None:
         """Where the running grasp stands, None when none runs."""
         return self._sequence.phase if self._sequence is not None else None
 
@@ -68,7 +68,7 @@ class GraspServer:
         if self._sequence is not None:
             self._do(self._sequence.observe_sample(sample))
 
-    def observe(self, pair: Pair) -> None:
+    def observe(self, pair: ObservedPair) -> None:
         """Take a tendon sample with its prediction."""
         if self._sequence is not None:
             self._do(self._sequence.observe(pair))
@@ -110,25 +110,25 @@ class GraspServer:
         self._done = Future()
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
-        verdict: Verdict = await self._doors.resumed("grasp", self._done)
+        verdict: GraspVerdict = await self._node_io.resumed("grasp", self._done)
         self._is_active = False
         duration_s = self._host.now_s() - started_s
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
-        elif verdict.outcome is Outcome.ABORTED:
+        elif verdict.outcome is GraspOutcome.ABORTED:
             goal_handle.abort()
         else:
             goal_handle.succeed()
         result = convert.grasp_result(verdict, self._sample, duration_s)
         # After the result has gone out: writing to disk must not delay it.
-        self._doors.later(self._host.end_grasp, task, verdict, duration_s)
+        self._node_io.later(self._host.end_grasp, task, verdict, duration_s)
         return result
 
     async def _owned(self, goal_handle: Any) -> str:
         """Become the owner of the tendons; returns why not."""
         owned = Future()
         self._driver.lease.acquire(owned.set_result)
-        denied: str = await self._doors.resumed("lease", owned)
+        denied: str = await self._node_io.resumed("lease", owned)
         if goal_handle.is_cancel_requested:
             return "cancelled by the client before anything moved"
         return f"refused: {denied}" if denied else ""
@@ -138,13 +138,13 @@ class GraspServer:
             goal_handle.canceled()
         else:
             goal_handle.abort()
-        return convert.grasp_result(Verdict(Outcome.ABORTED, reason, 0.0), self._sample, 0.0)
+        return convert.grasp_result(GraspVerdict(GraspOutcome.ABORTED, reason, 0.0), self._sample, 0.0)
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._doors.later(self.abort, "cancelled by the client; the fingers stay where they are")
+        self._node_io.later(self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
-    def _do(self, step: Step) -> None:
+    def _do(self, step: GraspStep) -> None:
         for command in step.commands:
             self._driver.run(command, self._closing_ended if isinstance(command, Close) else self._movement_ended)
         changed = (step.phase, step.contact) != (self._step.phase, self._step.contact)

@@ -20,7 +20,12 @@ _AGREEMENTS = Agreements()
 PARAMETERS = ParameterTable(
     Parameter("database_url", SHIPPED_URL, "SQLAlchemy URL: sqlite:///path or postgresql://user@host/name"),
     Parameter("catalogue", "", "YAML that an empty database is filled from; empty = the shipped 15 products"),
-    Parameter("passports", "", "YAML that an empty database is filled from; empty = the shipped fingers"),
+    Parameter(
+        "finger_records",
+        "",
+        "YAML that an empty database is filled from; empty = the shipped fingers",
+        former="passports",
+    ),
     Parameter("slots", ["index", "middle", "thumb"], "slots = tendons of the gripper, in order"),
     Parameter("thumb", "thumb", "slot that presses against the others"),
     Parameter("lift_window_s", _GRASP.lift_window_s, "how long a hold is watched after lifting", "s", 0.05, 60.0),
@@ -55,7 +60,15 @@ PARAMETERS = ParameterTable(
     Parameter(
         "slip_share", _GRASP.slip_share, "share of the contact threshold below which a hold is lost", "", 0.1, 1.0
     ),
-    Parameter("witness_m", _GRASP.witness_m, "so far short of its end a finger met something", "m", 0.0003, 0.005),
+    Parameter(
+        "min_blockage_m",
+        _GRASP.min_blockage_m,
+        "a finger stopped so far short of its end is blocked by something",
+        "m",
+        0.0003,
+        0.005,
+        former="witness_m",
+    ),
     Parameter("stale_s", _GRASP.stale_s, "longest run of samples without a prediction in a grasp", "s", 0.02, 5.0),
     Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
@@ -95,7 +108,7 @@ def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
         stale_s=values["stale_s"],
         tension_limit_n=values["tension_limit_n"],
         tip_m=values["check_tip_m"],
-        witness_m=values["witness_m"],
+        min_blockage_m=values["min_blockage_m"],
     )
 
 

@@ -20,13 +20,13 @@ from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.observation import Pair, SeenTip, TendonFault, TendonSample
-from softgrip_cell.storage.journal import HeldLock, Slot
+from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
+from softgrip_cell.storage.journal import HeldLock, MountedSlot
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
-from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, Turn
+from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
-from softgrip_nodekit import Doors
+from softgrip_nodekit import NodeIo
 
 #: A tendon with less tension than this may be unhooked [N].
 SLACK_N: Final = 2.0
@@ -50,14 +50,14 @@ class SwapHost(Protocol):
     def earlier_references(self, sequence: SwapSequence) -> Mapping[str, FreeReference]:
         """What the last checks of these fingers saw, per slot."""
 
-    def remember(self, turn: Turn) -> None:
+    def persist(self, turn: SwapTransition) -> None:
         """Write down what has to be written before a step begins."""
 
     @property
     def lock(self) -> HeldLock | None:
         """The lock of the drives that this cell holds."""
 
-    def keep_lock(self, turn: Turn, lock: HeldLock) -> None:
+    def keep_lock(self, turn: SwapTransition, lock: HeldLock) -> None:
         """Write down the lock, and that a person may touch the fingers from now on."""
 
     def drop_lock(self, reason: str = "") -> None:
@@ -68,7 +68,7 @@ class SwapHost(Protocol):
     ) -> None:
         """Write down what came of it and give the cell back, unless hands may still be inside."""
 
-    def slots(self) -> Sequence[Slot]:
+    def slots(self) -> Sequence[MountedSlot]:
         """What the slots hold now."""
 
     def now_s(self) -> float:
@@ -99,7 +99,7 @@ class SwapServer:
 
     def __init__(
         self,
-        doors: Doors,
+        node_io: NodeIo,
         host: SwapHost,
         driver: DriverLink,
         lock: DriveLock,
@@ -107,7 +107,7 @@ class SwapServer:
         slots: Sequence[str],
         limit_s: float,
     ) -> None:
-        self._doors = doors
+        self._node_io = node_io
         self._host = host
         self._driver = driver
         self._lock = lock
@@ -128,8 +128,8 @@ class SwapServer:
         self._lock_stands = False  # the driver has said so since it was taken, or since safety/state said otherwise
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
-        doors.action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
-        doors.service(ConfirmStep, "cell/confirm_step", self._confirm)
+        node_io.action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
+        node_io.service(ConfirmStep, "cell/confirm_step", self._confirm)
 
     @property
     def active(self) -> bool:
@@ -143,7 +143,7 @@ class SwapServer:
             slack, self._slack = self._slack, None
             _resolve(slack)
 
-    def observe(self, pair: Pair) -> None:
+    def observe(self, pair: ObservedPair) -> None:
         """Take a tendon sample with its prediction."""
         if self._closing is not None:
             self._closing.observe(pair)
@@ -202,7 +202,7 @@ class SwapServer:
             goal_handle.abort()
             return convert.swap_result("REFUSED", str(error), self._host.slots(), 0.0)
         self._sequence, self._goal, self._ended = sequence, goal_handle, None
-        self._token = self._doors.draw_token()
+        self._token = self._node_io.draw_token()
         self._started_s = self._host.now_s()
         outcome, reason, checks = await self._swapped(sequence)
         self._goal, self._closing, self._slack = None, None, None
@@ -230,7 +230,11 @@ class SwapServer:
         except CellError as error:
             return "FAILED", f"{error}; {sequence.safe_condition()}", {}
         bad = [f"{name}: {check.reason}" for name, check in checks.items() if check.finding is not Finding.GOOD]
-        return ("FAILED", "check refused: " + "; ".join(bad), checks) if bad else ("SUCCEEDED", _praise(checks), checks)
+        return (
+            ("FAILED", "check refused: " + "; ".join(bad), checks)
+            if bad
+            else ("SUCCEEDED", _check_summary(checks), checks)
+        )
 
     async def _walk(self, sequence: SwapSequence) -> None:
         """From slack tendons to homed ones."""
@@ -240,13 +244,13 @@ class SwapServer:
         turn = sequence.released()
         if turn.step is SwapStep.LOCK:
             turn = await self._changed_by_hand(sequence, turn)
-        self._host.remember(turn)
+        self._host.persist(turn)
         self._tell(turn)
         await self._answered(self._driver.home, "tendon/home")
 
-    async def _changed_by_hand(self, sequence: SwapSequence, turn: Turn) -> Turn:
+    async def _changed_by_hand(self, sequence: SwapSequence, turn: SwapTransition) -> SwapTransition:
         """Lock the drives, have a person change the fingers, unlock; returns what follows."""
-        self._host.remember(turn)
+        self._host.persist(turn)
         self._tell(turn)
         token = await self._locked(sequence)
         turn = sequence.locked()
@@ -258,7 +262,7 @@ class SwapServer:
         while turn.confirmation:
             self._tell(turn)
             turn = await self._wait(Future())
-            self._host.remember(turn)
+            self._host.persist(turn)
         self._tell(turn)
         await self._unlocked(token)
         await self._owned()
@@ -267,7 +271,7 @@ class SwapServer:
     async def _verify(self, sequence: SwapSequence) -> Mapping[str, FingerCheck]:
         """Close on nothing, open again, and judge."""
         turn = sequence.homed()
-        self._host.remember(turn)
+        self._host.persist(turn)
         self._tell(turn)
         self._closing = EmptyClosing(self._slots, self._settings, self._host.earlier_references(sequence))
         settings = self._settings
@@ -382,14 +386,14 @@ class SwapServer:
             self._driver.release(give_back)
         else:
             give_back()
-        await self._doors.resumed("swap", done)
+        await self._node_io.resumed("swap", done)
         self._given_back = None
 
     async def _wait(self, future: Future) -> Any:
         """Wait for what resolves the future, or for whoever interrupts the swap."""
         if self._ended is None:
             self._waiting = future
-            result = await self._doors.resumed("swap", future)
+            result = await self._node_io.resumed("swap", future)
         if self._ended is not None:
             raise self._ended
         return result
@@ -401,7 +405,7 @@ class SwapServer:
             self._ended = self._ended or SwapEnded(outcome, reason)
             _resolve(self._waiting)
 
-    def _tell(self, turn: Turn) -> None:
+    def _tell(self, turn: SwapTransition) -> None:
         self._goal.publish_feedback(
             SwapFingers.Feedback(
                 step=turn.step.value,
@@ -452,7 +456,7 @@ class SwapServer:
         return "the drives are being unlocked; run cell/swap before any grasp"
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._doors.later(self._interrupt, "CANCELLED", "cancelled by the client")
+        self._node_io.later(self._interrupt, "CANCELLED", "cancelled by the client")
         return CancelResponse.ACCEPT
 
 
@@ -467,5 +471,5 @@ def _check_token(given: str, expected: str) -> None:
         raise RefusedError(f"expected the token that the feedback of this swap gave to its client, found {found}")
 
 
-def _praise(checks: Mapping[str, FingerCheck]) -> str:
+def _check_summary(checks: Mapping[str, FingerCheck]) -> str:
     return "; ".join(f"{name}: {check.reason}" for name, check in checks.items())

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from softgrip_interfaces.msg import LeaseHeartbeat, TendonOwners
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
-from softgrip_nodekit import Doors, to_time_message
+from softgrip_nodekit import NodeIo, to_time_message
 
 #: A driver that has not answered for so long does not answer [s].
 ANSWER_S: Final = 2.0
@@ -48,21 +48,21 @@ class TendonLease:
 
     def __init__(
         self,
-        doors: Doors,
+        node_io: NodeIo,
         publish: Callable[[LeaseHeartbeat], None],
         owner: str,
         tendons: Sequence[str],
         duration_s: float,
         lost: Callable[[str], None],
     ) -> None:
-        self._doors = doors
+        self._node_io = node_io
         self._publish = publish
         self._owner = owner
         self._tendons = tuple(tendons)
         self._duration_s = duration_s
         self._lost = lost
-        self._acquire = doors.client(AcquireLease, "tendon/lease")
-        self._release = doors.client(ReleaseLease, "tendon/lease_release")
+        self._acquire = node_io.client(AcquireLease, "tendon/lease")
+        self._release = node_io.client(ReleaseLease, "tendon/lease_release")
         self._owners: dict[str, tuple[str, str]] = {}
         self._request: _Request | None = None
         self._releasing: list[tuple[float, Callable[[], None]]] = []
@@ -80,7 +80,7 @@ class TendonLease:
     @property
     def is_left(self) -> bool:
         """Whether the tendons were handed over a moment ago."""
-        return self._doors.monotonic_s() < self._left_until_s
+        return self._node_io.monotonic_s() < self._left_until_s
 
     def missing(self) -> list[str]:
         """Return the services that nobody serves."""
@@ -95,7 +95,9 @@ class TendonLease:
         if not self._acquire.ready():
             answered("expected service tendon/lease, found none; start or check tendon_driver")
             return
-        self._request = _Request(answered, self._doors.monotonic_s() + self._duration_s + OWN_LEASE_GRACE_S + ANSWER_S)
+        self._request = _Request(
+            answered, self._node_io.monotonic_s() + self._duration_s + OWN_LEASE_GRACE_S + ANSWER_S
+        )
         self._ask(self._request)
 
     def release(self, released: Callable[[], None] = lambda: None) -> None:
@@ -104,13 +106,13 @@ class TendonLease:
         if not token or not self._release.ready():
             released()
             return
-        entry = (self._doors.monotonic_s() + ANSWER_S, released)
+        entry = (self._node_io.monotonic_s() + ANSWER_S, released)
         self._releasing.append(entry)
         self._release.call(ReleaseLease.Request(token=token), lambda _response: self._released(entry))
 
     def hand_over(self) -> None:
         """Give the tendons to whoever asked for them, and leave them alone for a while."""
-        self._left_until_s = self._doors.monotonic_s() + HAND_OVER_S
+        self._left_until_s = self._node_io.monotonic_s() + HAND_OVER_S
         self.release()
 
     def observe_owners(self, message: TendonOwners) -> None:
@@ -126,7 +128,7 @@ class TendonLease:
     def _check_ownership(self) -> None:
         """Find out that the lease was lost; what tendon/owners said before it was granted does not count."""
         others = self._others()
-        is_settled = self._is_seen or self._doors.monotonic_s() - self._granted_s > SETTLED_S
+        is_settled = self._is_seen or self._node_io.monotonic_s() - self._granted_s > SETTLED_S
         if self.token and others and is_settled:
             self.token = ""
             self._lost(
@@ -135,10 +137,10 @@ class TendonLease:
 
     def look(self) -> None:
         """Say that the owner is alive, and give up what is not answered; each call is a heartbeat."""
-        now_s = self._doors.monotonic_s()
+        now_s = self._node_io.monotonic_s()
         if self.token:
             message = LeaseHeartbeat(token=self.token)
-            message.header.stamp = to_time_message(self._doors.now_ns())
+            message.header.stamp = to_time_message(self._node_io.now_ns())
             self._publish(message)
         self._check_ownership()
         for entry in [entry for entry in self._releasing if now_s > entry[0]]:
@@ -163,7 +165,7 @@ class TendonLease:
                 self._release.call(ReleaseLease.Request(token=response.token), lambda _response: None)
             return
         if granted:
-            self.token, self._granted_s = response.token, self._doors.monotonic_s()
+            self.token, self._granted_s = response.token, self._node_io.monotonic_s()
             self._finish(request, "")
         elif response is None:
             self._finish(request, "tendon_driver went away before it answered tendon/lease")

@@ -15,10 +15,10 @@ from typing import Any
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
+from softgrip_cell.finger_records import FingerState
 from softgrip_cell.outcomes import Tally
-from softgrip_cell.passports import FingerState
 from softgrip_cell.storage.engine import Database
-from softgrip_cell.storage.schema import LOCK, META, OPERATION, OUTCOME, PASSPORT, SLOT, SWAP
+from softgrip_cell.storage.schema import FINGER_RECORD, LOCK, META, OPERATION, OUTCOME, SLOT, SWAP
 
 
 class SlotState(StrEnum):
@@ -30,7 +30,7 @@ class SlotState(StrEnum):
 
 
 @dataclass(frozen=True)
-class Slot:
+class MountedSlot:
     """One slot; ``serial`` and ``profile`` are empty unless a finger was read in."""
 
     name: str
@@ -72,7 +72,7 @@ class Counts:
     mean_swap_s: float
 
 
-class Journal:
+class CellJournal:
     """Slots, the open operation, outcomes and swaps.
 
     Args:
@@ -115,15 +115,15 @@ class Journal:
             self._audit(connection, "recover", f"{cut.kind} {cut.subject}", {"step": cut.step})
             return cut
 
-    def slots(self) -> tuple[Slot, ...]:
+    def slots(self) -> tuple[MountedSlot, ...]:
         """Return what the slots hold, in slot order."""
-        query = select(SLOT, PASSPORT.c.profile).outerjoin(PASSPORT, SLOT.c.serial == PASSPORT.c.serial)
+        query = select(SLOT, FINGER_RECORD.c.profile).outerjoin(FINGER_RECORD, SLOT.c.serial == FINGER_RECORD.c.serial)
         with self._database.read() as connection:
             rows = {row.slot: row for row in connection.execute(query)}
         return tuple(
-            Slot(name, SlotState(rows[name].state), rows[name].serial, rows[name].profile or "")
+            MountedSlot(name, SlotState(rows[name].state), rows[name].serial, rows[name].profile or "")
             if name in rows
-            else Slot(name)
+            else MountedSlot(name)
             for name in self._names
         )
 
@@ -184,9 +184,9 @@ class Journal:
             self._audit(connection, "lock", lock.subject, None)
             mounted = select(SLOT.c.serial).where(SLOT.c.serial != "").scalar_subquery()
             connection.execute(
-                update(PASSPORT)
-                .where(PASSPORT.c.serial.in_(mounted), PASSPORT.c.state == FingerState.MOUNTED.value)
-                .values(state=FingerState.UNKNOWN.value, version=PASSPORT.c.version + 1)
+                update(FINGER_RECORD)
+                .where(FINGER_RECORD.c.serial.in_(mounted), FINGER_RECORD.c.state == FingerState.MOUNTED.value)
+                .values(state=FingerState.UNKNOWN.value, version=FINGER_RECORD.c.version + 1)
             )
             connection.execute(update(SLOT).values(state=SlotState.UNKNOWN.value))
 
@@ -196,9 +196,9 @@ class Journal:
             self._set_step(connection, step)
             out = list(connection.execute(select(SLOT.c.serial).where(SLOT.c.serial != "")).scalars())
             connection.execute(
-                update(PASSPORT)
-                .where(PASSPORT.c.serial.in_(out), PASSPORT.c.state == FingerState.UNKNOWN.value)
-                .values(state=FingerState.STORE.value, version=PASSPORT.c.version + 1)
+                update(FINGER_RECORD)
+                .where(FINGER_RECORD.c.serial.in_(out), FINGER_RECORD.c.state == FingerState.UNKNOWN.value)
+                .values(state=FingerState.STORE.value, version=FINGER_RECORD.c.version + 1)
             )
             connection.execute(update(SLOT).values(serial=""))
             self._audit(connection, "park", ", ".join(out) or "nothing", None)
@@ -212,9 +212,9 @@ class Journal:
                     update(SLOT).where(SLOT.c.slot == name).values(serial=serial, state=SlotState.TO_BE_VERIFIED.value)
                 )
             connection.execute(
-                update(PASSPORT)
-                .where(PASSPORT.c.serial.in_(list(serials)))
-                .values(state=FingerState.MOUNTED.value, version=PASSPORT.c.version + 1)
+                update(FINGER_RECORD)
+                .where(FINGER_RECORD.c.serial.in_(list(serials)))
+                .values(state=FingerState.MOUNTED.value, version=FINGER_RECORD.c.version + 1)
             )
             self._audit(connection, "read in", ", ".join(serials), None)
 
@@ -243,13 +243,13 @@ class Journal:
         with self._database.write() as connection:
             for serial, reference in (references or {}).items():
                 connection.execute(
-                    update(PASSPORT)
-                    .where(PASSPORT.c.serial == serial)
+                    update(FINGER_RECORD)
+                    .where(FINGER_RECORD.c.serial == serial)
                     .values(
                         reference=json.dumps(reference),
                         calibrated=day,
-                        cycles=PASSPORT.c.cycles + 1,
-                        version=PASSPORT.c.version + 1,
+                        cycles=FINGER_RECORD.c.cycles + 1,
+                        version=FINGER_RECORD.c.version + 1,
                     )
                 )
                 connection.execute(update(SLOT).where(SLOT.c.serial == serial).values(state=SlotState.VERIFIED.value))
@@ -271,9 +271,9 @@ class Journal:
         with self._database.write() as connection:
             for serials, state in ((unknown, FingerState.UNKNOWN), (worn, FingerState.WORN)):
                 connection.execute(
-                    update(PASSPORT)
-                    .where(PASSPORT.c.serial.in_(list(serials)))
-                    .values(state=state.value, version=PASSPORT.c.version + 1)
+                    update(FINGER_RECORD)
+                    .where(FINGER_RECORD.c.serial.in_(list(serials)))
+                    .values(state=state.value, version=FINGER_RECORD.c.version + 1)
                 )
             refused = [*unknown, *worn]
             connection.execute(update(SLOT).where(SLOT.c.serial.in_(refused)).values(serial=""))
@@ -281,7 +281,7 @@ class Journal:
             self._audit(connection, "distrust", ", ".join(refused), {"worn": list(worn)})
 
     def wear(self, slot: str, reason: str) -> str:
-        """The finger in a slot is worn, as its own closings show: its passport says so, and the slot is unverified.
+        """Call the finger in a slot worn, as its own closings show, in its finger record; the slot is unverified.
 
         Returns:
             its serial; empty when nobody knows what is in the slot, and then nothing is written.
@@ -291,9 +291,9 @@ class Journal:
             serial = str(connection.execute(found).scalar() or "")
             if serial:
                 connection.execute(
-                    update(PASSPORT)
-                    .where(PASSPORT.c.serial == serial)
-                    .values(state=FingerState.WORN.value, version=PASSPORT.c.version + 1)
+                    update(FINGER_RECORD)
+                    .where(FINGER_RECORD.c.serial == serial)
+                    .values(state=FingerState.WORN.value, version=FINGER_RECORD.c.version + 1)
                 )
                 connection.execute(update(SLOT).where(SLOT.c.slot == slot).values(state=SlotState.TO_BE_VERIFIED.value))
                 self._audit(connection, "worn", serial, {"slot": slot, "reason": reason})
@@ -317,16 +317,18 @@ class Journal:
             )
             mounted = select(SLOT.c.serial).where(SLOT.c.serial != "").scalar_subquery()
             connection.execute(
-                update(PASSPORT)
-                .where(PASSPORT.c.serial.in_(mounted))
-                .values(cycles=PASSPORT.c.cycles + 1, version=PASSPORT.c.version + 1)
+                update(FINGER_RECORD)
+                .where(FINGER_RECORD.c.serial.in_(mounted))
+                .values(cycles=FINGER_RECORD.c.cycles + 1, version=FINGER_RECORD.c.version + 1)
             )
             connection.execute(delete(OPERATION))
 
     def reference(self, serial: str) -> Any | None:
         """Return the free motion stored by the last passed check of a finger, None before the first."""
         with self._database.read() as connection:
-            found = connection.execute(select(PASSPORT.c.reference).where(PASSPORT.c.serial == serial)).scalar()
+            found = connection.execute(
+                select(FINGER_RECORD.c.reference).where(FINGER_RECORD.c.serial == serial)
+            ).scalar()
         return None if found is None else json.loads(found)
 
     def tallies(self) -> dict[tuple[str, str], Tally]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Products, finger sets and passports in the database: versions never overwritten, every change audited."""
+"""Products, finger sets and finger records in the database: versions never overwritten, every change audited."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from sqlalchemy import Connection, Row, func, insert, select, update
 
 from softgrip_cell.catalogue_file import finger_set_document, product_document, read_finger_set, read_product
 from softgrip_cell.errors import ConflictError, RefusedError
-from softgrip_cell.passports import FingerState, Passport, passport_document
+from softgrip_cell.finger_records import FingerRecord, FingerState, finger_record_document
 from softgrip_cell.products import Catalogue, Product
 from softgrip_cell.storage.engine import Database
-from softgrip_cell.storage.schema import AUDIT, ENTRY, PASSPORT
+from softgrip_cell.storage.schema import AUDIT, ENTRY, FINGER_RECORD
 from softgrip_cell.yaml_fields import Fields
 
 
@@ -112,42 +112,44 @@ class Library:
         with self._database.read() as connection:
             return [(r.version, r.who, r.at_ns, json.loads(r.document)) for r in connection.execute(query)]
 
-    def passports(self) -> dict[str, Passport]:
+    def finger_records(self) -> dict[str, FingerRecord]:
         """Return every finger by serial."""
         with self._database.read() as connection:
-            rows = connection.execute(select(PASSPORT).order_by(PASSPORT.c.serial)).all()
-        return {row.serial: _passport(row) for row in rows}
+            rows = connection.execute(select(FINGER_RECORD).order_by(FINGER_RECORD.c.serial)).all()
+        return {row.serial: _finger_record(row) for row in rows}
 
-    def save_passport(self, passport: Passport, who: str) -> Passport:
-        """Store a changed or new passport; its ``version`` is the one it was read at.
+    def save_finger_record(self, finger_record: FingerRecord, who: str) -> FingerRecord:
+        """Store a changed or new finger record; its ``version`` is the one it was read at.
 
         Raises:
             ConflictError: it was changed by somebody else since; nothing is written.
         """
         with self._database.write() as connection:
-            return self._save_passport(connection, passport, who)
+            return self._save_finger_record(connection, finger_record, who)
 
-    def import_passports(self, passports: Iterable[Passport], who: str) -> list[str]:
-        """Store every changed or new passport, all or nothing; return the serials written."""
+    def import_finger_records(self, finger_records: Iterable[FingerRecord], who: str) -> list[str]:
+        """Store every changed or new finger record, all or nothing; return the serials written."""
         written: list[str] = []
         with self._database.write() as connection:
-            for passport in passports:
-                found = connection.execute(select(PASSPORT).where(PASSPORT.c.serial == passport.serial)).one_or_none()
-                if found is None or replace(_passport(found), version=passport.version) != passport:
-                    self._save_passport(connection, passport, who)
-                    written.append(passport.serial)
+            for finger_record in finger_records:
+                found = connection.execute(
+                    select(FINGER_RECORD).where(FINGER_RECORD.c.serial == finger_record.serial)
+                ).one_or_none()
+                if found is None or replace(_finger_record(found), version=finger_record.version) != finger_record:
+                    self._save_finger_record(connection, finger_record, who)
+                    written.append(finger_record.serial)
         return written
 
-    def set_finger_state(self, serial: str, state: FingerState, who: str) -> Passport:
+    def set_finger_state(self, serial: str, state: FingerState, who: str) -> FingerRecord:
         """Change where a finger is or whether it may be used, e.g. after a person looked at it.
 
         Raises:
             RefusedError: there is no such finger.
         """
-        found = self.passports().get(serial)
+        found = self.finger_records().get(serial)
         if found is None:
             raise RefusedError(f"expected the serial of a known finger, found '{serial}'")
-        return self.save_passport(replace(found, state=state), who)
+        return self.save_finger_record(replace(found, state=state), who)
 
     def audit(self, limit: int = 100) -> list[AuditEntry]:
         """Return the latest changes, newest first."""
@@ -183,24 +185,28 @@ class Library:
         self._database.audit(connection, at_ns, who, f"save {kind}", key, {"version": version})
         return version
 
-    def _save_passport(self, connection: Connection, passport: Passport, who: str) -> Passport:
-        values = _passport_values(passport)
-        row = connection.execute(select(PASSPORT).where(PASSPORT.c.serial == passport.serial)).one_or_none()
+    def _save_finger_record(self, connection: Connection, finger_record: FingerRecord, who: str) -> FingerRecord:
+        values = _finger_record_values(finger_record)
+        row = connection.execute(
+            select(FINGER_RECORD).where(FINGER_RECORD.c.serial == finger_record.serial)
+        ).one_or_none()
         if row is None:
-            saved = replace(passport, version=1)
-            connection.execute(insert(PASSPORT).values(**{**values, "version": 1}))
-        elif row.version != passport.version:
+            saved = replace(finger_record, version=1)
+            connection.execute(insert(FINGER_RECORD).values(**{**values, "version": 1}))
+        elif row.version != finger_record.version:
             raise ConflictError(
-                f"finger '{passport.serial}': expected version {passport.version} in the database, found "
+                f"finger '{finger_record.serial}': expected version {finger_record.version} in the database, found "
                 f"{row.version}; read it again and carry your change over. Nothing was written"
             )
         else:
-            saved = replace(passport, version=passport.version + 1)
+            saved = replace(finger_record, version=finger_record.version + 1)
             connection.execute(
-                update(PASSPORT).where(PASSPORT.c.serial == passport.serial).values(**_passport_values(saved))
+                update(FINGER_RECORD)
+                .where(FINGER_RECORD.c.serial == finger_record.serial)
+                .values(**_finger_record_values(saved))
             )
-        detail = passport_document(saved)
-        self._database.audit(connection, self._now_ns(), who, "save passport", passport.serial, detail)
+        detail = finger_record_document(saved)
+        self._database.audit(connection, self._now_ns(), who, "save finger record", finger_record.serial, detail)
         return saved
 
 
@@ -224,8 +230,8 @@ def _content(document: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in document.items() if key != "version"}
 
 
-def _passport(row: Row[Any]) -> Passport:
-    return Passport(
+def _finger_record(row: Row[Any]) -> FingerRecord:
+    return FingerRecord(
         serial=row.serial,
         profile=row.profile,
         finger=row.finger,
@@ -240,10 +246,10 @@ def _passport(row: Row[Any]) -> Passport:
     )
 
 
-def _passport_values(passport: Passport) -> dict[str, Any]:
-    document = passport_document(passport)
+def _finger_record_values(finger_record: FingerRecord) -> dict[str, Any]:
+    document = finger_record_document(finger_record)
     return {
         **document,
-        "serial": passport.serial,
-        "calibrated": passport.calibrated and passport.calibrated.isoformat(),
+        "serial": finger_record.serial,
+        "calibrated": finger_record.calibrated and finger_record.calibrated.isoformat(),
     }

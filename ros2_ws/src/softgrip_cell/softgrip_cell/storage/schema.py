@@ -31,7 +31,7 @@ ENTRY = Table(
     Column("at_ns", BigInteger, nullable=False),
 )
 
-PASSPORT = Table(
+FINGER_RECORD = Table(
     "softgrip_passport",
     METADATA,
     Column("serial", String(80), primary_key=True),

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from softgrip_cell.errors import CatalogueError
 from softgrip_cell.grasp.reference import FreeReference, learn_reference
-from softgrip_cell.observation import Pair, SeenTip
+from softgrip_cell.observation import ObservedPair, SeenTip
 
 #: Fewer comparable samples than this prove nothing.
-LEAST_SAMPLES: Final = 20
+MIN_SAMPLES: Final = 20
 #: [m] of pulled length that one value of a course stands for.
 SMOOTH_M: Final = 2.0e-3
 
@@ -62,7 +62,7 @@ class Finding(StrEnum):
 
     GOOD = "good"
     BROKEN = "broken"  # tendon pulls nothing
-    OFF = "off"  # not what its passport says
+    OFF = "off"  # not what its finger record says
     WORN = "worn"  # not any more what it was
     UNSEEN = "unseen"  # too little was measured
 
@@ -132,10 +132,10 @@ class EmptyClosing:
         self._slots = tuple(slots)
         self._settings = settings
         self._earlier = dict(earlier or {})
-        self._pairs: list[Pair] = []
+        self._pairs: list[ObservedPair] = []
         self._tips: list[SeenTip] = []
 
-    def observe(self, pair: Pair) -> None:
+    def observe(self, pair: ObservedPair) -> None:
         """Take one tendon sample with its prediction, in the order of their stamps."""
         if not self._pairs or pair.sample.stamp_ns > self._pairs[-1].sample.stamp_ns:
             self._pairs.append(pair)
@@ -182,7 +182,7 @@ class EmptyClosing:
         samples = int(compared.sum())
         trace = _Trace(pulled[compared], measured[compared], predicted[compared])
         reach_m = float(trace.pulled_m.max(initial=0.0))
-        if samples >= LEAST_SAMPLES and reach_m >= settings.reach_m:
+        if samples >= MIN_SAMPLES and reach_m >= settings.reach_m:
             return trace, ""
         reasons = sorted({pair.free.objections[index] for pair in self._pairs} - {""})
         found = "; ".join([f"{samples} samples up to {reach_m * 1e3:.1f} mm", *reasons])
@@ -197,16 +197,16 @@ class EmptyClosing:
         if abs(ratio - 1.0) > settings.tension_fraction:
             low, high = 1.0 - settings.tension_fraction, 1.0 + settings.tension_fraction
             found = f"tension is {ratio:.0%} of the prediction, expected {low:.0%} to {high:.0%}"
-            return Finding.OFF, f"{found}: another finger than its passport says, worn, or jammed"
+            return Finding.OFF, f"{found}: another finger than its finger record says, worn, or jammed"
         allowed = math.hypot(settings.shape_fraction, settings.noise_n / float(np.mean(trace.measured_n)))
         if misfit > allowed:
             found = f"the tension's course is off by {misfit:.0%}, expected at most {allowed:.0%}"
-            return Finding.OFF, f"{found}: another finger than its passport says, or jammed"
+            return Finding.OFF, f"{found}: another finger than its finger record says, or jammed"
         if tip_m > tip_allowed_m:
             found = (
                 f"the fingertip is {tip_m * 1e3:.1f} mm from the prediction, expected at most {tip_allowed_m * 1e3:.1f}"
             )
-            return Finding.OFF, f"{found} mm: another finger than its passport says, or worn"
+            return Finding.OFF, f"{found} mm: another finger than its finger record says, or worn"
         if abs(change - 1.0) > settings.change_fraction:
             found = f"tension is {change:.0%} of what it was at the last check, expected within"
             return Finding.WORN, f"{found} {settings.change_fraction:.0%}: the finger or its cable is worn"

@@ -9,9 +9,9 @@ from enum import StrEnum
 from typing import Final
 
 from softgrip_cell.errors import RefusedError
-from softgrip_cell.passports import Passport
+from softgrip_cell.finger_records import FingerRecord
 from softgrip_cell.products import FingerSet
-from softgrip_cell.storage.journal import Slot, SlotState
+from softgrip_cell.storage.journal import MountedSlot, SlotState
 
 
 class SwapStep(StrEnum):
@@ -29,7 +29,7 @@ class SwapStep(StrEnum):
     DONE = "done"
 
 
-class Remember(StrEnum):
+class PersistAction(StrEnum):
     """What has to be written down before the step that follows may begin."""
 
     NOTHING = "nothing"
@@ -52,7 +52,7 @@ CONFIRMED_STEPS = frozenset({SwapStep.OPEN_PALM, SwapStep.REMOVE, SwapStep.INSER
 
 
 @dataclass(frozen=True)
-class Turn:
+class SwapTransition:
     """Where a swap goes next.
 
     Attributes:
@@ -64,7 +64,7 @@ class Turn:
 
     step: SwapStep
     instruction: str
-    remember: Remember = Remember.NOTHING
+    persist: PersistAction = PersistAction.NOTHING
     serials: tuple[str, ...] = ()
 
     @property
@@ -79,7 +79,7 @@ class SwapSequence:
     Args:
         finger_set: what is to be mounted.
         slots: what the slots are known to hold.
-        passports: every known finger.
+        finger records: every known finger.
         wanted: serials asked for (slot order), empty for any usable finger of the set.
 
     Raises:
@@ -89,39 +89,39 @@ class SwapSequence:
     def __init__(
         self,
         finger_set: FingerSet,
-        slots: Sequence[Slot],
-        passports: Mapping[str, Passport],
-        wanted: Sequence[str] = (),
+        slots: Sequence[MountedSlot],
+        finger_records: Mapping[str, FingerRecord],
+        requested: Sequence[str] = (),
     ) -> None:
         self.finger_set = finger_set
         self._slots = tuple(slots)
-        self._passports = passports
-        self._wanted = tuple(wanted)
-        if self._wanted:
-            self._check_serials(self._wanted)
+        self._finger_records = finger_records
+        self._requested = tuple(requested)
+        if self._requested:
+            self._check_serials(self._requested)
         self.only_check = self._already_in()
         self.serials: tuple[str, ...] = tuple(slot.serial for slot in slots) if self.only_check else ()
         if not self.only_check:
-            self._proposed = self._wanted or self._propose()
+            self._proposed = self._requested or self._propose()
         self.step = SwapStep.RELEASE
 
-    def start(self) -> Turn:
+    def start(self) -> SwapTransition:
         """Return the first step: tendons slack before anybody reaches in."""
-        return Turn(SwapStep.RELEASE, "The tendons go slack. Keep your hands away.")
+        return SwapTransition(SwapStep.RELEASE, "The tendons go slack. Keep your hands away.")
 
-    def released(self) -> Turn:
+    def released(self) -> SwapTransition:
         """The tendons are slack."""
         self._expect(SwapStep.RELEASE)
         if self.only_check:
             return self._go(SwapStep.HOME, "The tendons are being homed. Keep your hands away.")
         return self._go(SwapStep.LOCK, "The drives are being locked. Keep your hands away.")
 
-    def locked(self) -> Turn:
+    def locked(self) -> SwapTransition:
         """The drives have no torque and refuse everybody."""
         self._expect(SwapStep.LOCK)
-        return self._go(SwapStep.OPEN_PALM, "Open the palm.", Remember.FORGET_SLOTS)
+        return self._go(SwapStep.OPEN_PALM, "Open the palm.", PersistAction.FORGET_SLOTS)
 
-    def confirm(self, step: str, serials: Sequence[str] = ()) -> Turn:
+    def confirm(self, step: str, serials: Sequence[str] = ()) -> SwapTransition:
         """A person says that a step is done.
 
         Args:
@@ -140,19 +140,19 @@ class SwapSequence:
         if self.step is SwapStep.REMOVE:
             places = ", ".join(f"{s} into {slot.name}" for s, slot in zip(self._proposed, self._slots, strict=True))
             text = f"Insert {places}; hook the cables; confirm with the serials you read on the fingers, slot order."
-            return self._go(SwapStep.INSERT, text, Remember.PARK_FINGERS)
+            return self._go(SwapStep.INSERT, text, PersistAction.PARK_FINGERS)
         if self.step is SwapStep.INSERT:
             self._check_serials(serials)
             self.serials = tuple(serials)
-            return self._go(SwapStep.CLOSE_PALM, "Close the palm.", Remember.READ_IN, self.serials)
+            return self._go(SwapStep.CLOSE_PALM, "Close the palm.", PersistAction.READ_IN, self.serials)
         return self._go(SwapStep.UNLOCK, "The drives are being unlocked. Keep your hands away.")
 
-    def unlocked(self) -> Turn:
+    def unlocked(self) -> SwapTransition:
         """The drives obey again; no hands are inside."""
         self._expect(SwapStep.UNLOCK)
         return self._go(SwapStep.HOME, "The tendons are being homed. Keep your hands away.")
 
-    def homed(self) -> Turn:
+    def homed(self) -> SwapTransition:
         """The tendons' zero is known."""
         self._expect(SwapStep.HOME)
         return self._go(SwapStep.VERIFY, "The fingers close on nothing to be checked. Keep the palm free.")
@@ -168,10 +168,14 @@ class SwapSequence:
         return "tendons slack, palm open, slots unknown: run the swap again before any grasp"
 
     def _go(
-        self, step: SwapStep, instruction: str, remember: Remember = Remember.NOTHING, serials: tuple[str, ...] = ()
-    ) -> Turn:
+        self,
+        step: SwapStep,
+        instruction: str,
+        persist: PersistAction = PersistAction.NOTHING,
+        serials: tuple[str, ...] = (),
+    ) -> SwapTransition:
         self.step = step
-        return Turn(step, instruction, remember, serials)
+        return SwapTransition(step, instruction, persist, serials)
 
     def _expect(self, step: SwapStep) -> None:
         if self.step is not step:
@@ -181,7 +185,7 @@ class SwapSequence:
         """The slots hold this set already, as far as anybody knows: only the check is needed."""
         known = all(slot.state in (SlotState.TO_BE_VERIFIED, SlotState.VERIFIED) for slot in self._slots)
         serials = tuple(slot.serial for slot in self._slots)
-        if not known or (self._wanted and serials != self._wanted):
+        if not known or (self._requested and serials != self._requested):
             return False
         try:
             self._check_serials(serials)
@@ -200,18 +204,23 @@ class SwapSequence:
         chosen: list[str] = []
         for slot in self._slots:
             candidates = [
-                passport
-                for passport in self._passports.values()
-                if passport.profile == self.finger_set.profile
-                and passport.finger == slot.name
-                and (passport.objection() is None or (passport.serial == slot.serial and not passport.is_spent))
+                finger_record
+                for finger_record in self._finger_records.values()
+                if finger_record.profile == self.finger_set.profile
+                and finger_record.finger == slot.name
+                and (
+                    finger_record.objection() is None
+                    or (finger_record.serial == slot.serial and not finger_record.is_spent)
+                )
             ]
             if not candidates:
                 raise RefusedError(
                     f"no usable {slot.name} finger of profile '{self.finger_set.profile}' is in the store; "
-                    "print one and enter its passport, or choose another finger set"
+                    "print one and enter its finger record, or choose another finger set"
                 )
-            chosen.append(min(candidates, key=lambda passport: (passport.cycles, passport.serial)).serial)
+            chosen.append(
+                min(candidates, key=lambda finger_record: (finger_record.cycles, finger_record.serial)).serial
+            )
         return tuple(chosen)
 
     def _check_serials(self, serials: Sequence[str]) -> None:
@@ -219,14 +228,16 @@ class SwapSequence:
             names = ", ".join(slot.name for slot in self._slots)
             raise RefusedError(f"expected one serial per slot ({names}), found {len(serials)}")
         for slot, serial in zip(self._slots, serials, strict=True):
-            passport = self._passports.get(serial)
-            if passport is None:
-                raise RefusedError(f"slot {slot.name}: finger '{serial}' has no passport; enter one before mounting it")
-            if passport.profile != self.finger_set.profile or passport.finger != slot.name:
+            finger_record = self._finger_records.get(serial)
+            if finger_record is None:
+                raise RefusedError(
+                    f"slot {slot.name}: finger '{serial}' has no finger record; enter one before mounting it"
+                )
+            if finger_record.profile != self.finger_set.profile or finger_record.finger != slot.name:
                 raise RefusedError(
                     f"slot {slot.name}: expected its finger of profile '{self.finger_set.profile}', found "
-                    f"{serial}: {passport.finger} finger of '{passport.profile}'"
+                    f"{serial}: {finger_record.finger} finger of '{finger_record.profile}'"
                 )
-            objection = passport.objection()
+            objection = finger_record.objection()
             if objection is not None:
                 raise RefusedError(f"slot {slot.name}: {objection}")

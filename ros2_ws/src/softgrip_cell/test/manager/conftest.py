@@ -27,7 +27,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from softgrip_cell.grasp.values import Close, Open, Phase, Press, Step, Stop
+from softgrip_cell.grasp.values import Close, GraspPhase, GraspStep, Open, Press, Stop
 from softgrip_cell.nodes.controller_client import CellController
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import (
@@ -287,7 +287,7 @@ class ScriptedDriver(Node):
             self.refused.append(f"release: {response.message}")
             return response
         self.released += 1
-        self.bench.obey(Step(Phase.APPROACH, (Open(),)))
+        self.bench.obey(GraspStep(GraspPhase.APPROACH, (Open(),)))
         response.success = True
         return response
 
@@ -328,16 +328,16 @@ class ScriptedDriver(Node):
         slots = tuple(SLOTS.index(name) for name in tendons)
         targets = tuple(goal.targets) if len(goal.targets) == len(slots) else tuple(goal.targets) * len(slots)
         if goal.mode == goal.TENSION:
-            self.bench.obey(Step(Phase.HOLD, (Press(slots, targets, goal.speed),)))
+            self.bench.obey(GraspStep(GraspPhase.HOLD, (Press(slots, targets, goal.speed),)))
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
         if max(targets) == 0.0:
             if "open" in self.blocked:
                 await self._blocked()
-            self.bench.obey(Step(Phase.APPROACH, (Open(),)))
+            self.bench.obey(GraspStep(GraspPhase.APPROACH, (Open(),)))
             handle.succeed()
             return MoveTendon.Result(outcome=MoveTendon.Result.REACHED)
-        self.bench.obey(Step(Phase.CLOSE, (Close(slots, targets, goal.speed, goal.tension_limit),)))
+        self.bench.obey(GraspStep(GraspPhase.CLOSE, (Close(slots, targets, goal.speed, goal.tension_limit),)))
         done = Future()
         self._goals.append((handle, tuple(zip(slots, targets, strict=True)), done))
         outcome = await done
@@ -399,7 +399,7 @@ class ScriptedDriver(Node):
             handle, targets, done = entry
             there = all(self.bench.pulled_m[slot] >= target - 1e-9 for slot, target in targets)
             if handle.is_cancel_requested:
-                self.bench.obey(Step(Phase.DONE, (Stop(),)))
+                self.bench.obey(GraspStep(GraspPhase.DONE, (Stop(),)))
             if there or handle.is_cancel_requested:
                 self._goals.remove(entry)
                 done.set_result(MoveTendon.Result.REACHED if there else MoveTendon.Result.CANCELLED)

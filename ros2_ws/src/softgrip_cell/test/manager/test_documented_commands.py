@@ -76,4 +76,4 @@ def test_a_shift_typed_from_the_page(cell: Any) -> None:
 
 
 def test_help_is_worth_reading() -> None:
-    assert "finger passports" in typed("library --help")
+    assert "finger records" in typed("library --help")

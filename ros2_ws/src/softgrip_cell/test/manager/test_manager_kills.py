@@ -50,8 +50,8 @@ def cut_off(cell: Any, step: str, *, changed: bool = True) -> str:
         if feedback.step == step:
             reached.set()
         elif feedback.confirmation:
-            told = serials if feedback.step == "insert" else []
-            request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=told)
+            given = serials if feedback.step == "insert" else []
+            request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=given)
             confirm.call_async(request)
 
     confirm = cell.node.create_client(ConfirmStep, "cell/confirm_step")

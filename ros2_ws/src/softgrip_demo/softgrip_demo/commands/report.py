@@ -45,7 +45,7 @@ def main() -> int:
     summary = summarise(record, replay, 0.0)
     page = render(record, summary, drawn)
     # what was not beside the replay
-    summary["wall_s"]["report"] = round(time.monotonic() - start - replay.wall, 3)
+    summary["wall_s"]["report"] = round(time.monotonic() - start - replay.wall_clock_s, 3)
     (arguments.folder / "report.html").write_text(page)
     (arguments.folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
     show(summary, arguments.folder)
@@ -57,13 +57,17 @@ def replay_check(bag: Path, node: str) -> ReplayCheck:
     start = time.monotonic()
     command = ["ros2", "run", "softgrip_bag", "replay", str(bag), "--through", node, "--check", "--json"]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
-    wall = time.monotonic() - start
+    wall_clock_s = time.monotonic() - start
     try:
         # `ros2 run` of Jazzy adds a line when a program ends with another code than 0
         found = json.loads(process.stdout[: process.stdout.rfind("}") + 1])
     except json.JSONDecodeError:
-        return ReplayCheck(node, 0, identical=False, detail=process.stderr.strip() or process.stdout.strip(), wall=wall)
-    return ReplayCheck(node, int(found["compared"]), bool(found["identical"]), str(found.get("detail", "")), wall)
+        return ReplayCheck(
+            node, 0, identical=False, detail=process.stderr.strip() or process.stdout.strip(), wall_clock_s=wall_clock_s
+        )
+    return ReplayCheck(
+        node, int(found["compared"]), bool(found["identical"]), str(found.get("detail", "")), wall_clock_s
+    )
 
 
 def show(summary: dict[str, Any], folder: Path) -> None:

@@ -30,7 +30,7 @@ HOMING_TIMEOUT: Final = 30.0  # [s]
 CLOSING_TENSION: Final = CheckSettings().tension_limit_n  # [N] at which a finger has closed as far as it goes
 
 
-class Operator:
+class CellOperator:
     """Calibrates the rig, swaps fingers and moves them, on emulated hardware.
 
     Args:

@@ -29,10 +29,10 @@ from softgrip_demo.errors import ShiftError
 from softgrip_demo.nodes import convert
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.nodes.link import CellLink
-from softgrip_demo.nodes.operator import Operator
-from softgrip_demo.nodes.watch import Watch
+from softgrip_demo.nodes.operator import CellOperator
+from softgrip_demo.nodes.watch import ShiftWatch
 from softgrip_demo.products import expected_outcome, finger_design, product_names
-from softgrip_demo.record import Closing, Frame, FrictionResult, GraspResult, ShiftRecord, Stage
+from softgrip_demo.record import FrictionResult, GraspResult, ShiftClosing, ShiftFrame, ShiftRecord, ShiftStage
 from softgrip_interfaces.srv import StopRecording
 from softgrip_nodekit import Parameter, ParameterTable, StartupError, make_executor
 from softgrip_vision import calibration as vision
@@ -68,13 +68,13 @@ class Shift:
         self._log = node.get_logger()
         self._link = CellLink(node, executor)
         self._hands = hands
-        self._watch = Watch(node, self._values["watched_finger"])
+        self._watch = ShiftWatch(node, self._values["watched_finger"])
         self._cell = CellController(node, wait=self._link.wait)
-        self._operator = Operator(self._link, hands, self._cell, self._values["slots"])
+        self._operator = CellOperator(self._link, hands, self._cell, self._values["slots"])
         self._out = Path(self._values["out"])
         self._profiles = Path(self._values["profile_dir"])
-        self._walls: dict[str, float] = {}
-        self._film: tuple[Frame, ...] = ()
+        self._stage_wall_clock_s: dict[str, float] = {}
+        self._film: tuple[ShiftFrame, ...] = ()
         self._mounted = ""
         self._swaps = 0
 
@@ -104,7 +104,7 @@ class Shift:
             bag_messages=int(bag.messages),
             bag_topics=int(bag.topics),
             bag_dropped=int(bag.dropped),
-            stages=tuple(Stage(name, wall) for name, wall in self._walls.items()),
+            stages=tuple(ShiftStage(name, wall_clock_s) for name, wall_clock_s in self._stage_wall_clock_s.items()),
         )
         record.save(self._out / "shift.json")
 
@@ -129,7 +129,7 @@ class Shift:
             self._mounted = finger_set
             self._swaps += 1
 
-    def _closing(self, finger_set: str) -> Closing:
+    def _closing(self, finger_set: str) -> ShiftClosing:
         """Mount a set and close it empty, 0 to full pull, in front of the camera."""
         self._swap(finger_set)
         self._watch.begin()
@@ -144,7 +144,7 @@ class Shift:
             )
         self._log.info(f"closing {finger_set}: {len(samples)} frames, {len(gathered.shapes)} shapes")
         design = finger_design(self._profiles, finger_set, self._watch.finger)
-        return Closing(finger_set, design.length_m, samples, convert.shape_view(gathered.shapes))
+        return ShiftClosing(finger_set, design.length_m, samples, convert.shape_view(gathered.shapes))
 
     def _grasp(self, product: str, finger_set: str) -> GraspResult:
         """Put a product down, have it grasped, take it away."""
@@ -170,7 +170,7 @@ class Shift:
             latency=latency,
         )
 
-    def _develop(self, finger_set: str) -> tuple[Frame, ...]:
+    def _develop(self, finger_set: str) -> tuple[ShiftFrame, ...]:
         gathered = self._watch.end()
         calibration = vision.load(Path(self._values["calibration"]))
         finger = self._watch.finger
@@ -193,10 +193,10 @@ class Shift:
         runs = groupby(plan.steps, key=lambda step: step.finger_set)
         return [(finger_set, [step.product for step in steps]) for finger_set, steps in runs]
 
-    def _work_through(self, plan: Sequence[tuple[str, list[str]]]) -> tuple[list[Closing], list[GraspResult]]:
+    def _work_through(self, plan: Sequence[tuple[str, list[str]]]) -> tuple[list[ShiftClosing], list[GraspResult]]:
         planned = {finger_set for finger_set, _ in plan}
         unplanned = [finger_set for finger_set in self._values["finger_sets"] if finger_set not in planned]
-        closings: dict[str, Closing] = {}
+        closings: dict[str, ShiftClosing] = {}
         grasps: list[GraspResult] = []
         for finger_set, products in [*((finger_set, list[str]()) for finger_set in unplanned), *plan]:
             if finger_set not in closings:
@@ -212,7 +212,7 @@ class Shift:
         self._log.info(f"== {name}")
         start = time.monotonic()
         yield
-        self._walls[name] = self._walls.get(name, 0.0) + time.monotonic() - start
+        self._stage_wall_clock_s[name] = self._stage_wall_clock_s.get(name, 0.0) + time.monotonic() - start
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, JointState
 
-from softgrip_demo.alignment import Instant, Measured
+from softgrip_demo.alignment import Instant, MeasuredTip
 from softgrip_interfaces.msg import FingerStates, PredictedShape
 from softgrip_nodekit import SENSOR, seconds
 
@@ -21,7 +21,7 @@ from softgrip_nodekit import SENSOR, seconds
 class Gathered:
     """What was seen since the last ``begin``."""
 
-    measured: list[Measured] = field(default_factory=list)
+    measured: list[MeasuredTip] = field(default_factory=list)
     predicted: list[Instant] = field(default_factory=list)
     shapes: list[Any] = field(default_factory=list)
     frames: list[tuple[float, bytes]] = field(default_factory=list)
@@ -31,7 +31,7 @@ class Gathered:
 EARLIER_TENSIONS = 50
 
 
-class Watch:
+class ShiftWatch:
     """Subscribes to the watched finger; gathers between ``begin`` and ``end``, and reads nothing in between."""
 
     def __init__(self, node: Node, finger: str) -> None:
@@ -91,7 +91,7 @@ class Watch:
     def _on_measured(self, gathered: Gathered, message: FingerStates) -> None:
         stamp = seconds(message.header.stamp)
         gathered.measured += [
-            Measured(stamp, tuple(state.joint_angles), (state.tip.x, state.tip.y))
+            MeasuredTip(stamp, tuple(state.joint_angles), (state.tip.x, state.tip.y))
             for state in message.fingers
             if state.finger == self.finger and state.validity != state.FAILED
         ]

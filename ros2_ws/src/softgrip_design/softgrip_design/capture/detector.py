@@ -24,7 +24,7 @@ INSTALL = "pip install --no-deps -r requirements-capture.lock"
 
 
 @dataclass(frozen=True, eq=False)
-class Hand:
+class DetectedHand:
     """One hand.
 
     Attributes:
@@ -43,7 +43,7 @@ class HandDetector(Protocol):
 
     name: str
 
-    def find(self, image: Image) -> Hand | None:
+    def find(self, image: Image) -> DetectedHand | None:
         """Return the hand of a BGR picture, None where there is none."""
 
 
@@ -72,7 +72,7 @@ class MediaPipeDetector:
             min_tracking_confidence=confidence,
         )
 
-    def find(self, image: Image) -> Hand | None:
+    def find(self, image: Image) -> DetectedHand | None:
         """Return the hand of a BGR picture, None where there is none."""
         found = self._hands.process(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
         if not found.multi_hand_world_landmarks:
@@ -80,7 +80,7 @@ class MediaPipeDetector:
         world = np.array([[p.x, p.y, p.z] for p in found.multi_hand_world_landmarks[0].landmark])
         relative = np.array([[p.x, p.y] for p in found.multi_hand_landmarks[0].landmark])
         score = float(found.multi_handedness[0].classification[0].score)
-        return Hand(world, relative * (image.shape[1], image.shape[0]), score)
+        return DetectedHand(world, relative * (image.shape[1], image.shape[0]), score)
 
     def close(self) -> None:
         """Free the models."""

@@ -27,7 +27,7 @@ LOST_FRAMES, LOST_SHARE = 3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class VideoFrame:
     """A picture.
 
     Attributes:
@@ -50,7 +50,7 @@ class Source(Protocol):
     def count(self) -> int | None:
         """Number of frames, where it is known."""
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[VideoFrame]:
         """Read from the beginning.
 
         Raises:
@@ -80,7 +80,7 @@ class Video:
         reader.release()
         return count if count > 0 else None
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[VideoFrame]:
         """Read from the beginning.
 
         Raises:
@@ -98,7 +98,7 @@ class Video:
                     break
                 last = self._time(read, last, 1e-3 * reader.get(cv2.CAP_PROP_POS_MSEC), 1.0 / rate)
                 read += 1
-                yield Frame(last, image)
+                yield VideoFrame(last, image)
         finally:
             reader.release()
         if read == 0:
@@ -109,10 +109,10 @@ class Video:
                 "file is damaged, copy or record it again"
             )
 
-    def _time(self, index: int, last: float, told: float, period: float) -> float:
+    def _time(self, index: int, last: float, container_time: float, period: float) -> float:
         if index < len(self.times_s):
             return self.times_s[index]
-        return told if told > last else last + period  # not every container keeps times
+        return container_time if container_time > last else last + period  # not every container keeps times
 
     def _opened(self) -> cv2.VideoCapture:
         if not self.path.is_file():
@@ -149,7 +149,7 @@ class Images:
         """Number of images."""
         return len(self.paths)
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[VideoFrame]:
         """Read from the beginning.
 
         Raises:
@@ -159,7 +159,7 @@ class Images:
             image = cv2.imread(str(path), cv2.IMREAD_COLOR)
             if image is None:
                 raise DesignError(f"{path}: expected an image, found a file that cannot be read as one; take it out")
-            yield Frame(index / self.rate, np.asarray(image, dtype=np.uint8))
+            yield VideoFrame(index / self.rate, np.asarray(image, dtype=np.uint8))
 
 
 def record_camera(index: int, seconds: float, path: Path, advance: Callable[[float], None] = lambda _: None) -> Video:

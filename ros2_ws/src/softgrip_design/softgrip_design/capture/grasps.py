@@ -16,8 +16,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_design.capture.recording import LONG_FINGERS, Motion, runs
-from softgrip_design.trajectory import Trajectory
+from softgrip_design.capture.recording import LONG_FINGERS, RecordedMotion, runs
+from softgrip_design.trajectory import FingerTrajectory
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -33,7 +33,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Limits:
+class GraspLimits:
     """Where one thing ends and another begins; two values are for entering and leaving.
 
     Attributes:
@@ -52,7 +52,7 @@ class Limits:
     touching: tuple[float, float] = (0.42, 0.52)
     many: int = 3
     proximal_share: float = 0.2
-    least_s: float = 0.2
+    min_s: float = 0.2
     still: float = 0.1
     still_s: float = 0.1
     arrival: float = 0.05
@@ -60,7 +60,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class DetectedGrasp:
     """A motion from open to closed.
 
     Attributes:
@@ -78,7 +78,7 @@ class Grasp:
     kind: Kind
     start_s: float
     end_s: float
-    trajectory: Trajectory
+    trajectory: FingerTrajectory
     curled: tuple[str, ...]
     proximal_share: float
     touching: tuple[str, float]
@@ -86,12 +86,14 @@ class Grasp:
     why: str
 
 
-def find_grasps(motion: Motion, origin: Mapping[str, str], limits: Limits | None = None) -> list[Grasp]:
+def find_grasps(
+    motion: RecordedMotion, origin: Mapping[str, str], limits: GraspLimits | None = None
+) -> list[DetectedGrasp]:
     """Return every motion that closes the hand, in order.
 
     A closure that begins before the recording does, or right after a gap, has no open pose and is left out.
     """
-    chosen = limits or Limits()
+    chosen = limits or GraspLimits()
     curled = np.stack(
         [_hysteresis(motion.angles[finger].sum(axis=1), *chosen.curled_rad) for finger in LONG_FINGERS], axis=1
     )
@@ -100,7 +102,7 @@ def find_grasps(motion: Motion, origin: Mapping[str, str], limits: Limits | None
     period = float(np.median(np.diff(motion.times)))
     found, earliest = [], 0
     for begin, end in runs(closed):
-        if (end - begin) * period >= chosen.least_s:
+        if (end - begin) * period >= chosen.min_s:
             stretch = _closing(motion, earliest, begin, end, chosen)
             if stretch is not None:
                 found.append(_grasp(motion, *stretch, curled, origin, chosen))
@@ -117,7 +119,9 @@ def _hysteresis(values: Array, enter: float, leave: float) -> Flags:
     return flags
 
 
-def _closing(motion: Motion, earliest: int, begin: int, end: int, limits: Limits) -> tuple[int, int] | None:
+def _closing(
+    motion: RecordedMotion, earliest: int, begin: int, end: int, limits: GraspLimits
+) -> tuple[int, int] | None:
     """Return first and last sample of the way into the closure [begin, end), None where its beginning is unknown."""
     period = float(np.median(np.diff(motion.times)))
     first = max(earliest, begin - round(limits.before_s / period))
@@ -137,7 +141,9 @@ def _closing(motion: Motion, earliest: int, begin: int, end: int, limits: Limits
     return first + start, begin + int(np.flatnonzero(away[begin - first :] <= near)[0])
 
 
-def _grasp(motion: Motion, start: int, last: int, curled: Flags, origin: Mapping[str, str], limits: Limits) -> Grasp:
+def _grasp(
+    motion: RecordedMotion, start: int, last: int, curled: Flags, origin: Mapping[str, str], limits: GraspLimits
+) -> DetectedGrasp:
     flexed = {finger: angles[last] - angles[start] for finger, angles in motion.angles.items()}
     names = tuple(finger for i, finger in enumerate(LONG_FINGERS) if curled[last, i])
     shares = [flexed[finger][0] / flexed[finger].sum() for finger in names]
@@ -151,11 +157,11 @@ def _grasp(motion: Motion, start: int, last: int, curled: Flags, origin: Mapping
         "part": f"{motion.times[start]:.3f} s to {motion.times[last]:.3f} s",
         "columns": "time [s]; flexion of each joint [rad], j0 at the base; smoothed",
     }
-    return Grasp(
+    return DetectedGrasp(
         kind=kind,
         start_s=float(motion.times[start]),
         end_s=float(motion.times[last]),
-        trajectory=Trajectory(
+        trajectory=FingerTrajectory(
             motion.times[start : last + 1] - motion.times[start],
             {finger: angles[start : last + 1] for finger, angles in motion.angles.items()},
             about,
@@ -168,7 +174,9 @@ def _grasp(motion: Motion, start: int, last: int, curled: Flags, origin: Mapping
     )
 
 
-def _classify(curled: tuple[str, ...], share: float, touching: tuple[str, float], limits: Limits) -> tuple[Kind, str]:
+def _classify(
+    curled: tuple[str, ...], share: float, touching: tuple[str, float], limits: GraspLimits
+) -> tuple[Kind, str]:
     """Return the kind of a closed pose and the numbers that make it so."""
     count = f"{len(curled)} of {len(LONG_FINGERS)} fingers curled"
     if len(curled) >= limits.many:

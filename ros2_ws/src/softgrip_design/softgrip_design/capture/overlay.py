@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_design.capture.frames import Image, Source
-from softgrip_design.capture.grasps import Grasp, Kind
-from softgrip_design.capture.recording import Motion, Recording
+from softgrip_design.capture.grasps import DetectedGrasp, Kind
+from softgrip_design.capture.recording import RecordedMotion, Recording
 from softgrip_design.errors import DesignError
 from softgrip_design.landmarks import CHAINS
 
@@ -40,8 +40,8 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 def write_overlay(
     source: Source,
     recording: Recording,
-    motion: Motion,
-    grasps: Sequence[Grasp],
+    motion: RecordedMotion,
+    grasps: Sequence[DetectedGrasp],
     path: Path,
     advance: Callable[[int], None] = lambda _: None,
 ) -> None:
@@ -97,7 +97,7 @@ def _draw_hand(image: Image, pixel: Array) -> None:
             cv2.circle(image, (int(x), int(y)), 4, COLOURS[finger], -1)
 
 
-def _draw_angles(image: Image, motion: Motion, time_s: float) -> None:
+def _draw_angles(image: Image, motion: RecordedMotion, time_s: float) -> None:
     sample = int(np.abs(motion.times - time_s).argmin())
     for row, (finger, angles) in enumerate(motion.angles.items()):
         values = np.degrees(angles[sample])
@@ -105,7 +105,7 @@ def _draw_angles(image: Image, motion: Motion, time_s: float) -> None:
         _text(image, f"{finger:7s}{text}", (10, 52 + 20 * row), COLOURS[finger])
 
 
-def _draw_grasp(image: Image, grasps: Sequence[Grasp], time_s: float) -> None:
+def _draw_grasp(image: Image, grasps: Sequence[DetectedGrasp], time_s: float) -> None:
     for grasp in grasps:
         if grasp.start_s <= time_s <= grasp.end_s:
             cv2.rectangle(image, (0, 0), (image.shape[1], 30), BANNER[grasp.kind], -1)

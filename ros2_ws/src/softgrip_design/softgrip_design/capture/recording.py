@@ -62,7 +62,7 @@ class Smoothing:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class RecordedMotion:
     """A recording as angles at a steady rate.
 
     Attributes:
@@ -110,7 +110,7 @@ def record(source: Source, detector: HandDetector, advance: Callable[[int], None
     return recording
 
 
-def steady(recording: Recording, smoothing: Smoothing | None = None) -> Motion:
+def steady(recording: Recording, smoothing: Smoothing | None = None) -> RecordedMotion:
     """Bridge short gaps, bring the frames to a steady rate, and smooth every joint angle."""
     chosen = smoothing or Smoothing()
     seen = np.flatnonzero(recording.seen)
@@ -128,7 +128,7 @@ def steady(recording: Recording, smoothing: Smoothing | None = None) -> Motion:
     thumb_tip = landmarks[:, CHAINS["thumb"][-1]]
     tips = np.stack([landmarks[:, CHAINS[finger][-1]] for finger in LONG_FINGERS], axis=1)
     gap = np.linalg.norm(tips - thumb_tip[:, None], axis=2) / palm[:, None]
-    return Motion(times, angles, _smoothed(gap, period, chosen))
+    return RecordedMotion(times, angles, _smoothed(gap, period, chosen))
 
 
 def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -140,10 +140,10 @@ def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _smoothed(values: Array, period: float, smoothing: Smoothing) -> Array:
     """Smooth each stretch between gaps by itself, (samples, columns)."""
     result = np.full_like(values, np.nan)
-    wanted = max(smoothing.order + 2, round(smoothing.window_s / period)) // 2 * 2 + 1
+    requested = max(smoothing.order + 2, round(smoothing.window_s / period)) // 2 * 2 + 1
     for start, end in runs(np.asarray(np.isfinite(values).all(axis=1))):
         piece = median_filter(values[start:end], size=(smoothing.median, 1), mode="nearest")
-        window = min(wanted, (end - start - 1) // 2 * 2 + 1)
+        window = min(requested, (end - start - 1) // 2 * 2 + 1)
         if window > smoothing.order:
             piece = savgol_filter(piece, window, smoothing.order, axis=0, mode="interp")
         result[start:end] = piece

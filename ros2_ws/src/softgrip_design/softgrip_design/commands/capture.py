@@ -20,9 +20,9 @@ from rich.table import Table
 from softgrip_design import plots
 from softgrip_design.capture.detector import INSTALL, HandDetector, MediaPipeDetector
 from softgrip_design.capture.frames import Images, Source, Video, record_camera
-from softgrip_design.capture.grasps import Grasp, find_grasps
+from softgrip_design.capture.grasps import DetectedGrasp, find_grasps
 from softgrip_design.capture.overlay import write_overlay
-from softgrip_design.capture.recording import LONG_FINGERS, Motion, Recording, record, steady
+from softgrip_design.capture.recording import LONG_FINGERS, RecordedMotion, Recording, record, steady
 from softgrip_design.errors import DesignError
 
 EPILOG = f"""\
@@ -106,7 +106,7 @@ def _source(options: argparse.Namespace, progress: Progress) -> Source:
     return Images(path, options.rate) if path.is_dir() else Video(path)
 
 
-def _write(folder: Path, recording: Recording, motion: Motion, grasps: Sequence[Grasp]) -> list[Path]:
+def _write(folder: Path, recording: Recording, motion: RecordedMotion, grasps: Sequence[DetectedGrasp]) -> list[Path]:
     for stale in folder.glob("motion_*.csv"):  # of an earlier capture: they would pass for motions of this one
         stale.unlink()
     files = [folder / f"motion_{number:02d}_{grasp.kind}.csv" for number, grasp in enumerate(grasps, start=1)]
@@ -124,7 +124,7 @@ def _write(folder: Path, recording: Recording, motion: Motion, grasps: Sequence[
     return files
 
 
-def _plain(grasp: Grasp) -> dict[str, Any]:
+def _plain(grasp: DetectedGrasp) -> dict[str, Any]:
     finger, gap = grasp.touching
     return {
         "kind": str(grasp.kind),
@@ -139,7 +139,7 @@ def _plain(grasp: Grasp) -> dict[str, Any]:
     }
 
 
-def _print(recording: Recording, grasps: Sequence[Grasp], files: Sequence[Path], folder: Path) -> None:
+def _print(recording: Recording, grasps: Sequence[DetectedGrasp], files: Sequence[Path], folder: Path) -> None:
     seen, frames = int(recording.seen.sum()), len(recording.times)
     table = Table(title=f"{len(grasps)} motions; a hand in {seen} of {frames} frames", caption=f"written: {folder}")
     for heading in ("file", "time [s]", *LONG_FINGERS, "kind", "because"):

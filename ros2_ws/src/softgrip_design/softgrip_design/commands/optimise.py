@@ -19,7 +19,7 @@ from softgrip_design import hand, plots, trajectory
 from softgrip_design.design import HandDesign, Task, design_hand, design_uniform, published_on
 from softgrip_design.errors import DesignError
 from softgrip_design.objective import Weights
-from softgrip_design.optimiser import Settings
+from softgrip_design.optimiser import OptimiserSettings
 from softgrip_design.output import follow_report, uniform_report, write_cad_csv
 from softgrip_model import profile
 from softgrip_model.finger import FingerError, MomentLaw
@@ -98,8 +98,8 @@ def main(args: Sequence[str] | None = None) -> int:
         return 2
 
 
-def _friction(wanted: str) -> tuple[str, FrictionLaw]:
-    model = read_model(Path(wanted)) if Path(wanted).suffix else published(wanted)
+def _friction(requested: str) -> tuple[str, FrictionLaw]:
+    model = read_model(Path(requested)) if Path(requested).suffix else published(requested)
     return model.id, model.law
 
 
@@ -115,7 +115,7 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
         law,
         weights=Weights(*options.weights),
         moment_law=MomentLaw(options.moment_law),
-        search=Settings(starts=options.starts, seed=options.seed),
+        search=OptimiserSettings(starts=options.starts, seed=options.seed),
     )
     design = _with_progress(demonstration, names, task)
     identity = options.id or path.stem
@@ -137,7 +137,7 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
     return 0
 
 
-def _with_progress(demonstration: trajectory.Trajectory, names: Sequence[str], task: Task) -> HandDesign:
+def _with_progress(demonstration: trajectory.FingerTrajectory, names: Sequence[str], task: Task) -> HandDesign:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         bars = {name: progress.add_task(name, total=task.search.starts) for name in names}
@@ -174,7 +174,7 @@ def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float,
 def _uniform(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> int:
     if options.trajectory is not None or options.finger:
         raise DesignError("the uniform objective takes no trajectory and no finger: it is the finger of section 3.4")
-    uniform = design_uniform(law, Settings(starts=options.starts, seed=options.seed))
+    uniform = design_uniform(law, OptimiserSettings(starts=options.starts, seed=options.seed))
     identity = options.id or "uniform"
     options.out.mkdir(parents=True, exist_ok=True)
     source = f"Designed by softgrip_design: section 3.4, friction {friction_id}. Joint length (10 mm) is assumed."

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from softgrip_driver.commands.common import DONE, add_bus_options, number, parser, run
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import Servo
+from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.errors import ConfigurationError, NoReplyError
@@ -36,7 +36,7 @@ TURNING = 0.4
 
 
 @dataclass(frozen=True)
-class Sample:
+class TensionSample:
     """One reading of servo and gauge: [A], [m/s], [N]."""
 
     current: float
@@ -44,7 +44,7 @@ class Sample:
     tension: float
 
 
-def read_csv(path: Path) -> list[Sample]:
+def read_csv(path: Path) -> list[TensionSample]:
     """Return the samples of a recording.
 
     Raises:
@@ -53,7 +53,7 @@ def read_csv(path: Path) -> list[Sample]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = [
-                Sample(float(row["current_a"]), float(row["speed_m_s"]), float(row["tension_n"]))
+                TensionSample(float(row["current_a"]), float(row["speed_m_s"]), float(row["tension_n"]))
                 for row in csv.DictReader(file)
             ]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
@@ -66,7 +66,7 @@ def read_csv(path: Path) -> list[Sample]:
     return rows
 
 
-def write_csv(path: Path, samples: Sequence[Sample]) -> None:
+def write_csv(path: Path, samples: Sequence[TensionSample]) -> None:
     """Write a recording; raises ConfigurationError where that cannot be done."""
     try:
         with path.open("w", encoding="utf-8", newline="") as file:
@@ -91,14 +91,14 @@ def _unwritable(path: Path, error: OSError) -> ConfigurationError:
 
 def measure(
     backend: DynamixelBackend, gauge: Gauge, tension: float, travel: float, speed: float, rounds: int
-) -> list[Sample]:
+) -> list[TensionSample]:
     """Wind in and pay out ``rounds`` times and return what was seen while moving steadily.
 
     Raises:
         DriverError: of servo or gauge; the servo is let go on every path.
     """
     (name,) = backend.tendons
-    samples: list[Sample] = []
+    samples: list[TensionSample] = []
     backend.power(name, True)
     try:
         start = goal = _reading(backend).position
@@ -111,7 +111,7 @@ def measure(
                 backend.write({name: Setpoint(goal, 1.2 * tension)})
                 reading, force = _reading(backend), gauge.tension()
                 if began - turned_at > TURNING and abs(reading.velocity) > 0.3 * speed:
-                    samples.append(Sample(reading.current, reading.velocity, force))
+                    samples.append(TensionSample(reading.current, reading.velocity, force))
                 if inward and (max(force, reading.tension) >= tension or goal - start >= travel):
                     break
                 if not inward and goal <= start:
@@ -139,7 +139,7 @@ def _until(backend: DynamixelBackend, due: float) -> None:
         backend.read()
 
 
-def _measured(options: argparse.Namespace) -> list[Sample]:
+def _measured(options: argparse.Namespace) -> list[TensionSample]:
     """Measure with the servo and the gauge that the options name."""
     if not (options.port and options.gauge):
         raise ConfigurationError("expected --port and --gauge, or --csv, found neither; see --help")
@@ -147,7 +147,7 @@ def _measured(options: argparse.Namespace) -> list[Sample]:
         check_writable(options.record)
     model = MODELS[options.model]
     torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
-    servo = Servo("tendon", options.id, model, Spool(options.radius, options.direction), torque)
+    servo = ServoConfiguration("tendon", options.id, model, Spool(options.radius, options.direction), torque)
     bus = Bus(options.port, options.baud, options.reply_margin)
     backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
     gauge = make_gauge(options.gauge_kind, options.gauge, StreamSettings())

@@ -93,7 +93,7 @@ def latency_timer(port: str, devices: Path = USB_SERIAL) -> float | None:
         return None
 
 
-def causes(found: Measurement, wanted_rate: float) -> list[str]:
+def causes(found: Measurement, required_rate: float) -> list[str]:
     """Return every cause of slowness or loss that the figures show, with its fix."""
     texts = []
     if found.latency_timer is not None and found.latency_timer > 0.001:
@@ -108,17 +108,17 @@ def causes(found: Measurement, wanted_rate: float) -> list[str]:
             f"servos {sorted(slow)} wait up to {max(slow.values()) * 1e6:.0f} us before they answer: set their "
             "return delay to 0 with `setup --id N` (the driver does so itself when write_eeprom is on)"
         )
-    if found.wire_time > 0.5 / wanted_rate:
+    if found.wire_time > 0.5 / required_rate:
         texts.append(
             f"at {found.baud} baud the bytes alone take {found.wire_time * 1e3:.1f} ms of the "
-            f"{1e3 / wanted_rate:.1f} ms of a cycle: raise the baud rate with `setup --new-baud`"
+            f"{1e3 / required_rate:.1f} ms of a cycle: raise the baud rate with `setup --new-baud`"
         )
     if found.lost_share > 0.001 or found.corrupt:
         texts.append(
             f"{found.lost_share:.2%} of the answers are lost and {found.corrupt} packets damaged: check cable, "
             "connectors, common ground and supply; each ID must be used once"
         )
-    if not texts and found.rate < wanted_rate:
+    if not texts and found.rate < required_rate:
         texts.append(
             f"a group read takes {found.median * 1e3:.2f} ms, its bytes {found.wire_time * 1e3:.2f} ms: the rest is "
             "this computer; close other programs, allow real-time priority (rtprio in limits.conf), use a faster one"

@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.bringup import Servo, examine, identify, is_left_holding, refuse, set_up
-from softgrip_driver.dynamixel.bus import Bus, Reply
-from softgrip_driver.dynamixel.live import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, Live, SlowRead
-from softgrip_driver.dynamixel.registers import HardwareError, Item
+from softgrip_driver.dynamixel.bringup import ServoConfiguration, examine, identify, is_left_holding, refuse, set_up
+from softgrip_driver.dynamixel.bus import Bus, BusReply
+from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
 from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
+from softgrip_driver.dynamixel.servo_state import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 
@@ -62,7 +62,7 @@ class DynamixelBackend:
     def __init__(
         self,
         bus: Bus,
-        servos: Sequence[Servo],
+        servos: Sequence[ServoConfiguration],
         watchdog: float = 0.08,
         *,
         write_eeprom: bool = True,
@@ -71,7 +71,7 @@ class DynamixelBackend:
     ) -> None:
         self.bus = bus
         self._hold_unwatched = hold_unwatched
-        self._live = {servo.tendon: Live(servo) for servo in servos}
+        self._live = {servo.tendon: ServoState(servo) for servo in servos}
         self._watchdog_units = (
             0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
         )
@@ -118,7 +118,7 @@ class DynamixelBackend:
             raise
         return [DriveIdentity(identity.servo.tendon, identity.text) for identity in identities]
 
-    def _adopt(self, live: Live) -> None:
+    def _adopt(self, live: ServoState) -> None:
         """Learn what a servo does that was left holding, and leave it doing so.
 
         A bus watchdog that has tripped keeps the goals read-only until 0 is written to it (e-manual, item 98).
@@ -178,7 +178,7 @@ class DynamixelBackend:
         yield from self._set_up_again(live)
         live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
 
-    def _set_up_again(self, live: Live) -> Iterator[None]:
+    def _set_up_again(self, live: ServoState) -> Iterator[None]:
         """Set up from the beginning until every transaction was answered; patience is for the steps, not for one."""
         deadline = time.monotonic() + REBOOT_TIMEOUT
         while True:
@@ -193,7 +193,7 @@ class DynamixelBackend:
             else:
                 return
 
-    def _after_set_up(self, live: Live, attempts: int = 3) -> None:
+    def _after_set_up(self, live: ServoState, attempts: int = 3) -> None:
         servo_id = live.servo.servo_id
         live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts)
         live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts)
@@ -253,19 +253,19 @@ class DynamixelBackend:
         self.bus.sync_write(reg.GOAL_CURRENT, currents)
         self.bus.sync_write(reg.GOAL_POSITION, positions)
 
-    def _watch_motion(self, live: Live, goal: int) -> None:
+    def _watch_motion(self, live: ServoState, goal: int) -> None:
         """Let the bus watchdog run while a servo moves; where holds are to outlive this process, only then."""
         now = time.monotonic()
         if live.anchor is None or abs(goal - live.anchor) > self.MOTION_PULSES:
             live.anchor, live.moved_at = goal, now
-        wanted = not self._hold_unwatched or now - live.moved_at < self.REST_TIME
-        if wanted == live.armed or not self._watchdog_units:
+        is_required = not self._hold_unwatched or now - live.moved_at < self.REST_TIME
+        if is_required == live.armed or not self._watchdog_units:
             return
         try:
-            self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units if wanted else 0)
+            self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units if is_required else 0)
         except (NoReplyError, CorruptReplyError):
             return  # tried again in the next cycle
-        live.armed = wanted
+        live.armed = is_required
 
     def power(self, tendon: str, on: bool) -> None:
         """Hold the present position, or let go."""
@@ -297,13 +297,13 @@ class DynamixelBackend:
         if self.DEAF_FROM <= self._deaf < self.DEAF_TO:
             self.bus.push_through(self.PUSH_TIME)
 
-    def _switch_off(self, live: Live, attempts: int) -> None:
+    def _switch_off(self, live: ServoState, attempts: int) -> None:
         servo_id = live.servo.servo_id
         self.bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts=attempts)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=attempts)
         live.powered = live.armed = False
 
-    def _reading(self, live: Live, reply: Reply) -> DriveReading:
+    def _reading(self, live: ServoState, reply: BusReply) -> DriveReading:
         live.misses, live.absent = 0, False
         if reply.alert != live.alert:
             live.alert = reply.alert
@@ -325,7 +325,7 @@ class DynamixelBackend:
             powered, live.mark, faults, "", live.hardware_error,
         )  # fmt: skip
 
-    def _missed(self, live: Live, now: float) -> None:
+    def _missed(self, live: ServoState, now: float) -> None:
         live.misses += 1
         if live.misses >= self.MISSES:
             live.absent = live.suspect = True
@@ -349,7 +349,7 @@ class DynamixelBackend:
         if self._check_return(live):
             readings[live.servo.tendon] = self._reading(live, reply)
 
-    def _check_return(self, live: Live) -> bool:
+    def _check_return(self, live: ServoState) -> bool:
         """Look what became of a servo that was away, before anybody commands it again; return whether that is known.
 
         It may have restarted, or stopped itself by its bus watchdog. The latter is a fault of its own where this side
@@ -389,8 +389,8 @@ class DynamixelBackend:
             return
         self._take(live, block, data)
 
-    def _take(self, live: Live, block: SlowRead, data: bytes) -> None:
-        def value(item: Item) -> int:
+    def _take(self, live: ServoState, block: SlowRead, data: bytes) -> None:
+        def value(item: ControlItem) -> int:
             start = item.address - block.address
             return item.decode(data[start : start + item.size])
 

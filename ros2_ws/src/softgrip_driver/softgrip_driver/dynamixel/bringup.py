@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import BAUD_CODES, MODEL_NAMES, HardwareError, Item, OperatingMode, ServoModel
+from softgrip_driver.dynamixel.registers import (
+    BAUD_CODES,
+    MODEL_NAMES,
+    ControlItem,
+    HardwareError,
+    OperatingMode,
+    ServoModel,
+)
 from softgrip_driver.errors import (
     ConfigurationError,
     CorruptReplyError,
@@ -22,7 +29,7 @@ _ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
-class Servo:
+class ServoConfiguration:
     """One servo of the configuration.
 
     Attributes:
@@ -82,14 +89,14 @@ class Servo:
 
 
 @dataclass(frozen=True)
-class Identity:
+class ServoIdentity:
     """A servo that was found to be the one configured."""
 
-    servo: Servo
+    servo: ServoConfiguration
     text: str
 
 
-def identify(bus: Bus, servo: Servo) -> Identity:
+def identify(bus: Bus, servo: ServoConfiguration) -> ServoIdentity:
     """Return who answers at the servo's ID.
 
     Raises:
@@ -110,7 +117,7 @@ def identify(bus: Bus, servo: Servo) -> Identity:
             f"found {MODEL_NAMES.get(number, 'an unknown model')} ({number}); correct the parameter servo_models"
         )
     text = f"{servo.model.name}/{number} id {servo.servo_id} fw {firmware}"
-    return Identity(replace(servo, fast_sync_read=firmware >= servo.model.fast_sync_read_firmware), text)
+    return ServoIdentity(replace(servo, fast_sync_read=firmware >= servo.model.fast_sync_read_firmware), text)
 
 
 def _who_answers(bus: Bus) -> str:
@@ -134,7 +141,7 @@ def _who_answers(bus: Bus) -> str:
     return "nobody at any baud rate"
 
 
-def wanted_eeprom(servo: Servo) -> dict[Item, int]:
+def required_eeprom(servo: ServoConfiguration) -> dict[ControlItem, int]:
     """Return the persistent settings a tendon drive needs."""
     return {
         reg.RETURN_DELAY: 0,
@@ -153,18 +160,18 @@ def wanted_eeprom(servo: Servo) -> dict[Item, int]:
 class Difference:
     """A persistent setting that is not as a tendon drive needs it."""
 
-    servo: Servo
-    item: Item
+    servo: ServoConfiguration
+    item: ControlItem
     found: int
-    wanted: int
+    required: int
 
     def __str__(self) -> str:
         """Return it in words."""
         where = f"tendon '{self.servo.tendon}', ID {self.servo.servo_id}"
-        return f"{where}: {self.item.name} is {self.found}, needs {self.wanted}"
+        return f"{where}: {self.item.name} is {self.found}, needs {self.required}"
 
 
-def examine(bus: Bus, servo: Servo, attempts: int = _ATTEMPTS) -> Iterator[Difference | None]:
+def examine(bus: Bus, servo: ServoConfiguration, attempts: int = _ATTEMPTS) -> Iterator[Difference | None]:
     """Yield each persistent setting that differs from what is needed, None for one that does not. Changes none.
 
     Raises:
@@ -179,9 +186,9 @@ def examine(bus: Bus, servo: Servo, attempts: int = _ATTEMPTS) -> Iterator[Diffe
             f"tendon '{servo.tendon}', ID {servo.servo_id}: expected a servo without hardware errors, found {error!r}; "
             "remove the cause, then reboot it with `ros2 run softgrip_driver setup --reboot`"
         )
-    for item, wanted in wanted_eeprom(servo).items():
+    for item, required in required_eeprom(servo).items():
         found = bus.read(servo.servo_id, item, attempts)
-        yield None if found == wanted else Difference(servo, item, found, wanted)
+        yield None if found == required else Difference(servo, item, found, required)
 
 
 def refuse(differences: Sequence[Difference]) -> None:
@@ -192,7 +199,7 @@ def refuse(differences: Sequence[Difference]) -> None:
         )
 
 
-def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEMPTS) -> Iterator[str]:
+def set_up(bus: Bus, servo: ServoConfiguration, *, write_eeprom: bool, attempts: int = _ATTEMPTS) -> Iterator[str]:
     """Bring a servo to a known state with its torque off, some short transactions a step.
 
     Yields each persistent setting that was corrected, in words, and "" after every other transaction. With one attempt
@@ -217,8 +224,8 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEM
     bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts)
     bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts)
     for difference in differences:
-        bus.write(servo_id, difference.item, difference.wanted, attempts)
-        if bus.read(servo_id, difference.item, attempts) != difference.wanted:
+        bus.write(servo_id, difference.item, difference.required, attempts)
+        if bus.read(servo_id, difference.item, attempts) != difference.required:
             raise WrongDeviceError(f"{difference}; it was written, but not kept")
         yield str(difference)
     # After the mode: a change of mode resets these.
@@ -228,7 +235,7 @@ def set_up(bus: Bus, servo: Servo, *, write_eeprom: bool, attempts: int = _ATTEM
         yield ""
 
 
-def is_left_holding(bus: Bus, servo: Servo) -> bool:
+def is_left_holding(bus: Bus, servo: ServoConfiguration) -> bool:
     """Return whether a servo holds with the very settings that `set_up` would give it; nothing is changed.
 
     Raises:
@@ -243,7 +250,7 @@ def is_left_holding(bus: Bus, servo: Servo) -> bool:
     return all(bus.read(servo_id, item, _ATTEMPTS) == value for item, value in _profile(servo).items())
 
 
-def _profile(servo: Servo) -> dict[Item, int]:
+def _profile(servo: ServoConfiguration) -> dict[ControlItem, int]:
     """Return the servo's own profile, a last limit above the setpoint's speed."""
     speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
     return {reg.PROFILE_ACCELERATION: 0, reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units)))}

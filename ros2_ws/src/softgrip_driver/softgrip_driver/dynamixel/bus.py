@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 
 from softgrip_driver.dynamixel.port import BITS_PER_BYTE, PORT_ERRORS, BusPort
-from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, Item
+from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, ControlItem
 from softgrip_driver.dynamixel.stuffing import PacketHandler
-from softgrip_driver.errors import CorruptReplyError, NoReplyError, PortLostError, RefusedError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters
 
 BROADCAST = 0xFE
@@ -29,7 +29,7 @@ _ID_AT, _LENGTH_AT, _ERROR_AT, _DATA_AT = 4, 5, 8, 9
 
 
 @dataclass(frozen=True)
-class Reply:
+class BusReply:
     """One checked status packet.
 
     Attributes:
@@ -92,16 +92,16 @@ class Bus:
                     found[reply.servo_id] = (int.from_bytes(reply.data[:2], "little"), reply.data[2])
         return found
 
-    def read(self, servo_id: int, item: Item, attempts: int = 1) -> int:
+    def read(self, servo_id: int, item: ControlItem, attempts: int = 1) -> int:
         """Return the value of an item."""
         return item.decode(self.read_bytes(servo_id, item.address, item.size, attempts).data)
 
-    def read_bytes(self, servo_id: int, address: int, size: int, attempts: int = 1) -> Reply:
+    def read_bytes(self, servo_id: int, address: int, size: int, attempts: int = 1) -> BusReply:
         """Return ``size`` bytes of the control table with the alert flag."""
         parameters = address.to_bytes(2, "little") + size.to_bytes(2, "little")
         return self._exchange(servo_id, _READ, parameters, size, attempts)
 
-    def write(self, servo_id: int, item: Item, value: int, attempts: int = 1) -> None:
+    def write(self, servo_id: int, item: ControlItem, value: int, attempts: int = 1) -> None:
         """Write an item and wait for the servo's word that it did."""
         self._exchange(servo_id, _WRITE, item.address.to_bytes(2, "little") + item.encode(value), 0, attempts)
 
@@ -109,7 +109,7 @@ class Bus:
         """Reboot a servo; it answers at once and is silent afterwards for some tenths of a second."""
         self._exchange(servo_id, _REBOOT, b"", 0, 1)
 
-    def sync_write(self, item: Item, values: Mapping[int, int]) -> None:
+    def sync_write(self, item: ControlItem, values: Mapping[int, int]) -> None:
         """Write one item of several servos in one packet; no servo answers."""
         if not values:
             return
@@ -124,25 +124,25 @@ class Bus:
         with self._lock, self._guard():
             self.port.writePort(bytes(int(seconds * self.port.baudrate / BITS_PER_BYTE)))
 
-    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, BusReply]:
         """Return the answers of those servos that answered, in one transaction; silent ones are missing."""
-        wanted = set(servo_ids)
-        replies: dict[int, Reply] = {}
+        requested = set(servo_ids)
+        replies: dict[int, BusReply] = {}
         with self._lock, self._guard():
             self.counters.transactions += 1
             self._send(BROADCAST, _SYNC_READ, self._group(servo_ids, address, size))
             self.port.allow(len(servo_ids) * (_STATUS_OVERHEAD + size))
-            while wanted:
+            while requested:
                 reply = self._receive()
                 if reply is None and self.port.isPacketTimeout():
                     break
-                if reply is not None and reply.servo_id in wanted and len(reply.data) == size:
+                if reply is not None and reply.servo_id in requested and len(reply.data) == size:
                     replies[reply.servo_id] = reply
-                    wanted.discard(reply.servo_id)
-        self._count_lost(wanted)
+                    requested.discard(reply.servo_id)
+        self._count_lost(requested)
         return replies
 
-    def fast_sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+    def fast_sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, BusReply]:
         """Return all answers out of one common status packet, or none when any servo of the chain is silent."""
         expected = 8 + len(servo_ids) * (size + 4)
         with self._lock, self._guard():
@@ -155,19 +155,19 @@ class Bus:
             if result not in (COMM_SUCCESS, COMM_RX_TIMEOUT):
                 self.counters.corrupt += 1
             return {}
-        replies: dict[int, Reply] = {}
+        replies: dict[int, BusReply] = {}
         for index, servo_id in enumerate(servo_ids):
             start = _ERROR_AT + index * (size + 4)
             if packet[start + 1] != servo_id:
                 self.counters.corrupt += 1
                 return {}
             error = packet[start]
-            replies[servo_id] = Reply(
+            replies[servo_id] = BusReply(
                 servo_id, bool(error & ALERT_BIT), error & 0x7F, bytes(packet[start + 2 : start + 2 + size])
             )
         return replies
 
-    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> Reply:
+    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> BusReply:
         """Send an instruction until a whole answer came, at most ``attempts`` times.
 
         Each attempt waits four times as long as the one before: a host or adapter busy with starting up answers late.
@@ -175,8 +175,8 @@ class Bus:
         with self._lock:
             for attempt in range(1, attempts + 1):
                 try:
-                    patience = (4.0 ** (attempt - 1) - 1.0) * self.port.reply_margin
-                    return self._exchange_once(servo_id, instruction, parameters, size, patience)
+                    extra_wait = (4.0 ** (attempt - 1) - 1.0) * self.port.reply_margin
+                    return self._exchange_once(servo_id, instruction, parameters, size, extra_wait)
                 except (NoReplyError, CorruptReplyError):
                     if attempt == attempts:
                         raise
@@ -185,12 +185,14 @@ class Bus:
                         self.port.drain(self.port.reply_margin, 10.0 * self.port.reply_margin)
         raise AssertionError("attempts must be at least 1")
 
-    def _exchange_once(self, servo_id: int, instruction: int, parameters: bytes, size: int, patience: float) -> Reply:
+    def _exchange_once(
+        self, servo_id: int, instruction: int, parameters: bytes, size: int, extra_wait: float
+    ) -> BusReply:
         corrupt = False
         with self._guard():
             self.counters.transactions += 1
             self._send(servo_id, instruction, parameters)
-            self.port.allow(_STATUS_OVERHEAD + size, patience)
+            self.port.allow(_STATUS_OVERHEAD + size, extra_wait)
             while True:
                 reply = self._receive()
                 if reply is None and self.port.isPacketTimeout():
@@ -201,7 +203,7 @@ class Bus:
                 if reply.code:
                     self.counters.refused += 1
                     reason = STATUS_ERRORS.get(reply.code, "unknown code")
-                    raise RefusedError(
+                    raise DeviceRefusedError(
                         f"servo {servo_id} refused instruction 0x{instruction:02x}: code {reply.code}, {reason}",
                         reply.code,
                     )
@@ -227,7 +229,7 @@ class Bus:
         if result != COMM_SUCCESS:
             raise PortLostError(f"port {self.port.port_name}: {self._handler.getTxRxResult(result)}")
 
-    def _receive(self) -> Reply | None:
+    def _receive(self) -> BusReply | None:
         """Return the next whole status packet, or None when it is damaged or the deadline has passed."""
         packet, result = self._handler.rxPacket(self.port, False)
         if result != COMM_SUCCESS:
@@ -239,7 +241,7 @@ class Bus:
             self.counters.corrupt += 1
             return None
         error = packet[_ERROR_AT]
-        return Reply(
+        return BusReply(
             packet[_ID_AT], bool(error & ALERT_BIT), error & 0x7F, bytes(packet[_DATA_AT : _DATA_AT + length - 4])
         )
 
@@ -268,7 +270,7 @@ class _PortGuard:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self._port.is_using = False
-        if isinstance(error, PORT_ERRORS) and not isinstance(error, (PortLostError, RefusedError)):
+        if isinstance(error, PORT_ERRORS) and not isinstance(error, (PortLostError, DeviceRefusedError)):
             self._port.close()
             raise PortLostError(
                 f"port {self._port.port_name} went away ({error}); plug the adapter in again, it is reopened by itself"

@@ -24,7 +24,7 @@ EXTENDED_POSITION_LIMIT = 1_048_575
 
 
 @dataclass(frozen=True)
-class Item:
+class ControlItem:
     """One item of the control table."""
 
     name: str
@@ -43,42 +43,42 @@ class Item:
         return int(value).to_bytes(self.size, "little", signed=self.signed)
 
 
-MODEL_NUMBER = Item("model number", 0, 2)
-FIRMWARE = Item("firmware version", 6, 1)
-ID = Item("ID", 7, 1)
-BAUD_RATE = Item("baud rate", 8, 1)
-RETURN_DELAY = Item("return delay time", 9, 1)
-DRIVE_MODE = Item("drive mode", 10, 1)
-OPERATING_MODE = Item("operating mode", 11, 1)
-SECONDARY_ID = Item("secondary ID", 12, 1)
-HOMING_OFFSET = Item("homing offset", 20, 4, signed=True)
-TEMPERATURE_LIMIT = Item("temperature limit", 31, 1)
-MAX_VOLTAGE_LIMIT = Item("max voltage limit", 32, 2)
-MIN_VOLTAGE_LIMIT = Item("min voltage limit", 34, 2)
-PWM_LIMIT = Item("PWM limit", 36, 2)
-CURRENT_LIMIT = Item("current limit", 38, 2)
-VELOCITY_LIMIT = Item("velocity limit", 44, 4)
-STARTUP_CONFIGURATION = Item("startup configuration", 60, 1)
-SHUTDOWN = Item("shutdown", 63, 1)
-TORQUE_ENABLE = Item("torque enable", 64, 1)
-LED = Item("LED", 65, 1)
-STATUS_RETURN_LEVEL = Item("status return level", 68, 1)
-HARDWARE_ERROR = Item("hardware error status", 70, 1)
-BUS_WATCHDOG = Item("bus watchdog", 98, 1, signed=True)
-GOAL_PWM = Item("goal PWM", 100, 2, signed=True)
-GOAL_CURRENT = Item("goal current", 102, 2, signed=True)
-PROFILE_ACCELERATION = Item("profile acceleration", 108, 4)
-PROFILE_VELOCITY = Item("profile velocity", 112, 4)
-GOAL_POSITION = Item("goal position", 116, 4, signed=True)
-REALTIME_TICK = Item("realtime tick", 120, 2)
-PRESENT_CURRENT = Item("present current", 126, 2, signed=True)
-PRESENT_VELOCITY = Item("present velocity", 128, 4, signed=True)
-PRESENT_POSITION = Item("present position", 132, 4, signed=True)
-PRESENT_VOLTAGE = Item("present input voltage", 144, 2)
-PRESENT_TEMPERATURE = Item("present temperature", 146, 1)
+MODEL_NUMBER = ControlItem("model number", 0, 2)
+FIRMWARE = ControlItem("firmware version", 6, 1)
+ID = ControlItem("ID", 7, 1)
+BAUD_RATE = ControlItem("baud rate", 8, 1)
+RETURN_DELAY = ControlItem("return delay time", 9, 1)
+DRIVE_MODE = ControlItem("drive mode", 10, 1)
+OPERATING_MODE = ControlItem("operating mode", 11, 1)
+SECONDARY_ID = ControlItem("secondary ID", 12, 1)
+HOMING_OFFSET = ControlItem("homing offset", 20, 4, signed=True)
+TEMPERATURE_LIMIT = ControlItem("temperature limit", 31, 1)
+MAX_VOLTAGE_LIMIT = ControlItem("max voltage limit", 32, 2)
+MIN_VOLTAGE_LIMIT = ControlItem("min voltage limit", 34, 2)
+PWM_LIMIT = ControlItem("PWM limit", 36, 2)
+CURRENT_LIMIT = ControlItem("current limit", 38, 2)
+VELOCITY_LIMIT = ControlItem("velocity limit", 44, 4)
+STARTUP_CONFIGURATION = ControlItem("startup configuration", 60, 1)
+SHUTDOWN = ControlItem("shutdown", 63, 1)
+TORQUE_ENABLE = ControlItem("torque enable", 64, 1)
+LED = ControlItem("LED", 65, 1)
+STATUS_RETURN_LEVEL = ControlItem("status return level", 68, 1)
+HARDWARE_ERROR = ControlItem("hardware error status", 70, 1)
+BUS_WATCHDOG = ControlItem("bus watchdog", 98, 1, signed=True)
+GOAL_PWM = ControlItem("goal PWM", 100, 2, signed=True)
+GOAL_CURRENT = ControlItem("goal current", 102, 2, signed=True)
+PROFILE_ACCELERATION = ControlItem("profile acceleration", 108, 4)
+PROFILE_VELOCITY = ControlItem("profile velocity", 112, 4)
+GOAL_POSITION = ControlItem("goal position", 116, 4, signed=True)
+REALTIME_TICK = ControlItem("realtime tick", 120, 2)
+PRESENT_CURRENT = ControlItem("present current", 126, 2, signed=True)
+PRESENT_VELOCITY = ControlItem("present velocity", 128, 4, signed=True)
+PRESENT_POSITION = ControlItem("present position", 132, 4, signed=True)
+PRESENT_VOLTAGE = ControlItem("present input voltage", 144, 2)
+PRESENT_TEMPERATURE = ControlItem("present temperature", 146, 1)
 
 #: every item the driver touches, by name
-ITEMS: dict[str, Item] = {item.name: item for item in list(vars().values()) if isinstance(item, Item)}
+ITEMS: dict[str, ControlItem] = {item.name: item for item in list(vars().values()) if isinstance(item, ControlItem)}
 
 #: EEPROM ends here; below it a write needs torque off
 FIRST_RAM_ADDRESS = 64

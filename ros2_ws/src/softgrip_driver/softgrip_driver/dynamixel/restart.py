@@ -23,16 +23,16 @@ def restart(bus: Bus, servo_id: int) -> Iterator[None]:
         DeviceNotFoundError: it does not come back.
     """
     deadline = time.monotonic() + REBOOT_TIMEOUT
-    told = False
-    while not told:
+    is_restarted = False
+    while not is_restarted:
         # It may be booting already.
         yield from _until_it_answers(bus, servo_id)
         try:
             bus.reboot(servo_id)
-            told = True
+            is_restarted = True
         except (NoReplyError, CorruptReplyError):
             yield from _until_it_answers(bus, servo_id)
-            told = not _in_error(bus, servo_id) or time.monotonic() > deadline
+            is_restarted = not _in_error(bus, servo_id) or time.monotonic() > deadline
     yield from _until_it_answers(bus, servo_id)
 
 

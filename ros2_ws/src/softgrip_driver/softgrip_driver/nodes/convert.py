@@ -17,7 +17,7 @@ from softgrip_driver.tendon.loop import LoopSnapshot
 from softgrip_driver.tendon.ownership import OwnerRow
 from softgrip_driver.tendon.safety_store import SafetyRecord
 from softgrip_driver.tendon.status import DriveSnapshot
-from softgrip_driver.tendon.trajectory import MAX_POINTS, Trajectory
+from softgrip_driver.tendon.trajectory import MAX_POINTS, TendonTrajectory
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import SafetyState, TendonOwner, TendonOwners, TendonStatus, TendonStatusArray
 
@@ -126,7 +126,7 @@ def to_move_result(outcome: int, reason: str, drives: Sequence[DriveSnapshot]) -
     )
 
 
-def from_trajectory(message: JointTrajectory, limits: Mapping[str, TendonLimits]) -> dict[str, Trajectory]:
+def from_trajectory(message: JointTrajectory, limits: Mapping[str, TendonLimits]) -> dict[str, TendonTrajectory]:
     """Return one trajectory for each tendon named.
 
     Args:
@@ -152,7 +152,7 @@ def from_trajectory(message: JointTrajectory, limits: Mapping[str, TendonLimits]
     times = [point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in message.points]
     with_speeds = bool(message.points) and all(len(point.velocities) == len(names) for point in message.points)
     return {
-        name: Trajectory.checked(
+        name: TendonTrajectory.checked(
             times,
             [point.positions[index] for point in message.points],
             [point.velocities[index] for point in message.points] if with_speeds else [],

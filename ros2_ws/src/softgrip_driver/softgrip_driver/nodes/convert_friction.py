@@ -11,18 +11,18 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
 from softgrip_driver.rig.journal import Request
-from softgrip_driver.rig.procedure import JudgedPoint, Step
-from softgrip_driver.rig.pull import Sample
+from softgrip_driver.rig.procedure import JudgedPoint, ProcedureStep
+from softgrip_driver.rig.pull import RigSample
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel, FrictionSample
 from softgrip_model.friction.acceptance import model_digest
 from softgrip_model.friction.record import FrictionModel as Model
-from softgrip_model.friction.record import Verdict
+from softgrip_model.friction.record import ModelVerdict
 
 _VERDICTS = {
-    Verdict.USABLE: FrictionModel.USABLE,
-    Verdict.REPEAT_POINTS: FrictionModel.REPEAT_POINTS,
-    Verdict.DO_NOT_USE: FrictionModel.DO_NOT_USE,
+    ModelVerdict.USABLE: FrictionModel.USABLE,
+    ModelVerdict.REPEAT_POINTS: FrictionModel.REPEAT_POINTS,
+    ModelVerdict.DO_NOT_USE: FrictionModel.DO_NOT_USE,
 }
 
 
@@ -77,7 +77,7 @@ def sample_message(judged: JudgedPoint, stamp: Time) -> FrictionSample:
     return message
 
 
-def feedback_message(step: Step) -> Any:
+def feedback_message(step: ProcedureStep) -> Any:
     """Return a step as the action's feedback."""
     feedback = CalibrateFriction.Feedback()
     feedback.phase = int(step.phase)
@@ -104,7 +104,7 @@ def request_of(goal: Any) -> Request:
     )
 
 
-def wrench_message(sample: Sample, stamp: Time, frame: str) -> WrenchStamped:
+def wrench_message(sample: RigSample, stamp: Time, frame: str) -> WrenchStamped:
     """Return a reading of the gauge: tension along z of its frame, pulling positive."""
     message = WrenchStamped()
     message.header.stamp = stamp
@@ -113,7 +113,7 @@ def wrench_message(sample: Sample, stamp: Time, frame: str) -> WrenchStamped:
     return message
 
 
-def stage_message(sample: Sample, stamp: Time, frame: str) -> JointState:
+def stage_message(sample: RigSample, stamp: Time, frame: str) -> JointState:
     """Return a raw trace's sample: travel [m] with the tension [N] felt there."""
     message = JointState()
     message.header.stamp = stamp

@@ -28,15 +28,22 @@ from softgrip_driver.nodes.rig_safety import FollowedSafety, OwnSafety, RigSafet
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.clock import ScaledClock
 from softgrip_driver.rig.errors import StoppedError
-from softgrip_driver.rig.procedure import JudgedPoint, Operator, Outcome, PlanFailedError, Procedure, Step
-from softgrip_driver.rig.pull import Sample
+from softgrip_driver.rig.procedure import (
+    JudgedPoint,
+    PlanFailedError,
+    PlanOutcome,
+    Procedure,
+    ProcedureStep,
+    RigOperator,
+)
+from softgrip_driver.rig.pull import RigSample
 from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
-from softgrip_driver.rig.slide import Verdict
+from softgrip_driver.rig.slide import PointVerdict
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel, FrictionSample
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.errors import FrictionError
-from softgrip_model.friction.record import Verdict as ModelVerdict
+from softgrip_model.friction.record import ModelVerdict
 from softgrip_model.friction.store import ModelStore
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, StartupError, run
 
@@ -112,7 +119,7 @@ class FrictionRig(LifecycleNode):
         """Connect and identify both devices."""
         try:
             bench = make_bench(self._values)
-            identities = bench.open(patience=self._values["connect_timeout"])
+            identities = bench.open(timeout=self._values["connect_timeout"])
         except DriverError as error:
             self.startup_problem = str(error)
             self._diagnostics.set("rig", Health.ERROR, str(error))
@@ -195,7 +202,7 @@ class FrictionRig(LifecycleNode):
         result.samples = list(session.accepted.values())
         return result
 
-    def _measure(self, session: _Session, goal: Any) -> Outcome:
+    def _measure(self, session: _Session, goal: Any) -> PlanOutcome:
         bench = self._bench
         if bench is None or not self._active:
             raise DriverError("expected friction_rig to be active, found it is not; configure and activate it first")
@@ -216,7 +223,7 @@ class FrictionRig(LifecycleNode):
                 with self._session_lock:
                     self._session = None
 
-    def _keep(self, outcome: Outcome, goal: Any, result: Any) -> None:
+    def _keep(self, outcome: PlanOutcome, goal: Any, result: Any) -> None:
         if outcome.calibration is None:
             write_pulley(self._folder, Pulley(outcome.pulley_ratio, outcome.pulley_stddev))
             result.reason = f"guide pulley: T1/T2 = {outcome.pulley_ratio:.4f}, taken out of every later point"
@@ -254,7 +261,7 @@ class FrictionRig(LifecycleNode):
             return False
         return True
 
-    def publish_sample(self, sample: Sample) -> bool:
+    def publish_sample(self, sample: RigSample) -> bool:
         """Publish a raw reading; False when the process is ending."""
         stamp = self.get_clock().now().to_msg()
         frame = self._values["gauge_frame"]
@@ -322,7 +329,7 @@ class FrictionRig(LifecycleNode):
         return response
 
 
-class _Session(Operator):
+class _Session(RigOperator):
     """One running plan: between the procedure's questions and the action's client."""
 
     def __init__(self, node: FrictionRig, goal_handle: Any, clock: ScaledClock) -> None:
@@ -335,11 +342,11 @@ class _Session(Operator):
         self._answer = threading.Condition()
         self.stop_reason = ""
 
-    def tell(self, step: Step) -> None:
+    def tell(self, step: ProcedureStep) -> None:
         if not self._node.announce(self._goal_handle.publish_feedback, convert.feedback_message(step)):
             raise StoppedError("the process is ending")
 
-    def confirmed(self, step: Step) -> None:
+    def confirmed(self, step: ProcedureStep) -> None:
         with self._answer:
             self._waiting = True
             self.tell(step)
@@ -349,12 +356,12 @@ class _Session(Operator):
 
     def judged(self, point: JudgedPoint) -> None:
         message = self._node.publish_point(point)
-        if point.slide.verdict is Verdict.ACCEPTED:
+        if point.slide.verdict is PointVerdict.ACCEPTED:
             self.accepted[point.index] = message
         else:
             self.accepted.pop(point.index, None)
 
-    def sampled(self, sample: Sample) -> None:
+    def sampled(self, sample: RigSample) -> None:
         if not self._node.publish_sample(sample):
             raise StoppedError("the process is ending")
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
-from softgrip_driver.rig.procedure import Settings
+from softgrip_driver.rig.procedure import RigSettings
 from softgrip_driver.rig.pull import PullSettings
 from softgrip_driver.rig.slide import SlideSettings
-from softgrip_model.friction.assess import Limits
+from softgrip_model.friction.assess import AcceptanceLimits
 from softgrip_nodekit import Parameter, ParameterTable
 
 PARAMETERS = ParameterTable(
@@ -53,7 +53,7 @@ PARAMETERS = ParameterTable(
     Parameter("maximum_error_limit", 0.15, "of one point of a usable model", "1", 0.001, 1.0),
     Parameter("interval_limit", 0.10, "95 % half width of a usable model over its range", "1", 0.001, 1.0),
     Parameter("adaptive_interval", 0.03, "the adaptive plan stops when the 95 % half width is below", "1", 0.002, 0.5),
-    Parameter("adaptive_most", 20, "points of the adaptive plan at most", "", 5, 200),
+    Parameter("adaptive_max_points", 20, "points of the adaptive plan at most", "", 5, 200, former="adaptive_most"),
     Parameter("pulley_stddev", 0.01, "relative error of the guide pulley while it was never calibrated", "1", 0.0, 0.1),
     Parameter("gauge_gain_stddev", 0.001, "relative error of the gauge's own calibration", "1", 0.0, 0.1),
     Parameter("zero_drift_limit", 0.05, "of the gauge's zero over a plan", "N", 0.001, 10.0),
@@ -72,9 +72,9 @@ def make_bench(values: dict[str, Any]) -> Bench:
     )
 
 
-def measurement_settings(values: dict[str, Any], pulley_ratio: float, pulley_stddev: float) -> Settings:
+def measurement_settings(values: dict[str, Any], pulley_ratio: float, pulley_stddev: float) -> RigSettings:
     """Return how to measure, from the parameters and the pulley's calibration."""
-    return Settings(
+    return RigSettings(
         pull=PullSettings(
             speed=values["speed"],
             return_speed=values["return_speed"],
@@ -89,7 +89,7 @@ def measurement_settings(values: dict[str, Any], pulley_ratio: float, pulley_std
             drift_limit=values["drift_limit"],
             stick_slip_limit=values["stick_slip_limit"],
         ),
-        limits=Limits(
+        limits=AcceptanceLimits(
             average_error=values["average_error_limit"],
             maximum_error=values["maximum_error_limit"],
             interval=values["interval_limit"],
@@ -99,5 +99,5 @@ def measurement_settings(values: dict[str, Any], pulley_ratio: float, pulley_std
         common_stddev=float((pulley_stddev**2 + values["gauge_gain_stddev"] ** 2) ** 0.5),
         zero_drift_limit=values["zero_drift_limit"],
         adaptive_interval=values["adaptive_interval"],
-        adaptive_most=values["adaptive_most"],
+        adaptive_max_points=values["adaptive_max_points"],
     )

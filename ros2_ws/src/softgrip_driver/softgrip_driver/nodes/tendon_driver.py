@@ -31,7 +31,7 @@ from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.blocking import block_of, keeps_torque
 from softgrip_driver.tendon.gripper import Ticket
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
-from softgrip_driver.tendon.motions import Outcome
+from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
 from softgrip_driver.tendon.session import ZeroKeeper
 from softgrip_driver.tendon.zero_store import ZeroStore
@@ -335,9 +335,9 @@ class TendonDriver(LifecycleNode):
         def home(loop: BusLoop) -> tuple[bool, str]:
             ticket = loop.order(lambda controller, now: controller.home(now, tendons), power=self._active)
             outcome, reason = self._wait(loop, ticket, self._homing_timeout())
-            if outcome is Outcome.REACHED and self._keeper is not None:
+            if outcome is MoveOutcome.REACHED and self._keeper is not None:
                 self._keeper.keep(loop, datetime.now(UTC).isoformat(timespec="seconds"))
-            return outcome is Outcome.REACHED, reason
+            return outcome is MoveOutcome.REACHED, reason
 
         return self._with_loop(home)
 
@@ -348,7 +348,7 @@ class TendonDriver(LifecycleNode):
             ticket = loop.call(lambda controller, now: controller.release(now))
             limits = next(iter(self._configuration.limits.values()))
             outcome, reason = self._wait(loop, ticket, limits.travel / limits.release_speed + MOVE_GRACE)
-            return outcome is Outcome.REACHED, reason
+            return outcome is MoveOutcome.REACHED, reason
 
         response.success, response.message = self._with_loop(release)
         return response
@@ -395,21 +395,21 @@ class TendonDriver(LifecycleNode):
         begun, loop = self._begun.pop(bytes(handle.goal_id.uuid)), self._loop
         if isinstance(begun, str) or loop is None:
             refusal = begun if isinstance(begun, str) else "the driver is not active"
-            return self._end(handle, Outcome.REFUSED, refusal, ())
+            return self._end(handle, MoveOutcome.REFUSED, refusal, ())
         try:
             outcome, reason = self._wait(loop, begun, self._move_timeout(handle.request.speed), handle)
         except (DriverError, TimeoutError) as error:
             # Whatever it still does must not go on behind the back of a client that was told that it ended.
             loop.post(lambda controller, now: controller.cancel(begun, now))
-            return self._end(handle, Outcome.FAULT, f"{error}; it holds where it is", tuple(begun.jobs))
+            return self._end(handle, MoveOutcome.FAULT, f"{error}; it holds where it is", tuple(begun.jobs))
         return self._end(handle, outcome, reason, tuple(begun.jobs))
 
     def _end(
-        self, handle: ServerGoalHandle, outcome: Outcome, reason: str, tendons: Sequence[str]
+        self, handle: ServerGoalHandle, outcome: MoveOutcome, reason: str, tendons: Sequence[str]
     ) -> MoveTendon.Result:
-        if outcome is Outcome.CANCELLED and handle.is_cancel_requested:
+        if outcome is MoveOutcome.CANCELLED and handle.is_cancel_requested:
             handle.canceled()
-        elif outcome in {Outcome.REACHED, Outcome.TENSION_LIMIT}:
+        elif outcome in {MoveOutcome.REACHED, MoveOutcome.TENSION_LIMIT}:
             handle.succeed()
         else:
             handle.abort()
@@ -421,18 +421,18 @@ class TendonDriver(LifecycleNode):
 
     def _wait(
         self, loop: BusLoop, ticket: Ticket, timeout: float, handle: ServerGoalHandle | None = None
-    ) -> tuple[Outcome, str]:
+    ) -> tuple[MoveOutcome, str]:
         """Wait for the end of a request, cycle by cycle; with an action's handle also give feedback and heed cancel."""
         deadline = time.monotonic() + timeout
         sequence, feedback_due, cancelled = 0, 0.0, False
         outcome, reason = loop.call(lambda controller, _: controller.result(ticket))
         while True:
             if outcome is not None:
-                return (Outcome.CANCELLED, "cancelled; it holds where it is") if cancelled else (outcome, reason)
+                return (MoveOutcome.CANCELLED, "cancelled; it holds where it is") if cancelled else (outcome, reason)
             now = time.monotonic()
             if now > deadline:
                 loop.call(lambda controller, at: controller.cancel(ticket, at))
-                return Outcome.TIMEOUT, f"not done within {timeout:.1f} s; it holds where it is"
+                return MoveOutcome.TIMEOUT, f"not done within {timeout:.1f} s; it holds where it is"
             if handle is not None and handle.is_cancel_requested and not cancelled:
                 cancelled = True
                 loop.call(lambda controller, at: controller.cancel(ticket, at))

@@ -14,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from softgrip_driver.errors import ConfigurationError, CorruptReplyError
-from softgrip_driver.rig.devices import Identity
+from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.rig.errors import SaturatedError, UnitChangedError
 from softgrip_driver.rig.line_port import LinePort
 from softgrip_model.friction.laws import GRAVITY
@@ -127,13 +127,13 @@ class StreamAmplifier:
         self._zero = 0.0
         self._last: deque[bytes] = deque(maxlen=STUCK_AFTER)
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect and check that its lines can be read."""
         self._port.open()
         self._last.clear()
         self._port.read_line(self._port.reply_time * 4)
         self.tension()
-        return Identity("streaming amplifier")
+        return DeviceIdentity("streaming amplifier")
 
     def tare(self) -> None:
         """Make the present force zero (kept here: most of these devices cannot)."""

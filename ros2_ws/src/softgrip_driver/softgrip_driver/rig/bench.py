@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from softgrip_driver.errors import DeviceNotFoundError, DriverError, NoReplyError, PortLostError
-from softgrip_driver.rig.devices import Gauge, Identity, Stage
-from softgrip_driver.rig.pull import Sample
+from softgrip_driver.rig.devices import DeviceIdentity, Gauge, Stage
+from softgrip_driver.rig.pull import RigSample
 
 #: [s] between attempts to connect.
 _RETRY_PERIOD = 0.1
 #: [s] for devices that went away to come back when a measurement begins.
-_PATIENCE = 3.0
+_OPEN_TIMEOUT_S = 3.0
 
 
 class BusyError(DriverError):
@@ -37,17 +37,17 @@ class Bench:
         self._closed = threading.Event()
         self._connected = False
 
-    def open(self, patience: float = 0.0) -> tuple[Identity, Identity]:
+    def open(self, timeout: float = 0.0) -> tuple[DeviceIdentity, DeviceIdentity]:
         """Connect and identify both.
 
         Args:
-            patience: [s] to keep trying while a device is not there yet.
+            timeout: [s] to keep trying while a device is not there yet.
 
         Raises:
             DriverError: of whichever is not there; the other one is closed again.
         """
         self._closed.clear()
-        end = time.monotonic() + patience
+        end = time.monotonic() + timeout
         while True:
             try:
                 identities = self.stage.open(), self.gauge.open()
@@ -76,12 +76,12 @@ class Bench:
             # A look of the idle rig is over soon; it is no measurement that could be cancelled.
             with self._in_use:
                 if not self._connected:  # a device was silent when somebody looked
-                    self.open(_PATIENCE)
+                    self.open(_OPEN_TIMEOUT_S)
                 yield
         finally:
             self._measuring.release()
 
-    def look(self, now: float) -> Sample | None:
+    def look(self, now: float) -> RigSample | None:
         """Read both while nobody measures; None while somebody does.
 
         Raises:
@@ -90,7 +90,7 @@ class Bench:
         if not self._in_use.acquire(blocking=False):
             return None
         try:
-            return Sample(now, self.stage.travel(), self.gauge.tension())
+            return RigSample(now, self.stage.travel(), self.gauge.tension())
         finally:
             self._in_use.release()
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 @dataclass(frozen=True)
-class Identity:
+class DeviceIdentity:
     """What a device says it is.
 
     Attributes:
@@ -27,7 +27,7 @@ class Stage(Protocol):
     when it will not, NotReadyError when it will in a moment, PortLostError when the port is gone.
     """
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect, identify, stand still."""
         ...
 
@@ -59,7 +59,7 @@ class Stage(Protocol):
 class Gauge(Protocol):
     """Feels the cable's tension [N], never negative but for noise. Raises as `Stage` does."""
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect, identify, set to newtons and present force."""
         ...
 

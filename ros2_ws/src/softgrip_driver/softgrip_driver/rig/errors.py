@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from softgrip_driver.errors import DriverError, RefusedError
+from softgrip_driver.errors import DeviceRefusedError, DriverError
 
 
 class SaturatedError(DriverError):
@@ -14,7 +14,7 @@ class UnitChangedError(DriverError):
     """Somebody switched the gauge's unit at its panel: its numbers mean something else."""
 
 
-class NotReadyError(RefusedError):
+class NotReadyError(DeviceRefusedError):
     """The device still ends what it did before; ask again."""
 
 

@@ -11,8 +11,8 @@ import contextlib
 import re
 import time
 
-from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, RefusedError
-from softgrip_driver.rig.devices import Identity
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError
+from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.rig.errors import NotReadyError
 from softgrip_driver.rig.line_port import LinePort
 
@@ -50,7 +50,7 @@ class GrblStage:
         self._zero_mm = 0.0
         self._offset_mm = 0.0
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect, wait for the banner, stand still, set millimetres.
 
         Raises:
@@ -61,12 +61,12 @@ class GrblStage:
         self.stop()
         state, position = self._report()
         if state in {"Alarm", "Door", "Sleep"}:
-            raise RefusedError(
+            raise DeviceRefusedError(
                 f"GRBL: expected it idle, found it in {state}: make the axis free, then send $X or home it", 0
             )
         self._command("G21 G90")
         self._zero_mm = position
-        return Identity(f"GRBL {version}")
+        return DeviceIdentity(f"GRBL {version}")
 
     def zero(self) -> None:
         """Make this the zero of travel."""
@@ -89,7 +89,7 @@ class GrblStage:
         """
         state, position = self._report()
         if state == "Alarm":
-            raise RefusedError("GRBL: alarm: a limit switch was hit or it was reset in motion; home it again", 0)
+            raise DeviceRefusedError("GRBL: alarm: a limit switch was hit or it was reset in motion; home it again", 0)
         return (position - self._zero_mm) * 1e-3
 
     def stop(self) -> None:
@@ -144,7 +144,7 @@ class GrblStage:
         if answer != "ok":
             code = answer.removeprefix("error:")
             reason = _ERRORS.get(code, "see GRBL's list of errors")
-            kind = NotReadyError if code == _NOT_IDLE else RefusedError
+            kind = NotReadyError if code == _NOT_IDLE else DeviceRefusedError
             raise kind(f"GRBL: expected 'ok' to '{text}', found '{answer}': {reason}", _number(code))
 
     def _answer(self, *beginnings: bytes) -> bytes:
@@ -156,7 +156,7 @@ class GrblStage:
                 return line
             if line.startswith((b"ALARM:", b"Grbl ")):
                 heard = line.decode("ascii", "replace")
-                raise RefusedError(f"GRBL: expected an answer, found '{heard}': the position is lost; home it", 0)
+                raise DeviceRefusedError(f"GRBL: expected an answer, found '{heard}': the position is lost; home it", 0)
             if time.monotonic() >= end:
                 raise NoReplyError(f"port {self._port.path}: expected {beginnings!r}, found {line!r}")
 

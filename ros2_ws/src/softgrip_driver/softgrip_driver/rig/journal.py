@@ -38,7 +38,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredPoint:
     """One accepted point: index in the plan, angle [rad], mass [kg], T2 and T1 [N]."""
 
     index: int
@@ -49,17 +49,17 @@ class Measured:
 
 
 @dataclass
-class Journal:
+class PlanJournal:
     """One plan's file. Lines: the request, accepted points, withdrawn points, the end."""
 
     path: Path
     plan_id: str
     request: Request
-    points: dict[int, Measured] = field(default_factory=dict)
+    points: dict[int, MeasuredPoint] = field(default_factory=dict)
     finished: bool = False
 
     @classmethod
-    def begin(cls, folder: Path, plan_id: str, request: Request) -> Journal:
+    def begin(cls, folder: Path, plan_id: str, request: Request) -> PlanJournal:
         """Start a new file.
 
         Raises:
@@ -76,7 +76,7 @@ class Journal:
         return journal
 
     @classmethod
-    def last_broken(cls, folder: Path) -> Journal | None:
+    def last_broken(cls, folder: Path) -> PlanJournal | None:
         """Return the newest plan that never came to its end, or None."""
         for path in sorted(folder.glob(f"*{_SUFFIX}"), reverse=True):
             journal = cls.read(path)
@@ -85,7 +85,7 @@ class Journal:
         return None
 
     @classmethod
-    def read(cls, path: Path) -> Journal:
+    def read(cls, path: Path) -> PlanJournal:
         """Read a plan's file; a last line that a power cut tore is left out.
 
         Raises:
@@ -109,7 +109,7 @@ class Journal:
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise JournalError(f"{path}: expected the record of a plan (schema {SCHEMA}), found {error!r}") from error
 
-    def accept(self, point: Measured) -> None:
+    def accept(self, point: MeasuredPoint) -> None:
         """Keep a point."""
         self._append({"event": "accepted", **asdict(point)})
         self.points[point.index] = point
@@ -125,7 +125,7 @@ class Journal:
         self.finished = True
 
     @classmethod
-    def _replay(cls, path: Path, events: list[dict[str, Any]]) -> Journal:
+    def _replay(cls, path: Path, events: list[dict[str, Any]]) -> PlanJournal:
         first = dict(events[0])
         if first.pop("event") != "request" or first.pop("schema") != SCHEMA:
             raise ValueError(f"first line {events[0]}")
@@ -135,7 +135,7 @@ class Journal:
         for event in events[1:]:
             kind = event.pop("event")
             if kind == "accepted":
-                journal.points[event["index"]] = Measured(**event)
+                journal.points[event["index"]] = MeasuredPoint(**event)
             elif kind == "withdrawn":
                 journal.points.pop(event["index"], None)
             elif kind == "finished":

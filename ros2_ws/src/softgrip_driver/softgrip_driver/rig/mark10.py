@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from softgrip_driver.errors import CorruptReplyError, RefusedError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError
 from softgrip_driver.rig.errors import SaturatedError
 
 BAUD = 115200
@@ -86,7 +86,7 @@ def parse_reading(line: bytes) -> tuple[float, str]:
     """
     text = line.decode("ascii", "replace").strip()
     if text in _ERRORS:
-        raise RefusedError(f"gauge: expected a reading, found {text} ({_ERRORS[text]})", int(text[1:]))
+        raise DeviceRefusedError(f"gauge: expected a reading, found {text} ({_ERRORS[text]})", int(text[1:]))
     if text.upper().startswith(("OVER", "OL")):
         raise SaturatedError(f"gauge: the force is beyond its capacity ({text}); take weight off, use a bigger gauge")
     match = _READING.fullmatch(text)
@@ -120,7 +120,7 @@ def parse_list(line: bytes) -> GaugeSettings:
     """
     text = line.decode("ascii", "replace").strip()
     if text in _ERRORS:
-        raise RefusedError(f"gauge: expected its settings, found {text} ({_ERRORS[text]})", int(text[1:]))
+        raise DeviceRefusedError(f"gauge: expected its settings, found {text} ({_ERRORS[text]})", int(text[1:]))
     words = text.split(";")
     numbered = {match[1]: int(match[2]) for word in words if (match := re.fullmatch(r"(FLTC|AOUT|B)(\d+)", word))}
     if len(words) < 8 or not {"FLTC", "AOUT"} <= numbered.keys():

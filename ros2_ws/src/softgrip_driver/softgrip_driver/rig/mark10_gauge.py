@@ -5,16 +5,16 @@ from __future__ import annotations
 
 import contextlib
 
-from softgrip_driver.errors import CorruptReplyError, DriverError, RefusedError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError
 from softgrip_driver.rig import mark10
-from softgrip_driver.rig.devices import Identity
+from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.rig.errors import UnitChangedError
 from softgrip_driver.rig.line_port import LinePort
 
 _UNIT = "N"
 _LOW_BATTERY = 3
 #: Force lines to look through for an answer while automatic output is on.
-_MOST_LINES = 20
+_MAX_LINES = 20
 #: [N] what may be left after zeroing: noise.
 _ZERO_TOLERANCE = 0.1
 
@@ -30,21 +30,21 @@ class Mark10Gauge:
         self._port = port
         self._auto_output_before = 0
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect, silence automatic output, set newtons and present force, and check that it took."""
         self._port.open()
         found = self._settings()
         self.restore()
         taken = self._settings()
         if (taken.unit, taken.mode, taken.auto_output) != (_UNIT, "CUR", 0):
-            raise RefusedError(
+            raise DeviceRefusedError(
                 f"gauge: expected the settings {_UNIT}, CUR, AOUT00, found {taken.unit}, {taken.mode}, "
                 f"AOUT{taken.auto_output:02d}; leave its menu and try again",
                 0,
             )
         self._auto_output_before = found.auto_output
         warnings = ("battery low: charge the gauge",) if taken.battery >= _LOW_BATTERY else ()
-        return Identity(f"Mark-10 gauge {taken.version}", warnings=warnings)
+        return DeviceIdentity(f"Mark-10 gauge {taken.version}", warnings=warnings)
 
     def tare(self) -> None:
         """Make the present force zero, and check that it is.
@@ -55,7 +55,7 @@ class Mark10Gauge:
         self._send("Z")
         left = self.tension()
         if abs(left) > _ZERO_TOLERANCE:
-            raise RefusedError(f"gauge: expected 0 N after zeroing, found {left:.2f} N; keep the cable still", 0)
+            raise DeviceRefusedError(f"gauge: expected 0 N after zeroing, found {left:.2f} N; keep the cable still", 0)
 
     def tension(self) -> float:
         """Tension now [N].
@@ -98,7 +98,7 @@ class Mark10Gauge:
         """Ask for the settings; automatic output may talk in between."""
         self._port.drain()
         self._send("LIST")
-        for _ in range(_MOST_LINES):
+        for _ in range(_MAX_LINES):
             line = self._port.read_line()
             if b";" in line or line.startswith(b"*"):
                 break

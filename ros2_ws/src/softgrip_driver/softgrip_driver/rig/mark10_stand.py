@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import contextlib
 
-from softgrip_driver.errors import DriverError, NoReplyError, RefusedError
+from softgrip_driver.errors import DeviceRefusedError, DriverError, NoReplyError
 from softgrip_driver.rig import mark10
-from softgrip_driver.rig.devices import Identity
+from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.rig.line_port import LinePort
 
 #: [m] read-back tolerance of a limit: the stand keeps hundredths of a millimetre.
@@ -25,14 +25,14 @@ class Mark10Stand:
     def __init__(self, port: LinePort) -> None:
         self._port = port
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect, stop, set millimetres and limit mode."""
         self._port.open()
         self.stop()
         self._port.write(mark10.MILLIMETRES + mark10.LIMIT_MODE)
         status = self._ask(mark10.REQUEST_STATUS).decode("ascii", "replace").strip()
         self.travel()
-        return Identity(f"Mark-10 stand (status {status})")
+        return DeviceIdentity(f"Mark-10 stand (status {status})")
 
     def zero(self) -> None:
         """Make this the zero of travel, and check that it is.
@@ -92,8 +92,8 @@ class Mark10Stand:
             raise NoReplyError(f"stand: asked '{request.decode()}': {error}") from error
 
     @staticmethod
-    def _refused(what: str, found: str) -> RefusedError:
-        return RefusedError(
+    def _refused(what: str, found: str) -> DeviceRefusedError:
+        return DeviceRefusedError(
             f"stand: expected it to {what}, found {found}; PC control is off (Auto Return or Cycling pressed at the "
             "panel, or CONTROL not set to PC): switch it on again",
             0,

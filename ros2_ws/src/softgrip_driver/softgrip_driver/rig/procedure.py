@@ -16,17 +16,17 @@ import numpy as np
 from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DriverError, NoReplyError
 from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.errors import StoppedError, UnitChangedError
-from softgrip_driver.rig.journal import Journal, Measured, Request
+from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.plan import ADAPTIVE, PULLEY, Point, next_point, points_of
-from softgrip_driver.rig.pull import PullSettings, RigClock, Sample, record_pull
-from softgrip_driver.rig.slide import Slide, SlideSettings, Verdict, analyse
-from softgrip_model.friction.assess import Limits
-from softgrip_model.friction.calibration import Calibration, Pair, calibrate
+from softgrip_driver.rig.pull import PullSettings, RigClock, RigSample, record_pull
+from softgrip_driver.rig.slide import PointVerdict, Slide, SlideSettings, analyse
+from softgrip_model.friction.assess import AcceptanceLimits
+from softgrip_model.friction.calibration import Calibration, SurfacePair, calibrate
 from softgrip_model.friction.laws import GRAVITY, Law
 from softgrip_model.friction.measurements import Measurements, measurements
 
 
-class Phase(IntEnum):
+class ProcedurePhase(IntEnum):
     """Where the measurement is; numbers as in CalibrateFriction's feedback."""
 
     SET_UP = 0
@@ -37,10 +37,10 @@ class Phase(IntEnum):
 
 
 @dataclass(frozen=True)
-class Step:
+class ProcedureStep:
     """What the person is told: phase, which point of how many, its setting, and the instruction in words."""
 
-    phase: Phase
+    phase: ProcedurePhase
     index: int
     total: int
     point: Point
@@ -58,14 +58,14 @@ class JudgedPoint:
     speed: float
 
 
-class Operator(Protocol):
+class RigOperator(Protocol):
     """The person at the rig, and whoever listens."""
 
-    def tell(self, step: Step) -> None:
+    def tell(self, step: ProcedureStep) -> None:
         """Show a step."""
         ...
 
-    def confirmed(self, step: Step) -> None:
+    def confirmed(self, step: ProcedureStep) -> None:
         """Show a step that asks for something; return when the person has done it.
 
         Raises:
@@ -77,13 +77,13 @@ class Operator(Protocol):
         """Take note of an attempt."""
         ...
 
-    def sampled(self, sample: Sample) -> None:
+    def sampled(self, sample: RigSample) -> None:
         """Take note of a raw reading."""
         ...
 
 
 @dataclass(frozen=True)
-class Settings:
+class RigSettings:
     """How to measure.
 
     Attributes:
@@ -96,12 +96,12 @@ class Settings:
         common_stddev: relative error that all points share [1]: of the pulley ratio and the gauge's gain.
         zero_drift_limit: [N] of the gauge over the plan.
         adaptive_interval: the adaptive plan stops when the widest 95 % interval is below it [1].
-        adaptive_most: points it may take.
+        adaptive_max_points: points it may take.
     """
 
     pull: PullSettings = field(default_factory=PullSettings)
     slide: SlideSettings = field(default_factory=SlideSettings)
-    limits: Limits = field(default_factory=Limits)
+    limits: AcceptanceLimits = field(default_factory=AcceptanceLimits)
     attempts: int = 3
     recheck_rounds: int = 2
     recheck_significance: float = 0.05
@@ -110,15 +110,15 @@ class Settings:
     common_stddev: float = 0.01
     zero_drift_limit: float = 0.05
     adaptive_interval: float = 0.03
-    adaptive_most: int = 20
+    adaptive_max_points: int = 20
 
 
 #: [1] three weights cannot tell the pulley's ratio better than the weights themselves are known.
-LEAST_PULLEY_STDDEV = 0.002
+MIN_PULLEY_STDDEV = 0.002
 
 
 #: Points before an adaptive plan may stop: with fewer than three degrees of freedom luck looks like precision.
-ADAPTIVE_LEAST = 7
+ADAPTIVE_MIN_POINTS = 7
 _ZERO_READINGS = 20
 
 
@@ -127,7 +127,7 @@ class PlanFailedError(DriverError):
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class PlanOutcome:
     """What a plan gave.
 
     Attributes:
@@ -137,7 +137,7 @@ class Outcome:
 
     plan_id: str
     calibration: Calibration | None
-    points: tuple[Measured, ...]
+    points: tuple[MeasuredPoint, ...]
     pulley_ratio: float
     pulley_stddev: float
 
@@ -154,9 +154,9 @@ class Procedure:
         self,
         stage: Stage,
         gauge: Gauge,
-        operator: Operator,
+        operator: RigOperator,
         clock: RigClock,
-        settings: Settings,
+        settings: RigSettings,
         folder: Path,
     ) -> None:
         self._stage, self._gauge = stage, gauge
@@ -164,7 +164,7 @@ class Procedure:
         self._settings, self._folder = settings, folder
         self._zero = 0.0
 
-    def run(self, request: Request, *, resume: bool = False) -> Outcome:
+    def run(self, request: Request, *, resume: bool = False) -> PlanOutcome:
         """Measure a plan and fit its model.
 
         Args:
@@ -187,7 +187,7 @@ class Procedure:
         if journal.request.plan == PULLEY:
             return self._pulley_outcome(journal)
         calibration = self._recheck(journal, points)
-        while journal.request.plan == ADAPTIVE and self._more_wanted(calibration):
+        while journal.request.plan == ADAPTIVE and self._needs_more_points(calibration):
             index = len(points)
             points[index] = next_point(calibration)
             self._measure(journal, index, points)
@@ -195,31 +195,35 @@ class Procedure:
         self._check_zero(points, journal)
         journal.finish(str(calibration.assessment.verdict))
         settings = self._settings
-        return Outcome(journal.plan_id, calibration, _in_order(journal), settings.pulley_ratio, settings.common_stddev)
+        return PlanOutcome(
+            journal.plan_id, calibration, _in_order(journal), settings.pulley_ratio, settings.common_stddev
+        )
 
     # -- one point -------------------------------------------------------------------------------------------------
 
-    def _measure(self, journal: Journal, index: int, points: dict[int, Point]) -> Slide:
+    def _measure(self, journal: PlanJournal, index: int, points: dict[int, Point]) -> Slide:
         point, total = points[index], len(points)
         pull, why = self._settings.pull, ""
         for attempt in range(1, self._settings.attempts + 1):
             again = f"Again ({why}): " if why else ""
-            self._operator.confirmed(Step(Phase.SET_UP, index, total, point, again + _instruction(point)))
+            self._operator.confirmed(
+                ProcedureStep(ProcedurePhase.SET_UP, index, total, point, again + _instruction(point))
+            )
             slide = self._attempt(index, total, point, pull)
-            if slide.verdict is Verdict.ACCEPTED:
+            if slide.verdict is PointVerdict.ACCEPTED:
                 doubt = self._doubt(journal, point, slide) if attempt == 1 else ""
                 if doubt:
-                    slide = dataclasses.replace(slide, verdict=Verdict.REPEAT, reason=doubt)
+                    slide = dataclasses.replace(slide, verdict=PointVerdict.REPEAT, reason=doubt)
             self._operator.judged(JudgedPoint(journal.plan_id, index, point, slide, pull.speed))
             if slide.sparse:
                 pull = dataclasses.replace(pull, speed=0.5 * pull.speed, return_speed=0.5 * pull.return_speed)
-            if slide.verdict is Verdict.ACCEPTED:
-                journal.accept(Measured(index, point.angle, point.load, slide.tension_low, slide.tension_high))
+            if slide.verdict is PointVerdict.ACCEPTED:
+                journal.accept(MeasuredPoint(index, point.angle, point.load, slide.tension_low, slide.tension_high))
                 text = f"{point}: T1/T2 = {slide.ratio:.3f}"
-                self._operator.tell(Step(Phase.ACCEPTED, index, total, point, text))
+                self._operator.tell(ProcedureStep(ProcedurePhase.ACCEPTED, index, total, point, text))
                 return slide
             why = slide.reason
-            self._operator.tell(Step(Phase.REPEATING, index, total, point, why))
+            self._operator.tell(ProcedureStep(ProcedurePhase.REPEATING, index, total, point, why))
         raise PlanFailedError(
             f"point {index + 1} of {total} ({point}) failed {self._settings.attempts} times, last: {why}; "
             "put it right and resume the plan"
@@ -227,10 +231,12 @@ class Procedure:
 
     def _attempt(self, index: int, total: int, point: Point, pull: PullSettings) -> Slide:
         """Pull once. What a panel or a wire did wrong costs the attempt, not the plan."""
-        self._operator.tell(Step(Phase.CHECKING, index, total, point, "checking the weight at rest, then pulling"))
+        self._operator.tell(
+            ProcedureStep(ProcedurePhase.CHECKING, index, total, point, "checking the weight at rest, then pulling")
+        )
         try:
             self._stage.zero()
-            self._operator.tell(Step(Phase.PULLING, index, total, point, "pulling"))
+            self._operator.tell(ProcedureStep(ProcedurePhase.PULLING, index, total, point, "pulling"))
             trace = record_pull(self._stage, self._gauge, pull, self._clock, self._operator.sampled)
         except (UnitChangedError, CorruptReplyError, NoReplyError) as error:
             return _unmeasured(point, str(error))
@@ -238,7 +244,7 @@ class Procedure:
             trace.without(self._zero), point.angle, point.load, self._settings.slide, self._settings.pulley_ratio
         )
 
-    def _doubt(self, journal: Journal, point: Point, slide: Slide) -> str:
+    def _doubt(self, journal: PlanJournal, point: Point, slide: Slide) -> str:
         """Friction grows with the angle: a point that falls clearly below a smaller angle's has the wrong angle."""
         for other in journal.points.values():
             same_load = math.isclose(other.load, point.load, rel_tol=1e-6)
@@ -253,11 +259,11 @@ class Procedure:
 
     # -- zero ------------------------------------------------------------------------------------------------------
 
-    def _set_zero(self, points: dict[int, Point], journal: Journal) -> None:
+    def _set_zero(self, points: dict[int, Point], journal: PlanJournal) -> None:
         first = next((points[i] for i in sorted(points) if i not in journal.points), points[0])
         off = Point(first.angle, 0.0)
         text = "Take the weight off and leave the cable slack: the gauge is set to zero."
-        self._operator.confirmed(Step(Phase.SET_UP, 0, len(points), off, text))
+        self._operator.confirmed(ProcedureStep(ProcedurePhase.SET_UP, 0, len(points), off, text))
         self._gauge.tare()
         # The gauge takes one noisy reading for its zero; the mean of many says what that left.
         self._zero = self._mean_tension()
@@ -270,10 +276,10 @@ class Procedure:
                 raise StoppedError("the measurement was stopped")
         return float(np.mean(readings))
 
-    def _check_zero(self, points: dict[int, Point], journal: Journal) -> None:
+    def _check_zero(self, points: dict[int, Point], journal: PlanJournal) -> None:
         off = Point(points[max(points)].angle, 0.0)
         text = "Take the weight off and leave the cable slack: the gauge's zero is checked."
-        self._operator.confirmed(Step(Phase.SET_UP, len(points) - 1, len(points), off, text))
+        self._operator.confirmed(ProcedureStep(ProcedurePhase.SET_UP, len(points) - 1, len(points), off, text))
         drift = self._mean_tension() - self._zero
         if abs(drift) > self._settings.zero_drift_limit:
             for index in list(journal.points):
@@ -287,7 +293,7 @@ class Procedure:
 
     # -- the whole -------------------------------------------------------------------------------------------------
 
-    def _recheck(self, journal: Journal, points: dict[int, Point]) -> Calibration:
+    def _recheck(self, journal: PlanJournal, points: dict[int, Point]) -> Calibration:
         """Fit; measure again what the other points contradict, and believe what two measurements agree on."""
         checked: set[int] = set()
         wary = dataclasses.replace(self._settings.limits, significance=self._settings.recheck_significance)
@@ -302,7 +308,7 @@ class Procedure:
                 self._measure_again(journal, index, points)
         return self._fit(journal, self._settings.limits)
 
-    def _measure_again(self, journal: Journal, index: int, points: dict[int, Point]) -> None:
+    def _measure_again(self, journal: PlanJournal, index: int, points: dict[int, Point]) -> None:
         """Replace a point by a second measurement; where both agree, by their mean.
 
         Taking the second one alone would favour points that please the law, and make the intervals too narrow.
@@ -315,33 +321,33 @@ class Procedure:
             mean = 0.5 * (first.tension_high + second.tension_high)
             journal.accept(dataclasses.replace(second, tension_high=mean))
 
-    def _fit(self, journal: Journal, limits: Limits) -> Calibration:
+    def _fit(self, journal: PlanJournal, limits: AcceptanceLimits) -> Calibration:
         request = journal.request
-        pair = Pair(request.cable, request.surface, request.cable_radius, request.surface_radius)
+        pair = SurfacePair(request.cable, request.surface, request.cable_radius, request.surface_radius)
         return calibrate(
             _measurements(journal), pair, Law(request.law), limits=limits, common_stddev=self._settings.common_stddev
         )
 
-    def _more_wanted(self, calibration: Calibration) -> bool:
+    def _needs_more_points(self, calibration: Calibration) -> bool:
         count = len(calibration.fit.points)
         narrow = calibration.assessment.widest_interval <= self._settings.adaptive_interval
-        return count < self._settings.adaptive_most and (count < ADAPTIVE_LEAST or not narrow)
+        return count < self._settings.adaptive_max_points and (count < ADAPTIVE_MIN_POINTS or not narrow)
 
-    def _pulley_outcome(self, journal: Journal) -> Outcome:
+    def _pulley_outcome(self, journal: PlanJournal) -> PlanOutcome:
         points = _in_order(journal)
         # Taken out of the measured tensions already: put back what the settings assumed.
         ratios = [p.tension_high / p.tension_low * self._settings.pulley_ratio for p in points]
         journal.finish("pulley")
         stddev = float(np.std(ratios, ddof=1) / math.sqrt(len(ratios)))
-        return Outcome(journal.plan_id, None, points, float(np.mean(ratios)), max(stddev, LEAST_PULLEY_STDDEV))
+        return PlanOutcome(journal.plan_id, None, points, float(np.mean(ratios)), max(stddev, MIN_PULLEY_STDDEV))
 
-    def _begun(self, request: Request) -> Journal:
+    def _begun(self, request: Request) -> PlanJournal:
         _check(request)
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        return Journal.begin(self._folder, f"{stamp}-{request.plan}", request)
+        return PlanJournal.begin(self._folder, f"{stamp}-{request.plan}", request)
 
-    def _resumed(self) -> Journal:
-        journal = Journal.last_broken(self._folder)
+    def _resumed(self) -> PlanJournal:
+        journal = PlanJournal.last_broken(self._folder)
         if journal is None:
             raise PlanFailedError(f"resume: expected a broken plan in {self._folder}, found none; start a new one")
         return journal
@@ -365,14 +371,14 @@ def _instruction(point: Point) -> str:
 
 def _unmeasured(point: Point, reason: str) -> Slide:
     nan = math.nan
-    return Slide(point.load * GRAVITY, nan, nan, nan, nan, nan, nan, Verdict.REPEAT, reason)
+    return Slide(point.load * GRAVITY, nan, nan, nan, nan, nan, nan, PointVerdict.REPEAT, reason)
 
 
-def _in_order(journal: Journal) -> tuple[Measured, ...]:
+def _in_order(journal: PlanJournal) -> tuple[MeasuredPoint, ...]:
     return tuple(journal.points[i] for i in sorted(journal.points))
 
 
-def _measurements(journal: Journal) -> Measurements:
+def _measurements(journal: PlanJournal) -> Measurements:
     points = _in_order(journal)
     return measurements(
         [p.angle for p in points],

@@ -61,7 +61,7 @@ class PullSettings:
 
 
 @dataclass(frozen=True)
-class Sample:
+class RigSample:
     """One reading: rig time [s], travel [m], tension at the gauge [N]."""
 
     time: float
@@ -96,7 +96,7 @@ class Trace:
 
 
 def record_pull(
-    stage: Stage, gauge: Gauge, settings: PullSettings, clock: RigClock, on_sample: Callable[[Sample], None]
+    stage: Stage, gauge: Gauge, settings: PullSettings, clock: RigClock, on_sample: Callable[[RigSample], None]
 ) -> Trace:
     """Rest, pull one stroke and come back, recording all of it.
 
@@ -129,13 +129,18 @@ def _stop(stage: Stage, cause: BaseException) -> None:
 
 class _Recorder:
     def __init__(
-        self, stage: Stage, gauge: Gauge, settings: PullSettings, clock: RigClock, on_sample: Callable[[Sample], None]
+        self,
+        stage: Stage,
+        gauge: Gauge,
+        settings: PullSettings,
+        clock: RigClock,
+        on_sample: Callable[[RigSample], None],
     ) -> None:
         self._stage, self._gauge = stage, gauge
         self._settings, self._clock, self._on_sample = settings, clock, on_sample
 
     def rest(self, travel: float) -> Stroke:
-        samples: list[Sample] = []
+        samples: list[RigSample] = []
         end = self._clock.now() + self._settings.dwell
         while not samples or self._clock.now() < end:
             samples.append(self._sample(travel))
@@ -152,7 +157,7 @@ class _Recorder:
         begin = self._stage.travel()
         direction = 1.0 if target > begin else -1.0
         self._stage.start(target, speed)
-        samples: list[Sample] = []
+        samples: list[RigSample] = []
         furthest, progressed, readings = begin, self._clock.now(), 0
         while True:
             sample = self._sample(self._stage.travel())
@@ -175,8 +180,8 @@ class _Recorder:
                 )
             self._pause()
 
-    def _sample(self, travel: float) -> Sample:
-        sample = Sample(self._clock.now(), travel, self._gauge.tension())
+    def _sample(self, travel: float) -> RigSample:
+        sample = RigSample(self._clock.now(), travel, self._gauge.tension())
         self._on_sample(sample)
         settings = self._settings
         if sample.tension > settings.force_limit:
@@ -196,6 +201,6 @@ class _Recorder:
             raise StoppedError("the measurement was stopped")
 
 
-def _stroke(samples: list[Sample]) -> Stroke:
+def _stroke(samples: list[RigSample]) -> Stroke:
     columns = np.array([(s.time, s.travel, s.tension) for s in samples], dtype=np.float64)
     return Stroke(columns[:, 0], columns[:, 1], columns[:, 2])

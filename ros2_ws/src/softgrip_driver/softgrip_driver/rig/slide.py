@@ -23,7 +23,7 @@ LOWEST_RATIO = 0.97
 _LOW_TENSION_BIAS = 0.3
 
 
-class Verdict(IntEnum):
+class PointVerdict(IntEnum):
     """What to do with a point; numbers as in FrictionSample."""
 
     ACCEPTED = 1
@@ -49,7 +49,7 @@ class SlideSettings:
     stick_slip_limit: float = 0.15
     load_tolerance: float = 0.12
     highest_log_ratio: tuple[float, float] = (0.35, 0.45)
-    fewest_samples: int = 25
+    min_samples: int = 25
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Slide:
     drift: float
     window_start: float
     window_end: float
-    verdict: Verdict
+    verdict: PointVerdict
     reason: str
     sparse: bool = False
 
@@ -111,7 +111,7 @@ def analyse(
     settings = settings or SlideSettings()
     window = _steady_window(trace.pull, settings)
     travel, tension = trace.pull.travel[window], trace.pull.tension[window]
-    if len(trace.pull) < settings.fewest_samples:
+    if len(trace.pull) < settings.min_samples:
         return _unjudged(load * GRAVITY, _too_few(len(trace.pull), settings), sparse=True)
     if len(tension) < 3 or np.ptp(travel) <= 0.0:
         reason = "no steady sliding found: the force did not settle; lengthen the stroke or check the cable"
@@ -127,7 +127,7 @@ def analyse(
         drift=slope,
         window_start=float(travel[0]),
         window_end=float(travel[-1]),
-        verdict=Verdict.ACCEPTED,
+        verdict=PointVerdict.ACCEPTED,
         reason="",
     )
     highest = math.exp(settings.highest_log_ratio[0] + settings.highest_log_ratio[1] * angle)
@@ -142,11 +142,11 @@ def analyse(
 
 def _unjudged(tension_low: float, reason: str, *, sparse: bool = False) -> Slide:
     nan = math.nan
-    return Slide(tension_low, nan, nan, nan, nan, nan, nan, Verdict.REPEAT, reason, sparse)
+    return Slide(tension_low, nan, nan, nan, nan, nan, nan, PointVerdict.REPEAT, reason, sparse)
 
 
 def _too_few(found: int, settings: SlideSettings) -> str:
-    return f"expected at least {settings.fewest_samples} readings of a slide, found {found}: pull slower"
+    return f"expected at least {settings.min_samples} readings of a slide, found {found}: pull slower"
 
 
 def _steady_window(pull: Stroke, settings: SlideSettings) -> slice:
@@ -170,13 +170,13 @@ def _fast_part(travel: Array, residual: Array) -> Array:
     return residual - mean
 
 
-_Found = tuple[Verdict, str] | None
+_Found = tuple[PointVerdict, str] | None
 
 
 def _stuck(e: _Evidence) -> _Found:
     if np.ptp(e.trace.pull.tension) > 0.0:
         return None
-    return Verdict.REJECTED, (
+    return PointVerdict.REJECTED, (
         f"the gauge read {e.mean:.2f} N {len(e.trace.pull)} times without any noise: its reading is stuck; restart it"
     )
 
@@ -187,23 +187,23 @@ def _static_load(e: _Evidence) -> _Found:
     highest = e.slide.tension_low * e.highest_ratio
     if lowest <= static <= highest:
         return None
-    return Verdict.REJECTED, (
+    return PointVerdict.REJECTED, (
         f"before motion: expected {lowest:.2f} .. {highest:.2f} N for {_grams(e.slide.tension_low)} hung, "
         f"found {static:.2f} N; hang the weight that was asked for"
     )
 
 
 def _read_often_enough(e: _Evidence) -> _Found:
-    if len(e.tension) >= e.settings.fewest_samples:
+    if len(e.tension) >= e.settings.min_samples:
         return None
-    return Verdict.REPEAT, _too_few(len(e.tension), e.settings)
+    return PointVerdict.REPEAT, _too_few(len(e.tension), e.settings)
 
 
 def _window_long_enough(e: _Evidence) -> _Found:
     length = e.slide.window_end - e.slide.window_start
     if length >= e.settings.shortest_window:
         return None
-    return Verdict.REPEAT, (
+    return PointVerdict.REPEAT, (
         f"expected {e.settings.shortest_window * 1e3:g} mm of steady sliding, found {length * 1e3:.1f} mm; "
         "lengthen the stroke or check the cable"
     )
@@ -213,12 +213,12 @@ def _steady(e: _Evidence) -> _Found:
     length = e.slide.window_end - e.slide.window_start
     change = abs(e.slide.drift) * length / e.mean if e.mean > 0.0 else math.inf
     if change > e.settings.drift_limit:
-        return Verdict.REPEAT, (
+        return PointVerdict.REPEAT, (
             f"T1 drifts by {change:.1%} over the window (limit {e.settings.drift_limit:.0%}); "
             "let the gauge warm up, check that the cable runs freely"
         )
     if e.slide.stick_slip > e.settings.stick_slip_limit * e.mean:
-        return Verdict.REPEAT, (
+        return PointVerdict.REPEAT, (
             f"stick-slip of {e.slide.stick_slip / e.mean:.1%} (limit {e.settings.stick_slip_limit:.0%}); "
             "pull slower, check the cable"
         )
@@ -231,14 +231,14 @@ def _sliding_load(e: _Evidence) -> _Found:
     late = release.travel <= release.travel[-1] + 0.3 * (release.travel[0] - release.travel[-1])
     back = float(np.median(release.tension[late]))
     if back <= 0.0:
-        return Verdict.REPEAT, f"expected tension going back, found {back:.2f} N; check the weight and the tare"
+        return PointVerdict.REPEAT, f"expected tension going back, found {back:.2f} N; check the weight and the tare"
     hung = math.sqrt(e.mean * back)
     log_ratio = 0.5 * math.log(e.mean / back)
     # Friction is larger at the lower tension of the way back, so the mean comes out too small, by the square of ln Rf.
     shortfall = _LOW_TENSION_BIAS * log_ratio**2
     if -e.settings.load_tolerance - shortfall <= hung / e.slide.tension_low - 1.0 <= e.settings.load_tolerance:
         return None
-    return Verdict.REJECTED, (
+    return PointVerdict.REJECTED, (
         f"expected {_grams(e.slide.tension_low)} hung, found about {_grams(hung)} (pulling {e.mean:.2f} N, "
         f"letting back {back:.2f} N); hang the weight that was asked for"
     )
@@ -247,7 +247,7 @@ def _sliding_load(e: _Evidence) -> _Found:
 def _believable(e: _Evidence) -> _Found:
     if LOWEST_RATIO <= e.slide.ratio <= e.highest_ratio:
         return None
-    return Verdict.REPEAT, (
+    return PointVerdict.REPEAT, (
         f"expected T1/T2 within {LOWEST_RATIO} .. {e.highest_ratio:.2f}, found {e.slide.ratio:.3f}; "
         "check the angle, the weight and the tare"
     )

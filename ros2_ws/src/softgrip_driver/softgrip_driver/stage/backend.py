@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
-from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError, RefusedError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.errors import NotReadyError, SaturatedError, UnitChangedError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
@@ -129,7 +129,7 @@ class StageBackend:
             fault, detail = self._fault
         except (NoReplyError, CorruptReplyError):
             return {}
-        except RefusedError as error:
+        except DeviceRefusedError as error:
             if self._before is None:
                 return {}
             # It does not know any more where it is; what it knew last stands in the reading, with the fault.
@@ -175,7 +175,7 @@ class StageBackend:
         except (NoReplyError, CorruptReplyError, NotReadyError):
             # The next cycle tells it again.
             self._target = None
-        except RefusedError as error:
+        except DeviceRefusedError as error:
             self._target = None
             self._fault = ("stage_refused", str(error))
 
@@ -214,7 +214,7 @@ class StageBackend:
         except SaturatedError as error:
             # More than it can tell is more than any limit.
             self._gauge_misses, self._gauge_fault = self.GAUGE_MISSES + 1, ("tension_exceeded", str(error))
-        except (NoReplyError, CorruptReplyError, RefusedError, UnitChangedError) as error:
+        except (NoReplyError, CorruptReplyError, DeviceRefusedError, UnitChangedError) as error:
             self._gauge_misses, self._gauge_fault = self._gauge_misses + 1, ("gauge_lost", str(error))
 
     def _halt(self) -> None:
@@ -232,6 +232,6 @@ class StageBackend:
         except CorruptReplyError:
             counters.corrupt += 1
             raise
-        except RefusedError:
+        except DeviceRefusedError:
             counters.refused += 1
             raise

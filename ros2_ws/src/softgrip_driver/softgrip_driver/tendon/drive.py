@@ -12,14 +12,14 @@ from typing import Any
 
 from softgrip_driver.faults import FAULTS, Reaction, Recovery
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
-from softgrip_driver.tendon.guards import Silence
+from softgrip_driver.tendon.guard_set import GuardSet
+from softgrip_driver.tendon.guards import ReplySilence
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.memory import DriveMemory
-from softgrip_driver.tendon.motions import DriveState, Follow, Hold, Motion, Outcome, Step, View
+from softgrip_driver.tendon.motions import DriveObservation, DriveState, Follow, Hold, Motion, MotionStep, MoveOutcome
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 from softgrip_driver.tendon.trim import Trim
-from softgrip_driver.tendon.watch import Watch
 
 #: faults after which a position says nothing until the tendon was homed
 LOST_POSITION = frozenset({"position_jump"})
@@ -36,7 +36,7 @@ class Drive:
     """
 
     #: a motion advances by at most as many periods in one step
-    MOST_PERIODS = 2.0
+    MAX_PERIODS = 2.0
 
     def __init__(self, tendon: str, limits: TendonLimits, continuous_tension: float, period: float = 0.01) -> None:
         self.tendon = tendon
@@ -50,11 +50,11 @@ class Drive:
         self.zero_lost = False
         self._m = DriveMemory()
         self._trim = Trim(limits.lead)
-        self._silence = Silence(period)
+        self._silence = ReplySilence(period)
         self._watch = self._new_watch()
 
-    def _new_watch(self) -> Watch:
-        return Watch(self.limits, self._continuous, self._period)
+    def _new_watch(self) -> GuardSet:
+        return GuardSet(self.limits, self._continuous, self._period)
 
     # --- what is known ---------------------------------------------------------------------------------------------
 
@@ -131,7 +131,7 @@ class Drive:
         return self._m.job
 
     @property
-    def outcome(self) -> Outcome | None:
+    def outcome(self) -> MoveOutcome | None:
         """Outcome of the last motion asked for."""
         return self._m.outcome
 
@@ -163,7 +163,7 @@ class Drive:
             return f"tendon '{self.tendon}' is not homed; call tendon/home"
         return ""
 
-    def start(self, make: Callable[[View], Motion], now: float) -> Motion:
+    def start(self, make: Callable[[DriveObservation], Motion], now: float) -> Motion:
         """Begin a motion made from the present view; the one before ends as CANCELLED."""
         assert self._m.reading is not None
         if self._m.fault and FAULTS[self._m.fault].recovery is Recovery.COMMAND:
@@ -189,7 +189,7 @@ class Drive:
         """Let go of the tendon; a motion that was going on ends as cancelled."""
         self.powered = self.is_left_holding = False
         if self.busy and self._m.outcome is None:
-            self._m.outcome, self._m.reason = Outcome.CANCELLED, "torque was switched off"
+            self._m.outcome, self._m.reason = MoveOutcome.CANCELLED, "torque was switched off"
         self._m.motion = None
         return DriveActions(power=False)
 
@@ -228,7 +228,7 @@ class Drive:
         if row.reaction is Reaction.REPORT:
             return
         if self.busy:
-            m.outcome, m.reason = Outcome.FAULT, m.fault_reason
+            m.outcome, m.reason = MoveOutcome.FAULT, m.fault_reason
         if row.recovery is Recovery.HOME and m.zero is not None:
             m.zero = m.mark = m.setpoint = None
             self.zero_lost = True
@@ -253,13 +253,13 @@ class Drive:
     def cancel_motion(self, reason: str) -> None:
         """End the motion as cancelled and hold."""
         if self.busy:
-            self._m.outcome, self._m.reason = Outcome.CANCELLED, reason
+            self._m.outcome, self._m.reason = MoveOutcome.CANCELLED, reason
         self.hold_now()
 
     def abort(self, reason: str) -> None:
         """End the motion as a fault of its own and hold."""
         if self.busy:
-            self._m.outcome, self._m.reason = Outcome.FAULT, reason
+            self._m.outcome, self._m.reason = MoveOutcome.FAULT, reason
         self.hold_now()
 
     @property
@@ -316,9 +316,9 @@ class Drive:
             # A goal in a frame that is wrong by turns would move it by turns: it keeps the last one it was sent.
             return DriveActions(setpoint=Setpoint(None, min(self.limits.tension_hold, cap)))
         # After a late step the motion goes on from where it is: slower, never with a jerk to make up for it.
-        return self._move_on(m.view(reading, now, min(dt, self.MOST_PERIODS * self._period), cap), m.motion)
+        return self._move_on(m.view(reading, now, min(dt, self.MAX_PERIODS * self._period), cap), m.motion)
 
-    def _move_on(self, view: View, motion: Motion) -> DriveActions:
+    def _move_on(self, view: DriveObservation, motion: Motion) -> DriveActions:
         """Advance the motion, unless a guard ends it."""
         m = self._m
         found = self._watch.finds(view, motion, m.allowed, homed=self.homed)
@@ -399,12 +399,12 @@ class Drive:
             self._clear_fault()
         return allowed.tension
 
-    def _finish(self, step: Step) -> None:
+    def _finish(self, step: MotionStep) -> None:
         m = self._m
         m.outcome, m.reason = step.outcome, step.reason
         if step.fault:
             self.set_fault(step.fault, step.reason)
-            m.outcome = Outcome.FAULT
+            m.outcome = MoveOutcome.FAULT
             return
         if isinstance(m.motion, Homing):
             assert m.motion.zero is not None

@@ -19,20 +19,20 @@ from softgrip_driver.tendon.drive import Drive
 from softgrip_driver.tendon.homing import Homing
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import (
+    DriveObservation,
     DriveState,
     Follow,
     Hold,
     Motion,
+    MoveOutcome,
     MoveToLength,
     MoveToTension,
-    Outcome,
-    View,
 )
 from softgrip_driver.tendon.ownership import Lease, Ownership
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
-MotionFactory = Callable[[View], Motion]
+MotionFactory = Callable[[DriveObservation], Motion]
 
 
 class MoveMode(IntEnum):
@@ -127,11 +127,11 @@ class Ticket:
     jobs: Mapping[str, int]
     refusal: str = ""
 
-    def result(self, drives: Sequence[DriveSnapshot]) -> tuple[Outcome | None, str]:
+    def result(self, drives: Sequence[DriveSnapshot]) -> tuple[MoveOutcome | None, str]:
         """Return its outcome over all its tendons as snapshots of the drives show it; None while it runs."""
         if self.refusal:
-            return Outcome.REFUSED, self.refusal
-        ends: dict[str, tuple[Outcome | None, str]] = {}
+            return MoveOutcome.REFUSED, self.refusal
+        ends: dict[str, tuple[MoveOutcome | None, str]] = {}
         for drive in drives:
             job = self.jobs.get(drive.tendon)
             if job is None:
@@ -139,19 +139,19 @@ class Ticket:
             if drive.job == job:
                 ends[drive.tendon] = drive.outcome, drive.reason
             elif drive.job > job:
-                ends[drive.tendon] = Outcome.CANCELLED, "replaced by a newer command"
+                ends[drive.tendon] = MoveOutcome.CANCELLED, "replaced by a newer command"
             else:  # the snapshot is older than the request
                 ends[drive.tendon] = None, ""
         # The worst tells: a fault of one tendon ends the whole move.
-        for outcome in (Outcome.FAULT, Outcome.CANCELLED):
+        for outcome in (MoveOutcome.FAULT, MoveOutcome.CANCELLED):
             reasons = [f"{name}: {reason}" for name, (end, reason) in ends.items() if end is outcome]
             if reasons:
                 return outcome, "; ".join(reasons)
         if any(end is None for end, _ in ends.values()):
             return None, ""
-        limited = any(end is Outcome.TENSION_LIMIT for end, _ in ends.values())
+        limited = any(end is MoveOutcome.TENSION_LIMIT for end, _ in ends.values())
         text = "; ".join(f"{name}: {reason}" for name, (_, reason) in ends.items())
-        return (Outcome.TENSION_LIMIT if limited else Outcome.REACHED), text
+        return (MoveOutcome.TENSION_LIMIT if limited else MoveOutcome.REACHED), text
 
 
 class GripperController:
@@ -219,7 +219,7 @@ class GripperController:
             self._begin(name, self._motion(request, self.drives[name].limits, target), now, request.lease)
         return Ticket({name: self.drives[name].job for name in names})
 
-    def follow(self, trajectories: Mapping[str, Trajectory], now: float, lease: str = "") -> Ticket:
+    def follow(self, trajectories: Mapping[str, TendonTrajectory], now: float, lease: str = "") -> Ticket:
         """Follow streamed trajectories; one that runs is taken over without a step."""
         refusal = self._refusal(list(trajectories), now, lease)
         if refusal:
@@ -262,7 +262,7 @@ class GripperController:
             if drive.job == job and drive.outcome is None:
                 self._begin(name, partial(_hold_here, limits=drive.limits), now)
 
-    def result(self, ticket: Ticket) -> tuple[Outcome | None, str]:
+    def result(self, ticket: Ticket) -> tuple[MoveOutcome | None, str]:
         """Return the outcome of a request over all its tendons, None while it runs."""
         return ticket.result(self.snapshots())
 
@@ -441,5 +441,5 @@ class GripperController:
         )
 
 
-def _hold_here(view: View, limits: TendonLimits) -> Motion:
+def _hold_here(view: DriveObservation, limits: TendonLimits) -> Motion:
     return Hold(view.length, limits.tension_soft)

@@ -29,7 +29,7 @@ class MedianFilter:
         return median(self._window)
 
 
-class Silence:
+class ReplySilence:
     """Counts how long a drive has not answered. Time in which this computer did not even ask is no silence of it.
 
     Args:
@@ -113,15 +113,15 @@ class BreakGuard:
     #: [s] how far back the tension before is looked for
     WINDOW = 0.25
     #: [s] of it that must have been seen
-    LEAST = 0.12
+    MIN_VALUE = 0.12
     #: standard deviations that the drop must exceed: friction of standing gears can hide that much
     SIGMAS = 4.0
     #: the same of the scatter of the tension before, as a median deviation; a ramp scatters too
     SCATTERS = 2.0
     #: samples that the tension before must rest on
-    FEWEST = 8
+    MIN_COUNT = 8
     #: periods that a step counts for at most, however late it comes: what was not seen confirms nothing
-    MOST_PERIODS = 2.0
+    MAX_PERIODS = 2.0
     #: the rest of the tension that still counts as vanished
     REST = 0.25
     #: but no more than so many standard deviations of that rest, or the drop that a break begins at: beyond what gears
@@ -133,9 +133,9 @@ class BreakGuard:
 
     def __init__(self, limits: TendonLimits, period: float = 0.01) -> None:
         self._limits = limits
-        self._most = self.MOST_PERIODS * period
+        self._max = self.MAX_PERIODS * period
         # A slow loop needs longer to see as many samples.
-        self._window = max(self.WINDOW, 1.5 * self.FEWEST * period)
+        self._window = max(self.WINDOW, 1.5 * self.MIN_COUNT * period)
         self._recent: deque[_Pull] = deque()
         self._furthest = -math.inf
         """[m] No recent one is further in."""
@@ -171,7 +171,7 @@ class BreakGuard:
             acceleration: [m/s^2] of the tendon.
             allowed: [N] the most that the device may pull; no more can be missed.
         """
-        elapsed = 0.0 if self._last is None else min(now - self._last, self._most)
+        elapsed = 0.0 if self._last is None else min(now - self._last, self._max)
         self._last = now
         self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
         self._feigned = max(self._limits.break_drop_from, self.NOTHING * stddev) if stddev > 0.0 else math.inf
@@ -208,7 +208,7 @@ class BreakGuard:
         return self._vanished_at is not None
 
     def _vanishes(self, tension: float, allowed: float) -> bool:
-        if len(self._recent) < self.FEWEST or self._clock - self._recent[0].time < self.LEAST:
+        if len(self._recent) < self.MIN_COUNT or self._clock - self._recent[0].time < self.MIN_VALUE:
             return False
         tensions = [pull.tension for pull in self._recent]
         usual = median(tensions)
@@ -287,7 +287,7 @@ class StallGuard:
 class ThermalGuard:
     """Derates with temperature, stops before the servo would cut its torque, and lets go on when it has cooled down."""
 
-    LEAST = 0.3
+    MIN_VALUE = 0.3
 
     def __init__(self, limits: TendonLimits) -> None:
         self._limits = limits
@@ -303,7 +303,7 @@ class ThermalGuard:
         elif temperature <= low:
             self.tripped = False
         share = (high - temperature) / (high - low)
-        return max(self.LEAST, min(1.0, share))
+        return max(self.MIN_VALUE, min(1.0, share))
 
 
 class OverloadGuard:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import DriveState, Outcome, Step, View
+from softgrip_driver.tendon.motions import DriveObservation, DriveState, MotionStep, MoveOutcome
 from softgrip_driver.tendon.profile import SpeedProfile
 
 #: fewest samples for a knee
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Sample:
+class HomingSample:
     """What a drive showed while it wound in: length [m], acceleration [m/s^2], force [N]."""
 
     length: float
@@ -74,22 +74,22 @@ class Homing:
     #: what the samples have to show: [m] of slack, and samples on either side of the knee; [m] from it to the nearest
     #: ones; the share of the way from the slack's force to the homing tension that they rise. Else it is looked for
     #: again from further out, so many times
-    LEAST_SLACK = 1e-3
-    LEAST_SAMPLES = 3
+    MIN_SLACK = 1e-3
+    MIN_SAMPLES = 3
     NEAR = 1e-3
     RISEN = 0.5
     AGAIN = 3
     #: times the speed of homing that it lets out with, at most
-    SLACKENING = 2.0
+    PAY_OUT_SPEED_FACTOR = 2.0
 
     state = DriveState.HOMING
     winding_in = False
     paying_out = True
 
-    def __init__(self, view: View, limits: TendonLimits) -> None:
+    def __init__(self, view: DriveObservation, limits: TendonLimits) -> None:
         self._limits = limits
         # no faster than it needs to be: a goal that comes late is a jerk, the greater the faster
-        self._slackening_speed = min(limits.release_speed, self.SLACKENING * limits.homing_speed)
+        self._pay_out_speed = min(limits.release_speed, self.PAY_OUT_SPEED_FACTOR * limits.homing_speed)
         self._started = view.now
         self._start = view.length
         self._phase = _Phase.LET_OUT
@@ -99,10 +99,10 @@ class Homing:
         self._even_since: float | None = None
         self._steady = False
         self._again = self.AGAIN
-        self._samples: list[Sample] = []
+        self._samples: list[HomingSample] = []
         self.zero: float | None = None
 
-    def step(self, view: View) -> Step:
+    def step(self, view: DriveObservation) -> MotionStep:
         """Advance."""
         limits = self._limits
         if view.now - self._started > limits.homing_timeout:
@@ -113,15 +113,15 @@ class Homing:
             return self._take_up(view)
         return self._go_to_zero(view)
 
-    def _let_out(self, view: View) -> Step:
+    def _let_out(self, view: DriveObservation) -> MotionStep:
         end = self._start - self._limits.slack_travel
-        self._profile.step(end, self._slackening_speed, self._limits.acceleration, view.dt)
+        self._profile.step(end, self._pay_out_speed, self._limits.acceleration, view.dt)
         if self._profile.position == end:
             self._phase = _Phase.TAKE_UP
             self._stood_at = end
-        return Step(self._profile.position, self._limits.tension_hold)
+        return MotionStep(self._profile.position, self._limits.tension_hold)
 
-    def _take_up(self, view: View) -> Step:
+    def _take_up(self, view: DriveObservation) -> MotionStep:
         limits = self._limits
         tension = limits.homing_tension
         end = self._start - limits.slack_travel + limits.homing_travel
@@ -139,9 +139,9 @@ class Homing:
             return self._failed(
                 view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
             )
-        return Step(self._profile.position, tension)
+        return MotionStep(self._profile.position, tension)
 
-    def _sample(self, view: View) -> None:
+    def _sample(self, view: DriveObservation) -> None:
         gone = view.length - self._stood_at
         if gone <= self.RUN_UP:
             self._even_since, self._steady = None, False
@@ -155,20 +155,20 @@ class Homing:
             return
         # At the limit the device holds the current constant: such samples say nothing about the rise.
         if view.speed > self.STANDING and view.pull < self.SATURATED * self._limits.homing_tension:
-            self._samples.append(Sample(view.length, view.acceleration, view.pull))
+            self._samples.append(HomingSample(view.length, view.acceleration, view.pull))
 
     def _shows(self, found: float) -> bool:
         """Whether the samples show a knee there: slack before it, samples on either side, a rise behind it."""
         lengths = np.array([sample.length for sample in self._samples])
         forces = np.array([sample.force for sample in self._samples])
         slack, rise = lengths < found, lengths >= found
-        if min(slack.sum(), rise.sum()) < self.LEAST_SAMPLES or found - lengths.min() < self.LEAST_SLACK:
+        if min(slack.sum(), rise.sum()) < self.MIN_SAMPLES or found - lengths.min() < self.MIN_SLACK:
             return False
         usual = float(np.median(forces[slack]))
         risen = float(forces[rise].max()) >= usual + self.RISEN * (self._limits.homing_tension - usual)
         return risen and max(found - lengths[slack].max(), lengths[rise].min() - found) <= self.NEAR
 
-    def _taut(self, view: View) -> Step:
+    def _taut(self, view: DriveObservation) -> MotionStep:
         """Take the knee for the zero; where the samples do not show it, begin again from further out."""
         found = knee(self._samples, view.length)
         self._profile = SpeedProfile(view.length)
@@ -182,21 +182,23 @@ class Homing:
             self._start = min(self._start, view.length - self._limits.slack_travel / 2.0 if found is None else found)
             self._taut_since, self._phase = None, _Phase.LET_OUT
             self._samples.clear()
-        return Step(view.length, self._limits.homing_tension)
+        return MotionStep(view.length, self._limits.homing_tension)
 
-    def _go_to_zero(self, view: View) -> Step:
+    def _go_to_zero(self, view: DriveObservation) -> MotionStep:
         assert self.zero is not None
         limits = self._limits
-        self._profile.step(self.zero, self._slackening_speed, limits.acceleration, view.dt)
+        self._profile.step(self.zero, self._pay_out_speed, limits.acceleration, view.dt)
         if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
-            return Step(self.zero, limits.tension_hold, Outcome.REACHED, "homed")
-        return Step(self._profile.position, limits.tension_hold)
+            return MotionStep(self.zero, limits.tension_hold, MoveOutcome.REACHED, "homed")
+        return MotionStep(self._profile.position, limits.tension_hold)
 
-    def _failed(self, view: View, reason: str) -> Step:
-        return Step(view.length, self._limits.homing_tension, Outcome.FAULT, f"homing: {reason}", "homing_failed")
+    def _failed(self, view: DriveObservation, reason: str) -> MotionStep:
+        return MotionStep(
+            view.length, self._limits.homing_tension, MoveOutcome.FAULT, f"homing: {reason}", "homing_failed"
+        )
 
 
-def knee(samples: Sequence[Sample], end: float) -> float | None:
+def knee(samples: Sequence[HomingSample], end: float) -> float | None:
     """Return the length [m] at which a tendon begins to pull: F = b + m a, from x0 on F = b + m a + c + s (x - x0).
 
     Least squares over b, m, c >= 0 (friction that is overcome at once), s > 0 and x0, where samples that stand out (a

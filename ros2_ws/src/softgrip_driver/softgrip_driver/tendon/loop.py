@@ -111,7 +111,7 @@ class BusLoop:
         self._rate = rate
         # Requests wake the loop, cycles wake those who watch: one for both would wake everybody for each.
         lock = threading.Lock()
-        self._wanted, self._changed = threading.Condition(lock), threading.Condition(lock)
+        self._requested, self._changed = threading.Condition(lock), threading.Condition(lock)
         self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._history: deque[LoopSnapshot] = deque(maxlen=history)
         self._restores: dict[str, Iterator[None]] = {}
@@ -133,9 +133,9 @@ class BusLoop:
 
     def stop(self, timeout: float = 2.0) -> None:
         """Let go of every tendon, or leave it holding where the policy says so, and end the thread."""
-        with self._wanted:
+        with self._requested:
             self._stopping = True
-            self._wanted.notify_all()
+            self._requested.notify_all()
         if self._thread is not None:
             self._thread.join(timeout)
 
@@ -157,7 +157,7 @@ class BusLoop:
             TimeoutError: not begun in time.
         """
         future: Future[Result] = Future()
-        with self._wanted:
+        with self._requested:
             if self._ended or not self.running:
                 raise DriverError("the bus loop does not run; configure and activate the driver")
             entry = (lambda: request(self._controller, time.monotonic()), future)
@@ -165,7 +165,7 @@ class BusLoop:
                 self._requests.appendleft(entry)
             else:
                 self._requests.append(entry)
-            self._wanted.notify_all()
+            self._requested.notify_all()
         try:
             return future.result(timeout)
         except TimeoutError:
@@ -200,10 +200,10 @@ class BusLoop:
 
     def post(self, request: Callable[[GripperController, float], object]) -> None:
         """Run a request between two cycles; nobody waits for it. A loop that has ended does nothing."""
-        with self._wanted:
+        with self._requested:
             if not self._ended:
                 self._requests.append((lambda: request(self._controller, time.monotonic()), Future()))
-                self._wanted.notify_all()
+                self._requested.notify_all()
 
     @property
     def owners(self) -> tuple[OwnerRow, ...]:
@@ -297,9 +297,9 @@ class BusLoop:
     def _serve_until(self, due: float) -> None:
         """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
         while True:
-            with self._wanted:
+            with self._requested:
                 if not self._requests and not self._stopping:
-                    self._wanted.wait(max(0.0, due - time.monotonic()))
+                    self._requested.wait(max(0.0, due - time.monotonic()))
                 request = self._requests.popleft() if self._requests else None
             if request is None:
                 if self._stopping or time.monotonic() >= due:

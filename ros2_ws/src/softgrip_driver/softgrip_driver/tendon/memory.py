@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.tendon.backend import DriveReading
-from softgrip_driver.tendon.motions import Motion, Outcome, View
+from softgrip_driver.tendon.motions import DriveObservation, Motion, MoveOutcome
 
 
 @dataclass
@@ -24,7 +24,7 @@ class DriveMemory:
     lost: int = 0
     mark: int | None = None
     job: int = 0
-    outcome: Outcome | None = None
+    outcome: MoveOutcome | None = None
     reason: str = ""
     fault: str = ""
     fault_reason: str = ""
@@ -39,11 +39,11 @@ class DriveMemory:
         """[m] in the device's frame from which lengths count: the zero, or where it was switched on."""
         return self.origin if self.zero is None else self.zero
 
-    def view(self, reading: DriveReading, now: float, dt: float, cap: float) -> View:
+    def view(self, reading: DriveReading, now: float, dt: float, cap: float) -> DriveObservation:
         """Return what a motion sees at a time [s], ``dt`` [s] after the step before, with ``cap`` [N] allowed."""
         length = reading.position - self.frame
         ahead = 0.0 if self.setpoint is None else self.setpoint - length
-        return View(
+        return DriveObservation(
             now, dt, length, reading.velocity, self.tension, reading.pull, cap, reading.tension_stddev,
             self.acceleration, ahead,
         )  # fmt: skip

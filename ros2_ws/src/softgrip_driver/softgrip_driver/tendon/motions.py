@@ -14,14 +14,14 @@ from typing import Protocol
 from softgrip_driver.tendon.guards import STEADY_ACCELERATION, StallGuard
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.profile import SpeedProfile
-from softgrip_driver.tendon.trajectory import Trajectory
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 
 #: [s] of its own motion that a servo is behind its setpoint: at full speed the whole voltage, which its proportional
 #: gain needs an error for. 0.04 .. 0.06 s by the data sheets' no-load speeds and default gains
 NATURAL_LAG = 0.06
 
 #: position tolerances within which standing still is the error of the servo's own control; else something is in the way
-NEARLY = 4.0
+STALL_TOLERANCE_FACTOR = 4.0
 
 
 class DriveState(IntEnum):
@@ -36,7 +36,7 @@ class DriveState(IntEnum):
     STOPPED = 6
 
 
-class Outcome(IntEnum):
+class MoveOutcome(IntEnum):
     """How a motion ended (MoveTendon.Result.outcome)."""
 
     REACHED = 1
@@ -48,7 +48,7 @@ class Outcome(IntEnum):
 
 
 @dataclass(frozen=True)
-class View:
+class DriveObservation:
     """What a motion sees of its drive.
 
     Attributes:
@@ -85,7 +85,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Step:
+class MotionStep:
     """What a motion wants.
 
     Attributes:
@@ -98,7 +98,7 @@ class Step:
 
     length: float
     tension_limit: float
-    outcome: Outcome | None = None
+    outcome: MoveOutcome | None = None
     reason: str = ""
     fault: str = ""
 
@@ -118,7 +118,7 @@ class Motion(Protocol):
     def paying_out(self) -> bool:
         """Whether tension may vanish because the tendon is let out."""
 
-    def step(self, view: View) -> Step:
+    def step(self, view: DriveObservation) -> MotionStep:
         """Advance."""
 
 
@@ -134,26 +134,26 @@ class Hold:
         self.tension_limit = tension_limit
         self.state = state
 
-    def step(self, view: View) -> Step:
+    def step(self, view: DriveObservation) -> MotionStep:
         """Keep the setpoint."""
-        return Step(self.length, min(self.tension_limit, view.tension_cap))
+        return MotionStep(self.length, min(self.tension_limit, view.tension_cap))
 
 
-def _setpoint_now(view: View, limits: TendonLimits) -> float:
+def _setpoint_now(view: DriveObservation, limits: TendonLimits) -> float:
     """Length [m] from which a motion goes on: where the setpoint stands, so that the pull goes on too."""
     return view.length + max(-limits.lead, min(limits.lead, view.ahead))
 
 
-def _held(view: View, limits: TendonLimits) -> float:
+def _held(view: DriveObservation, limits: TendonLimits) -> float:
     """Length [m] of a setpoint that holds what is pulled now, once the drive stands."""
     return view.length + max(0.0, min(limits.lead, view.standing_ahead))
 
 
-def _stalled(view: View, cap: float, target: float) -> Step:
+def _stalled(view: DriveObservation, cap: float, target: float) -> MotionStep:
     """Step of a motion that something is in the way of."""
     off = abs(view.length - target)
-    return Step(
-        view.length, cap, Outcome.FAULT, f"stands at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm from the "
+    return MotionStep(
+        view.length, cap, MoveOutcome.FAULT, f"stands at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm from the "
         f"target, with {view.tension:.1f} N of {cap:.1f} N allowed", "stalled",
     )  # fmt: skip
 
@@ -164,11 +164,11 @@ class _TensionMet:
     #: [s]
     CONFIRM = 0.03
 
-    def __init__(self, view: View, speed: float, limits: TendonLimits) -> None:
+    def __init__(self, view: DriveObservation, speed: float, limits: TendonLimits) -> None:
         self._from = view.now + speed / limits.acceleration
         self._since: float | None = None
 
-    def step(self, view: View, tension: float) -> bool:
+    def step(self, view: DriveObservation, tension: float) -> bool:
         """Return whether a tension [N] is met."""
         if view.now < self._from or view.tension < tension or not view.steady:
             self._since = None
@@ -190,7 +190,7 @@ class MoveToLength:
         target: float,
         speed: float,
         tension_limit: float,
-        view: View,
+        view: DriveObservation,
         limits: TendonLimits,
         state: DriveState = DriveState.MOVING,
         start: float | None = None,
@@ -210,7 +210,7 @@ class MoveToLength:
         """Whether the setpoint retreats."""
         return not self.winding_in
 
-    def step(self, view: View) -> Step:
+    def step(self, view: DriveObservation) -> MotionStep:
         """Advance the setpoint, unless the drive has fallen behind."""
         cap = min(self._limit, view.tension_cap)
         behind = self._profile.position - view.length
@@ -223,23 +223,28 @@ class MoveToLength:
         setpoint = self._profile.position
         if self._met.step(view, self.MET * cap if self.winding_in else math.inf):
             held = _held(view, self._limits)
-            return Step(
-                held, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
+            return MotionStep(
+                held, cap, MoveOutcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
                 f"{self._target * 1e3:.2f} mm, at {view.length * 1e3:.2f} mm",
             )  # fmt: skip
         close = abs(view.length - self._target) <= self._limits.position_tolerance
         if at_target and close and abs(view.speed) <= self.SETTLED_SPEED:
-            return Step(setpoint, cap, Outcome.REACHED, f"at {view.length * 1e3:.2f} mm with {view.tension:.1f} N")
+            return MotionStep(
+                setpoint, cap, MoveOutcome.REACHED, f"at {view.length * 1e3:.2f} mm with {view.tension:.1f} N"
+            )
         if self._stall.step(view.now, view.length, moving=blocked or at_target):
             return self._stalled(view, cap)
-        return Step(setpoint, cap)
+        return MotionStep(setpoint, cap)
 
-    def _stalled(self, view: View, cap: float) -> Step:
+    def _stalled(self, view: DriveObservation, cap: float) -> MotionStep:
         """Done where it is nearly there, else a fault."""
         off = abs(view.length - self._target)
-        if off <= NEARLY * self._limits.position_tolerance:
-            return Step(
-                self._target, cap, Outcome.REACHED, f"at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm off the target"
+        if off <= STALL_TOLERANCE_FACTOR * self._limits.position_tolerance:
+            return MotionStep(
+                self._target,
+                cap,
+                MoveOutcome.REACHED,
+                f"at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm off the target",
             )
         return _stalled(view, cap, self._target)
 
@@ -252,7 +257,7 @@ class MoveToTension:
 
     state = DriveState.MOVING
 
-    def __init__(self, target: float, speed: float, view: View, limits: TendonLimits) -> None:
+    def __init__(self, target: float, speed: float, view: DriveObservation, limits: TendonLimits) -> None:
         self._target = target
         self._speed = speed
         self._limits = limits
@@ -266,7 +271,7 @@ class MoveToTension:
         """Whether the setpoint retreats."""
         return not self.winding_in
 
-    def step(self, view: View) -> Step:
+    def step(self, view: DriveObservation) -> MotionStep:
         """Advance the setpoint towards more or less tension."""
         target = min(self._target, view.tension_cap)
         band = max(self._limits.tension_tolerance * target, 0.2)
@@ -281,16 +286,16 @@ class MoveToTension:
             self._profile.velocity = 0.0
         if self._since is not None and view.now - self._since >= self.SETTLED:
             ahead = min(self._profile.position, view.length + self._limits.lead)
-            return Step(ahead, target, Outcome.REACHED, f"{view.tension:.1f} N at {view.length * 1e3:.2f} mm")
+            return MotionStep(ahead, target, MoveOutcome.REACHED, f"{view.tension:.1f} N at {view.length * 1e3:.2f} mm")
         at_end = self._profile.position in (0.0, self._limits.travel)
         standing = self._stall.step(view.now, view.length, moving=self._since is None)
         if standing and not met and (at_end or abs(self._profile.position - view.length) > self._limits.lead):
-            return Step(
-                view.length, target, Outcome.FAULT,
+            return MotionStep(
+                view.length, target, MoveOutcome.FAULT,
                 f"{view.tension:.1f} N of {target:.1f} N at {view.length * 1e3:.2f} mm, and it moves no further",
                 "stalled",
             )  # fmt: skip
-        return Step(self._profile.position, target)
+        return MotionStep(self._profile.position, target)
 
 
 class Follow:
@@ -298,7 +303,9 @@ class Follow:
 
     state = DriveState.MOVING
 
-    def __init__(self, trajectory: Trajectory, tension_limit: float, view: View, limits: TendonLimits) -> None:
+    def __init__(
+        self, trajectory: TendonTrajectory, tension_limit: float, view: DriveObservation, limits: TendonLimits
+    ) -> None:
         self._limits = limits
         self._limit = tension_limit
         self._profile = SpeedProfile(_setpoint_now(view, limits))
@@ -314,7 +321,7 @@ class Follow:
         self._profile, self._met, self._stall = predecessor._profile, predecessor._met, predecessor._stall
         self._trajectory = self._given.starting_from(self._profile.position, self._profile.velocity)
 
-    def step(self, view: View) -> Step:
+    def step(self, view: DriveObservation) -> MotionStep:
         """Track the interpolated length."""
         cap = min(self._limit, view.tension_cap)
         elapsed = view.now - self._started
@@ -332,13 +339,15 @@ class Follow:
         inwards = self.winding_in or view.length < target - self._limits.position_tolerance
         if self._met.step(view, MoveToLength.MET * cap if inwards else math.inf):
             held = _held(view, self._limits)
-            return Step(held, cap, Outcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N")
+            return MotionStep(
+                held, cap, MoveOutcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N"
+            )
         over = elapsed >= self._trajectory.duration and self._profile.position == target
         done = over and off <= self._limits.position_tolerance
         if not done and self._stall.step(view.now, view.length, moving=blocked or over):
-            if off > NEARLY * self._limits.position_tolerance:
+            if off > STALL_TOLERANCE_FACTOR * self._limits.position_tolerance:
                 return _stalled(view, cap, target)
             done = True
         if done:
-            return Step(target, cap, Outcome.REACHED, f"trajectory done, at {view.length * 1e3:.2f} mm")
-        return Step(self._profile.position, cap)
+            return MotionStep(target, cap, MoveOutcome.REACHED, f"trajectory done, at {view.length * 1e3:.2f} mm")
+        return MotionStep(self._profile.position, cap)

@@ -20,7 +20,7 @@ class SpeedProfile:
     velocity: float = 0.0
 
     #: [m] of way that is none
-    NEGLIGIBLE = 1e-9
+    POSITION_EPSILON_M = 1e-9
 
     def step(self, target: float, speed: float, acceleration: float, dt: float) -> float:
         """Advance by ``dt`` [s] towards ``target`` [m] and return the new position [m]."""
@@ -29,11 +29,11 @@ class SpeedProfile:
         stopping = (
             math.sqrt(2.0 * acceleration * abs(distance) + (0.5 * acceleration * dt) ** 2) - 0.5 * acceleration * dt
         )
-        wanted = math.copysign(min(speed, stopping), distance)
-        change = max(-acceleration * dt, min(acceleration * dt, wanted - self.velocity))
+        requested = math.copysign(min(speed, stopping), distance)
+        change = max(-acceleration * dt, min(acceleration * dt, requested - self.velocity))
         self.velocity += change
         moved = self.velocity * dt
-        arrives = abs(distance) < self.NEGLIGIBLE or (abs(moved) >= abs(distance) and moved * distance >= 0.0)
+        arrives = abs(distance) < self.POSITION_EPSILON_M or (abs(moved) >= abs(distance) and moved * distance >= 0.0)
         if arrives and abs(self.velocity) <= 2.0 * acceleration * dt:
             self.position, self.velocity = target, 0.0
         else:

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from softgrip_driver.tendon.backend import Setpoint
-from softgrip_driver.tendon.motions import DriveState, Outcome
+from softgrip_driver.tendon.motions import DriveState, MoveOutcome
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class DriveSnapshot:
     hardware_error: int = 0
     fault: str = ""
     fault_reason: str = ""
-    outcome: Outcome | None = None
+    outcome: MoveOutcome | None = None
     reason: str = ""
     lost_replies: int = 0
     time: float = 0.0

@@ -16,7 +16,7 @@ MAX_POINTS = 2000
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class TendonTrajectory:
     """Pulled lengths over time.
 
     Attributes:
@@ -32,7 +32,7 @@ class Trajectory:
     @classmethod
     def checked(
         cls, times: Sequence[float], lengths: Sequence[float], speeds: Sequence[float], travel: float, max_speed: float
-    ) -> Trajectory:
+    ) -> TendonTrajectory:
         """Return a trajectory within 0 .. ``travel`` [m] whose speeds stay within ``max_speed`` [m/s].
 
         Raises:
@@ -65,12 +65,12 @@ class Trajectory:
         """Length of the trajectory in time [s]."""
         return self.times[-1]
 
-    def starting_from(self, length: float, speed: float) -> Trajectory:
+    def starting_from(self, length: float, speed: float) -> TendonTrajectory:
         """Return the trajectory led in from where the drive is [m], [m/s] at its start."""
         if self.times[0] == 0.0:
             return self
         speeds = (speed, *self.speeds) if self.speeds else ()
-        return Trajectory((0.0, *self.times), (length, *self.lengths), speeds)
+        return TendonTrajectory((0.0, *self.times), (length, *self.lengths), speeds)
 
     def length(self, time: float) -> float:
         """Return the pulled length [m] at a time [s] since the start; the ends are held."""

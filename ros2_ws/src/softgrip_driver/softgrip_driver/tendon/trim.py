@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from softgrip_driver.tendon.motions import NATURAL_LAG, MoveToLength, Step, View
+from softgrip_driver.tendon.motions import NATURAL_LAG, DriveObservation, MotionStep, MoveToLength
 
 
 class Trim:
@@ -17,12 +17,12 @@ class Trim:
 
     #: [1/s] and [m] of the integral
     RATE = 6.0
-    MOST = 3e-3
+    MAX_TRIM_M = 3e-3
     #: [1/s] at which it goes where its load is gone: the drive stands beyond its goal by more than [m]
     RATE_BACK = 25.0
     BEYOND = 2e-4
     #: natural lags that an error may be worth without being the load's
-    MOST_LAGS = 2.0
+    MAX_LAGS = 2.0
 
     def __init__(self, lead: float) -> None:
         self._lead = lead
@@ -33,17 +33,17 @@ class Trim:
         """Begin anew: nothing is pulled, or from somewhere else."""
         self.value = 0.0
 
-    def step(self, step: Step, view: View) -> None:
+    def step(self, step: MotionStep, view: DriveObservation) -> None:
         """Correct a motion's error; frozen at the tension limit."""
         error = step.length - view.length
-        lag = self.MOST_LAGS * NATURAL_LAG * view.speed
+        lag = self.MAX_LAGS * NATURAL_LAG * view.speed
         error -= max(min(0.0, lag), min(max(0.0, lag), error))
         if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._lead:
             loadless = error * self.value < 0.0 and abs(error) > self.BEYOND
             rate = self.RATE_BACK if loadless else self.RATE
-            self.value = max(-self.MOST, min(self.MOST, self.value + rate * error * view.dt))
+            self.value = max(-self.MAX_TRIM_M, min(self.MAX_TRIM_M, self.value + rate * error * view.dt))
 
-    def keep_pulling(self, ahead: float, speed: float, tension: float, most: float) -> None:
+    def keep_pulling(self, ahead: float, speed: float, tension: float, maximum: float) -> None:
         """Become what goes on pulling a drive that shall stand where it is from now on.
 
         Proportional control pulls by how far the goal is ahead of the drive, so that share of it gives the tension.
@@ -52,7 +52,7 @@ class Trim:
             ahead: [m] the setpoint beyond the drive.
             speed: [m/s] of the drive, whose part of ``ahead`` goes with the motion.
             tension: [N] now.
-            most: [N] to go on with.
+            maximum: [N] to go on with.
         """
-        pulling = max(0.0, min(self.MOST, ahead + self.value - NATURAL_LAG * speed))
-        self.value = pulling * min(1.0, most / max(tension, 1e-9))
+        pulling = max(0.0, min(self.MAX_TRIM_M, ahead + self.value - NATURAL_LAG * speed))
+        self.value = pulling * min(1.0, maximum / max(tension, 1e-9))

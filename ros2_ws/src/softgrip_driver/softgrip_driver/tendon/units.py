@@ -12,7 +12,7 @@ import numpy as np
 from softgrip_driver.errors import ConfigurationError
 
 #: share of the largest current over which the currents of a calibration must spread to show a slope
-LEAST_SPREAD = 0.3
+MIN_SPREAD = 0.3
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def fit_torque_model(
             f"({int((direction > 0).sum())} in, {int((direction < 0).sum())} out); repeat the calibration"
         )
     spread = max(float(np.ptp(i[direction == one])) for one in (1.0, -1.0))
-    if spread < LEAST_SPREAD * np.abs(i).max():
+    if spread < MIN_SPREAD * np.abs(i).max():
         raise ConfigurationError(
             "torque model: expected currents from a slack to a taut tendon in each direction, found a spread of only "
             f"{spread:.3f} A up to {np.abs(i).max():.3f} A; wind in further, or to a higher tension"

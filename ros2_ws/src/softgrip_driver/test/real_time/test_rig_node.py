@@ -218,8 +218,8 @@ def test_a_model_that_the_disk_cannot_hold_is_in_the_result_with_the_reason(pers
     person.until(lambda: bool(person.steps) and person.waits_at in person.steps[-1].instruction, "the last step", 60.0)
     (plan,) = (tmp_path / "models" / "plans").iterdir()
     # No file of the process may grow beyond what the plan's last line needs: the model's is larger.
-    most = plan.stat().st_size + 100
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (most, most))
+    maximum = plan.stat().st_size + 100
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (maximum, maximum))
     person.do(person.steps[-1])
     result = person.result(handle)
     assert result.outcome == CalibrateFriction.Result.FAILED

@@ -17,7 +17,7 @@ from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import LeaseHeartbeat, SafetyState, TendonOwners, TendonStatus, TendonStatusArray
 from softgrip_interfaces.srv import AcquireLease, AcquireLock, ReleaseLease, ReleaseLock
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
-from softgrip_nodekit.testing import PATIENCE, node_processes, own_domain, peer_node
+from softgrip_nodekit.testing import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Goal, Result = MoveTendon.Goal, MoveTendon.Result
@@ -85,7 +85,7 @@ class Driver:
         return self
 
     def move(self, target, mode=Goal.LENGTH, tension_limit=20.0, **fields):
-        assert self.client.wait_for_server(timeout_sec=PATIENCE)
+        assert self.client.wait_for_server(timeout_sec=TEST_TIMEOUT_S)
         goal = Goal(mode=mode, targets=[target], speed=0.02, tension_limit=tension_limit, **fields)
         handle = self.peer.wait(self.client.send_goal_async(goal))
         return self.peer.wait(handle.get_result_async()).result
@@ -112,13 +112,13 @@ class Driver:
 
 def end_by_kill(driver):
     driver.process.kill()
-    driver.process.wait(PATIENCE)
+    driver.process.wait(TEST_TIMEOUT_S)
     driver.restart()
 
 
 def end_by_sigterm(driver):
     driver.process.send_signal(signal.SIGTERM)
-    assert driver.process.wait(PATIENCE) == 0
+    assert driver.process.wait(TEST_TIMEOUT_S) == 0
     driver.restart()
 
 
@@ -173,7 +173,7 @@ def test_a_reset_of_a_deactivated_driver_powers_nothing(driver):
 
 def test_deactivation_leaves_torque_off_and_ends_a_running_move(driver):
     driver.start().home()
-    assert driver.client.wait_for_server(timeout_sec=PATIENCE)
+    assert driver.client.wait_for_server(timeout_sec=TEST_TIMEOUT_S)
     goal = Goal(mode=Goal.LENGTH, targets=[0.012], speed=0.002, tension_limit=20.0)
     running = driver.peer.wait(driver.client.send_goal_async(goal)).get_result_async()
     driver.wait_for_states(TendonStatus.MOVING)
@@ -200,7 +200,7 @@ def test_a_hold_outlives_a_killed_driver_and_nothing_moves_until_the_reset(drive
 
     threading.Thread(target=watch, daemon=True).start()
     driver.process.kill()
-    driver.process.wait(PATIENCE)
+    driver.process.wait(TEST_TIMEOUT_S)
     driver.restart()
     driver.wait_for_states(TendonStatus.STOPPED)
     assert driver.torque() == [1, 1, 1]
@@ -211,7 +211,7 @@ def test_a_hold_outlives_a_killed_driver_and_nothing_moves_until_the_reset(drive
     assert driver.peer.trigger("estop_reset").success
     driver.wait_for_states(TendonStatus.HOLDING)
     watching.set()
-    assert watched.wait(PATIENCE)
+    assert watched.wait(TEST_TIMEOUT_S)
     assert (lowest > 0.8 * held).all(), (lowest, held)
     assert all(one.homed for one in driver.statuses[-1].tendons)
     assert driver.move(0.004).outcome == Result.REACHED
@@ -221,7 +221,7 @@ def test_a_killed_driver_lets_go_where_the_policy_says_so(driver):
     driver.start("unclean_end_policy:=let_go").home()
     assert driver.move(8.0, mode=Goal.TENSION).outcome == Result.REACHED
     driver.process.kill()
-    driver.process.wait(PATIENCE)
+    driver.process.wait(TEST_TIMEOUT_S)
     driver.restart("unclean_end_policy:=let_go")
     driver.wait_for_states(TendonStatus.STOPPED)
     assert driver.torque() == [0, 0, 0]
@@ -231,7 +231,7 @@ def test_a_stop_policy_of_holding_is_respected_at_an_orderly_end(driver):
     driver.start("estop_policy:=hold").home()
     assert driver.move(8.0, mode=Goal.TENSION).outcome == Result.REACHED
     driver.process.send_signal(signal.SIGTERM)
-    assert driver.process.wait(PATIENCE) == 0
+    assert driver.process.wait(TEST_TIMEOUT_S) == 0
     assert driver.torque() == [1, 1, 1]
 
 
@@ -281,7 +281,7 @@ def test_an_owners_orders_are_obeyed_and_a_strangers_are_not(driver):
 
 def test_an_owner_that_falls_silent_stops_what_it_moves(driver):
     driver.start().home()
-    assert driver.client.wait_for_server(timeout_sec=PATIENCE)
+    assert driver.client.wait_for_server(timeout_sec=TEST_TIMEOUT_S)
     beat = driver.peer.node.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
     driver.peer.spin_until(lambda: beat.get_subscription_count() > 0)
     lease = driver.lease("manager", duration=2.0)

@@ -19,7 +19,7 @@ from softgrip_driver.nodes.tendon_driver import TendonDriver
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
 from softgrip_nodekit import RELIABLE, SENSOR
-from softgrip_nodekit.testing import PATIENCE, node_processes, own_domain, peer_node
+from softgrip_nodekit.testing import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -72,7 +72,7 @@ def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):
     statuses = peer.hear(TendonStatusArray, "tendon/status", SENSOR)
     health = peer.hear(DiagnosticArray, "/diagnostics", RELIABLE)
     client = ActionClient(peer.node, MoveTendon, "tendon/move")
-    assert client.wait_for_server(timeout_sec=PATIENCE)
+    assert client.wait_for_server(timeout_sec=TEST_TIMEOUT_S)
 
     refused = move(peer, client, length_goal(0.01))
     assert refused.status == GoalStatus.STATUS_ABORTED
@@ -112,14 +112,14 @@ def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):
     assert {f"tendon_driver: {part}" for part in ("bus", "index", "middle", "thumb")} <= names
     assert list(states[-1].name) == ["index", "middle", "thumb"]
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=PATIENCE) == 0
+    assert process.wait(timeout=TEST_TIMEOUT_S) == 0
     assert all(servo.registers.get("torque_enable") == 0 for servo in wire.plant.servos)
 
 
 def test_a_move_can_be_cancelled_and_holds(wire, start, peer):
     start(f"port:={wire.bus.port.port_name}", "home_on_activate:=true")
     client = ActionClient(peer.node, MoveTendon, "tendon/move")
-    assert client.wait_for_server(timeout_sec=PATIENCE)
+    assert client.wait_for_server(timeout_sec=TEST_TIMEOUT_S)
     statuses, feedback = peer.hear(TendonStatusArray, "tendon/status", SENSOR), []
     peer.spin_until(lambda: statuses and all(status.homed for status in statuses[-1].tendons))
     goal = length_goal(0.012, speed=0.003)
@@ -139,7 +139,7 @@ def test_a_kill_and_a_closed_terminal_let_go(wire, start, peer, ends):
     peer.spin_until(lambda: statuses and all(one.state == TendonStatus.HOLDING for one in statuses[-1].tendons))
     assert all(servo.registers.get("torque_enable") == 1 for servo in wire.plant.servos)
     process.send_signal(ends)
-    assert process.wait(timeout=PATIENCE) == 0
+    assert process.wait(timeout=TEST_TIMEOUT_S) == 0
     assert all(servo.registers.get("torque_enable") == 0 for servo in wire.plant.servos)
 
 
@@ -159,7 +159,7 @@ def test_what_keeps_it_from_starting_is_said(wire, start, parameter, message):
     wire.plant.servos[0].registers.put("return_delay_time", 250)
     given = [parameter] if parameter.startswith("port") else [f"port:={wire.bus.port.port_name}", parameter]
     process = start(*given)
-    _, errors = process.communicate(timeout=PATIENCE)
+    _, errors = process.communicate(timeout=TEST_TIMEOUT_S)
     assert process.returncode == 2
     assert message in errors
 
@@ -203,7 +203,7 @@ def test_of_two_moves_in_a_row_the_second_is_the_last_to_begin(peer, monkeypatch
     spinning.start()
     try:
         client = ActionClient(peer.node, MoveTendon, "tendon/move")
-        assert client.wait_for_server(timeout_sec=PATIENCE)
+        assert client.wait_for_server(timeout_sec=TEST_TIMEOUT_S)
         goals = [length_goal(target) for target in (0.0, 0.012)]
         handles = [peer.wait(sent) for sent in [client.send_goal_async(goal) for goal in goals]]
         results = [peer.wait(handle.get_result_async()).result for handle in handles]

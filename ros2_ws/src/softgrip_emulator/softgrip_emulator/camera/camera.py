@@ -14,7 +14,7 @@ from softgrip_emulator.camera.scene import Light, Scene
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from softgrip_emulator.camera.look import Look
+    from softgrip_emulator.camera.exposure_sample import ExposureSample
     from softgrip_emulator.camera.stream import FrameBoard
 
 _IDLE_LOOK_S: Final = 0.05
@@ -36,7 +36,7 @@ class Camera:
         self,
         scene: Scene,
         board: FrameBoard,
-        look: Callable[[], Look],
+        look: Callable[[], ExposureSample],
         *,
         fps: float = 30.0,
         jpeg_quality: int = 88,

@@ -19,7 +19,7 @@ from softgrip_emulator.camera.scene import Scene
 from softgrip_emulator.camera.stream import FrameBoard, StreamServer
 
 if TYPE_CHECKING:
-    from softgrip_emulator.camera.look import Look, SetUp
+    from softgrip_emulator.camera.exposure_sample import ExposureSample, SetUp
 
 _NICE: Final = 5
 """A late frame is a late frame; a late servo stops the cell."""
@@ -49,9 +49,9 @@ def main() -> None:
         return
     link.send(server.url)
 
-    def look() -> Look:
+    def look() -> ExposureSample:
         link.send(camera.frames_taken)
-        seen: Look = link.recv()
+        seen: ExposureSample = link.recv()
         return seen
 
     camera = Camera(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from softgrip_emulator.camera.look import Pose
+    from softgrip_emulator.camera.exposure_sample import Pose
     from softgrip_emulator.camera.optics import Optics
 
     Array = NDArray[np.float64]

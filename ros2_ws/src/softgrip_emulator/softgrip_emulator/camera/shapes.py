@@ -16,7 +16,7 @@ from softgrip_emulator.camera.optics import BASE_MARKER_M, MARKER_DIAMETER_M, Op
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from softgrip_emulator.camera.look import Pose
+    from softgrip_emulator.camera.exposure_sample import Pose
 
     Array = NDArray[np.float64]
 

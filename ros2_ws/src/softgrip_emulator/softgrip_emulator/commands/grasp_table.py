@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from softgrip_emulator.plant.by_hand import HandPulledCell
+from softgrip_emulator.plant.manual_grasp import HandPulledCell
 from softgrip_emulator.plant.products import products
 from softgrip_model.profile import ProfileError, load_directory
 

@@ -20,8 +20,8 @@ from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from softgrip_emulator.dynamixel.instructions import Reply
-    from softgrip_emulator.dynamixel.servo import Servo
+    from softgrip_emulator.dynamixel.instructions import InstructionReply
+    from softgrip_emulator.dynamixel.servo import EmulatedServo
 
 _PACKET_GAP_S: Final = 0.05
 """A packet interrupted for longer is forgotten (assumption: the e-manual gives no figure)."""
@@ -41,7 +41,7 @@ class DynamixelChain:
 
     def __init__(
         self,
-        servos: Sequence[Servo],
+        servos: Sequence[EmulatedServo],
         *,
         lock: threading.RLock | None = None,
         before: Callable[[float], None] | None = None,
@@ -79,7 +79,7 @@ class DynamixelChain:
 
     # -- who answers -----------------------------------------------------------------------------------------------
 
-    def _listening(self, now_s: float, baud: int) -> list[Servo]:
+    def _listening(self, now_s: float, baud: int) -> list[EmulatedServo]:
         return [servo for servo in self.servos if servo.listens(now_s, baud)]
 
     def _answer(self, packet: Packet, now_s: float, baud: int) -> list[Chunk]:
@@ -107,7 +107,7 @@ class DynamixelChain:
                 chunks.append(Chunk(encode_status(packet.device_id, reply.error, reply.parameters), now_s + delay_s))
         return chunks
 
-    def _broadcast(self, packet: Packet, listening: list[Servo], now_s: float, baud: int) -> list[Chunk]:
+    def _broadcast(self, packet: Packet, listening: list[EmulatedServo], now_s: float, baud: int) -> list[Chunk]:
         match packet.instruction:
             case Instruction.PING:
                 return self._in_turn(sorted(listening, key=lambda s: s.device_id), packet, now_s, baud)
@@ -128,7 +128,7 @@ class DynamixelChain:
                     servo.execute(packet, now_s)
         return []
 
-    def _in_turn(self, servos: list[Servo], packet: Packet, now_s: float, baud: int) -> list[Chunk]:
+    def _in_turn(self, servos: list[EmulatedServo], packet: Packet, now_s: float, baud: int) -> list[Chunk]:
         chunks = []
         start_s = now_s
         for servo in servos:
@@ -139,7 +139,12 @@ class DynamixelChain:
         return chunks
 
     def _group_read(
-        self, packet: Packet, requests: list[tuple[int, int, int]], listening: list[Servo], now_s: float, baud: int
+        self,
+        packet: Packet,
+        requests: list[tuple[int, int, int]],
+        listening: list[EmulatedServo],
+        now_s: float,
+        baud: int,
     ) -> list[Chunk]:
         by_id = {servo.device_id: servo for servo in listening}
         ids = [device_id for device_id, _, _ in requests]
@@ -163,7 +168,9 @@ class DynamixelChain:
             start_s = chunk.start_s + len(chunk.data) * BITS_PER_BYTE / baud
         return chunks
 
-    def _fast_read(self, requests: list[tuple[int, int, int]], by_id: dict[int, Servo], now_s: float) -> list[Chunk]:
+    def _fast_read(
+        self, requests: list[tuple[int, int, int]], by_id: dict[int, EmulatedServo], now_s: float
+    ) -> list[Chunk]:
         if any(servo.device_id in by_id and not servo.model.has_fast_sync_read for servo in self.servos):
             return []
         if 1 + sum(length + 4 for _, _, length in requests) > _MAX_STATUS_BYTES:
@@ -173,7 +180,7 @@ class DynamixelChain:
         delay_s = 0.0
         for device_id, address, length in requests:
             servo = by_id.get(device_id)
-            reply: Reply | None = None if servo is None else servo.read_for_host(address, length, now_s)
+            reply: InstructionReply | None = None if servo is None else servo.read_for_host(address, length, now_s)
             if servo is None or reply is None or not servo.answers(Instruction.FAST_SYNC_READ):
                 complete = False
                 replies.append((0, device_id, bytes(length)))
@@ -191,14 +198,14 @@ class DynamixelChain:
         return [Chunk(data, now_s + delay_s)] if data else []
 
     @staticmethod
-    def _group_write(writes: list[tuple[int, int, bytes]], listening: list[Servo], now_s: float) -> None:
+    def _group_write(writes: list[tuple[int, int, bytes]], listening: list[EmulatedServo], now_s: float) -> None:
         for device_id, address, data in writes:
             for servo in listening:
                 if servo.obeys(device_id, address):
                     servo.write_for_host(address, data, now_s)
 
     @staticmethod
-    def _status(servo: Servo, error: int, parameters: bytes, start_s: float) -> Chunk:
+    def _status(servo: EmulatedServo, error: int, parameters: bytes, start_s: float) -> Chunk:
         return Chunk(encode_status(servo.device_id, error, parameters), start_s + servo.return_delay_s)
 
 

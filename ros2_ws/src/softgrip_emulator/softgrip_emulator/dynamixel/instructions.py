@@ -12,7 +12,7 @@ from softgrip_emulator.dynamixel.registers import WriteRefusedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from softgrip_emulator.dynamixel.servo import Servo
+    from softgrip_emulator.dynamixel.servo import EmulatedServo
 
 _CLEAR_KEY: Final = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
 _BACKUP_KEY: Final = bytes([0x43, 0x54, 0x52, 0x4C])
@@ -24,7 +24,7 @@ _RESET_KEEPS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class InstructionReply:
     """Status a servo gives: error field and parameters."""
 
     error: int
@@ -34,7 +34,7 @@ class Reply:
 class Instructions:
     """Obeys instructions for one servo and keeps what they leave behind: a registered write, a backup."""
 
-    def __init__(self, servo: Servo) -> None:
+    def __init__(self, servo: EmulatedServo) -> None:
         self._servo = servo
         self._registered: tuple[int, bytes] | None = None
         self._backup: bytes | None = None
@@ -48,9 +48,9 @@ class Instructions:
         if self._backup is not None:
             self._servo.registers.restore_ram(self._backup)
 
-    def execute(self, packet: Packet, now_s: float) -> Reply:
+    def execute(self, packet: Packet, now_s: float) -> InstructionReply:
         """Obey one instruction."""
-        handlers: dict[int, Callable[[bytes, float], Reply]] = {
+        handlers: dict[int, Callable[[bytes, float], InstructionReply]] = {
             Instruction.PING: self._ping,
             Instruction.READ: self._read,
             Instruction.WRITE: self._write,
@@ -63,80 +63,80 @@ class Instructions:
         }
         handler = handlers.get(packet.instruction)
         if handler is None:
-            return Reply(StatusError.INSTRUCTION | self._servo.alert)
+            return InstructionReply(StatusError.INSTRUCTION | self._servo.alert)
         return handler(packet.parameters, now_s)
 
-    def _ping(self, _: bytes, __: float) -> Reply:
-        return Reply(
+    def _ping(self, _: bytes, __: float) -> InstructionReply:
+        return InstructionReply(
             self._servo.alert, self._servo.model.number.to_bytes(2, "little") + bytes([self._servo.model.firmware])
         )
 
-    def _read(self, parameters: bytes, now_s: float) -> Reply:
+    def _read(self, parameters: bytes, now_s: float) -> InstructionReply:
         if len(parameters) != 4:
-            return Reply(StatusError.DATA_LENGTH | self._servo.alert)
+            return InstructionReply(StatusError.DATA_LENGTH | self._servo.alert)
         return self._servo.read_for_host(_u16(parameters), _u16(parameters[2:]), now_s)
 
-    def _write(self, parameters: bytes, now_s: float) -> Reply:
+    def _write(self, parameters: bytes, now_s: float) -> InstructionReply:
         if len(parameters) < 3:
-            return Reply(StatusError.DATA_LENGTH | self._servo.alert)
+            return InstructionReply(StatusError.DATA_LENGTH | self._servo.alert)
         return self._servo.write_for_host(_u16(parameters), parameters[2:], now_s)
 
-    def _reg_write(self, parameters: bytes, _: float) -> Reply:
+    def _reg_write(self, parameters: bytes, _: float) -> InstructionReply:
         if len(parameters) < 3:
-            return Reply(StatusError.DATA_LENGTH | self._servo.alert)
+            return InstructionReply(StatusError.DATA_LENGTH | self._servo.alert)
         address, data = _u16(parameters), parameters[2:]
         try:
             self._servo.registers.check(address, data)
         except WriteRefusedError as refusal:
-            return Reply(refusal.error | self._servo.alert)
+            return InstructionReply(refusal.error | self._servo.alert)
         self._registered = (address, data)
         self._servo.registers.put("registered_instruction", 1)
-        return Reply(self._servo.alert)
+        return InstructionReply(self._servo.alert)
 
-    def _action(self, _: bytes, now_s: float) -> Reply:
+    def _action(self, _: bytes, now_s: float) -> InstructionReply:
         if self._registered is None:
-            return Reply(StatusError.INSTRUCTION | self._servo.alert)
+            return InstructionReply(StatusError.INSTRUCTION | self._servo.alert)
         (address, data), self._registered = self._registered, None
         self._servo.registers.put("registered_instruction", 0)
         return self._servo.write_for_host(address, data, now_s)
 
-    def _factory_reset(self, parameters: bytes, now_s: float) -> Reply:
+    def _factory_reset(self, parameters: bytes, now_s: float) -> InstructionReply:
         if len(parameters) != 1:
-            return Reply(StatusError.DATA_LENGTH | self._servo.alert)
+            return InstructionReply(StatusError.DATA_LENGTH | self._servo.alert)
         keep = _RESET_KEEPS.get(parameters[0])
         if keep is None:
-            return Reply(StatusError.DATA_RANGE | self._servo.alert)
-        reply = Reply(self._servo.alert)
+            return InstructionReply(StatusError.DATA_RANGE | self._servo.alert)
+        reply = InstructionReply(self._servo.alert)
         self._servo.registers.factory_reset(keep)
         self._servo.lose_power(now_s)
         return reply
 
-    def _reboot(self, _: bytes, now_s: float) -> Reply:
-        reply = Reply(self._servo.alert)
+    def _reboot(self, _: bytes, now_s: float) -> InstructionReply:
+        reply = InstructionReply(self._servo.alert)
         self._servo.lose_power(now_s)
         return reply
 
-    def _clear(self, parameters: bytes, _: float) -> Reply:
+    def _clear(self, parameters: bytes, _: float) -> InstructionReply:
         if parameters != _CLEAR_KEY:
-            return Reply(StatusError.DATA_RANGE | self._servo.alert)
+            return InstructionReply(StatusError.DATA_RANGE | self._servo.alert)
         if self._servo.moving():
-            return Reply(StatusError.RESULT_FAIL | self._servo.alert)
+            return InstructionReply(StatusError.RESULT_FAIL | self._servo.alert)
         self._servo.fold()
-        return Reply(self._servo.alert)
+        return InstructionReply(self._servo.alert)
 
-    def _control_table_backup(self, parameters: bytes, now_s: float) -> Reply:
+    def _control_table_backup(self, parameters: bytes, now_s: float) -> InstructionReply:
         if len(parameters) != 5 or parameters[1:] != _BACKUP_KEY or parameters[0] not in {1, 2}:
-            return Reply(StatusError.DATA_RANGE | self._servo.alert)
+            return InstructionReply(StatusError.DATA_RANGE | self._servo.alert)
         if self._servo.registers.get("torque_enable"):
-            return Reply(StatusError.RESULT_FAIL | self._servo.alert)
+            return InstructionReply(StatusError.RESULT_FAIL | self._servo.alert)
         if parameters[0] == 1:
             self._backup = self._servo.registers.snapshot()
             if self._servo.registers.has("backup_ready"):
                 self._servo.registers.put("backup_ready", 1)
-            return Reply(self._servo.alert)
+            return InstructionReply(self._servo.alert)
         if self._backup is None:
-            return Reply(StatusError.RESULT_FAIL | self._servo.alert)
-        reply = Reply(self._servo.alert)
+            return InstructionReply(StatusError.RESULT_FAIL | self._servo.alert)
+        reply = InstructionReply(self._servo.alert)
         self._servo.registers.restore(self._backup)
         self._servo.lose_power(now_s)
         return reply

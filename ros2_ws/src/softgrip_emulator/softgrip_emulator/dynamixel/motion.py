@@ -26,7 +26,7 @@ _LOOP_S: Final = 0.001
 """The gains are per cycle of the servo's own 1 kHz loop."""
 
 
-class Mode(IntEnum):
+class ServoMode(IntEnum):
     """Operating Mode (11)."""
 
     CURRENT = 0
@@ -37,10 +37,10 @@ class Mode(IntEnum):
     PWM = 16
 
 
-POSITION_MODES: Final = frozenset({Mode.POSITION, Mode.EXTENDED_POSITION, Mode.CURRENT_BASED_POSITION})
+POSITION_MODES: Final = frozenset({ServoMode.POSITION, ServoMode.EXTENDED_POSITION, ServoMode.CURRENT_BASED_POSITION})
 
 
-class Drive(NamedTuple):
+class ServoDrive(NamedTuple):
     """What the power stage is told: duty cycle -1..1 and the largest current [A] it may let through."""
 
     duty: float = 0.0
@@ -99,7 +99,7 @@ class _Settings(NamedTuple):
         )
 
 
-class Motion:
+class ServoMotion:
     """Profile generator and position/velocity loops of one servo."""
 
     def __init__(self, registers: Registers) -> None:
@@ -124,7 +124,7 @@ class Motion:
         """Hold where the shaft is (bus watchdog)."""
         self.restart(position)
 
-    def drive(self, position: float, velocity: float, dt_s: float, *, follow: bool) -> Drive:
+    def drive(self, position: float, velocity: float, dt_s: float, *, follow: bool) -> ServoDrive:
         """One step of the loop.
 
         Args:
@@ -143,19 +143,19 @@ class Motion:
                 self._goal = settings.goal_position
             self._advance_profile(settings, dt_s)
             duty = self._position_loop(settings, position, velocity, dt_s)
-            if mode == Mode.CURRENT_BASED_POSITION:
+            if mode == ServoMode.CURRENT_BASED_POSITION:
                 current_limit_a = settings.goal_current_a
-        elif mode == Mode.VELOCITY:
+        elif mode == ServoMode.VELOCITY:
             duty = self._velocity_loop(settings, velocity, settings.goal_velocity if follow else 0, dt_s)
-        elif mode == Mode.CURRENT:
+        elif mode == ServoMode.CURRENT:
             # A current source: as much voltage as it takes, in the direction asked for.
             if not follow:
-                return Drive(settings.pwm_limit, 0.0)
-            return Drive(math.copysign(settings.pwm_limit, settings.goal_current), settings.goal_current_a)
+                return ServoDrive(settings.pwm_limit, 0.0)
+            return ServoDrive(math.copysign(settings.pwm_limit, settings.goal_current), settings.goal_current_a)
         else:
             duty = settings.goal_duty if follow else 0.0
             duty_limit = settings.pwm_limit
-        return Drive(max(-duty_limit, min(duty_limit, duty)), current_limit_a)
+        return ServoDrive(max(-duty_limit, min(duty_limit, duty)), current_limit_a)
 
     def _position_loop(self, settings: _Settings, position: float, velocity: float, dt_s: float) -> float:
         error = self.position - position
@@ -187,8 +187,8 @@ class Motion:
             speed_limit = top * PULSES_PER_S_PER_VELOCITY_UNIT
         if math.isfinite(rate):
             speed_limit = min(speed_limit, math.sqrt(2.0 * rate * abs(remaining)))
-        wanted = math.copysign(speed_limit, remaining) if remaining else 0.0
-        change = wanted - self.velocity
+        requested = math.copysign(speed_limit, remaining) if remaining else 0.0
+        change = requested - self.velocity
         if math.isfinite(rate):
             change = max(-rate * dt_s, min(rate * dt_s, change))
         self.velocity += change

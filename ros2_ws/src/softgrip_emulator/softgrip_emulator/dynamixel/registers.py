@@ -7,7 +7,7 @@ import struct
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from softgrip_emulator.dynamixel.packets import StatusError
-from softgrip_emulator.dynamixel.table import EEPROM_END, LIMITED_BY, Item, ServoModel
+from softgrip_emulator.dynamixel.table import EEPROM_END, LIMITED_BY, EmulatedServoModel, TableItem
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -64,10 +64,10 @@ class Registers:
     `get` and `put` are the firmware's own access (unchecked); `read` and `write` are the host's.
     """
 
-    def __init__(self, model: ServoModel) -> None:
+    def __init__(self, model: EmulatedServoModel) -> None:
         self.model = model
         self._by_name = {item.name: item for item in model.items}
-        self._at: dict[int, Item] = {item.address: item for item in model.items}
+        self._at: dict[int, TableItem] = {item.address: item for item in model.items}
         self._memory = bytearray(model.size)
         self._defined = bytearray(model.size)
         for item in model.items:
@@ -129,9 +129,9 @@ class Registers:
         """Bring back what of the RAM part a servo keeps in a backup."""
         self._restore(snapshot, lambda item: item.name in GAIN_ITEMS or item.name.startswith("indirect_address"))
 
-    def _restore(self, snapshot: bytes, wanted: Callable[[Item], bool]) -> None:
+    def _restore(self, snapshot: bytes, requested: Callable[[TableItem], bool]) -> None:
         for item in self.model.items:
-            if wanted(item):
+            if requested(item):
                 self.put(item.name, int.from_bytes(snapshot[item.address : item.end], "little"))
 
     # -- the host's access -----------------------------------------------------------------------------------------
@@ -143,7 +143,7 @@ class Registers:
             return None
         return bytes(self._memory[place] for place in self._places(address, length))
 
-    def check(self, address: int, data: bytes) -> list[tuple[Item, int]]:
+    def check(self, address: int, data: bytes) -> list[tuple[TableItem, int]]:
         """The items a write would set and their values.
 
         Raises:
@@ -153,7 +153,7 @@ class Registers:
             raise WriteRefusedError(StatusError.DATA_LENGTH)
         if address + len(data) > self.model.size:
             raise WriteRefusedError(StatusError.ACCESS)
-        assignments: list[tuple[Item, int]] = []
+        assignments: list[tuple[TableItem, int]] = []
         for start, run in self._runs(address, data):
             assignments += self._items(start, run)
         torque_on = bool(self.get("torque_enable"))
@@ -184,7 +184,7 @@ class Registers:
             run_start, run = place, bytearray([byte])
         yield run_start, bytes(run)
 
-    def _items(self, start: int, run: bytes) -> Iterator[tuple[Item, int]]:
+    def _items(self, start: int, run: bytes) -> Iterator[tuple[TableItem, int]]:
         place, end = start, start + len(run)
         while place < end:
             item = self._at.get(place)
@@ -196,7 +196,7 @@ class Registers:
             yield item, int.from_bytes(raw, "little", signed=item.signed)
             place = item.end
 
-    def _refuse_if_forbidden(self, item: Item, value: int, *, torque_on: bool) -> None:
+    def _refuse_if_forbidden(self, item: TableItem, value: int, *, torque_on: bool) -> None:
         if not item.writable or (torque_on and item.address < EEPROM_END):
             raise WriteRefusedError(StatusError.ACCESS)
         if not item.low <= value <= item.high:
@@ -213,7 +213,7 @@ class Registers:
         if item.name == "goal_position" and self.get("operating_mode") == _POSITION_MODE and outside_turn:
             raise WriteRefusedError(StatusError.DATA_LIMIT)
 
-    def assign(self, assignments: list[tuple[Item, int]], changed: Callable[[str, int], None]) -> None:
+    def assign(self, assignments: list[tuple[TableItem, int]], changed: Callable[[str, int], None]) -> None:
         """Carry out a checked write; `changed(name, old value)` lets the firmware react to each item."""
         for item, value in assignments:
             before = self.get(item.name)

@@ -11,13 +11,13 @@ import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from softgrip_emulator.dynamixel.instructions import Instructions, Reply
+from softgrip_emulator.dynamixel.instructions import InstructionReply, Instructions
 from softgrip_emulator.dynamixel.motion import (
     POSITION_MODES,
     PULSES_PER_S_PER_VELOCITY_UNIT,
-    Drive,
-    Mode,
-    Motion,
+    ServoDrive,
+    ServoMode,
+    ServoMotion,
 )
 from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
 from softgrip_emulator.dynamixel.registers import GAIN_ITEMS, PresentValues, Registers, WriteRefusedError
@@ -27,7 +27,7 @@ from softgrip_emulator.dynamixel.table import (
     PULSES_PER_TURN,
     PWM_FULL_SCALE,
     VELOCITY_UNIT_RPM,
-    ServoModel,
+    EmulatedServoModel,
 )
 
 REBOOT_SILENCE_S: Final = 0.4
@@ -37,7 +37,7 @@ _WATCHDOG_UNIT_S: Final = 0.02
 _TICK_MODULO: Final = 32768
 _TRIPPED: Final = -1
 """Bus Watchdog after it has tripped (e-manual)."""
-_OFF: Final = Drive()
+_OFF: Final = ServoDrive()
 _REVERSE: Final = 0x01
 _NO_ID: Final = 253
 _FOLLOWED: Final = frozenset({Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION, Instruction.REBOOT})
@@ -50,7 +50,7 @@ _OVERLOAD_SHARE: Final = 0.75
 _OVERLOAD_TIME_S: Final = 2.5
 
 
-class HardwareError:
+class EmulatedHardwareError:
     """Bits of Hardware Error Status (70)."""
 
     INPUT_VOLTAGE: Final = 0x01
@@ -106,20 +106,22 @@ class _Settings(NamedTuple):
         )
 
 
-class Servo:
+class EmulatedServo:
     """Registers, firmware and encoder of one servo.
 
     `execute` is called for each packet it must obey, `step` by the plant. Both on the same lock (the cell's).
     """
 
-    def __init__(self, model: ServoModel, device_id: int, *, baud: int = 57_600, return_delay_us: int = 500) -> None:
+    def __init__(
+        self, model: EmulatedServoModel, device_id: int, *, baud: int = 57_600, return_delay_us: int = 500
+    ) -> None:
         self.model = model
         self.registers = Registers(model)
         self.shaft = Shaft(supply_v=model.motor.nominal_voltage_v)
         self.registers.put("id", device_id)
         self.registers.put("baud_rate", _baud_register(baud))
         self.registers.put("return_delay_time", return_delay_us // 2)
-        self._motion = Motion(self.registers)
+        self._motion = ServoMotion(self.registers)
         self._decoded = _Settings.decoded(self.registers)
         self._decoded_at = self.registers.changes
         self._fold_pulses = 0
@@ -183,22 +185,22 @@ class Servo:
         """Any instruction packet on the bus feeds the watchdog."""
         self._last_packet_s = now_s
 
-    def read_for_host(self, address: int, length: int, now_s: float) -> Reply:
+    def read_for_host(self, address: int, length: int, now_s: float) -> InstructionReply:
         """Read registers for Read, Sync Read, Bulk Read."""
         self._refresh(now_s)
         data = self.registers.read(address, length)
         if data is None:
-            return Reply(StatusError.ACCESS | self.alert)
-        return Reply(self.alert, data)
+            return InstructionReply(StatusError.ACCESS | self.alert)
+        return InstructionReply(self.alert, data)
 
-    def write_for_host(self, address: int, data: bytes, now_s: float) -> Reply:
+    def write_for_host(self, address: int, data: bytes, now_s: float) -> InstructionReply:
         """Write registers for Write, Sync Write, Bulk Write."""
         try:
             assignments = self.registers.check(address, data)
         except WriteRefusedError as refusal:
-            return Reply(refusal.error | self.alert)
+            return InstructionReply(refusal.error | self.alert)
         self.registers.assign(assignments, lambda name, before: self._react(name, before, now_s))
-        return Reply(self.alert)
+        return InstructionReply(self.alert)
 
     def answers(self, instruction: int) -> bool:
         """Whether the Status Return Level lets it answer."""
@@ -214,7 +216,7 @@ class Servo:
         }
         return level >= (1 if instruction in reads else 2)
 
-    def execute(self, packet: Packet, now_s: float) -> Reply:
+    def execute(self, packet: Packet, now_s: float) -> InstructionReply:
         """Obey one instruction that is addressed to this servo alone or to all."""
         return self._instructions.execute(packet, now_s)
 
@@ -242,7 +244,7 @@ class Servo:
             self.registers.put("torque_enable", 0)
             return
         if on and not was_on:
-            if self.registers.get("operating_mode") == Mode.POSITION:
+            if self.registers.get("operating_mode") == ServoMode.POSITION:
                 self.fold()
             self._last_packet_s = now_s
             present = self._present_pulses()
@@ -256,7 +258,7 @@ class Servo:
         self.registers.put("goal_pwm", self.registers.get("pwm_limit"))
         self.registers.put("goal_current", self.registers.get("current_limit"))
         self.registers.put("goal_velocity", 0)
-        if self.registers.get("operating_mode") == Mode.POSITION:
+        if self.registers.get("operating_mode") == ServoMode.POSITION:
             self.fold()
         self._motion.restart(self._present_pulses())
 
@@ -276,7 +278,7 @@ class Servo:
             self.registers.put("torque_enable", 1)
         self._motion.restart(self._present_pulses())
 
-    def step(self, now_s: float, dt_s: float) -> Drive:
+    def step(self, now_s: float, dt_s: float) -> ServoDrive:
         """One step of the firmware: watchdogs and shutdown, then the loop. Returns what the power stage is told."""
         self._watch_health(dt_s)
         settings = self._settings
@@ -288,7 +290,7 @@ class Servo:
         duty, current_limit_a = self._motion.drive(
             self._present_pulses(), velocity, dt_s, follow=settings.watchdog != _TRIPPED
         )
-        return Drive(settings.direction * duty, current_limit_a)
+        return ServoDrive(settings.direction * duty, current_limit_a)
 
     def _watch_bus(self, timeout: int, now_s: float) -> None:
         if timeout > 0 and now_s - self._last_packet_s > timeout * _WATCHDOG_UNIT_S:
@@ -299,15 +301,15 @@ class Servo:
         settings, shaft = self._settings, self.shaft
         bits = settings.error_bits | self.forced_error_bits
         if not settings.lowest_v <= shaft.supply_v <= settings.highest_v:
-            bits |= HardwareError.INPUT_VOLTAGE
+            bits |= EmulatedHardwareError.INPUT_VOLTAGE
         if shaft.temperature_c > settings.temperature_limit_c:
-            bits |= HardwareError.OVERHEATING
+            bits |= EmulatedHardwareError.OVERHEATING
         if abs(shaft.current_a) > settings.overload_a:
             self._overload_s += dt_s
         elif self._overload_s:
             self._overload_s = max(0.0, self._overload_s - dt_s)
         if self._overload_s > _OVERLOAD_TIME_S:
-            bits |= HardwareError.OVERLOAD
+            bits |= EmulatedHardwareError.OVERLOAD
         if bits != settings.error_bits:
             self.registers.put("hardware_error_status", bits)
         if settings.torque_on and bits & settings.shutdown:
@@ -367,7 +369,7 @@ class Servo:
 def _homing_offset(registers: Registers) -> int:
     """The offset that counts: in mode 3 a value beyond +-1024 is ignored (e-manual, "Homing Offset(20)")."""
     offset = registers.get("homing_offset")
-    ignored = registers.get("operating_mode") == Mode.POSITION and abs(offset) > _SINGLE_TURN_OFFSET
+    ignored = registers.get("operating_mode") == ServoMode.POSITION and abs(offset) > _SINGLE_TURN_OFFSET
     return 0 if ignored else offset
 
 

@@ -38,7 +38,7 @@ LIMITED_BY: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class TableItem:
     """One item of a control table; `low` and `high` bound its own range."""
 
     name: str
@@ -101,14 +101,14 @@ class MotorRatings:
 
 
 @dataclass(frozen=True, slots=True)
-class ServoModel:
+class EmulatedServoModel:
     """A servo model: its control table and its motor."""
 
     name: str
     number: int
     firmware: int
     fast_sync_read_firmware: int
-    items: tuple[Item, ...]
+    items: tuple[TableItem, ...]
     indirect: tuple[IndirectBlock, ...]
     operating_modes: frozenset[int]
     motor: MotorRatings
@@ -131,7 +131,7 @@ def available_models() -> list[str]:
 
 
 @cache
-def load_model(name: str) -> ServoModel:
+def load_model(name: str) -> EmulatedServoModel:
     """Read a model by name ("XL330-M288") or file name ("xl330_m288").
 
     Raises:
@@ -151,7 +151,7 @@ def load_model(name: str) -> ServoModel:
     items = [_item(row, defaults, own.get("ranges", {})) for row in series["items"] if row[2] not in absent]
     blocks = tuple(IndirectBlock(**block) for block in own["indirect"])
     items += [_indirect_address(block, index) for block in blocks for index in range(block.count)]
-    return ServoModel(
+    return EmulatedServoModel(
         name=own["name"],
         number=own["number"],
         firmware=own["firmware"],
@@ -163,12 +163,12 @@ def load_model(name: str) -> ServoModel:
     )
 
 
-def _item(row: list[Any], defaults: dict[str, int], ranges: dict[str, list[int]]) -> Item:
+def _item(row: list[Any], defaults: dict[str, int], ranges: dict[str, list[int]]) -> TableItem:
     address, size, name, access, low, high, flags = row
     signed = "s" in flags
     low, high = ranges.get(name, [low, high])
     bits = 8 * size
-    return Item(
+    return TableItem(
         name=name,
         address=address,
         size=size,
@@ -180,9 +180,9 @@ def _item(row: list[Any], defaults: dict[str, int], ranges: dict[str, list[int]]
     )
 
 
-def _indirect_address(block: IndirectBlock, index: int) -> Item:
+def _indirect_address(block: IndirectBlock, index: int) -> TableItem:
     # Each entry starts out pointing at its own data byte (e-manual, "Indirect Address").
-    return Item(
+    return TableItem(
         name=f"indirect_address_{block.addresses + 2 * index}",
         address=block.addresses + 2 * index,
         size=2,

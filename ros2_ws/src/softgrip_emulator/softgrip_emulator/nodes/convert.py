@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 from std_msgs.msg import Header
 
-from softgrip_emulator.cell import FingerReading, Truth
+from softgrip_emulator.cell import EmulatedFingerReading, Truth
 from softgrip_emulator.errors import EmulatorError
 from softgrip_interfaces.msg import EmulatorTruth, FingerState
 
@@ -31,7 +31,7 @@ def to_truth_message(truth: Truth, stamp: Time) -> EmulatorTruth:
     return message
 
 
-def _to_finger_state(finger: FingerReading) -> FingerState:
+def _to_finger_state(finger: EmulatedFingerReading) -> FingerState:
     message = FingerState()
     message.finger = finger.slot
     message.profile = finger.profile

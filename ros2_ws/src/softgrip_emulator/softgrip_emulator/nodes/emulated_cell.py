@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from softgrip_emulator.camera.look import CameraSettings
+from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
 from softgrip_emulator.errors import EmulatorError

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from softgrip_emulator.dynamixel.servo import Servo
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank
-from softgrip_emulator.plant.grasp import Grasp
+from softgrip_emulator.plant.grasp import PlantGrasp
 from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.plant.products import product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
@@ -107,10 +107,10 @@ class CellPlant:
         self.places = tuple(chain or default_chain())
         self.slots = tuple(place.slot for place in self.places)
         rng = np.random.default_rng([seed, 0x4D4F])
-        self.servos: list[Servo] = []
+        self.servos: list[EmulatedServo] = []
         self.motors: list[Motor] = []
         for place in self.places:
-            servo = Servo(
+            servo = EmulatedServo(
                 load_model(place.model), place.device_id, baud=place.baud, return_delay_us=place.return_delay_us
             )
             # Nobody knows how the spool stood when the power came on; the spool is turned to a few hundredths.
@@ -120,7 +120,7 @@ class CellPlant:
             radius = place.spool_radius_m * rng.normal(1.0, 0.003)
             self.servos.append(servo)
             self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
-        self.grasp = Grasp(self.slots)
+        self.grasp = PlantGrasp(self.slots)
         self._crate = np.random.default_rng([seed, 0x5052])
         self.mounted: list[FingerTruth | None] = [None] * len(self.places)
         self.now_s = 0.0
@@ -274,7 +274,7 @@ class CellPlant:
         source_v = self.supply.voltage_v if self.disturbances.supply_v is None else self.disturbances.supply_v
         return max(0.0, source_v - self.supply.resistance_ohm * drawn_a)
 
-    def _power(self, index: int, servo: Servo, supply_v: float) -> None:
+    def _power(self, index: int, servo: EmulatedServo, supply_v: float) -> None:
         servo.shaft.supply_v = supply_v
         if self._powered[index] and not servo.powered:
             self._powered[index] = False

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softgrip_emulator.plant import _core
-from softgrip_emulator.plant.products import Hand, Product, SlotPlace, hand
+from softgrip_emulator.plant.products import GraspWorld, PlantProduct, SlotPlace, hand
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,13 +42,13 @@ class GraspState:
     contact_forces_n: tuple[float, ...] = ()
 
 
-class Grasp:
+class PlantGrasp:
     """One product (or none) and its contacts with the mounted fingers."""
 
     def __init__(self, slots: Sequence[str]) -> None:
-        self._hand: Hand = hand()
+        self._hand: GraspWorld = hand()
         self._places = places = [self._hand.slots.get(slot, _SOMEWHERE) for slot in slots]
-        self._product: Product | None = None
+        self._product: PlantProduct | None = None
         self._core = _core.Grasp(
             [(p.along_m, p.out_m, p.side, p.rest_angle_rad, p.across_m) for p in places],
             self._hand.finger_width_m,
@@ -71,7 +71,7 @@ class Grasp:
 
     # -- what a person or the arm does ---------------------------------------------------------------------------------
 
-    def place(self, product: Product | None, profile: str, offset_m: float = 0.0) -> None:
+    def place(self, product: PlantProduct | None, profile: str, offset_m: float = 0.0) -> None:
         """Present a product to the open fingers, or take it away (None)."""
         self._product = product
         if product is None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from softgrip_emulator.plant import _core
 
 if TYPE_CHECKING:
-    from softgrip_emulator.dynamixel.motion import Drive
+    from softgrip_emulator.dynamixel.motion import ServoDrive
     from softgrip_emulator.dynamixel.servo import Shaft
     from softgrip_emulator.dynamixel.table import MotorRatings
 
@@ -33,7 +33,7 @@ class Motor(_core.Motor):
         self.ratings = ratings
         self.shaft = shaft
 
-    def step(self, drive: Drive, tension_n: float, supply_v: float, dt_s: float) -> None:
+    def step(self, drive: ServoDrive, tension_n: float, supply_v: float, dt_s: float) -> None:
         """Advance shaft, current and temperature by one step.
 
         Args:

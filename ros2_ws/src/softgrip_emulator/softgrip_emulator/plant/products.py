@@ -20,7 +20,7 @@ _DATA: Final = Path(__file__).parent / "data"
 
 
 @dataclass(frozen=True)
-class Product:
+class PlantProduct:
     """One product in the grasp plane; units are in the names (data/products.yaml explains them)."""
 
     name: str
@@ -39,7 +39,7 @@ class Product:
         """Whether it is a ball rather than a bar: then it gets thinner away from its middle."""
         return self.length_m < 1.6 * self.width_m and self.corner_m > 0.3 * self.width_m
 
-    def copy_of(self, rng: np.random.Generator) -> Product:
+    def copy_of(self, rng: np.random.Generator) -> PlantProduct:
         """Another item from the same crate: a few per cent larger or smaller, heavier or lighter, drier or moister."""
         size = rng.normal(1.0, 0.03)
         return replace(
@@ -67,7 +67,7 @@ class SlotPlace:
 
 
 @dataclass(frozen=True)
-class Hand:
+class GraspWorld:
     """The described hand in its grasp plane (along, out of the palm) and the world around it (data/hand.yaml)."""
 
     palm_m: float
@@ -77,7 +77,7 @@ class Hand:
     clearance_m: float
     table_m: float
 
-    def presented_at(self, product: Product, profile: str) -> tuple[float, float]:
+    def presented_at(self, product: PlantProduct, profile: str) -> tuple[float, float]:
         """Centre of a product (along, out) [m] when the arm has gone down with a finger set."""
         along, _, depth = self.description.tool_centre_point_m(profile)
         depth = max(depth, self.palm_m + self.clearance_m + product.height_m / 2.0)
@@ -88,13 +88,13 @@ class Hand:
 
 
 @cache
-def products() -> dict[str, Product]:
+def products() -> dict[str, PlantProduct]:
     """All products by name."""
     rows = yaml.safe_load((_DATA / "products.yaml").read_text(encoding="utf-8"))
-    return {name: Product(name=name, **row) for name, row in rows.items()}
+    return {name: PlantProduct(name=name, **row) for name, row in rows.items()}
 
 
-def product(name: str) -> Product:
+def product(name: str) -> PlantProduct:
     """One product.
 
     Raises:
@@ -107,7 +107,7 @@ def product(name: str) -> Product:
 
 
 @cache
-def hand() -> Hand:
+def hand() -> GraspWorld:
     """The hand of the cell."""
     data = yaml.safe_load((_DATA / "hand.yaml").read_text(encoding="utf-8"))
     described = softgrip_description.shipped_hand()
@@ -122,4 +122,4 @@ def hand() -> Hand:
         for name, slot in described.slots.items()
     }
     # The surface of the palm is the plane z = 0 of its frame.
-    return Hand(palm_m=0.0, slots=slots, description=described, **data)
+    return GraspWorld(palm_m=0.0, slots=slots, description=described, **data)

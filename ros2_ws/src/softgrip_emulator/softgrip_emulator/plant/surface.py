@@ -17,7 +17,7 @@ from softgrip_emulator.rig.truth import FrictionTruth
 
 
 @dataclass(frozen=True)
-class Surface:
+class PlantSurface:
     """ln(T1/T2) = coefficient (T2 / 5 N)^-exponent angle + bite."""
 
     coefficient: float
@@ -26,17 +26,17 @@ class Surface:
 
 
 @cache
-def surface_of(seed: int) -> Surface:
+def surface_of(seed: int) -> PlantSurface:
     """The cable on its surface for a seed, from a fit to the rig's truth over the finger's angles and tensions."""
     rig = FrictionTruth.from_seed(seed)
     angle, tension = (grid.ravel() for grid in np.meshgrid(np.linspace(0.1, 1.0, 10), np.geomspace(1.0, 15.0, 10)))
     target = np.log(rig.ratio(angle, tension))
-    best: tuple[float, Surface] | None = None
+    best: tuple[float, PlantSurface] | None = None
     for exponent in np.linspace(0.02, 0.6, 59):
         columns = np.stack([(tension / 5.0) ** -exponent * angle, np.ones_like(angle)], axis=1)
         (coefficient, bite), *_ = np.linalg.lstsq(columns, target, rcond=None)
         loss = float(((columns @ [coefficient, bite] - target) ** 2).sum())
         if best is None or loss < best[0]:
-            best = (loss, Surface(float(coefficient), float(exponent), float(max(bite, 0.0))))
+            best = (loss, PlantSurface(float(coefficient), float(exponent), float(max(bite, 0.0))))
     assert best is not None
     return best[1]

@@ -69,7 +69,7 @@ def draw_finger(design: FingerDesign, material: Material, *, profile: str, seria
         design: the finger as designed.
         material: its joint material as its data sheet says.
         profile: id of the design's profile.
-        serial: passport number of this copy.
+        serial: finger record number of this copy.
         seed: of the cell.
     """
     rng = np.random.default_rng([seed, zlib.crc32(f"{profile}/{serial}".encode())])

@@ -38,7 +38,7 @@ FORMATS: dict[str, Callable[[float, float], str]] = {
 }
 
 
-class StreamAmplifier:
+class EmulatedAmplifier:
     """The amplifier (a `WireDevice`).
 
     Args:

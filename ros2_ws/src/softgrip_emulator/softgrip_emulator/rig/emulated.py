@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Self
 
 from softgrip_emulator.clock import CellClock
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.rig.amplifier import StreamAmplifier
-from softgrip_emulator.rig.grbl import GrblStage
-from softgrip_emulator.rig.mark10_gauge import Mark10Gauge
-from softgrip_emulator.rig.mark10_stand import Mark10Stand
+from softgrip_emulator.rig.amplifier import EmulatedAmplifier
+from softgrip_emulator.rig.grbl import EmulatedGrblStage
+from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
+from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
 from softgrip_emulator.rig.sensor import LoadCell
 from softgrip_emulator.rig.truth import RigTruth
@@ -60,11 +60,11 @@ class EmulatedRig:
         self.truth = truth or RigTruth.from_seed(seed)
         self.plant = plant or RigPlant(self.truth, seed)
         self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
-        self.stand: Mark10Stand | GrblStage = (
-            GrblStage(self.plant) if stage == "grbl" else Mark10Stand(self.plant, self.cell)
+        self.stand: EmulatedMark10Stand | EmulatedGrblStage = (
+            EmulatedGrblStage(self.plant) if stage == "grbl" else EmulatedMark10Stand(self.plant, self.cell)
         )
-        self.gauge: Mark10Gauge | StreamAmplifier = (
-            Mark10Gauge(self.cell) if gauge == "gcl2" else StreamAmplifier(self.cell, gauge)
+        self.gauge: EmulatedMark10Gauge | EmulatedAmplifier = (
+            EmulatedMark10Gauge(self.cell) if gauge == "gcl2" else EmulatedAmplifier(self.cell, gauge)
         )
         self._ports: dict[str, Port] = {}
         self._misplaced: dict[str, float] = {}
@@ -163,7 +163,7 @@ class EmulatedRig:
 
     def _stand_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
         stand = self.stand
-        if isinstance(stand, GrblStage):
+        if isinstance(stand, EmulatedGrblStage):
             return {"alarm": lambda: _flag(stand, "alarm")}
 
         def auto_return() -> Callable[[], None]:
@@ -174,7 +174,7 @@ class EmulatedRig:
 
     def _gauge_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
         gauge = self.gauge
-        if isinstance(gauge, StreamAmplifier):
+        if isinstance(gauge, EmulatedAmplifier):
             return {"contaminated_stream": lambda: _flag(gauge, "noisy")}
 
         def unit_switched(unit: str = "LB") -> Callable[[], None]:

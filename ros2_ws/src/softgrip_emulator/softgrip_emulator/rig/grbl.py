@@ -25,7 +25,7 @@ _WORD: Final = re.compile(rb"([A-Z])(-?\d+(?:\.\d+)?)")
 _OFFSET_EVERY: Final = 10
 
 
-class GrblStage:
+class EmulatedGrblStage:
     """The controller (a `WireDevice`).
 
     Args:

@@ -33,7 +33,7 @@ _MODES: Final = ("CUR", "PT", "PC", "A")
 _SETTERS: Final = ("FULL", "NUM", "POL", "SAVE", "CLR")
 
 
-class Mark10Gauge:
+class EmulatedMark10Gauge:
     """The gauge (a `WireDevice`).
 
     Args:

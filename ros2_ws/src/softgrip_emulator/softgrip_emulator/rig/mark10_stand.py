@@ -31,7 +31,7 @@ _INCOMPLETE = re.compile(rb"[efgh][-\d.]*$")
 _DATA_COMMANDS: Final = b"anxzpvwoqr"
 
 
-class Mark10Stand:
+class EmulatedMark10Stand:
     """The stand (a `WireDevice`); its gauge port is wired to the load cell, as `n` needs.
 
     Args:

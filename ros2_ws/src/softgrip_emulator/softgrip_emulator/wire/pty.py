@@ -63,7 +63,7 @@ class PtyPort:
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._master: int | None = None
         self._attached = False
-        self._wanted = True
+        self._requested = True
         self._settled = threading.Event()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"pty-{link.name}", daemon=True)
@@ -78,11 +78,11 @@ class PtyPort:
 
     def plug(self) -> None:
         """Make the port appear (again) under its link; no effect when it is there."""
-        self._settle(wanted=True)
+        self._settle(requested=True)
 
     def unplug(self) -> None:
         """Make the port vanish; a host that has it open gets EIO. No effect when it is gone."""
-        self._settle(wanted=False)
+        self._settle(requested=False)
 
     @property
     def plugged(self) -> bool:
@@ -115,10 +115,10 @@ class PtyPort:
 
     # -- the wire --------------------------------------------------------------------------------------------------
 
-    def _settle(self, *, wanted: bool) -> None:
+    def _settle(self, *, requested: bool) -> None:
         """Ask the serving thread, which alone opens and closes the terminal, and wait until it is done."""
         self._settled.clear()
-        self._wanted = wanted
+        self._requested = requested
         self._wake()
         if threading.current_thread() is not self._thread and self._thread.is_alive():
             self._settled.wait(_JOIN_S)
@@ -158,8 +158,8 @@ class PtyPort:
                 line.reset()
 
     def _serve_once(self, line: Line) -> None:
-        if self._wanted != self.plugged:
-            if self._wanted:
+        if self._requested != self.plugged:
+            if self._requested:
                 self._appear()
             else:
                 self._vanish()

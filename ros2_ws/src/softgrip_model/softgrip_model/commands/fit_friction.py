@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from softgrip_model.friction.calibration import Calibration, Pair, calibrate
+from softgrip_model.friction.calibration import Calibration, SurfacePair, calibrate
 from softgrip_model.friction.comparison import Comparison, compare, spread_points
 from softgrip_model.friction.csv_file import read_csv
 from softgrip_model.friction.errors import FrictionError
@@ -24,7 +24,7 @@ from softgrip_model.friction.fit import Loss
 from softgrip_model.friction.laws import KReading, Law
 from softgrip_model.friction.measurements import Measurements
 from softgrip_model.friction.model_file import to_mapping, write_model
-from softgrip_model.friction.record import Verdict
+from softgrip_model.friction.record import ModelVerdict
 
 EPILOG = """\
 The file: one header, one row a point, columns found by name in any order:
@@ -81,7 +81,7 @@ def main(args: Sequence[str] | None = None) -> int:
         points = read_csv(options.data)
         chosen = points if options.points is None else points.subset(spread_points(points, options.points))
         laws = list(Law) if options.model == "all" else [Law(options.model)]
-        pair = Pair(options.cable, options.surface, 1e-3 * options.cable_radius, 1e-3 * options.surface_radius)
+        pair = SurfacePair(options.cable, options.surface, 1e-3 * options.cable_radius, 1e-3 * options.surface_radius)
         reading, loss = KReading(options.k_reading), Loss(options.loss)
         found = {law: calibrate(chosen, pair, law, k_reading=reading, loss=loss) for law in laws}
         compared = {}
@@ -100,7 +100,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(json.dumps(_as_mapping(found, compared, points, written), indent=2))
     else:
         _print(found, compared, written)
-    usable = all(c.model.verdict is Verdict.USABLE for c in found.values())
+    usable = all(c.model.verdict is ModelVerdict.USABLE for c in found.values())
     return 0 if usable else 1
 
 

@@ -88,11 +88,11 @@ def _profile(name: str, directory: Path | None) -> profile.Profile:
     return shipped[name]
 
 
-def _friction(chosen: profile.Profile, wanted: str | None) -> tuple[str, FrictionLaw]:
-    if wanted is None:
+def _friction(chosen: profile.Profile, requested: str | None) -> tuple[str, FrictionLaw]:
+    if requested is None:
         own = assumed_friction(chosen)
         return own.id, own.law
-    model = read_model(Path(wanted)) if Path(wanted).suffix else published(wanted)
+    model = read_model(Path(requested)) if Path(requested).suffix else published(requested)
     return model.id, model.law
 
 

@@ -22,9 +22,9 @@ from rich.table import Table
 from softgrip_model import gdfe, profile
 from softgrip_model.finger import Finger, FingerError, close
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.gdfe import Equilibrium, GdfeError, Law, Mesh, Settings, Solver
+from softgrip_model.gdfe import ConstitutiveLaw, Equilibrium, GdfeError, Mesh, Solver, SolverSettings
 from softgrip_model.gdfe.case_file import Case, FingerCase, load_case
-from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.march import March, march
 from softgrip_model.gdfe.materials import Linear, StressPolynomial
@@ -52,7 +52,7 @@ examples:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class SimulationResult:
     """What a case gave: rows of the table, data for JSON, the shape to draw, and whether it got to its full load."""
 
     rows: list[tuple[str, str]]
@@ -76,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
         prog="simulate", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     made.add_argument("case", help=f"case file (YAML), or one that is shipped: {', '.join(shipped_cases())}")
-    made.add_argument("--law", choices=[str(law) for law in Law], help="instead of the case's own")
+    made.add_argument("--law", choices=[str(law) for law in ConstitutiveLaw], help="instead of the case's own")
     made.add_argument("--mesh", type=Path, metavar="FILE", help="hexahedra to use instead of the case's mesh (meshio)")
     made.add_argument("--refine", type=int, default=1, metavar="N", help="N times as many elements each way of a bar")
     made.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for VTU and PNG (default: here)")
@@ -95,7 +95,7 @@ def main(args: Sequence[str] | None = None) -> int:
         if isinstance(case, FingerCase):
             result = _finger(case, options)
         else:
-            law = Law(options.law) if options.law else case.law
+            law = ConstitutiveLaw(options.law) if options.law else case.law
             result = _solid(replace(case, law=law), console)
     except (GdfeError, FingerError, profile.ProfileError) as error:
         print(f"simulate: {error}", file=sys.stderr)
@@ -115,13 +115,13 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0 if result.completed else 1
 
 
-def _solid(case: Case, console: Console) -> Result:
+def _solid(case: Case, console: Console) -> SimulationResult:
     check_held(case.mesh, case.supports)
     started = time.perf_counter()
     solver = Solver(case.mesh, case.materials, case.supports, case.loads.cables, _settings(case), case.loads.around)
-    state = _thesis_state(solver, case) if case.law is Law.THESIS else None
+    state = _thesis_state(solver, case) if case.law is ConstitutiveLaw.THESIS else None
     prepared = time.perf_counter()
-    increments = case.increments if case.law is Law.CALIBRATED else max(10, case.increments)
+    increments = case.increments if case.law is ConstitutiveLaw.CALIBRATED else max(10, case.increments)
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("load", total=1.0)
         found = march(
@@ -137,15 +137,15 @@ def _solid(case: Case, console: Console) -> Result:
     return _solid_result(case, found, force, prepared - started, solved - prepared)
 
 
-def _settings(case: Case) -> Settings:
+def _settings(case: Case) -> SolverSettings:
     """Return the method's numbers: bodies loaded by what follows them need a longer memory and bounded steps."""
     thickness = float(np.ptp(case.mesh.nodes, axis=0).min())
     window, limit = 10, 0.0
-    if case.law is Law.RIGOROUS:
+    if case.law is ConstitutiveLaw.RIGOROUS:
         window, limit = 20, 0.05 * thickness
     elif case.loads.follow_the_body or case.loads.dead is not None:
         window, limit = 30, 0.25 * thickness
-    return Settings(law=case.law, volume_shape=case.volume_shape, window=window, step_limit=limit)
+    return SolverSettings(law=case.law, volume_shape=case.volume_shape, window=window, step_limit=limit)
 
 
 def _thesis_state(solver: Solver, case: Case) -> ThesisState:
@@ -157,7 +157,7 @@ def _thesis_state(solver: Solver, case: Case) -> ThesisState:
     return ThesisState(solver, known)
 
 
-def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, solve_s: float) -> Result:
+def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, solve_s: float) -> SimulationResult:
     last = found.last
     largest = float(np.linalg.norm(last.displacement, axis=1).max())
     held = {name: newtons * last.reaction[case.face(name)].sum(axis=0) for name in ("left", "right")}
@@ -197,10 +197,10 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
     if case.compare.reference:
         reference = reference_displacements(case.compare.reference)
         if reference.shape == case.mesh.nodes.shape and found.completed:
-            mean, most = difference(last.displacement, reference)
-            data["difference_to_calculix"] = {"mean": mean, "largest": most}
+            mean, maximum = difference(last.displacement, reference)
+            data["difference_to_calculix"] = {"mean": mean, "largest": maximum}
             rows.append(
-                ("difference to CalculiX", f"mean {100 * mean:.2f} %, largest {100 * most:.2f} % of the largest")
+                ("difference to CalculiX", f"mean {100 * mean:.2f} %, largest {100 * maximum:.2f} % of the largest")
             )
         else:
             reference = None
@@ -208,7 +208,9 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
     warnings = warnings_of(case.mesh, case.materials, last.displacement)
     data["warnings"] = warnings
     rows += [("warning", text) for text in warnings]
-    return Result(rows, data, case.mesh, last.displacement, last.strain, case.length_unit, reference, found.completed)
+    return SimulationResult(
+        rows, data, case.mesh, last.displacement, last.strain, case.length_unit, reference, found.completed
+    )
 
 
 def _acting(case: Case, last: Equilibrium) -> tuple[list[tuple[str, str]], dict[str, Any]]:
@@ -239,8 +241,8 @@ def _material_border(case: Case, displacement: Array) -> float | None:
     return float((x[shared].mean() - left) / (right - left)) if len(shared) else None
 
 
-def _finger(case: FingerCase, options: argparse.Namespace) -> Result:
-    if options.law and options.law != Law.CALIBRATED:
+def _finger(case: FingerCase, options: argparse.Namespace) -> SimulationResult:
+    if options.law and options.law != ConstitutiveLaw.CALIBRATED:
         raise GdfeError(f"a finger is computed with the law 'calibrated', found {options.law!r}")
     if case.resolution not in RESOLUTIONS:
         raise GdfeError(f"finger.resolution: expected one of {', '.join(RESOLUTIONS)}, found {case.resolution!r}")
@@ -250,7 +252,7 @@ def _finger(case: FingerCase, options: argparse.Namespace) -> Result:
     chosen = profiles[case.profile]
     resolution = RESOLUTIONS[case.resolution].refined(options.refine)
     started = time.perf_counter()
-    closing = Closing(chosen, case.finger, ClosingSettings(resolution=resolution, travel_mm=1e3 * case.pull_m))
+    closing = ClosingPath(chosen, case.finger, ClosingSettings(resolution=resolution, travel_mm=1e3 * case.pull_m))
     closing.keyframes.cover(1e3 * case.pull_m)
     prepare_s = time.perf_counter() - started
     pulls = case.pull_m * np.arange(1, case.steps + 1) / case.steps
@@ -284,7 +286,7 @@ def _finger(case: FingerCase, options: argparse.Namespace) -> Result:
         rows.append((f"pulled {1e3 * state['pulled_m']:.1f} mm", f"{ours}; pseudo-rigid {rigid_text}"))
     mesh = closing.finger_mesh.mesh
     displacement = 1e3 * last.vertices - mesh.nodes
-    return Result(rows, data, mesh, displacement, last.strain, "mm", None, len(reached) == len(shapes))
+    return SimulationResult(rows, data, mesh, displacement, last.strain, "mm", None, len(reached) == len(shapes))
 
 
 if __name__ == "__main__":

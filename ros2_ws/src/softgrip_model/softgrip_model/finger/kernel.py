@@ -216,19 +216,23 @@ class Kernel:
         Raises:
             FingerError: targets of another shape.
         """
-        wanted = np.asarray(targets, dtype=np.float64)
-        if wanted.ndim < 2:
-            wanted = wanted.reshape(1, -1)
+        requested = np.asarray(targets, dtype=np.float64)
+        if requested.ndim < 2:
+            requested = requested.reshape(1, -1)
             if len(self) > 1:
-                wanted = np.broadcast_to(wanted, (len(self), wanted.size))
+                requested = np.broadcast_to(requested, (len(self), requested.size))
         if gradient and len({law.law for law in self._laws}) > 1:
             raise FingerError("gradients need friction laws of one kind; solve each kind in its own kernel")
         try:
             result = self._core.solve(
-                np.ascontiguousarray(wanted), _CONTROL_INDEX[control], march, gradient, threads or os.cpu_count() or 1
+                np.ascontiguousarray(requested),
+                _CONTROL_INDEX[control],
+                march,
+                gradient,
+                threads or os.cpu_count() or 1,
             )
         except ValueError as error:
-            raise FingerError(f"{error}; found {wanted.shape} for {len(self)} fingers") from error
+            raise FingerError(f"{error}; found {requested.shape} for {len(self)} fingers") from error
         values = result.pop("gradient", None)
         names = COEFFICIENT_NAMES[self._laws[0].law]
         return Solution(**result, gradient=None if values is None else Gradient(values, self.joints, names))

@@ -17,7 +17,7 @@ Measured = TypeVar("Measured")
 
 
 @dataclass(frozen=True)
-class TendonSample:
+class TendonInput:
     """One tendon at one stamp; floats in SI units."""
 
     stamp: int
@@ -40,10 +40,10 @@ class Matcher(Generic[Measured]):
         """
         self._span = span
         self._largest_gap = largest_gap
-        self._samples: list[TendonSample] = []
+        self._samples: list[TendonInput] = []
         self._waiting: list[tuple[int, Measured]] = []
 
-    def add_tendon(self, sample: TendonSample) -> list[tuple[TendonSample, Measured]]:
+    def add_tendon(self, sample: TendonInput) -> list[tuple[TendonInput, Measured]]:
         """Take a tendon sample; return the pairs that it completes, oldest first."""
         if self._samples and sample.stamp <= self._samples[-1].stamp:
             if sample.stamp >= self._samples[0].stamp:
@@ -59,7 +59,7 @@ class Matcher(Generic[Measured]):
             self._samples.pop(0)
         return self._complete()
 
-    def add_measured(self, stamp: int, measured: Measured) -> list[tuple[TendonSample, Measured]]:
+    def add_measured(self, stamp: int, measured: Measured) -> list[tuple[TendonInput, Measured]]:
         """Take a measurement [ns]; return the pairs that are complete, oldest first."""
         if self._waiting and self._waiting[-1][0] - stamp > self._span:
             self._waiting.clear()  # time only goes back so far when a source restarts
@@ -70,7 +70,7 @@ class Matcher(Generic[Measured]):
             self._waiting.pop(0)
         return self._complete()
 
-    def _complete(self) -> list[tuple[TendonSample, Measured]]:
+    def _complete(self) -> list[tuple[TendonInput, Measured]]:
         if not self._samples:
             return []
         newest = self._samples[-1].stamp
@@ -79,7 +79,7 @@ class Matcher(Generic[Measured]):
         pairs = [(self._at(stamp), measured) for stamp, measured in ready]
         return [(sample, measured) for sample, measured in pairs if sample is not None]
 
-    def _at(self, stamp: int) -> TendonSample | None:
+    def _at(self, stamp: int) -> TendonInput | None:
         after = bisect_left(self._samples, stamp, key=lambda sample: sample.stamp)
         b = self._samples[after]
         if b.stamp == stamp:
@@ -90,7 +90,7 @@ class Matcher(Generic[Measured]):
         if b.stamp - a.stamp > self._largest_gap:
             return None
         share = (stamp - a.stamp) / (b.stamp - a.stamp)
-        return TendonSample(
+        return TendonInput(
             stamp,
             a.pulled_length + share * (b.pulled_length - a.pulled_length),
             a.velocity + share * (b.velocity - a.velocity),

@@ -93,7 +93,7 @@ class PathSettings:
 
     largest_pull_step_mm: float = 0.25
     largest_tension_step_n: float = 0.5
-    least_compliance_per_n: float = 1e-6
+    min_compliance_per_n: float = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,20 +153,20 @@ def follow(
     Raises:
         FingerError: another control, targets of another shape, a contact that the finger does not have.
     """
-    wanted = np.asarray(targets, dtype=np.float64)
-    if wanted.ndim != 1 or control not in _CONTROL_INDEX:
-        raise FingerError(f"expected targets (K,) of pulled length or tension, found {wanted.shape} of {control}")
+    requested = np.asarray(targets, dtype=np.float64)
+    if requested.ndim != 1 or control not in _CONTROL_INDEX:
+        raise FingerError(f"expected targets (K,) of pulled length or tension, found {requested.shape} of {control}")
     if not (settings.largest_pull_step_mm > 0 and settings.largest_tension_step_n > 0):
         raise FingerError(f"expected steps > 0, found {settings}")
     try:
         result = _core.follow(
             core_design(finger),
             core_friction(law),
-            wanted.tolist(),
+            requested.tolist(),
             _CONTROL_INDEX[control],
             [_core_contact(finger, contact) for contact in contacts],
             _core.PathSettings(
-                settings.largest_pull_step_mm, settings.largest_tension_step_n, settings.least_compliance_per_n
+                settings.largest_pull_step_mm, settings.largest_tension_step_n, settings.min_compliance_per_n
             ),
         )
     except ValueError as error:

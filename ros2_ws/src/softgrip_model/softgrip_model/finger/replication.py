@@ -16,7 +16,7 @@ from softgrip_model.friction.laws import FrictionLaw
 
 
 @dataclass(frozen=True)
-class Recipe:
+class ReplicationRecipe:
     """What the thesis leaves open, and one reading of it that fits its facts (docs/finger.md).
 
     Attributes:
@@ -50,7 +50,11 @@ class Replica:
 
 
 def replicate(
-    finger: Finger, law: FrictionLaw, pulled_mm: float = 20.0, steps: int = 200, recipe: Recipe = Recipe()
+    finger: Finger,
+    law: FrictionLaw,
+    pulled_mm: float = 20.0,
+    steps: int = 200,
+    recipe: ReplicationRecipe = ReplicationRecipe(),
 ) -> Replica:
     """Close a finger by explicit increments, lambda of the law as printed (negative).
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
 from softgrip_model.finger.errors import FingerError
-from softgrip_model.finger.in_use import InUse, Timeline
 from softgrip_model.finger.kernel import Status
-from softgrip_model.finger.matching import Matcher, TendonSample
+from softgrip_model.finger.matching import Matcher, TendonInput
 from softgrip_model.finger.predictor import PAYING_OUT, ActiveFriction, Configuration, Prediction, TendonReading
-from softgrip_model.finger.wear import Verdict, WearMonitor, WearSettings
+from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.profile import Profile
 
 
@@ -43,7 +43,7 @@ class Residual:
     tension_error: float
     cusum_friction: float
     cusum_stiffness: float
-    verdict: Verdict
+    verdict: WearVerdict
     reason: str
 
 
@@ -85,11 +85,11 @@ class Session:
         self._free = free
 
     @property
-    def in_use(self) -> InUse:
+    def in_use(self) -> ActiveConfiguration:
         """What a tendon sample that comes now is predicted and judged with."""
-        return InUse(self.configuration, self._monitors, self._free)
+        return ActiveConfiguration(self.configuration, self._monitors, self._free)
 
-    def on_tendons(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Residual]:
+    def on_tendons(self, tendons: Sequence[TendonInput], names: Sequence[str]) -> list[Residual]:
         """Take the tendons' state at one stamp; return the residuals that became known by it."""
         for sample in tendons[:1]:
             self._timeline.note(sample.stamp, self.in_use)
@@ -101,7 +101,7 @@ class Session:
         ]
         return self._residuals(pairs)
 
-    def predict(self, tendons: Sequence[TendonSample], names: Sequence[str]) -> list[Prediction]:
+    def predict(self, tendons: Sequence[TendonInput], names: Sequence[str]) -> list[Prediction]:
         """Predict the mounted fingers among these tendons."""
         readings = [
             TendonReading(name, sample.pulled_length, sample.velocity)
@@ -132,10 +132,10 @@ class Session:
         law = self.configuration.friction
         if friction:
             law = self._known_friction(profile, friction)
-        wanted = Configuration(self._profiles, dict.fromkeys(slots, profile), law)
-        return [prediction for name in slots for prediction in wanted.closing(name, pulled_lengths)]
+        requested = Configuration(self._profiles, dict.fromkeys(slots, profile), law)
+        return [prediction for name in slots for prediction in requested.closing(name, pulled_lengths)]
 
-    def verdicts(self) -> dict[str, tuple[Verdict, str]]:
+    def verdicts(self) -> dict[str, tuple[WearVerdict, str]]:
         """Return the verdict on every mounted finger."""
         return {slot: monitor.judge() for slot, monitor in self._monitors.items()}
 
@@ -158,7 +158,7 @@ class Session:
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())
 
-    def _residuals(self, pairs: Sequence[tuple[TendonSample, MeasuredFinger]]) -> list[Residual]:
+    def _residuals(self, pairs: Sequence[tuple[TendonInput, MeasuredFinger]]) -> list[Residual]:
         residuals = []
         for tendon, measured in pairs:
             in_use = self._timeline.at(tendon.stamp)
@@ -167,7 +167,7 @@ class Session:
         return residuals
 
     @staticmethod
-    def _residual(in_use: InUse, tendon: TendonSample, measured: MeasuredFinger) -> Residual:
+    def _residual(in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger) -> Residual:
         slot = measured.finger
         solution = in_use.configuration.solve(slot, tendon.pulled_length)
         finger, monitor = in_use.configuration.fingers[slot], in_use.monitors[slot]

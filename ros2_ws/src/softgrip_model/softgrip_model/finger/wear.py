@@ -30,17 +30,17 @@ Array = NDArray[np.float64]
 _ROUNDING_MM = 1e-6
 
 #: Gauss-Newton ends after so many steps, or when none of the shifts changes by more than this.
-_MOST_STEPS, _SETTLED_SHIFT = 6, 1e-4
+_MAX_STEPS, _SETTLED_SHIFT = 6, 1e-4
 #: Shifts are looked for between these: no model reaches further.
-_LEAST_SHIFT, _LARGEST_SHIFT = -0.9, 4.0
+_MIN_SHIFT, _LARGEST_SHIFT = -0.9, 4.0
 
 #: Beside a shift of the friction, one of the stiffness with a smaller share of its deviations is what the model lacks.
-_LEAST_BESIDE = 0.25
+_MIN_BESIDE = 0.25
 
 _SCALED = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.0, 0.0, 1.0, 1.0)}
 
 
-class Verdict(IntEnum):
+class WearVerdict(IntEnum):
     """What to do about a finger."""
 
     OK = 1
@@ -72,8 +72,8 @@ class WearSettings:
     tension_stddev: float = 0.05
     tension_floor_n: float = 0.05
     spacing_mm: float = 1.0
-    least_pull_mm: float = 1.0
-    least_samples: int = 8
+    min_pulled_mm: float = 1.0
+    min_samples: int = 8
     baseline: int = 5
     settled: int = 30
     allowance: float = 0.5
@@ -83,7 +83,7 @@ class WearSettings:
 
 
 @dataclass(frozen=True)
-class Shift:
+class WearShift:
     """One closing's estimate."""
 
     friction: float
@@ -124,9 +124,9 @@ class Cusum:
         count = len(self.values)
         spread = max(self.stddev, float(np.std(self.values, ddof=1)))
         self.last = value - float(np.mean(self.values))
-        most = self.settings.largest_score
+        maximum = self.settings.largest_score
         self.score = self.last / (spread * math.sqrt(1.0 + 1.0 / count))
-        score = float(np.clip(self.score, -most, most))
+        score = float(np.clip(self.score, -maximum, maximum))
         self.up = max(0.0, self.up + score - self.settings.allowance)
         self.down = max(0.0, self.down - score - self.settings.allowance)
 
@@ -162,7 +162,7 @@ class WearMonitor:
         self._samples: list[_Sample] = []
         self.closings = 0
         """Closings that counted."""
-        self.shift: Shift | None = None
+        self.shift: WearShift | None = None
         """What the last of them said."""
 
     @property
@@ -193,7 +193,7 @@ class WearMonitor:
             self._finish()
             return
         furthest_mm = self._samples[-1].pulled_mm if self._samples else 0.0
-        next_mm = max(self._settings.least_pull_mm, furthest_mm + self._settings.spacing_mm)
+        next_mm = max(self._settings.min_pulled_mm, furthest_mm + self._settings.spacing_mm)
         if pulled < next_mm - _ROUNDING_MM or not (np.isfinite(tip_mm).all() and math.isfinite(tension_n)):
             return
         tension_noise = self._settings.tension_stddev * float(solution.tension_n[0, 0, 0])
@@ -201,35 +201,35 @@ class WearMonitor:
             _Sample(pulled, np.append(tip_mm, tension_n), tension_noise + self._settings.tension_floor_n)
         )
 
-    def judge(self) -> tuple[Verdict, str]:
+    def judge(self) -> tuple[WearVerdict, str]:
         """Return the verdict and what moved, by how much."""
         if not self._stiffness.ready:
-            return Verdict.OK, f"learning the baseline: closing {self.closings} of {self._settings.baseline}"
+            return WearVerdict.OK, f"learning the baseline: closing {self.closings} of {self._settings.baseline}"
         limit = self._settings.limit
         friction, stiffness = (f"{100 * cusum.last:+.0f} %" for cusum in (self._friction, self._stiffness))
         both = f"friction {friction}, stiffness {stiffness} against the calm ones of {self.closings} closings"
-        if self.cusum_stiffness > limit and abs(self._stiffness.score) >= _LEAST_BESIDE * abs(self._friction.score):
-            return Verdict.WORN, f"{both}: the finger's strips have changed; replace it"
+        if self.cusum_stiffness > limit and abs(self._stiffness.score) >= _MIN_BESIDE * abs(self._friction.score):
+            return WearVerdict.WORN, f"{both}: the finger's strips have changed; replace it"
         if self.cusum_friction > limit:
             if abs(self._friction.last) > self._settings.worn_friction:
-                return Verdict.WORN, f"{both}: cable or channel is worn; replace them"
-            return Verdict.RECALIBRATE, f"{both}: measure the friction anew"
+                return WearVerdict.WORN, f"{both}: cable or channel is worn; replace them"
+            return WearVerdict.RECALIBRATE, f"{both}: measure the friction anew"
         if self.cusum_stiffness > limit or max(self.cusum_friction, self.cusum_stiffness) > limit / 2:
-            return Verdict.WATCH, both
-        return Verdict.OK, ""
+            return WearVerdict.WATCH, both
+        return WearVerdict.OK, ""
 
     def _finish(self) -> None:
-        if len(self._samples) >= self._settings.least_samples:
+        if len(self._samples) >= self._settings.min_samples:
             self.shift = shift = self._estimate()
             self.closings += 1
             self._friction.add(shift.friction, shift.friction_stddev)
             self._stiffness.add(shift.stiffness, shift.stiffness_stddev)
         self._forget()
 
-    def _estimate(self) -> Shift:
-        found = Shift(math.nan, math.nan, math.nan, math.nan)
+    def _estimate(self) -> WearShift:
+        found = WearShift(math.nan, math.nan, math.nan, math.nan)
         at = np.zeros(2)
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             linear = self._linearised(at)
             if linear is None:
                 break
@@ -240,8 +240,8 @@ class WearMonitor:
             step[free] = covariance @ (slopes[:, free].T @ residual)
             stddev = np.full(2, math.nan)
             stddev[free] = np.sqrt(np.diag(covariance))
-            at = np.clip(at + step, _LEAST_SHIFT, _LARGEST_SHIFT)
-            found = Shift(float(at[0]) if free[0] else math.nan, float(at[1]), float(stddev[0]), float(stddev[1]))
+            at = np.clip(at + step, _MIN_SHIFT, _LARGEST_SHIFT)
+            found = WearShift(float(at[0]) if free[0] else math.nan, float(at[1]), float(stddev[0]), float(stddev[1]))
             if np.abs(step).max() < _SETTLED_SHIFT:
                 break
         return found

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from softgrip_model.friction.fit import Fit
 from softgrip_model.friction.laws import Law
-from softgrip_model.friction.record import Verdict
+from softgrip_model.friction.record import ModelVerdict
 from softgrip_model.friction.student import f_tail, t_tail
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Limits:
+class AcceptanceLimits:
     """What a usable model must keep.
 
     Attributes:
@@ -70,7 +70,7 @@ class Assessment:
     influential: tuple[int, ...]
     lack_of_fit: LackOfFit | None
     widest_interval: float
-    verdict: Verdict
+    verdict: ModelVerdict
     reasons: tuple[str, ...]
 
     @property
@@ -79,9 +79,9 @@ class Assessment:
         return "; ".join(self.reasons)
 
 
-def assess(fit: Fit, limits: Limits | None = None) -> Assessment:
+def assess(fit: Fit, limits: AcceptanceLimits | None = None) -> Assessment:
     """Judge a fit."""
-    limits = limits or Limits()
+    limits = limits or AcceptanceLimits()
     studentised, cooks = _influence(fit)
     outliers = _outliers(fit, studentised, limits.significance)
     lack = lack_of_fit(fit)
@@ -164,8 +164,8 @@ def _f_test(method: str, lack: float, lack_freedom: int, rest: float, rest_freed
 
 
 def _verdict(
-    fit: Fit, limits: Limits, outliers: tuple[int, ...], lack: LackOfFit | None, widest: float
-) -> tuple[Verdict, list[str]]:
+    fit: Fit, limits: AcceptanceLimits, outliers: tuple[int, ...], lack: LackOfFit | None, widest: float
+) -> tuple[ModelVerdict, list[str]]:
     refusals = _refusals(fit, limits, widest)
     repeats = [f"repeat {fit.points.labels[i]}: the other points contradict it" for i in outliers]
     # Where the average is bad too, it is the law and not one point.
@@ -178,14 +178,14 @@ def _verdict(
         refusals.append(f"the law's shape does not fit ({lack.method} test, p = {lack.p_value:.4f})")
     # One bad point can spoil every measure above: while there is one to repeat, that comes first.
     if repeats and math.isfinite(widest):
-        return Verdict.REPEAT_POINTS, repeats + refusals
+        return ModelVerdict.REPEAT_POINTS, repeats + refusals
     if refusals:
-        return Verdict.DO_NOT_USE, refusals + repeats
+        return ModelVerdict.DO_NOT_USE, refusals + repeats
     text = f"average error {fit.average_error:.1%}, 95 % interval within {widest:.1%} over the calibrated range"
-    return Verdict.USABLE, [text]
+    return ModelVerdict.USABLE, [text]
 
 
-def _refusals(fit: Fit, limits: Limits, widest: float) -> list[str]:
+def _refusals(fit: Fit, limits: AcceptanceLimits, widest: float) -> list[str]:
     reasons = []
     if fit.degrees_of_freedom < 1 and fit.covariance is None:
         reasons.append(

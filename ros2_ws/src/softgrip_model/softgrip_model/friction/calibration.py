@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from softgrip_model.friction.assess import Assessment, Limits, assess
+from softgrip_model.friction.assess import AcceptanceLimits, Assessment, assess
 from softgrip_model.friction.fit import Fit, Loss, fit
 from softgrip_model.friction.laws import KReading, Law
 from softgrip_model.friction.measurements import Measurements
@@ -18,7 +18,7 @@ from softgrip_model.friction.record import FrictionModel, model_id
 
 
 @dataclass(frozen=True)
-class Pair:
+class SurfacePair:
     """What slides over what.
 
     Attributes:
@@ -47,12 +47,12 @@ class Calibration:
 
 def calibrate(
     points: Measurements,
-    pair: Pair,
+    pair: SurfacePair,
     law: Law = Law.MATTE,
     *,
     k_reading: KReading = KReading.PRINTED,
     loss: Loss = Loss.RELATIVE,
-    limits: Limits | None = None,
+    limits: AcceptanceLimits | None = None,
     common_stddev: float = 0.0,
     fitted_at: datetime | None = None,
 ) -> Calibration:

@@ -57,7 +57,7 @@ class LambdaSign(StrEnum):
     PRINTED = "printed"
 
 
-class Status(IntFlag):
+class LawStatus(IntFlag):
     """What to know about one value; BLOW_UP and INVALID come with NaN."""
 
     OK = 0
@@ -88,7 +88,7 @@ class Evaluation:
         d_angle: d ln Rf / d angle [1/rad], shape S.
         d_log_tension: d ln Rf / d ln T2, shape S.
         d_coefficients: d ln Rf / d coefficient, shape S + (number of coefficients,).
-        status: bits of `Status`, shape S.
+        status: bits of `LawStatus`, shape S.
     """
 
     log_ratio: Array

@@ -16,7 +16,7 @@ from softgrip_model.friction.laws import Law
 Array = NDArray[np.float64]
 
 #: Fewest points that any fit accepts: the Matte law has four coefficients.
-FEWEST_POINTS = 4
+MIN_POINTS = 4
 #: Below it T1 < T2 is no longer noise of the gauge but swapped columns or a pull in the wrong direction.
 LOWEST_RATIO = 0.97
 #: No cable on a printed surface comes near it below 90 deg; it is what a T1 in grams gives.
@@ -134,9 +134,9 @@ def check_enough(points: Measurements, law: Law) -> None:
     Raises:
         DataError: too few points, one angle only, or one load only where the law needs the load.
     """
-    if len(points) < FEWEST_POINTS:
+    if len(points) < MIN_POINTS:
         raise DataError(
-            f"{points.source}: expected at least {FEWEST_POINTS} points for the {law} law, found {len(points)}; "
+            f"{points.source}: expected at least {MIN_POINTS} points for the {law} law, found {len(points)}; "
             "measure more angles and loads (nine are recommended: 10, 50, 90 deg x 200, 600, 1000 g)"
         )
     if np.ptp(points.angle) < np.radians(1.0):

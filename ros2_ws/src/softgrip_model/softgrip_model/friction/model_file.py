@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from softgrip_model.durable import write_durably
 from softgrip_model.friction.errors import LawError, ModelFileError
 from softgrip_model.friction.laws import COEFFICIENT_NAMES, FrictionLaw, KReading, Law
-from softgrip_model.friction.record import ID_PATTERN, FrictionModel, Verdict
+from softgrip_model.friction.record import ID_PATTERN, FrictionModel, ModelVerdict
 
 SCHEMA = 1
 Choice = TypeVar("Choice", bound=StrEnum)
@@ -128,7 +128,7 @@ def from_mapping(mapping: dict[str, Any]) -> FrictionModel:
         source=reader.text("source"),
         source_sha256=str(mapping.get("source_sha256") or ""),
         fitted_at=_time(mapping.get("fitted_at")),
-        verdict=reader.choice("verdict", Verdict),
+        verdict=reader.choice("verdict", ModelVerdict),
         reason=reader.text("reason"),
         degrees_of_freedom=int(mapping.get("degrees_of_freedom") or 0),
         notes=tuple(str(note) for note in mapping.get("notes") or ()),

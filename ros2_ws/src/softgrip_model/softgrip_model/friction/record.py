@@ -18,7 +18,7 @@ from softgrip_model.friction.student import t_quantile
 ID_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
-class Verdict(StrEnum):
+class ModelVerdict(StrEnum):
     """How far to trust a model."""
 
     USABLE = "usable"
@@ -61,7 +61,7 @@ class FrictionModel:
     source: str
     source_sha256: str
     fitted_at: datetime
-    verdict: Verdict
+    verdict: ModelVerdict
     reason: str
     degrees_of_freedom: int = 0
     notes: tuple[str, ...] = field(default=())

@@ -5,45 +5,45 @@ Start with `Solver(bar(...), [ninjaflex()], supports)`, or, for a finger, with
 `softgrip_model.gdfe.closing.Closing(profile, "index").shape(0.01)`.
 """
 
-from softgrip_model.gdfe.cable import Cable, Drive, RoutingPoint
+from softgrip_model.gdfe.cable import CableDrive, RoutedCable, RoutingPoint
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.materials import Linear, Material, Ogden, StressPolynomial
+from softgrip_model.gdfe.materials import Linear, Ogden, SolidMaterial, StressPolynomial
 from softgrip_model.gdfe.mesh import Mesh, bar
 from softgrip_model.gdfe.solver import (
+    ConstitutiveLaw,
     Equilibrium,
-    Law,
     Method,
     Metric,
     Ordering,
-    Settings,
     Solver,
+    SolverSettings,
     State,
     Supports,
     VolumeShape,
 )
-from softgrip_model.gdfe.surroundings import Acts, Contact, FollowerPatch, Obstacle, Shape, Surroundings
+from softgrip_model.gdfe.surroundings import Acts, Contact, FollowerPatch, Obstacle, ObstacleShape, Surroundings
 
 __all__ = [
     "Acts",
-    "Cable",
+    "CableDrive",
+    "ConstitutiveLaw",
     "Contact",
-    "Drive",
     "Equilibrium",
     "FollowerPatch",
     "GdfeError",
-    "Law",
     "Linear",
-    "Material",
     "Mesh",
     "Method",
     "Metric",
     "Obstacle",
+    "ObstacleShape",
     "Ogden",
     "Ordering",
+    "RoutedCable",
     "RoutingPoint",
-    "Settings",
-    "Shape",
+    "SolidMaterial",
     "Solver",
+    "SolverSettings",
     "State",
     "StressPolynomial",
     "Supports",

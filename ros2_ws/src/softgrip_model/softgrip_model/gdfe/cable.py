@@ -27,7 +27,7 @@ class RoutingPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Cable:
+class RoutedCable:
     """A cable through points of the mesh.
 
     Attributes:
@@ -59,7 +59,7 @@ def friction_numbers(friction: FrictionLaw) -> tuple[int, int, list[float], floa
 
 
 @dataclass(frozen=True)
-class Drive:
+class CableDrive:
     """What pulls a cable: a length that it is shortened by, or a tension at the actuator [N]."""
 
     target: float

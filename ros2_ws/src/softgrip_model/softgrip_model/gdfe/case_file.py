@@ -17,23 +17,23 @@ from softgrip_model.gdfe import case_values as values
 from softgrip_model.gdfe.case_loads import CaseLoads, face_nodes, parse_loads
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.march import Loading
-from softgrip_model.gdfe.materials import Linear, Material, Ogden, StressPolynomial, neo_hookean
+from softgrip_model.gdfe.materials import Linear, Ogden, SolidMaterial, StressPolynomial, neo_hookean
 from softgrip_model.gdfe.mesh import Mesh, bar
 from softgrip_model.gdfe.mesh_file import read_mesh
-from softgrip_model.gdfe.solver import Law, Supports, VolumeShape
+from softgrip_model.gdfe.solver import ConstitutiveLaw, Supports, VolumeShape
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 SCHEMA = 1
 #: Some 10 GB of memory.
-MOST_HEXAHEDRA = 1_000_000
+MAX_HEXAHEDRA = 1_000_000
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 STRESS_UNITS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 
 
 @dataclass(frozen=True)
-class Comparison:
+class CaseComparison:
     """What a case is compared with: a shipped CalculiX deck, and published figures as text."""
 
     reference: str = ""
@@ -48,15 +48,15 @@ class Case:
     length_unit: str
     stress_unit: str
     mesh: Mesh
-    materials: tuple[Material, ...]
+    materials: tuple[SolidMaterial, ...]
     supports: Supports
     loads: CaseLoads
     loading: Callable[[float], Loading]
-    law: Law
+    law: ConstitutiveLaw
     volume_shape: VolumeShape
     increments: int
     tolerance: float
-    compare: Comparison
+    compare: CaseComparison
 
     @property
     def newtons(self) -> float:
@@ -142,11 +142,11 @@ def parse_case(data: Any, folder: Path, refine: int = 1) -> Case | FingerCase:
         supports=supports,
         loads=loads,
         loading=loads.loading(prescribe),
-        law=values.choice("law", Law, data.get("law", Law.CALIBRATED)),
+        law=values.choice("law", ConstitutiveLaw, data.get("law", ConstitutiveLaw.CALIBRATED)),
         volume_shape=values.choice("volume_shape", VolumeShape, data.get("volume_shape", VolumeShape.PROJ)),
         increments=int(values.number("increments", data.get("increments", 1), 1)),
         tolerance=values.number("tolerance", data.get("tolerance", 1e-6), 1e-12),
-        compare=Comparison(
+        compare=CaseComparison(
             str(compare.get("reference", "")), values.mapping("compare.published", compare.get("published", {}))
         ),
     )
@@ -167,7 +167,7 @@ def _finger_case(data: dict[str, Any]) -> FingerCase:
 
 
 def _mesh(
-    data: dict[str, Any], materials: Mapping[str, Material], folder: Path, refine: int
+    data: dict[str, Any], materials: Mapping[str, SolidMaterial], folder: Path, refine: int
 ) -> tuple[Mesh, tuple[str, ...]]:
     if set(data) == {"file"}:
         mesh, names = read_mesh(folder / str(data["file"]))
@@ -181,8 +181,8 @@ def _mesh(
         size = values.numbers("mesh.bar.size", spec["size"], 1e-9, count=3)
         each = values.numbers("mesh.bar.elements", spec["elements"], 1, count=3)
         count = tuple(refine * int(n) for n in each)
-        if math.prod(count) > MOST_HEXAHEDRA:
-            raise GdfeError(f"mesh.bar.elements: expected {MOST_HEXAHEDRA} hexahedra or fewer, found {count}")
+        if math.prod(count) > MAX_HEXAHEDRA:
+            raise GdfeError(f"mesh.bar.elements: expected {MAX_HEXAHEDRA} hexahedra or fewer, found {count}")
         mesh = bar((size[0], size[1], size[2]), (count[0], count[1], count[2]), len(used))
     else:
         raise GdfeError(f"mesh: expected 'bar' or 'file', found {sorted(data)}")
@@ -192,9 +192,9 @@ def _mesh(
     return mesh, used
 
 
-def _materials(data: dict[str, Any]) -> tuple[dict[str, Material], dict[str, float | None]]:
+def _materials(data: dict[str, Any]) -> tuple[dict[str, SolidMaterial], dict[str, float | None]]:
     """Return materials and densities [kg/m^3] by name."""
-    named: dict[str, Material] = {}
+    named: dict[str, SolidMaterial] = {}
     density: dict[str, float | None] = {}
     for key, entry in data.items():
         spec = dict(values.mapping(f"materials.{key}", entry))
@@ -204,7 +204,7 @@ def _materials(data: dict[str, Any]) -> tuple[dict[str, Material], dict[str, flo
     return named, density
 
 
-def _material(name: str, spec: dict[str, Any]) -> Material:
+def _material(name: str, spec: dict[str, Any]) -> SolidMaterial:
     where = f"materials.{name}"
     if len(spec) != 1:
         raise GdfeError(f"{where}: expected one of linear, polynomial, ogden, neo_hookean, found {sorted(spec)}")

@@ -15,11 +15,19 @@ from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.laws import FrictionLaw, KReading
 from softgrip_model.friction.laws import Law as FrictionName
 from softgrip_model.gdfe import case_values as values
-from softgrip_model.gdfe.cable import Cable, Drive, attach, guide
+from softgrip_model.gdfe.cable import CableDrive, RoutedCable, attach, guide
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.march import Loading
 from softgrip_model.gdfe.mesh import Mesh
-from softgrip_model.gdfe.surroundings import Acts, FollowerPatch, Obstacle, Shape, Surroundings, face_shares, gravity
+from softgrip_model.gdfe.surroundings import (
+    Acts,
+    FollowerPatch,
+    Obstacle,
+    ObstacleShape,
+    Surroundings,
+    face_shares,
+    gravity,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -69,8 +77,8 @@ class CaseLoads:
     dead: Array | None = None
     around: Surroundings = field(default_factory=Surroundings)
     acts: Acts = field(default_factory=Acts)
-    cables: tuple[Cable, ...] = ()
-    drives: tuple[Drive, ...] = ()
+    cables: tuple[RoutedCable, ...] = ()
+    drives: tuple[CableDrive, ...] = ()
 
     def loading(self, prescribe: Callable[[float], Array]) -> Callable[[float], Loading]:
         """Return what acts at a share of the load, with the displacements that a function prescribes."""
@@ -81,7 +89,7 @@ class CaseLoads:
                 tuple(_scaled(share, force) for force in self.acts.follower_forces),
                 tuple(_scaled(share, motion) for motion in self.acts.motions),
             )
-            drives = tuple(Drive(share * drive.target, drive.by_length) for drive in self.drives)
+            drives = tuple(CableDrive(share * drive.target, drive.by_length) for drive in self.drives)
             return Loading(prescribe(share), None if self.dead is None else share * self.dead, drives, acts)
 
         return at
@@ -164,9 +172,9 @@ def _weight(
 
 
 _OBSTACLE_KEYS = {
-    Shape.PLANE: {"point", "normal"},
-    Shape.SPHERE: {"centre", "radius"},
-    Shape.CYLINDER: {"point", "axis", "radius"},
+    ObstacleShape.PLANE: {"point", "normal"},
+    ObstacleShape.SPHERE: {"centre", "radius"},
+    ObstacleShape.CYLINDER: {"point", "axis", "radius"},
 }
 
 
@@ -175,9 +183,9 @@ def _obstacles(mesh: Mesh, data: Any) -> tuple[tuple[Obstacle, ...], tuple[Vecto
     motions: list[Vector] = []
     for index, spec in enumerate(values.entries("obstacles", data)):
         where = f"obstacles[{index}]"
-        kinds = [shape for shape in Shape if str(shape) in spec]
+        kinds = [shape for shape in ObstacleShape if str(shape) in spec]
         if len(kinds) != 1:
-            raise GdfeError(f"{where}: expected one of {', '.join(Shape)}, found {sorted(spec)}")
+            raise GdfeError(f"{where}: expected one of {', '.join(ObstacleShape)}, found {sorted(spec)}")
         shape = kinds[0]
         values.keys(where, spec, {str(shape)}, {"touches", "friction", "move"})
         body = values.mapping(f"{where}.{shape}", spec[str(shape)])
@@ -201,9 +209,9 @@ def _obstacles(mesh: Mesh, data: Any) -> tuple[tuple[Obstacle, ...], tuple[Vecto
     return tuple(obstacles), tuple(motions)
 
 
-def _cables(mesh: Mesh, data: Any, newtons: float) -> tuple[tuple[Cable, ...], tuple[Drive, ...]]:
-    cables: list[Cable] = []
-    drives: list[Drive] = []
+def _cables(mesh: Mesh, data: Any, newtons: float) -> tuple[tuple[RoutedCable, ...], tuple[CableDrive, ...]]:
+    cables: list[RoutedCable] = []
+    drives: list[CableDrive] = []
     for index, spec in enumerate(values.entries("cables", data)):
         where = f"cables[{index}]"
         if abs(newtons - 1.0) > 1e-12:
@@ -224,9 +232,9 @@ def _cables(mesh: Mesh, data: Any, newtons: float) -> tuple[tuple[Cable, ...], t
         if entry is not None and not np.linalg.norm(entry) > 0.0:
             raise GdfeError(f"{where}.entry: expected a direction other than 0, found {entry}")
         unit = None if entry is None else _scaled(1.0 / float(np.linalg.norm(entry)), entry)
-        cables.append(Cable(tuple(points), _friction(f"{where}.friction", spec.get("friction")), unit))
+        cables.append(RoutedCable(tuple(points), _friction(f"{where}.friction", spec.get("friction")), unit))
         by_length = "pull" in spec
-        drives.append(Drive(values.number(where, spec["pull" if by_length else "tension_n"], 0.0), by_length))
+        drives.append(CableDrive(values.number(where, spec["pull" if by_length else "tension_n"], 0.0), by_length))
     return tuple(cables), tuple(drives)
 
 

@@ -35,21 +35,21 @@ def entries(where: str, value: Any) -> list[dict[str, Any]]:
     return [mapping(f"{where}[{number}]", entry) for number, entry in enumerate(value)]
 
 
-def number(where: str, value: Any, least: float | None = None) -> float:
+def number(where: str, value: Any, minimum: float | None = None) -> float:
     """Return a number, `least` or more."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         hint = " (YAML reads exponents only as in 1.0e-6)" if isinstance(value, str) else ""
         raise GdfeError(f"{where}: expected a number, found {value!r}{hint}")
-    if least is not None and value < least:
-        raise GdfeError(f"{where}: expected {least:g} or more, found {value!r}")
+    if minimum is not None and value < minimum:
+        raise GdfeError(f"{where}: expected {minimum:g} or more, found {value!r}")
     return float(value)
 
 
-def numbers(where: str, value: Any, least: float | None = None, count: int | None = None) -> tuple[float, ...]:
+def numbers(where: str, value: Any, minimum: float | None = None, count: int | None = None) -> tuple[float, ...]:
     """Return a list of numbers, `least` or more each; not empty, or exactly `count`."""
     if not isinstance(value, list) or not value or (count is not None and len(value) != count):
         raise GdfeError(f"{where}: expected a list of {count or 'one or more'} numbers, found {value!r}")
-    return tuple(number(f"{where}[{k}]", one, least) for k, one in enumerate(value))
+    return tuple(number(f"{where}[{k}]", one, minimum) for k, one in enumerate(value))
 
 
 def vector(where: str, value: Any) -> tuple[float, float, float]:

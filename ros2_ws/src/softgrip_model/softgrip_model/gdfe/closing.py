@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from softgrip_model.digest import text_digest
 from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
-from softgrip_model.gdfe.cable import Cable, Drive
+from softgrip_model.gdfe.cable import CableDrive, RoutedCable
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
 from softgrip_model.gdfe.keyframes import Keyframes
-from softgrip_model.gdfe.materials import Material, StressPolynomial
-from softgrip_model.gdfe.solver import Equilibrium, Law, Settings, Solver, State, Supports
+from softgrip_model.gdfe.materials import SolidMaterial, StressPolynomial
+from softgrip_model.gdfe.solver import ConstitutiveLaw, Equilibrium, Solver, SolverSettings, State, Supports
 from softgrip_model.gdfe.validity import warnings_of
 from softgrip_model.profile import Material as ProfileMaterial
 from softgrip_model.profile import Profile, digest
@@ -65,7 +65,7 @@ class ClosingSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class ClosingShape:
     """One shape of one finger; lengths in m.
 
     Attributes:
@@ -114,8 +114,8 @@ class Body:
         slot: str,
         resolution: Resolution,
         *,
-        material: Material | None = None,
-        law: Law = Law.CALIBRATED,
+        material: SolidMaterial | None = None,
+        law: ConstitutiveLaw = ConstitutiveLaw.CALIBRATED,
     ) -> None:
         """Mesh the finger; its matrix is factored with the first shape.
 
@@ -137,13 +137,13 @@ class Body:
         mesh = self.finger_mesh.mesh
         self.material = material or profile_material(profile.material)
         supports = Supports.none(len(mesh.nodes)).with_prescribed(self.finger_mesh.clamped)
-        cable = Cable(self.finger_mesh.routing, assumed_friction(profile).law)
+        cable = RoutedCable(self.finger_mesh.routing, assumed_friction(profile).law)
         # a node that jumps further than half the thinnest strip in one iteration turns elements over
         limit = 0.5 * min(finger.thickness_mm)
-        method = Settings(law=law, step_limit=limit, window=WINDOW, sections_after=SECTIONS_AFTER)
+        method = SolverSettings(law=law, step_limit=limit, window=WINDOW, sections_after=SECTIONS_AFTER)
         self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method)
         self.faces: Index = mesh.surface().astype(np.uint32)
-        self.changes = "" if material is None and law is Law.CALIBRATED else f":{material}:{law}"
+        self.changes = "" if material is None and law is ConstitutiveLaw.CALIBRATED else f":{material}:{law}"
 
     @cached_property
     def solver(self) -> Solver:
@@ -174,7 +174,7 @@ class _Equations:
         solver.set_friction(0, self.friction.law)  # another closing may have used it in between
         return solver.solve(
             start=start,
-            drives=[Drive(pulled_mm)],
+            drives=[CableDrive(pulled_mm)],
             tolerance=self.settings.tolerance,
             force_floor=FORCE_FLOOR_N,
             length_tolerance=LENGTH_TOLERANCE_MM,
@@ -186,7 +186,7 @@ def _own_keyframe(equations: _Equations, body: Body, pulled_mm: float, start: St
     return equations.keyframe(body.solver, pulled_mm, start)
 
 
-class Closing:
+class ClosingPath:
     """One finger of one profile with one friction law, at any pulled length."""
 
     def __init__(
@@ -196,8 +196,8 @@ class Closing:
         settings: ClosingSettings | None = None,
         *,
         friction: ActiveFriction | None = None,
-        material: Material | None = None,
-        law: Law = Law.CALIBRATED,
+        material: SolidMaterial | None = None,
+        law: ConstitutiveLaw = ConstitutiveLaw.CALIBRATED,
         body: Body | None = None,
     ) -> None:
         """Mesh the finger, unless its body is there already; nothing is factored or solved yet.
@@ -238,7 +238,7 @@ class Closing:
         )
         self._last: tuple[float, Equilibrium] | None = None
 
-    def shape(self, pulled_length: float) -> Shape:
+    def shape(self, pulled_length: float) -> ClosingShape:
         """Return the shape at a pulled length [m]."""
         started = time.perf_counter()
         pulled_mm = 1e3 * pulled_length
@@ -275,12 +275,12 @@ class Closing:
 
     def _shape(
         self, pulled_length: float, found: Equilibrium, started: float, reason: str, *, converged: bool
-    ) -> Shape:
+    ) -> ClosingShape:
         if converged:
             reason = "; ".join(filter(None, (reason, *self._out_of_range(found))))
         vertices = self.finger_mesh.mesh.nodes + found.displacement
         tip = self.finger_mesh.tip
-        return Shape(
+        return ClosingShape(
             pulled_length=pulled_length,
             vertices=1e-3 * vertices,
             strain=found.strain,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.gdfe.cable import Drive
+from softgrip_model.gdfe.cable import CableDrive
 from softgrip_model.gdfe.solver import Equilibrium, Solver, State
 from softgrip_model.gdfe.surroundings import Acts
 
@@ -22,7 +22,7 @@ class Loading:
 
     prescribed: Array | None = None
     load: Array | None = None
-    drives: tuple[Drive, ...] = ()
+    drives: tuple[CableDrive, ...] = ()
     acts: Acts | None = None
 
 

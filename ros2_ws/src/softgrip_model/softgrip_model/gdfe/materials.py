@@ -7,7 +7,7 @@ Stresses in MPa with lengths in mm and forces in N, or any other consistent set.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,7 +24,7 @@ TABLE_END = 4.0
 TABLE_CELLS = 512
 
 
-class Material(Protocol):
+class SolidMaterial(Protocol):
     """What the calibrated law asks of a material."""
 
     @property
@@ -219,7 +219,7 @@ def stretch_of_equivalent_strain(strain: Array) -> Array:
     return stretch
 
 
-def shear_secant(material: Material, strain: Array) -> Array:
+def shear_secant(material: SolidMaterial, strain: Array) -> Array:
     """Return mu(eps_eq) that gives the material's uniaxial stress back.
 
     mu = P(l) / (2 [(l - 1) + (1 - q) q / l]), q = l^(-1/2): the bracket is the exact incompressible uniaxial response
@@ -244,8 +244,3 @@ def secant_table(modulus: Callable[[Array], Array]) -> Array:
     values = modulus(inner.ravel()).reshape(inner.shape)
     vandermonde = np.vander(np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]), increasing=True)
     return np.ascontiguousarray(np.linalg.solve(vandermonde, values.T))
-
-
-def least_modulus(materials: Sequence[Material]) -> float:
-    """Return the smallest Young's modulus at rest."""
-    return min(material.initial_modulus() for material in materials)

@@ -15,7 +15,7 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh
 from softgrip_model.gdfe.materials import Ogden
 from softgrip_model.profile import load_directory, shipped_directory
@@ -42,11 +42,11 @@ class ClosedFinger:
     tension_n: float
 
 
-def closing_of(design: str) -> Closing:
+def closing_of(design: str) -> ClosingPath:
     """Return our closing of a shipped design's index finger on the coarse mesh."""
     profile = load_directory(shipped_directory())[design]
     settings = ClosingSettings(RESOLUTIONS["coarse"], travel_mm=18.0, tolerance=1e-5, max_iterations=6000)
-    return Closing(profile, "index", settings, material=MATERIAL)
+    return ClosingPath(profile, "index", settings, material=MATERIAL)
 
 
 def tip_of(finger: FingerMesh, displacement: Array) -> Array:
@@ -78,7 +78,7 @@ def shortening_of(finger: FingerMesh, displacement: Array) -> float:
     return length(np.zeros_like(displacement)) - length(displacement)
 
 
-def our_closing(closing: Closing, pulled_mm: float) -> ClosedFinger:
+def our_closing(closing: ClosingPath, pulled_mm: float) -> ClosedFinger:
     """Return ours at a pulled length; nan where it does not converge."""
     shape = closing.shape(1e-3 * pulled_mm)
     moved = 1e3 * shape.vertices - closing.finger_mesh.mesh.nodes

@@ -8,7 +8,7 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.gdfe.closing import Closing, ClosingSettings
+from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh
 from softgrip_model.gdfe.materials import Linear
@@ -25,11 +25,11 @@ STEPS_MM = tuple(float(k) for k in range(1, 13))
 MATERIAL = Linear("NinjaFlex at rest", 11.03, 0.3)
 
 
-def reference_closing(travel_mm: float = STEPS_MM[-1]) -> Closing:
+def reference_closing(travel_mm: float = STEPS_MM[-1]) -> ClosingPath:
     """Return the finger of the reference, ready up to a pulled length."""
     profile = load_directory(shipped_directory())["power"]
     settings = ClosingSettings(RESOLUTIONS["fine"], travel_mm, tolerance=1e-5, max_iterations=4000)
-    return Closing(profile, "index", settings, material=MATERIAL)
+    return ClosingPath(profile, "index", settings, material=MATERIAL)
 
 
 def led_nodes(finger: FingerMesh) -> Index:
@@ -57,7 +57,7 @@ def strip_moments(finger: FingerMesh, displacement: Array, held: Array) -> Array
     return np.array(moments)
 
 
-def our_moments(closing: Closing, pulled_mm: float) -> Array:
+def our_moments(closing: ClosingPath, pulled_mm: float) -> Array:
     """Return the moments [N mm] of our strips when base and links stand as at a pulled length, (joints,).
 
     Raises:

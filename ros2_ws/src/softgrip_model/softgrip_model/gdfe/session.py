@@ -17,13 +17,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction
-from softgrip_model.gdfe.ahead import Ahead
-from softgrip_model.gdfe.closing import Closing, ClosingSettings, Shape
-from softgrip_model.gdfe.closings import Closings, Wanted
+from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings, ClosingShape
+from softgrip_model.gdfe.closing_cache import ClosingCache, ClosingKey
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.profile import Profile
 
 #: Share of the last interval in the stated rate.
@@ -36,7 +36,7 @@ _TOO_SLOW = 0.4
 _TOO_LONG = 0.25
 #: [mm] A tendon that moves less from shape to shape stands still: time to catch up. [s] One that never does gets at
 #: least one keyframe in so long.
-_STILL_MM, _PATIENCE = 0.1, 0.5
+_STILL_MM, _SILENCE_LIMIT_S = 0.1, 0.5
 #: The coarser mesh serves so many times as long as a shape was late, [s] at most so long.
 _RELIEF, _LONGEST_RELIEF = 2.0, 5.0
 #: Mesh that serves where the one asked for is too slow, and the tolerance that goes with it at least: it halves the
@@ -58,7 +58,7 @@ class Shown:
     mesh: str
     faces: NDArray[np.uint32]
     hexahedra: int
-    shape: Shape
+    shape: ClosingShape
     rate_hz: float
     """At which this finger's shapes are being computed; NaN until there are two."""
     marker_due: bool
@@ -135,9 +135,9 @@ class _Pace:
 class _Slot:
     """One shown finger: as asked for, and, once it is needed, on the coarser mesh."""
 
-    fine: Closing
-    make_coarse: Callable[[], Closing]
-    coarse: Closing | None = None
+    fine: ClosingPath
+    make_coarse: Callable[[], ClosingPath]
+    coarse: ClosingPath | None = None
     why: str = ""
     """The coarse one serves; empty: it does not."""
     _owed_mm: float = 0.0
@@ -151,7 +151,7 @@ class _Slot:
     _given: int = 0
     """How many the fine one was given after the shape before."""
 
-    def closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace, too_slow: str) -> Closing:
+    def closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace, too_slow: str) -> ClosingPath:
         """Return the one that serves at a length; the fine one comes back only when it has nothing to catch up on."""
         length, keyframes = max(0.0, pulled_mm), self.fine.keyframes
         still = abs(length - self._last[0]) < _STILL_MM
@@ -163,7 +163,7 @@ class _Slot:
             self.why = ""
         elif not self.why and taking > _TOO_LONG:
             self.why = f"its next shape would take {taking:.1f} s"
-        waited = 1e-9 * (stamp_ns - self._advanced) > _PATIENCE
+        waited = 1e-9 * (stamp_ns - self._advanced) > _SILENCE_LIMIT_S
         self._has_time = still or (bool(self.why) and (waited or pace.free))
         self._at_once = min(2 * self._given, _AT_ONCE) if pace.free and self._given else 1
         if not self.why:
@@ -205,17 +205,17 @@ class ShapeSession:
         *,
         rate_hz: float,
         marker_rate_hz: float,
-        ahead: Ahead | None = None,
+        ahead: KeyframePrefetcher | None = None,
     ) -> None:
-        self._profiles, self._closings = profiles, Closings(profiles)
+        self._profiles, self._closings = profiles, ClosingCache(profiles)
         tolerance = max(settings.tolerance, _COARSE_TOLERANCE)
         self._settings, self._coarse_settings = settings, replace(settings, resolution=_COARSE, tolerance=tolerance)
-        self._wanted_rate = rate_hz
+        self._required_rate = rate_hz
         self._ahead = ahead
         self._slots, self._marker_slots = _Slots(rate_hz), _Slots(marker_rate_hz)
         self._shown = tuple(mounted)
         self._friction: ActiveFriction | None = None
-        self._made: dict[Wanted, _Slot] = {}
+        self._made: dict[ClosingKey, _Slot] = {}
         self._fingers: dict[str, _Slot] = {}
         self._relief, self._pace = _Relief(), _Pace(1.0 / rate_hz)
         self._last_stamp: int | None = None
@@ -235,11 +235,11 @@ class ShapeSession:
         Raises:
             GdfeError, FingerError, ProfileError: unknown profile, or a finger that cannot be simulated; all stays.
         """
-        wanted = {slot: mounted[slot] for slot in self._shown if slot in mounted}
-        if wanted == self.mounted:
+        requested = {slot: mounted[slot] for slot in self._shown if slot in mounted}
+        if requested == self.mounted:
             return
-        self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in wanted.items()}
-        self.mounted = wanted
+        self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in requested.items()}
+        self.mounted = requested
         self._planned = self._plan()
         self._relief.forget()
 
@@ -264,10 +264,10 @@ class ShapeSession:
             self._friction = before
             raise
         self._closings.keep(friction)
-        self._made = {wanted: slot for wanted, slot in self._made.items() if wanted.friction is friction}
+        self._made = {requested: slot for requested, slot in self._made.items() if requested.friction is friction}
         self._planned = self._plan()
 
-    def on_tendons(self, names: Sequence[str], samples: Sequence[TendonSample]) -> Iterator[Shown]:
+    def on_tendons(self, names: Sequence[str], samples: Sequence[TendonInput]) -> Iterator[Shown]:
         """Yield the shapes of a tendon state; none when its stamp falls into a period that has been served.
 
         What there is to catch up on is done when the last has been taken: it makes no shape late.
@@ -312,9 +312,9 @@ class ShapeSession:
         return sum(max(0, slot.fine.keyframes.asked - 1) for slot in self._made.values())
 
     def _fewer(self) -> str:
-        if not self._rate < _COARSER * self._wanted_rate:
+        if not self._rate < _COARSER * self._required_rate:
             return ""
-        return f"{self._rate:.1f} Hz instead of {self._wanted_rate:g} Hz: states come, or are solved, more slowly"
+        return f"{self._rate:.1f} Hz instead of {self._required_rate:g} Hz: states come, or are solved, more slowly"
 
     def _too_slow(self, stamp: int) -> str:
         return f"shapes came {self._relief.gap:.1f} s apart" if self._relief.due(stamp) else ""
@@ -329,23 +329,23 @@ class ShapeSession:
         gap = 0.0 if self._last_stamp is None else 1e-9 * (stamp - self._last_stamp)
         if gap > 0.0:
             now = 1.0 / gap
-            anew = math.isnan(self._rate) or gap > _TOO_SLOW
-            self._rate = now if anew else self._rate + _RATE_SMOOTHING * (now - self._rate)
+            is_restart = math.isnan(self._rate) or gap > _TOO_SLOW
+            self._rate = now if is_restart else self._rate + _RATE_SMOOTHING * (now - self._rate)
         self._last_stamp = stamp
         return gap
 
     def _finger(self, profile_id: str, slot: str) -> _Slot:
-        wanted = Wanted(profile_id, slot, self._settings, self._friction)
-        if wanted not in self._made:
-            coarse = replace(wanted, settings=self._coarse_settings)
-            self._made[wanted] = _Slot(self._closings.get(wanted), partial(self._closings.get, coarse))
-        return self._made[wanted]
+        requested = ClosingKey(profile_id, slot, self._settings, self._friction)
+        if requested not in self._made:
+            coarse = replace(requested, settings=self._coarse_settings)
+            self._made[requested] = _Slot(self._closings.get(requested), partial(self._closings.get, coarse))
+        return self._made[requested]
 
-    def _plan(self) -> tuple[Wanted, ...]:
+    def _plan(self) -> tuple[ClosingKey, ...]:
         """Return what to work on ahead: what is mounted, first what serves when time is short; then what may be."""
         mounted = list(self.mounted.items())
         others = [(slot, profile) for slot in self._shown for profile in sorted(self._profiles)]
         others = [other for other in others if other not in mounted][:_NEXT]
         short = [] if self._settings.resolution == _COARSE else [(*finger, self._coarse_settings) for finger in mounted]
         asked = [(*finger, self._settings) for finger in mounted + others]
-        return tuple(Wanted(profile, slot, settings, self._friction) for slot, profile, settings in short + asked)
+        return tuple(ClosingKey(profile, slot, settings, self._friction) for slot, profile, settings in short + asked)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.gdfe import _core
-from softgrip_model.gdfe.cable import Cable, Drive, friction_numbers
+from softgrip_model.gdfe.cable import CableDrive, RoutedCable, friction_numbers
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Material, Ogden, secant_table, shear_secant
+from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Ogden, SolidMaterial, secant_table, shear_secant
 from softgrip_model.gdfe.mesh import Mesh
 from softgrip_model.gdfe.surroundings import Acts, Contact, Surroundings, Vector, contacts_of
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 
-class Law(StrEnum):
+class ConstitutiveLaw(StrEnum):
     """Local laws."""
 
     CALIBRATED = "calibrated"
@@ -61,7 +61,7 @@ class Method(StrEnum):
     MULTIGRID = "multigrid"
 
 
-_LAW = {law: index for index, law in enumerate(Law)}
+_LAW = {law: index for index, law in enumerate(ConstitutiveLaw)}
 _SHAPE = {shape: index for index, shape in enumerate(VolumeShape)}
 _METRIC = {metric: index for index, metric in enumerate(Metric)}
 _ORDERING = {ordering: index for index, ordering in enumerate(Ordering)}
@@ -113,7 +113,7 @@ class Supports:
 
 
 @dataclass(frozen=True)
-class Settings:
+class SolverSettings:
     """Numbers of the method.
 
     Attributes:
@@ -130,7 +130,7 @@ class Settings:
             at one end on all axes, without obstacles; negative = never.
     """
 
-    law: Law = Law.CALIBRATED
+    law: ConstitutiveLaw = ConstitutiveLaw.CALIBRATED
     volume_shape: VolumeShape = VolumeShape.PROJ
     metric: Metric = Metric.LAPLACIAN
     single_precision_factor: bool = True
@@ -194,10 +194,10 @@ class Solver:
     def __init__(
         self,
         mesh: Mesh,
-        materials: Sequence[Material],
+        materials: Sequence[SolidMaterial],
         supports: Supports,
-        cables: Sequence[Cable] = (),
-        settings: Settings | None = None,
+        cables: Sequence[RoutedCable] = (),
+        settings: SolverSettings | None = None,
         surroundings: Surroundings | None = None,
     ) -> None:
         """Prepare.
@@ -206,7 +206,7 @@ class Solver:
             GdfeError: a mesh that names unknown materials or is not held.
         """
         self.mesh, self.supports, self.cables = mesh, supports, tuple(cables)
-        self.settings = settings or Settings()
+        self.settings = settings or SolverSettings()
         self.surroundings = surroundings or Surroundings()
         if mesh.materials.min() < 0 or mesh.materials.max() >= len(materials):
             element = int(np.argmax((mesh.materials < 0) | (mesh.materials >= len(materials))))
@@ -250,9 +250,9 @@ class Solver:
 
     def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:
         """Return k of every material: 1 for the thesis law, else about the stiffest it answers with at rest."""
-        if self.settings.law is Law.THESIS:
+        if self.settings.law is ConstitutiveLaw.THESIS:
             return np.ones(len(self.materials))
-        if self.settings.law is Law.RIGOROUS:
+        if self.settings.law is ConstitutiveLaw.RIGOROUS:
             return np.array([2.0 * (o.shear_modulus + o.bulk_modulus / 3.0) for o in self._ogden_materials()])
         return np.array([tables[4 * i, 0] * (2.0 + lame) for i, lame in enumerate(lame_per_mu)])
 
@@ -264,7 +264,7 @@ class Solver:
         return found
 
     def _ogden(self) -> list[_core.OgdenMaterial]:
-        if self.settings.law is not Law.RIGOROUS:
+        if self.settings.law is not ConstitutiveLaw.RIGOROUS:
             return []
         return [_core.OgdenMaterial(o.moduli, o.exponents, o.bulk_modulus) for o in self._ogden_materials()]
 
@@ -288,7 +288,7 @@ class Solver:
 
     def energy(self, displacement: Array) -> float:
         """Return the strain energy at displacements (n, 3); the rigorous law only."""
-        if self.settings.law is not Law.RIGOROUS:
+        if self.settings.law is not ConstitutiveLaw.RIGOROUS:
             raise GdfeError(f"only the law 'rigorous' has an energy, this solver has {self.settings.law!r}")
         return self._core.energy(displacement)
 
@@ -321,7 +321,7 @@ class Solver:
         *,
         start: State | None = None,
         load: Array | None = None,
-        drives: Sequence[Drive] = (),
+        drives: Sequence[CableDrive] = (),
         acts: Acts | None = None,
         since: Equilibrium | None = None,
         tolerance: float = 1e-6,

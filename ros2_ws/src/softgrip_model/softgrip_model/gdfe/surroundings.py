@@ -18,7 +18,7 @@ Index = NDArray[np.int32]
 Vector = tuple[float, float, float]
 
 
-class Shape(StrEnum):
+class ObstacleShape(StrEnum):
     """Rigid bodies that a mesh can touch."""
 
     PLANE = "plane"
@@ -26,7 +26,7 @@ class Shape(StrEnum):
     CYLINDER = "cylinder"
 
 
-_SHAPE = {shape: index for index, shape in enumerate(Shape)}
+_SHAPE = {shape: index for index, shape in enumerate(ObstacleShape)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Obstacle:
         friction: Coulomb's coefficient.
     """
 
-    shape: Shape
+    shape: ObstacleShape
     point: Vector
     nodes: Index
     axis: Vector = (0.0, 1.0, 0.0)
@@ -52,7 +52,7 @@ class Obstacle:
     def __post_init__(self) -> None:
         if not np.isfinite([*self.point, *self.axis]).all() or not np.linalg.norm(self.axis) > 0.0:
             raise GdfeError(f"{self.shape}: expected a finite point and an axis other than 0, found {self}")
-        if self.shape is not Shape.PLANE and not 0.0 < self.radius < np.inf:
+        if self.shape is not ObstacleShape.PLANE and not 0.0 < self.radius < np.inf:
             raise GdfeError(f"{self.shape}: expected a radius above 0, found {self.radius!r}")
         if not 0.0 <= self.friction < np.inf:
             raise GdfeError(f"{self.shape}: expected a friction coefficient of 0 or more, found {self.friction!r}")
@@ -145,13 +145,13 @@ class Acts:
         Raises:
             GdfeError: which list has the wrong length, or is not finite.
         """
-        for name, given, wanted in (
+        for name, given, requested in (
             ("pressures", self.pressures, around.pressed),
             ("follower forces", self.follower_forces, around.followers),
             ("motions of obstacles", self.motions, around.obstacles),
         ):
-            if len(given) != len(wanted) or not np.isfinite(np.array(given, dtype=np.float64)).all():
-                raise GdfeError(f"expected {len(wanted)} finite {name}, found {given}")
+            if len(given) != len(requested) or not np.isfinite(np.array(given, dtype=np.float64)).all():
+                raise GdfeError(f"expected {len(requested)} finite {name}, found {given}")
 
 
 @dataclass(frozen=True, eq=False)

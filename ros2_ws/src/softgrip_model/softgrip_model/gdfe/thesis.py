@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.solver import Equilibrium, Law, Solver
+from softgrip_model.gdfe.solver import ConstitutiveLaw, Equilibrium, Solver
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class ThesisState:
             previous_shape: use V^P (Eqs 5.9, 5.10); False leaves Eq 5.4.
             update: take moduli at the last strain; False keeps those at rest (linear).
         """
-        if solver.settings.law is not Law.THESIS:
+        if solver.settings.law is not ConstitutiveLaw.THESIS:
             raise GdfeError(f"expected a solver with the law 'thesis', found {solver.settings.law}")
         self._solver, self._materials, self._factors = solver, materials, factors
         self._previous_shape, self._update = previous_shape, update

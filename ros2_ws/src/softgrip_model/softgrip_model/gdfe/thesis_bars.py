@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.gdfe.march import Loading
-from softgrip_model.gdfe.materials import Linear, Material, cheetah_ogden, ninjaflex_ogden
+from softgrip_model.gdfe.materials import Linear, SolidMaterial, cheetah_ogden, ninjaflex_ogden
 from softgrip_model.gdfe.mesh import Mesh, bar
 from softgrip_model.gdfe.solver import Supports
 
@@ -60,7 +60,7 @@ def _ends(mesh: Mesh) -> tuple[Index, Index]:
     return mesh.nodes_where(x < x.min() + 1e-9), mesh.nodes_where(x > x.max() - 1e-9)
 
 
-def five_materials(lift: float = 10.0, poisson: float = 0.3, refine: int = 1) -> tuple[BarCase, list[Material]]:
+def five_materials(lift: float = 10.0, poisson: float = 0.3, refine: int = 1) -> tuple[BarCase, list[SolidMaterial]]:
     """Return the bar of section 5.4.1 [cm, kPa] and its materials: right face lifted, level, free along x."""
     mesh = bar((50.0, 5.0, 5.0), (50 * refine, 5 * refine, 5 * refine), 5)
     left, right = _ends(mesh)
@@ -71,12 +71,12 @@ def five_materials(lift: float = 10.0, poisson: float = 0.3, refine: int = 1) ->
         prescribed[right, 1] = share * lift
         return Loading(prescribed)
 
-    materials: list[Material] = [Linear(f"{e:g} kPa", e, poisson) for e in FIVE_MODULI]
+    materials: list[SolidMaterial] = [Linear(f"{e:g} kPa", e, poisson) for e in FIVE_MODULI]
     deck = f"bend_C3D8I_nu{round(100 * poisson)}_u{lift:g}"
     return BarCase(mesh, left, right, supports, loading, None, deck), materials
 
 
-def rotation(angle: float = np.pi / 2, poisson: float = 0.45, refine: int = 1) -> tuple[BarCase, list[Material]]:
+def rotation(angle: float = np.pi / 2, poisson: float = 0.45, refine: int = 1) -> tuple[BarCase, list[SolidMaterial]]:
     """Return the bar of section 5.4.2 [cm, MPa]: right face turned about the bar's axis [rad]."""
     mesh = bar((20.0, 5.0, 5.0), (20 * refine, 5 * refine, 5 * refine), 2)
     left, right = _ends(mesh)
@@ -90,13 +90,13 @@ def rotation(angle: float = np.pi / 2, poisson: float = 0.45, refine: int = 1) -
         prescribed[right, 2] = s * y + c * z - z
         return Loading(prescribed)
 
-    materials: list[Material] = [cheetah_ogden(poisson), ninjaflex_ogden(poisson)]
+    materials: list[SolidMaterial] = [cheetah_ogden(poisson), ninjaflex_ogden(poisson)]
     return BarCase(mesh, left, right, supports, loading, None, "rot_C3D8I_nu49"), materials
 
 
 def tension(
-    elongation: float = 1.0, materials: tuple[Material, ...] = (), poisson: float = 0.45, refine: int = 1
-) -> tuple[BarCase, list[Material]]:
+    elongation: float = 1.0, materials: tuple[SolidMaterial, ...] = (), poisson: float = 0.45, refine: int = 1
+) -> tuple[BarCase, list[SolidMaterial]]:
     """Return the bar of section 5.4.3 [mm, MPa]: both ends clamped, drawn out by a share of its length."""
     mesh = bar((40.0, 10.0, 10.0), (20 * refine, 5 * refine, 5 * refine), 2)
     left, right = _ends(mesh)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.gdfe.materials import Material, Ogden
+from softgrip_model.gdfe.materials import Ogden, SolidMaterial
 from softgrip_model.gdfe.mesh import Mesh, shape_slopes
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ def principal_stretches(mesh: Mesh, displacement: Array) -> Array:
     return np.asarray(np.linalg.svd(here @ np.linalg.inv(rest), compute_uv=False))
 
 
-def warnings_of(mesh: Mesh, materials: Sequence[Material], displacement: Array) -> list[str]:
+def warnings_of(mesh: Mesh, materials: Sequence[SolidMaterial], displacement: Array) -> list[str]:
     """Return one sentence for every material that is stretched, compressed or sheared further than it is known for.
 
     Args:

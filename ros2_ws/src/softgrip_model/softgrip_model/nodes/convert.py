@@ -24,8 +24,8 @@ from softgrip_interfaces.msg import (
     PredictionResidual,
 )
 from softgrip_model.finger import FingerError
-from softgrip_model.finger.in_use import InUse
-from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.active_configuration import ActiveConfiguration
+from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, Prediction
 from softgrip_model.finger.session import MeasuredFinger, Residual
 from softgrip_model.friction.acceptance import accept
@@ -48,7 +48,7 @@ def stamp_of(nanoseconds_since_epoch: int) -> Time:
     return Time(sec=seconds, nanosec=rest)
 
 
-def tendon_samples(message: JointState) -> tuple[list[str], list[TendonSample]]:
+def tendon_samples(message: JointState) -> tuple[list[str], list[TendonInput]]:
     """Return names and samples; velocity and tension are NaN where the message has none.
 
     Raises:
@@ -62,7 +62,7 @@ def tendon_samples(message: JointState) -> tuple[list[str], list[TendonSample]]:
     tension = message.effort if len(message.effort) == len(names) else unknown
     stamp = nanoseconds(message.header.stamp)
     samples = [
-        TendonSample(stamp, float(p), float(v), float(t))
+        TendonInput(stamp, float(p), float(v), float(t))
         for p, v, t in zip(message.position, velocity, tension, strict=True)
     ]
     return names, samples
@@ -115,7 +115,7 @@ def is_free(message: CellState) -> bool:
     return message.mode not in _NOT_FREE
 
 
-def predicted_message(header: Header, predictions: Sequence[Prediction], in_use: InUse) -> FingerStates:
+def predicted_message(header: Header, predictions: Sequence[Prediction], in_use: ActiveConfiguration) -> FingerStates:
     """Return predictions as a message with the header of what they were computed from."""
     return FingerStates(
         header=header,

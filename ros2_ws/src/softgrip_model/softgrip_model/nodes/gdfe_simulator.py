@@ -28,10 +28,10 @@ from visualization_msgs.msg import Marker
 from softgrip_interfaces.msg import CellState, FrictionModel, PredictedShape
 from softgrip_model.finger import FingerError
 from softgrip_model.friction.errors import FrictionError
-from softgrip_model.gdfe.ahead import Ahead
 from softgrip_model.gdfe.closing import ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.nodes import convert
 from softgrip_model.profile import Profile, ProfileError, load_directory
@@ -75,7 +75,7 @@ class GdfeSimulator(Node):
     def __init__(self) -> None:
         super().__init__("gdfe_simulator")
         values = PARAMETERS.declare(self)
-        self._ahead = Ahead()
+        self._ahead = KeyframePrefetcher()
         self._session = self._start(values, self._ahead)
         self._diagnostics = Diagnostics(self)
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
@@ -88,7 +88,7 @@ class GdfeSimulator(Node):
         self.get_logger().info(f"simulating {self._session.mounted}: {self._session.description}")
 
     @staticmethod
-    def _start(values: dict[str, Any], ahead: Ahead) -> ShapeSession:
+    def _start(values: dict[str, Any], ahead: KeyframePrefetcher) -> ShapeSession:
         fingers, profiles = values["fingers"], values["profiles"]
         each = profiles * len(fingers) if len(profiles) == 1 else profiles
         if len(each) != len(fingers):

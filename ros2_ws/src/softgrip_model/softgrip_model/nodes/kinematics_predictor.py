@@ -21,7 +21,7 @@ from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, Pred
 from softgrip_interfaces.srv import PredictFinger
 from softgrip_model.finger import FingerError
 from softgrip_model.finger.session import Residual, Session
-from softgrip_model.finger.wear import Verdict, WearSettings
+from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.nodes import convert
 from softgrip_model.profile import Profile, ProfileError, load_directory
@@ -55,10 +55,10 @@ PARAMETERS = ParameterTable(
 )
 
 _HEALTH = {
-    Verdict.OK: Health.OK,
-    Verdict.WATCH: Health.OK,
-    Verdict.RECALIBRATE: Health.WARN,
-    Verdict.WORN: Health.WARN,
+    WearVerdict.OK: Health.OK,
+    WearVerdict.WATCH: Health.OK,
+    WearVerdict.RECALIBRATE: Health.WARN,
+    WearVerdict.WORN: Health.WARN,
 }
 
 

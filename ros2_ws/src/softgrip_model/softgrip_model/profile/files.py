@@ -131,8 +131,8 @@ def _build(kind: Any, data: Any, where: str) -> Any:
 
 
 def _number_hint(data: Any) -> str:
-    looks_scientific = isinstance(data, str) and "e" in data.lower() and any(c.isdigit() for c in data)
-    return " (YAML reads exponents only as in 1.0e+6)" if looks_scientific else ""
+    is_scientific = isinstance(data, str) and "e" in data.lower() and any(c.isdigit() for c in data)
+    return " (YAML reads exponents only as in 1.0e+6)" if is_scientific else ""
 
 
 def _build_dataclass(kind: Any, data: Any, where: str) -> Any:

@@ -161,8 +161,8 @@ def _material_problems(material: Material) -> list[str]:
     elif not found and material.moment_law == "absolute_tangent":
         # a joint whose modulus falls to zero would collapse: no unique equilibrium
         steps = [material.max_strain * i / 100.0 for i in range(101)]
-        least = min((curvature[0] * e + curvature[1]) * e + material.modulus_constant_pa for e in steps)
-        found += _positive("material: least tangent modulus within max_strain", least)
+        minimum = min((curvature[0] * e + curvature[1]) * e + material.modulus_constant_pa for e in steps)
+        found += _positive("material: least tangent modulus within max_strain", minimum)
     return found
 
 

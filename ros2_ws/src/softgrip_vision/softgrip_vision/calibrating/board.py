@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MODULES_PER_SQUARE = 8
 MODULES_PER_MARKER = 6
 #: Fewer corners say too little about a view.
-FEWEST_CORNERS = 8
+MIN_CORNERS = 8
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Board:
         """Return the board as seen in an (h, w, 3) BGR image; None when it is not, or too little of it."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
         points, pixels = self._find_charuco(grey) if self.charuco else self._find_chessboard(grey)
-        if len(pixels) < FEWEST_CORNERS:
+        if len(pixels) < MIN_CORNERS:
             return None
         return BoardView(name, points, pixels, (image.shape[1], image.shape[0]))
 
@@ -119,7 +119,7 @@ def _refine(grey: NDArray[np.uint8], corners: NDArray[np.float32], known: Array,
     OpenCV's ChArUco detector (4.6 to 4.11 at least) gives corners that lie half a pixel right of and below where its
     own cornerSubPix and the chessboard finder put them, and the latter are right (test_calibrating.py).
     """
-    if len(corners) < FEWEST_CORNERS:
+    if len(corners) < MIN_CORNERS:
         return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
     spread = np.ptp(corners.reshape(-1, 2), axis=0).max() / np.ptp(known, axis=0).max()
     module_px = float(spread) * square_m / MODULES_PER_SQUARE

@@ -17,16 +17,16 @@ from softgrip_vision.errors import CalibrationError
 
 Array = NDArray[np.float64]
 
-FEWEST_VIEWS = 8
+MIN_VIEWS = 8
 #: [px] RMS of the whole set, and of one view, beyond which it is refused.
 LARGEST_RMS = 0.6
 #: A view this many times worse than the median view is named.
 WORST_VIEW_FACTOR = 4.0
 #: The image is divided into so many cells each way; corners must lie in at least this share of them.
 CELLS = 4
-LEAST_COVERAGE = 0.75
+MIN_COVERAGE = 0.75
 #: [deg] of tilt that some views must reach in each of the directions; and the directions.
-LEAST_TILT_DEG = 12.0
+MIN_TILT_DEG = 12.0
 #: One standard deviation of the focal length, relative.
 LARGEST_FOCAL_STDDEV = 2e-3
 
@@ -73,8 +73,8 @@ def calibrate_lens(views: Sequence[BoardView], name: str = "camera") -> LensFit:
 
 
 def _count_problems(views: Sequence[BoardView]) -> list[str]:
-    if len(views) < FEWEST_VIEWS:
-        return [f"expected at least {FEWEST_VIEWS} different views of the whole board, found {len(views)}: add views"]
+    if len(views) < MIN_VIEWS:
+        return [f"expected at least {MIN_VIEWS} different views of the whole board, found {len(views)}: add views"]
     sizes = {view.size for view in views}
     return [f"expected views of one resolution, found {sorted(sizes)}"] if len(sizes) > 1 else []
 
@@ -87,7 +87,7 @@ def _coverage_problems(views: Sequence[BoardView]) -> list[str]:
     rows = np.clip((pixels[:, 1] / height * CELLS).astype(int), 0, CELLS - 1)
     covered = np.zeros((CELLS, CELLS), dtype=bool)
     covered[rows, columns] = True
-    if covered.mean() >= LEAST_COVERAGE:
+    if covered.mean() >= MIN_COVERAGE:
         return []
     half = CELLS // 2
     quarters = {
@@ -96,24 +96,24 @@ def _coverage_problems(views: Sequence[BoardView]) -> list[str]:
         "bottom left": covered[half:, :half],
         "bottom right": covered[half:, half:],
     }
-    empty = [name for name, cells in quarters.items() if cells.mean() < LEAST_COVERAGE]
-    found = f"corners cover {covered.mean():.0%} of the image, expected {LEAST_COVERAGE:.0%}"
+    empty = [name for name, cells in quarters.items() if cells.mean() < MIN_COVERAGE]
+    found = f"corners cover {covered.mean():.0%} of the image, expected {MIN_COVERAGE:.0%}"
     return [f"{found}: add views with the board in the {', '.join(empty)}"]
 
 
 def _tilt_problems(turns: Sequence[Array]) -> list[str]:
     """Name the directions in which no view tilts the board."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
-    leans = np.degrees(np.arcsin(np.clip(normals[:, :2] * np.sign(normals[:, 2:]), -1, 1)))
-    wanted = {
-        "left or right": float(np.abs(leans[:, 0]).max()),
-        "up or down": float(np.abs(leans[:, 1]).max()),
+    tilts = np.degrees(np.arcsin(np.clip(normals[:, :2] * np.sign(normals[:, 2:]), -1, 1)))
+    requested = {
+        "left or right": float(np.abs(tilts[:, 0]).max()),
+        "up or down": float(np.abs(tilts[:, 1]).max()),
     }
     return [
-        f"the board leans {direction} by {most:.0f} deg at most, expected {LEAST_TILT_DEG:.0f}: add views with it "
+        f"the board leans {direction} by {maximum:.0f} deg at most, expected {MIN_TILT_DEG:.0f}: add views with it "
         f"tilted {direction} by 20 to 40 deg"
-        for direction, most in wanted.items()
-        if most < LEAST_TILT_DEG
+        for direction, maximum in requested.items()
+        if maximum < MIN_TILT_DEG
     ]
 
 

@@ -17,7 +17,7 @@ from softgrip_vision.errors import CalibrationError
 
 Array = NDArray[np.float64]
 
-FEWEST_CORNERS = 12
+MIN_CORNERS = 12
 #: [px] RMS beyond which the board was not flat, or moved, or the lens is wrong.
 LARGEST_RMS = 0.8
 
@@ -59,9 +59,9 @@ def calibrate_plane(views: Sequence[BoardView], lens: Lens, origin_m: tuple[floa
         CalibrationError: when the board was not seen, or does not lie still and flat.
     """
     corners = sum(len(view.points) for view in views)
-    if corners < FEWEST_CORNERS:
+    if corners < MIN_CORNERS:
         raise CalibrationError(
-            f"expected the board in the finger's plane with at least {FEWEST_CORNERS} corners in sight, found "
+            f"expected the board in the finger's plane with at least {MIN_CORNERS} corners in sight, found "
             f"{corners} in {len(views)} views; check the board's size, light and focus"
         )
     wrong = {view.size for view in views} - {(lens.width, lens.height)}

@@ -12,15 +12,15 @@ from softgrip_vision.errors import CalibrationError
 from softgrip_vision.frame import FrameSource
 
 #: A view is worth keeping when the board moved by this share of the image's width since every view kept.
-LEAST_MOVE = 0.04
-MOST_VIEWS = 60
+MIN_MOVE = 0.04
+MAX_VIEWS = 60
 
 
 def collect_views(
     source: FrameSource,
     board: Board,
     *,
-    most_frames: int,
+    max_frames: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[BoardView]:
     """Return views of the board that differ from each other.
@@ -28,7 +28,7 @@ def collect_views(
     Args:
         source: of frames; read until it ends.
         board: looked for.
-        most_frames: read at most so many frames (a camera never ends).
+        max_frames: read at most so many frames (a camera never ends).
         progress: called with (frames read, views kept) after each frame.
 
     Raises:
@@ -36,9 +36,9 @@ def collect_views(
         SourceError, FrameError: as the source does.
     """
     kept: list[BoardView] = []
-    for number in range(most_frames):
+    for number in range(max_frames):
         frame = source.read()
-        if frame is None or len(kept) >= MOST_VIEWS:
+        if frame is None or len(kept) >= MAX_VIEWS:
             break
         view = board.find(frame.pixels(), f"frame {number}")
         if view is not None:
@@ -60,4 +60,4 @@ def _moved(view: BoardView, other: BoardView) -> bool:
         for point, pixel in zip(view.points, view.pixels, strict=True)
         if (key := tuple(np.round(point, 6))) in places
     ]
-    return not moves or float(np.mean(moves)) > LEAST_MOVE * view.size[0]
+    return not moves or float(np.mean(moves)) > MIN_MOVE * view.size[0]

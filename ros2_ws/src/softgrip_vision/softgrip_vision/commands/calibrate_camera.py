@@ -31,7 +31,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from softgrip_vision import calibration
 from softgrip_vision.calibrating import Board, BoardView, calibrate_lens, calibrate_plane, collect_views
 from softgrip_vision.calibrating.target_pdf import PAGES, cross_origin, draw_target, write_target
-from softgrip_vision.calibration import Calibration, FingerPlane
+from softgrip_vision.calibration import CameraCalibration, FingerPlane
 from softgrip_vision.errors import VisionError
 from softgrip_vision.sources import SourceOptions, open_source
 
@@ -148,7 +148,7 @@ def _views(arguments: argparse.Namespace, board: Board, what: str) -> list[Board
             return collect_views(
                 source,
                 board,
-                most_frames=arguments.frames,
+                max_frames=arguments.frames,
                 progress=lambda read, kept: progress.update(task, completed=read, kept=f"{kept} views kept"),
             )
     finally:
@@ -179,7 +179,7 @@ def _lens(arguments: argparse.Namespace) -> None:
     _make_room(arguments.out)
     views = _views(arguments, _board(arguments), "looking for the board")
     fit = calibrate_lens(views, arguments.name)
-    result = Calibration(fit.lens, (), _now(), arguments.serial, fit.rms_px, len(views))
+    result = CameraCalibration(fit.lens, (), _now(), arguments.serial, fit.rms_px, len(views))
     calibration.save(result, arguments.out)
     focal = fit.lens.matrix[(0, 1), (0, 1)]
     console.print(

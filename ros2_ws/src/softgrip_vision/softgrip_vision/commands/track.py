@@ -39,7 +39,7 @@ console = Console()
 START_NS = 0
 SECONDS_PER_NS = 1e-9
 #: Share of the frames that a film announces: some containers give an estimate.
-LEAST_SHARE = 0.95
+MIN_SHARE = 0.95
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -107,7 +107,7 @@ def _measure_all(source: FrameSource, tracker: Tracker, arguments: argparse.Name
         if not rows:
             raise
         return rows, str(error)
-    if frames < LEAST_SHARE * announced:
+    if frames < MIN_SHARE * announced:
         return rows, f"{arguments.video}: expected {announced} frames, found {frames}; is the file cut off?"
     return rows, ""
 
@@ -160,8 +160,8 @@ def _summary(rows: Sequence[tuple[float, FingerReading]], out: Path) -> None:
         silent = [reading.problem for reading in mine if reading.pose is None]
         text = f"{finger}: pose in {len(mine) - len(silent)} of {len(mine)} frames"
         if silent:
-            most = max(set(silent), key=silent.count)
-            text += f"; most often missing because: {most}"
+            maximum = max(set(silent), key=silent.count)
+            text += f"; most often missing because: {maximum}"
         console.print(text, highlight=False)
     console.print(f"results in {out}", highlight=False)
 

@@ -34,7 +34,7 @@ from softgrip_vision import calibration
 from softgrip_vision.errors import FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
-from softgrip_vision.sources import Capture, CaptureState, CaptureStatus, Frame, SourceOptions
+from softgrip_vision.sources import CameraFrame, Capture, CaptureState, CaptureStatus, SourceOptions
 from softgrip_vision.waiting import file_when_there
 
 PARAMETERS = ParameterTable(
@@ -73,7 +73,7 @@ OPENCV_ERRORS = 2
 HEALTH_PERIOD = 0.5
 #: [s] between looks at who subscribes. The middleware knows of a subscription a little before samples reach it.
 LISTENERS_PERIOD = 0.05
-LISTENERS_LOOKS = 3
+COMPLETE_CHECKS = 3
 
 
 class CameraNode(Node):
@@ -97,11 +97,11 @@ class CameraNode(Node):
         self._capture = self._make_capture()
         self._expected = {name.strip() for name in self._values["wait_for"].split(",")} - {""}
         self._waited_s = 0.0
-        self._complete_looks = 0
+        self._complete_checks = 0
         self._waiting = steady_timer(self, LISTENERS_PERIOD, self._await_listeners)
         steady_timer(self, HEALTH_PERIOD, self._report)
 
-    def _load_calibration(self) -> calibration.Calibration | None:
+    def _load_calibration(self) -> calibration.CameraCalibration | None:
         name = self._values["calibration_file"]
         if not name:
             return None
@@ -128,9 +128,9 @@ class CameraNode(Node):
     def _await_listeners(self) -> None:
         self._waited_s += LISTENERS_PERIOD
         missing = self._expected - self._listeners() if self._expected else set()
-        self._complete_looks = 0 if missing else self._complete_looks + 1
+        self._complete_checks = 0 if missing else self._complete_checks + 1
         late = self._waited_s >= self._values["wait_limit_s"]
-        if self._expected and self._complete_looks < LISTENERS_LOOKS and not late:
+        if self._expected and self._complete_checks < COMPLETE_CHECKS and not late:
             return
         if missing:
             self.get_logger().warning(
@@ -147,7 +147,7 @@ class CameraNode(Node):
         while (frame := self._capture.take()) is not None:
             self._publish(frame)
 
-    def _publish(self, frame: Frame) -> None:
+    def _publish(self, frame: CameraFrame) -> None:
         header = convert.to_header(to_time_message(frame.stamp_ns), self._values["frame_id"])
         self._size_problem = self._check_size(frame)
         try:
@@ -164,14 +164,14 @@ class CameraNode(Node):
         self._published += 1
         self._last_stamp_ns = frame.stamp_ns
 
-    def _info_of(self, frame: Frame, header: Header) -> CameraInfo:
+    def _info_of(self, frame: CameraFrame, header: Header) -> CameraInfo:
         """Return the camera info of a frame: all but its header stays the same while frames keep their size."""
         if (self._info.width, self._info.height) != (frame.width, frame.height):
             self._info = convert.to_camera_info(self._calibration, frame.width, frame.height, header)
         self._info.header = header
         return self._info
 
-    def _check_size(self, frame: Frame) -> str:
+    def _check_size(self, frame: CameraFrame) -> str:
         if self._calibration is None:
             return ""
         try:

@@ -15,9 +15,9 @@ from std_msgs.msg import Header
 
 from softgrip_interfaces.msg import FingerMarkers, FingerState, FingerStates
 from softgrip_vision import colour
-from softgrip_vision.calibration import Calibration
+from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.errors import FrameError
-from softgrip_vision.frame import Frame
+from softgrip_vision.frame import CameraFrame
 from softgrip_vision.readings import FingerReading
 
 #: Channel order of the raw encodings that a colour camera publishes; index of B, G, R in a pixel, and its bytes.
@@ -31,14 +31,14 @@ def to_image_message(image: colour.Image, header: Header) -> Image:
     return Image(header=header, height=height, width=width, encoding="bgr8", is_bigendian=0, step=width * 3, data=data)
 
 
-def to_compressed_message(frame: Frame, quality: int, header: Header) -> CompressedImage:
+def to_compressed_message(frame: CameraFrame, quality: int, header: Header) -> CompressedImage:
     """Return a frame as JPEG; bytes that came as JPEG pass untouched."""
     return CompressedImage(
         header=header, format="bgr8; jpeg compressed bgr8", data=array.array("B", frame.encoded(quality))
     )
 
 
-def to_camera_info(calibration: Calibration | None, width: int, height: int, header: Header) -> CameraInfo:
+def to_camera_info(calibration: CameraCalibration | None, width: int, height: int, header: Header) -> CameraInfo:
     """Return the camera info of a frame; K is zero, which ROS reads as uncalibrated, without a fitting calibration."""
     info = CameraInfo(header=header, width=width, height=height)
     if calibration is None or (calibration.lens.width, calibration.lens.height) != (width, height):

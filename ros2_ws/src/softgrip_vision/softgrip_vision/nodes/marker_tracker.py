@@ -37,7 +37,7 @@ from softgrip_nodekit import (
 )
 from softgrip_vision import calibration, colour
 from softgrip_vision.errors import VisionError
-from softgrip_vision.frame import Frame, decode, image_size
+from softgrip_vision.frame import CameraFrame, decode, image_size
 from softgrip_vision.layout import FingerSetup, parse_region
 from softgrip_vision.nodes import convert
 from softgrip_vision.options import TrackerOptions
@@ -90,13 +90,14 @@ PARAMETERS = ParameterTable(
         changeable=True,
     ),
     Parameter(
-        "patience_s",
-        TrackerOptions().patience,
-        "hidden markers are waited for so long, then the finger is searched for anew",
+        "reacquire_timeout_s",
+        TrackerOptions().reacquire_timeout_s,
+        "hidden markers are waited for so long, then the finger is searched for again",
         "s",
         0.1,
         10.0,
         changeable=True,
+        former="patience_s",
     ),
     Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
     realtime_parameter(Rank.ORDINARY),
@@ -126,7 +127,7 @@ class MarkerTrackerNode(Node):
             self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_compressed, SENSOR)
         self._frames = 0
         # a search of a large picture is long
-        self._haste = WhileBrief(self._values[REALTIME_PRIORITY])
+        self._while_brief = WhileBrief(self._values[REALTIME_PRIORITY])
         self._diagnostics.set("frames", Health.WARN, "no frame yet; is the camera running?")
 
     def _make_tracker(self) -> Tracker:
@@ -156,7 +157,7 @@ class MarkerTrackerNode(Node):
             threshold_share=value["threshold_share"],
             placement_stddev_m=value["placement_stddev_m"],
             largest_angle_stddev=value["largest_angle_stddev_rad"],
-            patience=value["patience_s"],
+            reacquire_timeout_s=value["reacquire_timeout_s"],
         )
 
     def _apply(self, changed: dict[str, Any]) -> None:
@@ -191,7 +192,7 @@ class MarkerTrackerNode(Node):
     def _on_frame(self, header: Header, pixels: Any) -> None:
         start = time.thread_time()
         self._measure(header, pixels)
-        self._haste.note(time.thread_time() - start)
+        self._while_brief.note(time.thread_time() - start)
 
     def _measure(self, header: Header, pixels: Any) -> None:
         start = time.perf_counter()
@@ -213,7 +214,7 @@ class MarkerTrackerNode(Node):
 
     def _publish_overlay(self, image: colour.Image, readings: Sequence[FingerReading], header: Header) -> None:
         drawn = draw(image, readings)
-        frame = Frame(0, drawn.shape[1], drawn.shape[0], image=drawn)
+        frame = CameraFrame(0, drawn.shape[1], drawn.shape[0], image=drawn)
         self._overlay.publish(convert.to_compressed_message(frame, 80, header))
 
     def _report(self, readings: Sequence[FingerReading], duration: float) -> None:

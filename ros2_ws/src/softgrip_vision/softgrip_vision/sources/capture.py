@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from softgrip_vision.errors import SourceError
-from softgrip_vision.frame import Frame, FrameSource
+from softgrip_vision.frame import CameraFrame, FrameSource
 from softgrip_vision.sources.opening import SourceKind, SourceOptions, dereference, kind_of, open_source
 
 #: [s] how often a file that is to appear is looked for.
@@ -77,7 +77,7 @@ class Capture:
         self._kind = kind_of(source)
         self._source, self._options, self._on_frame = source, options, on_frame
         self._reconnect_delay, self._repeat, self._live_pace = reconnect_delay, repeat, live_pace
-        self._frames: deque[Frame] = deque()
+        self._frames: deque[CameraFrame] = deque()
         self._depth = depth
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -94,7 +94,7 @@ class Capture:
         """Start capturing."""
         self._thread.start()
 
-    def take(self) -> Frame | None:
+    def take(self) -> CameraFrame | None:
         """Return the oldest frame that was not taken yet, None when there is none."""
         with self._lock:
             return self._frames.popleft() if self._frames else None
@@ -165,7 +165,7 @@ class Capture:
                 self._stop.wait(max(0.0, due - time.monotonic()))
             self._put(frame)
 
-    def _put(self, frame: Frame) -> None:
+    def _put(self, frame: CameraFrame) -> None:
         with self._lock:
             self._frames.append(frame)
             dropped = len(self._frames) > self._depth

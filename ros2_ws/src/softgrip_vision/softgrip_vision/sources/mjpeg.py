@@ -18,7 +18,7 @@ from email.message import Message
 from typing import Protocol
 
 from softgrip_vision.errors import FrameError, SourceError
-from softgrip_vision.frame import Frame, jpeg_size
+from softgrip_vision.frame import CameraFrame, jpeg_size
 
 #: A part's header block and a part are refused beyond these sizes [bytes].
 LONGEST_HEADER = 16_384
@@ -106,14 +106,14 @@ class PartReader:
     def _exactly(self, length_text: str) -> bytes:
         if not length_text.isdigit() or int(length_text) > LARGEST_PART:
             raise SourceError(f"expected a Content-Length of 0 .. {LARGEST_PART}, found '{length_text}'")
-        wanted = int(length_text)
+        requested = int(length_text)
         pieces: list[bytes] = []
-        while wanted:
-            piece = self._stream.read(wanted)
+        while requested:
+            piece = self._stream.read(requested)
             if not piece:
-                raise SourceError(f"expected {length_text} bytes in a part, found the stream's end {wanted} short")
+                raise SourceError(f"expected {length_text} bytes in a part, found the stream's end {requested} short")
             pieces.append(piece)
-            wanted -= len(piece)
+            requested -= len(piece)
         return b"".join(pieces)
 
     def _until_delimiter(self) -> bytes:
@@ -174,7 +174,7 @@ class MjpegStream:
             self.close()
             raise
 
-    def read(self) -> Frame | None:
+    def read(self) -> CameraFrame | None:
         """Return the next frame; None when the server ended the stream."""
         try:
             part = self._parts.next_part()
@@ -187,7 +187,7 @@ class MjpegStream:
             width, height = jpeg_size(body)
         except FrameError as error:
             raise SourceError(f"{self._url}: {error}") from error
-        return Frame(capture_time_ns(headers, self._now_ns()), width, height, jpeg=body)
+        return CameraFrame(capture_time_ns(headers, self._now_ns()), width, height, jpeg=body)
 
     def close(self) -> None:
         """Close the connection."""

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from softgrip_vision.errors import SourceError
-from softgrip_vision.frame import Frame
+from softgrip_vision.frame import CameraFrame
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 DEFAULT_FILE_FPS = 30.0
@@ -59,14 +59,14 @@ class DeviceStream:
             if value:
                 self._capture.set(key, value)
 
-    def read(self) -> Frame | None:
+    def read(self) -> CameraFrame | None:
         """Return the next frame."""
         grabbed = self._capture.grab()
         stamp = self._now_ns() - self._age_ns()
         done, image = self._capture.retrieve() if grabbed else (False, None)
         if not done or image is None:
             raise SourceError(f"{self._path}: the camera gave no frame; was it unplugged?")
-        return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+        return CameraFrame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
 
     def _age_ns(self) -> int:
         """Return how long ago [ns] the frame just grabbed was captured; 0 when the driver does not tell."""
@@ -117,7 +117,7 @@ class VideoStream:
         self._start_ns = start_ns
         self._index = 0
 
-    def read(self) -> Frame | None:
+    def read(self) -> CameraFrame | None:
         """Return the next frame; None at the end."""
         done, image = self._capture.read()
         if not done or image is None:
@@ -126,7 +126,7 @@ class VideoStream:
             return None
         stamp = self._now_ns() if self._live else self._start_ns + round(self._index / self.fps * 1e9)
         self._index += 1
-        return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+        return CameraFrame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
 
     def close(self) -> None:
         """Close the file or stream."""
@@ -152,7 +152,7 @@ class FolderStream:
         self._start_ns = start_ns
         self._index = 0
 
-    def read(self) -> Frame | None:
+    def read(self) -> CameraFrame | None:
         """Return the next image; None after the last."""
         if self._index == len(self._files):
             return None
@@ -162,7 +162,7 @@ class FolderStream:
             raise SourceError(f"{path}: expected an image, found a file that is none; remove it from the folder")
         stamp = self._start_ns + round(self._index / self.fps * 1e9)
         self._index += 1
-        return Frame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
+        return CameraFrame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
 
     def close(self) -> None:
         """Nothing is open between images."""

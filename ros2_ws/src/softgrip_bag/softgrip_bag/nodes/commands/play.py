@@ -29,7 +29,7 @@ from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
 _NOT_PLAYED = {"/rosout", "/parameter_events"}
 _CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: [Hz] looks at the time when nobody asked for /clock.
-_LOOKS = 50.0
+_POLL_RATE_HZ = 50.0
 
 
 class Player(Node):
@@ -151,7 +151,7 @@ def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
 
 def _pace(options: argparse.Namespace, player: Player, start: int) -> Pace:
     """Return the bag's time from ``start`` [ns] on; at a terminal, Enter pauses it and lets it go on."""
-    period = 1.0 / (options.clock or _LOOKS)
+    period = 1.0 / (options.clock or _POLL_RATE_HZ)
     pace = Pace(options.rate, lambda s: player.tell_time(start + round(s * 1e9)), period, paused=options.start_paused)
     if options.start_paused or (sys.stdin.isatty() and not options.step):
         print("Enter pauses and goes on", file=sys.stderr)

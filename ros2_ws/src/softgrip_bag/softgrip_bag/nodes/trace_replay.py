@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
 from softgrip_bag.comparison import Divergence, first_difference
-from softgrip_bag.nodes.steps import Messages, Step
+from softgrip_bag.nodes.steps import Messages, TraceStep
 from softgrip_bag.nodes.trees import tree
 from softgrip_nodekit import Caller, Commander, Goal, SentGoal
 
@@ -37,7 +37,7 @@ class _Pause:
         yield
 
 
-class ReplayedDoors:
+class ReplayIo:
     """Hands a node its recorded steps.
 
     Args:
@@ -47,14 +47,14 @@ class ReplayedDoors:
         tolerance: of the comparison, see `first_difference`.
     """
 
-    def __init__(self, node: Node, steps: Sequence[Step], messages: Messages, tolerance: float) -> None:
+    def __init__(self, node: Node, steps: Sequence[TraceStep], messages: Messages, tolerance: float) -> None:
         self._node = node
         self._steps = steps
         self._messages = messages
         self._tolerance = tolerance
         self._at = 0
         self._now = steps[0]
-        self._entries: dict[str, Callable[[Step], None]] = {}
+        self._entries: dict[str, Callable[[TraceStep], None]] = {}
         self._answers: dict[tuple[str, int], Callable[[Any], None]] = {}
         self._later: list[Callable[[], Any]] = []
         self._waiting: dict[str, Any] = {}  # name -> coroutine
@@ -90,7 +90,7 @@ class ReplayedDoors:
         """Note who answers requests."""
         full = self._node.resolve_service_name(name)
 
-        def requested(step: Step) -> None:
+        def requested(step: TraceStep) -> None:
             response = callback(deserialize_message(step.data, kind.Request), kind.Response())
             self.say(f"answered {full}", response)
 
@@ -112,12 +112,12 @@ class ReplayedDoors:
             self.to_cancel.discard(key)
             self.say(f"finished {full}", result)
 
-        def accepted(step: Step) -> None:
+        def accepted(step: TraceStep) -> None:
             key = step.data[:_UUID]
             goals[key] = ReplayedGoal(self, full, key, deserialize_message(step.data[_UUID:], kind.Goal))
             self._advance(run(key, goals[key]))
 
-        def cancelled(step: Step) -> None:
+        def cancelled(step: TraceStep) -> None:
             self.to_cancel.add(step.data)
             cancel(goals[step.data])
 
@@ -170,7 +170,7 @@ class ReplayedDoors:
                 raise self._diverged("(step)", step.name, "nothing")
 
     @property
-    def untold(self) -> int:
+    def pending(self) -> int:
         """How many outputs are in the steps not taken."""
         return sum(step.is_output for step in self._steps[self._at :])
 
@@ -202,7 +202,7 @@ class ReplayedDoors:
         """Call back when the step ``name`` with this number comes."""
         self._answers[name, number] = answered
 
-        def due(step: Step) -> None:
+        def due(step: TraceStep) -> None:
             key = (name, int.from_bytes(step.data[:_NUMBER], "little"))
             if key not in self._answers:
                 raise self._diverged("(step)", f"{name} to number {key[1]}", "never sent")
@@ -210,11 +210,11 @@ class ReplayedDoors:
 
         self._entries[name] = due
 
-    def _enter(self, name: str) -> Step:
+    def _enter(self, name: str) -> TraceStep:
         self._now = self._take(name)
         return self._now
 
-    def _take(self, name: str) -> Step:
+    def _take(self, name: str) -> TraceStep:
         step = self._steps[self._at]
         if step.name != name:
             raise self._diverged("(step)", step.name, name)
@@ -242,8 +242,8 @@ class ReplayedDoors:
 class ReplayedGoal:
     """A goal whose client is the trace."""
 
-    def __init__(self, doors: ReplayedDoors, name: str, key: bytes, request: Any) -> None:
-        self._doors = doors
+    def __init__(self, node_io: ReplayIo, name: str, key: bytes, request: Any) -> None:
+        self._node_io = node_io
         self._name = name
         self._key = key
         self.request = request
@@ -251,72 +251,72 @@ class ReplayedGoal:
     @property
     def is_cancel_requested(self) -> bool:
         """Whether the client wanted it to end."""
-        return self._key in self._doors.to_cancel
+        return self._key in self._node_io.to_cancel
 
     def publish_feedback(self, feedback: Any) -> None:
         """Compare."""
-        self._doors.say(f"feedback {self._name}", feedback)
+        self._node_io.say(f"feedback {self._name}", feedback)
 
     def succeed(self) -> None:
         """Compare."""
-        self._doors.say(f"succeeded {self._name}", b"")
+        self._node_io.say(f"succeeded {self._name}", b"")
 
     def abort(self) -> None:
         """Compare."""
-        self._doors.say(f"aborted {self._name}", b"")
+        self._node_io.say(f"aborted {self._name}", b"")
 
     def canceled(self) -> None:
         """Compare."""
-        self._doors.say(f"canceled {self._name}", b"")
+        self._node_io.say(f"canceled {self._name}", b"")
 
 
 class _Replayed:
     """What a node may ask of a service or an action that the trace speaks for."""
 
-    def __init__(self, doors: ReplayedDoors, kind: Any, name: str) -> None:
-        self._doors = doors
+    def __init__(self, node_io: ReplayIo, kind: Any, name: str) -> None:
+        self._node_io = node_io
         self._kind = kind
         self._name = name
 
     def ready(self) -> bool:
-        return self._doors.value(f"ready {self._name}") == b"\1"
+        return self._node_io.value(f"ready {self._name}") == b"\1"
 
 
 class _ReplayedCaller(_Replayed):
     def call(self, request: Any, answered: Callable[[Any], None]) -> None:
-        number = self._doors.number()
-        self._doors.say(f"called {self._name}", request)
+        number = self._node_io.number()
+        self._node_io.say(f"called {self._name}", request)
 
         def responded(data: bytes) -> None:
             answered(deserialize_message(data, self._kind.Response) if data else None)
 
-        self._doors.when(f"response {self._name}", number, responded)
+        self._node_io.when(f"response {self._name}", number, responded)
 
 
 class _ReplayedCommander(_Replayed):
     def send(self, goal: Any, answered: Callable[[SentGoal], None]) -> None:
-        number = self._doors.number()
-        self._doors.say(f"sent {self._name}", goal)
+        number = self._node_io.number()
+        self._node_io.say(f"sent {self._name}", goal)
 
         def taken(data: bytes) -> None:
-            answered(_ReplayedSentGoal(self._doors, self._kind, self._name, number, accepted=data == b"\1"))
+            answered(_ReplayedSentGoal(self._node_io, self._kind, self._name, number, accepted=data == b"\1"))
 
-        self._doors.when(f"taken {self._name}", number, taken)
+        self._node_io.when(f"taken {self._name}", number, taken)
 
 
 class _ReplayedSentGoal:
-    def __init__(self, doors: ReplayedDoors, kind: Any, name: str, number: int, *, accepted: bool) -> None:
-        self._doors = doors
+    def __init__(self, node_io: ReplayIo, kind: Any, name: str, number: int, *, accepted: bool) -> None:
+        self._node_io = node_io
         self._kind = kind
         self._name = name
         self._number = number
         self.accepted = accepted
 
     def cancel(self) -> None:
-        self._doors.say(f"withdrawn {self._name}", self._number.to_bytes(_NUMBER, "little"))
+        self._node_io.say(f"withdrawn {self._name}", self._number.to_bytes(_NUMBER, "little"))
 
     def when_done(self, ended: Callable[[Any], None]) -> None:
         def done(data: bytes) -> None:
             ended(deserialize_message(data, self._kind.Result))
 
-        self._doors.when(f"result {self._name}", self._number, done)
+        self._node_io.when(f"result {self._name}", self._number, done)

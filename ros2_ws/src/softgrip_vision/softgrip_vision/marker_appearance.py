@@ -21,12 +21,12 @@ MEMORY = 0.2
 #: The remembered area is that of a sharp, uncovered marker: what is larger is blurred, so it counts for little.
 MEMORY_OF_LARGER, MEMORY_OF_SMALLER = 0.005, 0.5
 #: It takes so many markers in sight to tell that all are smaller than remembered, not one of them covered.
-FEWEST_FOR_AREA = 3
+MIN_FOR_AREA = 3
 #: A spot with a smaller share of the remembered area is partly covered. Blur never shrinks a spot: its edge is taken
 #: at a share of its own height.
-LEAST_AREA = 0.88
+MIN_AREA = 0.88
 #: A spot this many times larger is something else, or merged with something.
-MOST_AREA = 1.7
+MAX_AREA = 1.7
 #: A spot's height may change by this factor from what is remembered (shadow, exposure).
 HEIGHT_FACTOR = 3.0
 #: ... and by this one when more than its place is asked for.
@@ -37,7 +37,7 @@ SURROUND_TOLERANCE = 0.4
 ALIKE_AREA, ALIKE_HEIGHT, ALIKE_SURROUND = 1.2, 4.0, 2.3
 
 
-class Looks(NamedTuple):
+class MarkerAppearance(NamedTuple):
     """What is remembered of one marker.
 
     Attributes:
@@ -52,7 +52,7 @@ class Looks(NamedTuple):
 
     def admits(self, spot: Spot) -> bool:
         """Return whether a spot may be this marker, wholly in sight."""
-        size_fits = LEAST_AREA * self.area_px <= spot.area_px <= MOST_AREA * self.area_px
+        size_fits = MIN_AREA * self.area_px <= spot.area_px <= MAX_AREA * self.area_px
         return size_fits and self.height / HEIGHT_FACTOR <= spot.height <= HEIGHT_FACTOR * self.height
 
     def resembles(self, spot: Spot, surround: float) -> bool:
@@ -65,9 +65,9 @@ class Looks(NamedTuple):
         """Return 0..1 the share of the marker that a spot seems to lack."""
         return max(0.0, 1.0 - spot.area_px / self.area_px)
 
-    def updated(self, spot: Spot, surround: float) -> Looks:
+    def updated(self, spot: Spot, surround: float) -> MarkerAppearance:
         """Return the memory with one more sighting (its area aside: sharp_area)."""
-        return Looks(
+        return MarkerAppearance(
             self.area_px,
             self.height + MEMORY * (spot.height - self.height),
             self.surround + MEMORY * (surround - self.surround),
@@ -86,7 +86,7 @@ class Looks(NamedTuple):
 
 def sharp_area(remembered_px: float, spots: Sequence[Spot]) -> float:
     """Return the area [px^2] of a finger's markers when sharp and uncovered, with one more frame's spots."""
-    if len(spots) < FEWEST_FOR_AREA:
+    if len(spots) < MIN_FOR_AREA:
         return remembered_px
     change = statistics.median(spot.area_px for spot in spots) - remembered_px
     return remembered_px + (MEMORY_OF_LARGER if change > 0 else MEMORY_OF_SMALLER) * change

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from softgrip_vision.looks import BodySide, alike
+from softgrip_vision.marker_appearance import BodySide, alike
 from softgrip_vision.spots import Spot
 
 GREEN, BODY, BENCH = (40, 160, 30), 190, 40

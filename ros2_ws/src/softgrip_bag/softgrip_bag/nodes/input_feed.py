@@ -25,7 +25,7 @@ BEHIND = 2_000_000_000
 EARLY = 60
 
 
-class Feeding:
+class InputFeed:
     """Feeds a node; the order of latched messages is tried out on others of its kind.
 
     Args:
@@ -107,7 +107,7 @@ class Feeding:
         possible = self._waiting(message.published + BEHIND)
         choices = [
             dict(zip(possible, counts, strict=True))
-            for counts in itertools.product(*(range(most + 1) for most in possible.values()))
+            for counts in itertools.product(*(range(maximum + 1) for maximum in possible.values()))
         ]
         choices.sort(key=lambda counts: sum(abs(counts[topic] - arrived[topic]) for topic in counts))
         if len(choices) == 1:  # nothing new is near

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from softgrip_model.finger.predictor import ActiveFriction
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import Resolution
 from softgrip_model.profile import Profile
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ClosingKey:
     """Which closing: of which finger, how computed.
 
     Attributes:
@@ -34,7 +34,7 @@ class Wanted:
     friction: ActiveFriction | None
 
 
-class _Once(Generic[T]):
+class _Lazy(Generic[T]):
     """Something that one thread makes while others wait for it; made anew where that failed."""
 
     def __init__(self, make: Callable[[], T]) -> None:
@@ -49,7 +49,7 @@ class _Once(Generic[T]):
             return self._made
 
 
-class Closings:
+class ClosingCache:
     """What has been made of the profiles, for any thread.
 
     Args:
@@ -59,34 +59,36 @@ class Closings:
     def __init__(self, profiles: Mapping[str, Profile]) -> None:
         self._profiles = profiles
         self._lock = threading.Lock()
-        self._bodies: dict[tuple[str, str, Resolution], _Once[Body]] = {}
-        self._closings: dict[Wanted, _Once[Closing]] = {}
+        self._bodies: dict[tuple[str, str, Resolution], _Lazy[Body]] = {}
+        self._closings: dict[ClosingKey, _Lazy[ClosingPath]] = {}
 
-    def get(self, wanted: Wanted) -> Closing:
+    def get(self, requested: ClosingKey) -> ClosingPath:
         """Return a closing; one finger's share its mesh and matrix, whatever the friction.
 
         Raises:
             GdfeError, FingerError, ProfileError: unknown profile, or a finger that cannot be simulated.
         """
         with self._lock:
-            once = self._closings.setdefault(wanted, _Once(lambda: self._make(wanted)))
+            once = self._closings.setdefault(requested, _Lazy(lambda: self._make(requested)))
         return once.get()
 
     def keep(self, friction: ActiveFriction | None) -> None:
         """Forget the closings with another friction model; what they were made of stays."""
         with self._lock:
-            self._closings = {wanted: once for wanted, once in self._closings.items() if wanted.friction is friction}
+            self._closings = {
+                requested: once for requested, once in self._closings.items() if requested.friction is friction
+            }
 
-    def _make(self, wanted: Wanted) -> Closing:
-        profile = self._profiles.get(wanted.profile_id)
+    def _make(self, requested: ClosingKey) -> ClosingPath:
+        profile = self._profiles.get(requested.profile_id)
         if profile is None:
             raise GdfeError(
-                f"slot {wanted.slot!r}: unknown profile {wanted.profile_id!r}; "
+                f"slot {requested.slot!r}: unknown profile {requested.profile_id!r}; "
                 f"loaded: {', '.join(sorted(self._profiles)) or 'none'}"
             )
-        slot, resolution = wanted.slot, wanted.settings.resolution
+        slot, resolution = requested.slot, requested.settings.resolution
         with self._lock:
             body = self._bodies.setdefault(
-                (wanted.profile_id, slot, resolution), _Once(lambda: Body(profile, slot, resolution))
+                (requested.profile_id, slot, resolution), _Lazy(lambda: Body(profile, slot, resolution))
             )
-        return Closing(profile, slot, wanted.settings, friction=wanted.friction, body=body.get())
+        return ClosingPath(profile, slot, requested.settings, friction=requested.friction, body=body.get())

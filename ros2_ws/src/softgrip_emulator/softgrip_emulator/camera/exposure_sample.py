@@ -75,7 +75,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Look:
+class ExposureSample:
     """What there is to see in one exposure.
 
     Attributes:

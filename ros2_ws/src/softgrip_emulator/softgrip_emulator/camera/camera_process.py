@@ -3,7 +3,7 @@
 
 This is the cell's end; `process` is the other. The cell speaks with it over a socket: first the set-up, answered by the
 stream's address or by what went wrong; then the process asks at each exposure (with the number of frames so far) and
-gets a `Look`. It ends when its standard input does, however the cell ended.
+gets a `ExposureSample`. It ends when its standard input does, however the cell ended.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import threading
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Final
 
-from softgrip_emulator.camera.look import CameraFaults, CameraSettings, Look, SetUp
+from softgrip_emulator.camera.exposure_sample import CameraFaults, CameraSettings, ExposureSample, SetUp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ _START_S: Final = 20.0
 _END_S: Final = 2.0
 
 
-class CameraApart:
+class CameraProcess:
     """The cell's end: starts the process, answers its looks, ends it.
 
     Args:
@@ -36,7 +36,7 @@ class CameraApart:
         look: gives what the exposure just over has seen; called in a thread of this object.
     """
 
-    def __init__(self, settings: CameraSettings, seed: int, finger: str, look: Callable[[], Look]) -> None:
+    def __init__(self, settings: CameraSettings, seed: int, finger: str, look: Callable[[], ExposureSample]) -> None:
         self.faults = CameraFaults()
         self.frames_taken = 0
         self.stream_url = ""

@@ -18,7 +18,7 @@ from softgrip_model.finger.wear import WearMonitor
 
 
 @dataclass(frozen=True)
-class InUse:
+class ActiveConfiguration:
     """Fingers and friction, the judges of their wear (slot -> monitor), and whether the fingers are free of objects."""
 
     configuration: Configuration
@@ -42,10 +42,10 @@ class Timeline:
 
     def __init__(self, span: int = 2_000_000_000) -> None:
         self._span = span
-        self._since: deque[tuple[int, InUse]] = deque()
+        self._since: deque[tuple[int, ActiveConfiguration]] = deque()
         self._newest: int | None = None
 
-    def note(self, stamp: int, in_use: InUse) -> None:
+    def note(self, stamp: int, in_use: ActiveConfiguration) -> None:
         """Take down what the tendon sample of a stamp [ns] meets; a late sample changes nothing."""
         if self._newest is not None and stamp <= self._newest:
             if stamp > self._newest - self._span:
@@ -57,6 +57,6 @@ class Timeline:
         while len(self._since) > 1 and self._since[1][0] < stamp - self._span:
             self._since.popleft()
 
-    def at(self, stamp: int) -> InUse | None:
+    def at(self, stamp: int) -> ActiveConfiguration | None:
         """Return what the last tendon sample up to a stamp [ns] met; None when there was none."""
         return next((in_use for since, in_use in reversed(self._since) if since <= stamp), None)

@@ -21,14 +21,14 @@ from typing import Any
 import rclpy
 from rclpy.serialization import deserialize_message
 
-from softgrip_bag.comparison import NOT_COMPARED, Divergence, Result, first_difference
+from softgrip_bag.comparison import NOT_COMPARED, Divergence, ReplayResult, first_difference
 from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.captured import INFRASTRUCTURE, Output, ReplayedNode
-from softgrip_bag.nodes.feeding import Feeding, results_of
+from softgrip_bag.nodes.input_feed import InputFeed, results_of
 from softgrip_bag.nodes.old_messages import is_before_unset, is_older, read
-from softgrip_bag.nodes.retrace import Diverged, ReplayedDoors
-from softgrip_bag.nodes.steps import Messages, MissingMessageError, Step, runs, stamp_in
+from softgrip_bag.nodes.steps import Messages, MissingMessageError, TraceStep, runs, stamp_in
+from softgrip_bag.nodes.trace_replay import Diverged, ReplayIo
 from softgrip_bag.nodes.trees import tree
 from softgrip_bag.nodes.types import check_definition, message_class
 from softgrip_bag.reader import RawMessage, topic_summaries, topic_types
@@ -69,14 +69,14 @@ NODES = {
         "softgrip_cell.nodes.grasp_mix_manager:GraspMixManager",
         trace="/grasp_mix_manager/trace",
         # what it remembered when it started is in the trace
-        parameters={"database_url": "sqlite:///{folder}/cell.db", "catalogue": "''", "passports": "''"},
+        parameters={"database_url": "sqlite:///{folder}/cell.db", "catalogue": "''", "finger_records": "''"},
     ),
 }
 #: Topics of every node that are no results of it.
 NOT_RESULTS = {*INFRASTRUCTURE, "/diagnostics"}
 
 
-def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance: float = 0.0) -> Result:
+def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance: float = 0.0) -> ReplayResult:
     """Feed a bag through a node and compare every result with the recorded one.
 
     The node is set up with the parameters, and the files they name, that the bag carries for it.
@@ -149,7 +149,7 @@ def _feed(
             nodes.append(ReplayedNode(replayable.class_path))
             return nodes[-1]
 
-        replay = Feeding(bag, make, driver, replayable.result, results_of(bag, replayable.result, types))
+        replay = InputFeed(bag, make, driver, replayable.result, results_of(bag, replayable.result, types))
         replayed = replay.run(types)
         results = {t: o for t, o in replayed.items() if t in types and t not in NOT_RESULTS}
         return results, replay.start, replay.stamps
@@ -161,7 +161,7 @@ def _feed(
 
 def _check_traced(
     bag: Path, name: str, types: Mapping[str, str], ros_arguments: Sequence[str], tolerance: float
-) -> Result:
+) -> ReplayResult:
     replayable = NODES[name]
     if replayable.trace not in types:
         raise BagError(f"{bag}: expected the topic {replayable.trace}, found none; was {name} recorded?")
@@ -179,46 +179,46 @@ def _check_traced(
         compared += result.compared
         without_input += result.without_input
         if result.divergence:
-            return Result(compared, result.divergence, without_input)
-    return Result(compared, None, without_input)
+            return ReplayResult(compared, result.divergence, without_input)
+    return ReplayResult(compared, None, without_input)
 
 
 def _check_run(
     bag: Path,
     replayable: Replayable,
-    steps: Sequence[Step],
+    steps: Sequence[TraceStep],
     types: Mapping[str, str],
     ros_arguments: Sequence[str],
     tolerance: float,
-) -> Result:
+) -> ReplayResult:
     """Have a node take the steps of one run again."""
     topics = {step.name.removeprefix("topic ") for step in steps if step.name.startswith("topic ")}
     messages = Messages(bag, topics)
     rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "fatal", *ros_arguments])
-    doors: list[ReplayedDoors] = []
+    node_io: list[ReplayIo] = []
     replayed: ReplayedNode | None = None
 
-    def make(node: Any) -> ReplayedDoors:
-        doors.append(ReplayedDoors(node, steps, messages, tolerance))
-        return doors[0]
+    def make(node: Any) -> ReplayIo:
+        node_io.append(ReplayIo(node, steps, messages, tolerance))
+        return node_io[0]
 
     try:
-        replayed = ReplayedNode(replayable.class_path, doors=make)
+        replayed = ReplayedNode(replayable.class_path, node_io=make)
         end, without_input = steps[-1].wall, 0
         try:
-            doors[0].run()
+            node_io[0].run()
         except MissingMessageError:
-            end, without_input = doors[0].now_ns() - 1, doors[0].untold
+            end, without_input = node_io[0].now_ns() - 1, node_io[0].pending
         outputs: dict[str, list[Output]] = defaultdict(list)
         for output in replayed.published():
             if output.topic in types and output.topic not in NOT_RESULTS:
                 outputs[output.topic].append(output)
         found = _compare(bag, outputs, types, steps[0].wall, {step.wall for step in steps}, tolerance, end)
-        return Result(doors[0].compared + found.compared, found.divergence, without_input)
+        return ReplayResult(node_io[0].compared + found.compared, found.divergence, without_input)
     except Diverged as found_difference:
-        return Result(doors[0].compared, found_difference.divergence)
+        return ReplayResult(node_io[0].compared, found_difference.divergence)
     finally:
-        for each in doors:
+        for each in node_io:
             each.close()
         if replayed is not None:
             replayed.close()
@@ -233,7 +233,7 @@ def _compare(
     fed: AbstractSet[int],
     tolerance: float,
     end: int | None = None,
-) -> Result:
+) -> ReplayResult:
     """Compare from ``start`` [ns] on, to ``end``: what was computed from messages older than the bag cannot come out.
 
     ``fed`` are the stamps [ns] of the inputs: an output keeps the stamp of its input, and where the recorder missed a
@@ -255,15 +255,15 @@ def _compare(
         compared += 1
         if output is None:
             difference = Divergence(raw.topic, key[0], "(message)", "published", "not published")
-            return Result(compared, difference, without_input)
+            return ReplayResult(compared, difference, without_input)
         if output.data == raw.data:
             continue  # the same bytes say the same
         skip = NOT_COMPARED.get(types[raw.topic], frozenset())
         recorded = deserialize_message(raw.data, kind)
         found = first_difference(tree(recorded), tree(output.message), skip, tolerance=tolerance)
         if found:
-            return Result(compared, Divergence(raw.topic, key[0], *found), without_input)
-    return Result(compared, None, without_input)
+            return ReplayResult(compared, Divergence(raw.topic, key[0], *found), without_input)
+    return ReplayResult(compared, None, without_input)
 
 
 class _Keys:

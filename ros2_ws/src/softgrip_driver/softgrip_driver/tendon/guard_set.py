@@ -16,7 +16,7 @@ from softgrip_driver.tendon.guards import (
     ThermalGuard,
 )
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.motions import Motion, View
+from softgrip_driver.tendon.motions import DriveObservation, Motion
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Allowance:
     warnings: dict[str, str] = field(default_factory=dict)
 
 
-class Watch:
+class GuardSet:
     """Guards of one drive.
 
     Args:
@@ -83,7 +83,7 @@ class Watch:
     def allows(self, temperature: float, tension: float, dt: float) -> Allowance:
         """Return what is allowed at a temperature [degC] after holding a tension [N] for ``dt`` [s]."""
         share = self._thermal.step(temperature)
-        most = self._overload.step(tension, dt)
+        maximum = self._overload.step(tension, dt)
         warnings = {}
         if share < 1.0:
             warnings["derated"] = f"{temperature:.0f} degC: tension limited to {share:.0%}"
@@ -92,9 +92,9 @@ class Watch:
                 f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go"
             )
         too_hot = f"{temperature:.0f} degC, limit {self._limits.stop_at:.0f} degC" if self._thermal.tripped else ""
-        return Allowance(min(share * self._limits.tension_soft, most), too_hot, warnings)
+        return Allowance(min(share * self._limits.tension_soft, maximum), too_hot, warnings)
 
-    def finds(self, view: View, motion: Motion, allowed: float, *, homed: bool) -> tuple[str, str] | None:
+    def finds(self, view: DriveObservation, motion: Motion, allowed: float, *, homed: bool) -> tuple[str, str] | None:
         """Return the fault that a motion shows (name, reason), None when all is well.
 
         Args:

@@ -15,7 +15,7 @@ from typing import Final
 
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.observation import Pair, SeenTip
+from softgrip_cell.observation import ObservedPair, SeenTip
 
 #: Predictions are kept so long for frames that are on their way [s].
 KEPT_S: Final = 0.5
@@ -30,17 +30,17 @@ FRESH_S: Final = 0.1
 UNCHECKED: Final = 2.0
 
 
-class Leaning:
+class TipDeflection:
     """Compares seen fingertips with predicted ones."""
 
     def __init__(self, slots: Sequence[str], references: Sequence[FreeReference], settings: GraspSettings) -> None:
         self._slots = tuple(slots)
         self._references = tuple(references)
         self._settings = settings
-        self._pairs: deque[Pair] = deque()
+        self._pairs: deque[ObservedPair] = deque()
         self._off: dict[int, tuple[int, float, float]] = {}
 
-    def predict(self, pair: Pair) -> None:
+    def predict(self, pair: ObservedPair) -> None:
         """Take a tendon sample with its prediction."""
         self._pairs.append(pair)
         while self._pairs[0].sample.stamp_ns < pair.sample.stamp_ns - KEPT_S * 1e9:
@@ -58,8 +58,8 @@ class Leaning:
         if math.isfinite(off_m):
             stddev_m = tip.stddev_m if math.isfinite(tip.stddev_m) else 0.0
             checked = pair.sample.pulled_m[slot] <= self._references[slot].reach_m
-            most_m = self._settings.tip_m * (1.0 if checked else UNCHECKED)
-            self._off[slot] = (tip.stamp_ns, off_m, most_m + 3.0 * stddev_m)
+            max_m = self._settings.tip_m * (1.0 if checked else UNCHECKED)
+            self._off[slot] = (tip.stamp_ns, off_m, max_m + 3.0 * stddev_m)
 
     def off_m(self, now_ns: int) -> dict[int, float]:
         """Distance of every slot's fingertip that was seen a moment ago from its predicted place [m]."""
@@ -68,4 +68,4 @@ class Leaning:
     def slots(self, now_ns: int) -> frozenset[int]:
         """Slots whose finger leans on something."""
         fresh = self.off_m(now_ns)
-        return frozenset(slot for slot, (_, off_m, most_m) in self._off.items() if slot in fresh and off_m > most_m)
+        return frozenset(slot for slot, (_, off_m, max_m) in self._off.items() if slot in fresh and off_m > max_m)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from softgrip_driver.dynamixel.bringup import Servo
+from softgrip_driver.dynamixel.bringup import ServoConfiguration
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ ROUND = (ERRORS, SUPPLY, TORQUE, MARK, WATCHDOG)
 
 
 @dataclass
-class Live:
+class ServoState:
     """What is known of a servo while the loop runs.
 
     Attributes (those that do not speak for themselves):
@@ -36,7 +36,7 @@ class Live:
         armed: its bus watchdog runs.
     """
 
-    servo: Servo
+    servo: ServoConfiguration
     misses: int = 0
     absent: bool = False
     probe_at: float = 0.0

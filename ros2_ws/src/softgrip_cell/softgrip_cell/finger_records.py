@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finger passports: what is known about each printed finger, and whether it may be used."""
+"""Finger records: what is known about each printed finger, and whether it may be used."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any
 from softgrip_cell.errors import CatalogueError
 from softgrip_cell.yaml_fields import Fields, load
 
-KIND = "softgrip_passports"
+KIND = "softgrip_finger_records"
 SCHEMA = 1
 
 #: The fingers that ship with the demonstration cell: one of each kind and a spare.
-SHIPPED = Path(__file__).parent / "data" / "passports.yaml"
+SHIPPED = Path(__file__).parent / "data" / "finger_records.yaml"
 
 
 class FingerState(StrEnum):
@@ -30,7 +30,7 @@ class FingerState(StrEnum):
 
 
 @dataclass(frozen=True)
-class Passport:
+class FingerRecord:
     """One printed finger.
 
     Attributes:
@@ -69,37 +69,37 @@ class Passport:
         return None
 
 
-def read_passports(path: Path = SHIPPED) -> dict[str, Passport]:
-    """Read and check a passport file.
+def read_finger_records(path: Path = SHIPPED) -> dict[str, FingerRecord]:
+    """Read and check a finger record file.
 
     Raises:
         CatalogueError: with the place in the file, what was expected and what was found.
     """
     fields = load(path, KIND, SCHEMA)
     entries = fields.mapping("fingers")
-    passports = {serial: _passport(serial, entries.mapping(serial)) for serial in entries.names()}
+    finger_records = {serial: _finger_record(serial, entries.mapping(serial)) for serial in entries.names()}
     fields.finish()
-    return passports
+    return finger_records
 
 
-def passport_document(passport: Passport) -> dict[str, Any]:
-    """Return a passport as a plain mapping, the form that read_passports reads."""
+def finger_record_document(finger_record: FingerRecord) -> dict[str, Any]:
+    """Return a finger record as a plain mapping, the form that read_finger_records reads."""
     return {
-        "profile": passport.profile,
-        "finger": passport.finger,
-        "printed": passport.printed.isoformat(),
-        "material": passport.material,
-        "cable": passport.cable,
-        "state": passport.state.value,
-        "cycles": passport.cycles,
-        "cycle_limit": passport.cycle_limit,
-        "calibrated": passport.calibrated.isoformat() if passport.calibrated else "never",
-        "version": passport.version,
+        "profile": finger_record.profile,
+        "finger": finger_record.finger,
+        "printed": finger_record.printed.isoformat(),
+        "material": finger_record.material,
+        "cable": finger_record.cable,
+        "state": finger_record.state.value,
+        "cycles": finger_record.cycles,
+        "cycle_limit": finger_record.cycle_limit,
+        "calibrated": finger_record.calibrated.isoformat() if finger_record.calibrated else "never",
+        "version": finger_record.version,
     }
 
 
-def _passport(serial: str, fields: Fields) -> Passport:
-    passport = Passport(
+def _finger_record(serial: str, fields: Fields) -> FingerRecord:
+    finger_record = FingerRecord(
         serial=serial,
         profile=fields.text("profile"),
         finger=fields.text("finger"),
@@ -115,7 +115,7 @@ def _passport(serial: str, fields: Fields) -> Passport:
         version=fields.count("version", 1) if fields.has("version") else 1,
     )
     fields.finish()
-    return passport
+    return finger_record
 
 
 def _day(fields: Fields, name: str) -> date:

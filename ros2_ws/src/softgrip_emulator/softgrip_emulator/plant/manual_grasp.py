@@ -41,7 +41,7 @@ class HandPulledCell(CellPlant):
         travel_m: float = 0.028,
         speed_m_s: float = 0.015,
         limit_n: float = 30.0,
-        most_s: float = 4.0,
+        max_s: float = 4.0,
     ) -> GraspState:
         """Pull until the thumb's tendon and a finger's carry `tension_n`, then hold until the grasp is decided.
 
@@ -50,10 +50,10 @@ class HandPulledCell(CellPlant):
             travel_m: largest pulled length [m].
             speed_m_s: of pulling [m/s].
             limit_n: a tendon that carries this stops by itself [N].
-            most_s: give up after this time [s].
+            max_s: give up after this time [s].
         """
         stopped = np.zeros(len(SLOTS), bool)
-        for _ in range(round(most_s / STEP_S)):
+        for _ in range(round(max_s / STEP_S)):
             forward = np.minimum(self.pulled_m + speed_m_s * STEP_S, travel_m)
             self.pulled_m = np.where(stopped, self.pulled_m, forward)
             self.step()

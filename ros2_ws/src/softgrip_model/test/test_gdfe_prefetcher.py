@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from softgrip_model.finger.matching import TendonSample
+from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.friction.laws import FrictionLaw, Law
-from softgrip_model.gdfe.ahead import Ahead
-from softgrip_model.gdfe.closing import Body, Closing, ClosingSettings, _Equations
-from softgrip_model.gdfe.closings import Closings, Wanted
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, _Equations
+from softgrip_model.gdfe.closing_cache import ClosingCache, ClosingKey
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.keyframes import Keyframes
+from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.gdfe.solver import State
 from softgrip_model.profile import load_directory, shipped_directory
@@ -35,7 +35,7 @@ def profiles():
 
 @pytest.fixture
 def ahead():
-    made = Ahead()
+    made = KeyframePrefetcher()
     yield made
     made.close()
 
@@ -52,12 +52,12 @@ def bits(shown):
 def run(session, profile="pinch", start=0):
     """Show a closing beyond the travel and back."""
     session.set_mounted({"index": profile})
-    told = []
+    reported = []
     for k in range(75):
         pulled = 1.5e-4 * min(k, 150 - 2 * k)
         stamp = (start + k) * STEP_NS
-        told += session.on_tendons(["index"], [TendonSample(stamp, pulled, 0.0, 1.0)])
-    return [bits(shown) for shown in told]
+        reported += session.on_tendons(["index"], [TendonInput(stamp, pulled, 0.0, 1.0)])
+    return [bits(shown) for shown in reported]
 
 
 def session_of(profiles, ahead=None):
@@ -75,14 +75,14 @@ def test_shapes_say_the_same_with_and_without_it(profiles, ahead):
 def closings_of(session):
     """Return the complete ones by profile and mesh, in the order in which they were made."""
     made = session._closings._closings.items()
-    return [(wanted.profile_id, wanted.slot) for wanted, once in made if once.get().keyframes.complete]
+    return [(requested.profile_id, requested.slot) for requested, once in made if once.get().keyframes.complete]
 
 
 def test_the_mounted_finger_comes_first_and_then_those_that_may_be_next(profiles, ahead):
     session = session_of(profiles, ahead)
     wait_for(ahead)
     assert closings_of(session) == []  # a cell whose tendons say nothing has no use for them
-    list(session.on_tendons(["thumb"], [TendonSample(0, 0.0, 0.0, 1.0)]))
+    list(session.on_tendons(["thumb"], [TendonInput(0, 0.0, 0.0, 1.0)]))
     wait_for(ahead)
     assert closings_of(session) == [("pinch", "index"), ("hook", "index"), ("power", "index")]
     assert session._fingers["index"].fine.keyframes.asked == 0  # they leave no trace
@@ -91,10 +91,10 @@ def test_the_mounted_finger_comes_first_and_then_those_that_may_be_next(profiles
 def test_what_is_mounted_now_is_worked_on_now(profiles, ahead):
     session = session_of(profiles, ahead)
     session.set_mounted({"index": "hook"})
-    list(session.on_tendons(["index"], [TendonSample(0, 0.0, 0.0, 1.0)]))
+    list(session.on_tendons(["index"], [TendonInput(0, 0.0, 0.0, 1.0)]))
     wait_for(ahead)
     assert closings_of(session)[0] == ("pinch", "index")  # made with the session
-    assert [wanted.profile_id for wanted in ahead._wanted] == ["hook", "pinch", "power"]
+    assert [requested.profile_id for requested in ahead._requested] == ["hook", "pinch", "power"]
 
 
 def test_what_serves_when_time_is_short_is_there_before_the_mesh_asked_for(profiles):
@@ -109,13 +109,13 @@ def test_what_serves_when_time_is_short_is_there_before_the_mesh_asked_for(profi
 def test_no_more_than_a_few_fingers_are_made_ready(profiles):
     many = {f"{name}{k}": profile for k in range(4) for name, profile in profiles.items()}
     session = ShapeSession(many, {"index": "hook2"}, COARSE, rate_hz=30.0, marker_rate_hz=0.0)
-    planned = [wanted.profile_id for wanted in session._plan()]
+    planned = [requested.profile_id for requested in session._plan()]
     assert planned == ["hook2", "hook0", "hook1", "hook3", "pinch0", "pinch1", "pinch2"]
 
 
 def test_a_finger_that_cannot_be_made_does_not_keep_the_others_waiting(profiles, ahead):
-    closings = Closings(profiles)
-    good = Wanted("hook", "index", COARSE, None)
+    closings = ClosingCache(profiles)
+    good = ClosingKey("hook", "index", COARSE, None)
     ahead.want((replace(good, profile_id="claw"), replace(good, slot="tail"), good), closings)
     wait_for(ahead)
     assert closings.get(good).keyframes.complete
@@ -129,40 +129,40 @@ def test_closings_are_made_once_whoever_asks_and_forgotten_with_their_friction_m
         made.append((profile.id, slot))
         return Body(profile, slot, resolution)
 
-    monkeypatch.setattr("softgrip_model.gdfe.closings.Body", slow)
-    closings = Closings(profiles)
+    monkeypatch.setattr("softgrip_model.gdfe.closing_cache.Body", slow)
+    closings = ClosingCache(profiles)
     then, now = (ActiveFriction(name, FrictionLaw(Law.CAPSTAN, (0.1,), 1.125)) for name in ("then", "now"))
-    wanted = [Wanted("hook", "index", COARSE, friction) for friction in (then, now)]
+    requested = [ClosingKey("hook", "index", COARSE, friction) for friction in (then, now)]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(closings.get, 4 * wanted))
+        found = list(pool.map(closings.get, 4 * requested))
     assert made == [("hook", "index")]
     assert len(set(map(id, found))) == 2
     closings.keep(now)
-    assert closings.get(wanted[1]) is found[1]
-    assert closings.get(wanted[0]) is not found[0]
+    assert closings.get(requested[1]) is found[1]
+    assert closings.get(requested[0]) is not found[0]
     assert made == [("hook", "index")]
 
 
 def test_a_new_friction_model_is_what_the_thread_goes_on_with(profiles, ahead):
     session = session_of(profiles, ahead)
     friction = ActiveFriction("rig", FrictionLaw(Law.CAPSTAN, (0.2,), 1.125))
-    list(session.on_tendons(["index"], [TendonSample(0, 0.0, 0.0, 1.0)]))
+    list(session.on_tendons(["index"], [TendonInput(0, 0.0, 0.0, 1.0)]))
     session.set_friction(friction)
-    list(session.on_tendons(["index"], [TendonSample(10**9, 0.0, 0.0, 1.0)]))
+    list(session.on_tendons(["index"], [TendonInput(10**9, 0.0, 0.0, 1.0)]))
     wait_for(ahead)
     assert len(closings_of(session)) == len(profiles)
-    assert {wanted.friction for wanted in session._closings._closings} == {friction}
-    assert {wanted.friction for wanted in session._made} == {friction}
+    assert {requested.friction for requested in session._closings._closings} == {friction}
+    assert {requested.friction for requested in session._made} == {friction}
 
 
 def test_no_shape_waits_for_what_is_there(profiles, ahead, monkeypatch):
     session = session_of(profiles, ahead)
-    list(session.on_tendons(["index"], [TendonSample(0, 0.0, 0.0, 1.0)]))
+    list(session.on_tendons(["index"], [TendonInput(0, 0.0, 0.0, 1.0)]))
     wait_for(ahead)
     lengths = []
     solve = _Equations.solve
     monkeypatch.setattr(_Equations, "solve", lambda self, *given: (lengths.append(given[2]), solve(self, *given))[1])
-    list(session.on_tendons(["index"], [TendonSample(10**9, 0.00523, 0.0, 1.0)]))
+    list(session.on_tendons(["index"], [TendonInput(10**9, 0.00523, 0.0, 1.0)]))
     assert lengths == [pytest.approx(5.23)]
 
 
@@ -249,18 +249,18 @@ def test_a_solver_that_fails_ahead_leaves_the_chain_to_the_shape_that_needs_it()
 
 
 def test_closing_ends_with_the_keyframe_at_hand(profiles):
-    ahead = Ahead()
-    closings, wanted = Closings(profiles), Wanted("hook", "index", ClosingSettings(), None)
-    ahead.want((wanted,), closings)
+    ahead = KeyframePrefetcher()
+    closings, requested = ClosingCache(profiles), ClosingKey("hook", "index", ClosingSettings(), None)
+    ahead.want((requested,), closings)
     ahead.close()
-    assert not closings.get(wanted).keyframes.complete
+    assert not closings.get(requested).keyframes.complete
     assert not any(thread.name.startswith("keyframes") and thread.is_alive() for thread in ahead._pool._threads)
 
 
 def test_a_friction_model_that_is_replaced_takes_its_keyframes_along(profiles):
     """At once: they are some megabytes, and Python looks for cycles when it counts many objects, not large ones."""
-    closings = Closings(profiles)
-    closing = closings.get(Wanted("hook", "index", COARSE, None))
+    closings = ClosingCache(profiles)
+    closing = closings.get(ClosingKey("hook", "index", COARSE, None))
     closing.keyframes.cover(2.0)
     gone = weakref.ref(closing.keyframes)
     gc.disable()
@@ -273,7 +273,7 @@ def test_a_friction_model_that_is_replaced_takes_its_keyframes_along(profiles):
 
 
 def test_keyframes_keep_what_shapes_need_alone(profiles):
-    closing = Closing(profiles["hook"], "index", COARSE)
+    closing = ClosingPath(profiles["hook"], "index", COARSE)
     closing.keyframes.cover(1.0)
     kept = closing.keyframes.last
     assert kept.displacement.base is None

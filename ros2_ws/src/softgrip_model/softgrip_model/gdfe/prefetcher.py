@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from softgrip_model.finger.errors import FingerError
-from softgrip_model.gdfe.closings import Closings, Wanted
+from softgrip_model.gdfe.closing_cache import ClosingCache, ClosingKey
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.profile import ProfileError
 
 
-class Ahead:
+class KeyframePrefetcher:
     """Works through closings while shapes are being made of them.
 
     What it has computed changes no shape and no decision about one, only how long they take: a replay may do without.
@@ -20,30 +20,30 @@ class Ahead:
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="keyframes")
-        self._wanted: tuple[Wanted, ...] = ()
+        self._requested: tuple[ClosingKey, ...] = ()
 
-    def want(self, wanted: Sequence[Wanted], closings: Closings) -> None:
+    def want(self, requested: Sequence[ClosingKey], closings: ClosingCache) -> None:
         """Work on these from now on, in this order, and no longer on others."""
-        if wanted is self._wanted:
+        if requested is self._requested:
             return
-        self._wanted = tuple(wanted)
-        self._pool.submit(self._work, self._wanted, closings)
+        self._requested = tuple(requested)
+        self._pool.submit(self._work, self._requested, closings)
 
     def close(self) -> None:
         """End with the keyframe that is being computed."""
-        self._wanted = ()
+        self._requested = ()
         self._pool.shutdown()
 
-    def _work(self, all_wanted: tuple[Wanted, ...], closings: Closings) -> None:
-        for wanted in all_wanted:
-            if all_wanted is not self._wanted:
+    def _work(self, all_requested: tuple[ClosingKey, ...], closings: ClosingCache) -> None:
+        for requested in all_requested:
+            if all_requested is not self._requested:
                 return
             try:
-                closing = closings.get(wanted)
+                closing = closings.get(requested)
             except (GdfeError, FingerError, ProfileError):
                 continue  # said where it is mounted
             if closing.keyframes.complete:
                 continue
             solver = closing.body.new_solver()
-            while all_wanted is self._wanted and closing.work_ahead(solver):
+            while all_requested is self._requested and closing.work_ahead(solver):
                 pass
