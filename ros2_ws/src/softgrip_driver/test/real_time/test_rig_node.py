@@ -93,6 +93,14 @@ class Person(Node):
         self.process.communicate(timeout=60)
         return self.process.returncode
 
+    def kill(self) -> None:
+        """Kill the node, and wait until what it served is seen to be gone: a goal sent before is lost with it."""
+        assert self.process is not None
+        process, self.process = self.process, None
+        process.kill()
+        process.communicate(timeout=60)
+        self.until(lambda: not self._calibrate.server_is_ready(), "rig/calibrate to be gone")
+
     def until(self, condition: Callable[[], bool], expected: str, seconds: float = 60.0) -> None:
         deadline = time.monotonic() + seconds
         while not condition():
@@ -332,13 +340,12 @@ def test_nothing_is_pulled_before_the_safety_state_was_seen_or_after_its_publish
 
 
 def test_a_bench_without_tendons_has_a_stop_of_its_own_that_stays(person, tmp_path):
-    process = person.start(tmp_path, "safety_source:=none")
+    person.start(tmp_path, "safety_source:=none")
     handle = pulling(person)
     assert person.call(Trigger, "rig/stop", Trigger.Request()).success
     assert "rig/stop" in person.result(handle).reason
     stands_still(person)
-    process.kill()
-    process.wait(60)
+    person.kill()
     person.start(tmp_path, "safety_source:=none")
     assert "rig/stop_reset" in person.result(person.goal()).reason
     assert person.call(Trigger, "rig/stop_reset", Trigger.Request()).success
