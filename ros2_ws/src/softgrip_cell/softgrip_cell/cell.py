@@ -24,6 +24,7 @@ from softgrip_cell.storage.journal import CellJournal, Counts, HeldLock, Mounted
 from softgrip_cell.storage.library import Library
 from softgrip_cell.storage.pending import PendingWrites
 from softgrip_cell.swap.check import Finding, FingerCheck
+from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import HANDS_OUT_TEXT, PersistAction, SwapSequence, SwapStep, SwapTransition
 
 
@@ -393,19 +394,24 @@ class Cell:
         return {name: FreeReference.from_document(document) for name, document in found.items() if document}
 
     def end_swap(
-        self, sequence: SwapSequence, outcome: str, reason: str, duration_s: float, checks: Mapping[str, FingerCheck]
+        self,
+        sequence: SwapSequence,
+        outcome: SwapOutcome,
+        reason: str,
+        duration_s: float,
+        checks: Mapping[str, FingerCheck],
     ) -> None:
         """Write down what came of a swap and give the cell back, unless hands may still be inside."""
         by_slot = dict(zip((slot.name for slot in self._slots), sequence.serials, strict=False))
         self._swap = None
         self._busy = CellMode.SWAPPING if self._lock is not None else None
-        self._note = f"swap to '{sequence.finger_set.id}': {outcome}: {reason}"
+        self._note = f"swap to '{sequence.finger_set.id}': {outcome.name}: {reason}"
         self._writes.do(lambda: self._write_swap(sequence, outcome, reason, duration_s, checks, by_slot))
 
     def _write_swap(
         self,
         sequence: SwapSequence,
-        outcome: str,
+        outcome: SwapOutcome,
         reason: str,
         duration_s: float,
         checks: Mapping[str, FingerCheck],
@@ -413,7 +419,7 @@ class Cell:
     ) -> None:
         references: dict[str, Any] = {}
         bad = {name: check for name, check in checks.items() if check.finding is not Finding.GOOD}
-        if outcome == "SUCCEEDED":
+        if outcome is SwapOutcome.SUCCEEDED:
             references = {
                 by_slot[name]: check.reference.document()
                 for name, check in checks.items()

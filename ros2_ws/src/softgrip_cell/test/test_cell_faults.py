@@ -17,6 +17,7 @@ from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.values import GraspOutcome, GraspTask, GraspVerdict
 from softgrip_cell.observation import TendonSample
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, SlotState
+from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import SwapSequence
 
 SLOTS = ("index", "middle", "thumb")
@@ -61,7 +62,7 @@ class Disk:
         journal.begin("swap", "power", "insert")
         journal.read_in("close_palm", POWER)
         references = dict.fromkeys(POWER, FREE.document())
-        journal.finish_swap("power", "SUCCEEDED", "good", 1.0, changed=True, references=references)
+        journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=True, references=references)
         cell._slots = journal.slots()
         return cell
 
@@ -176,7 +177,7 @@ def swapping(cell: Cell) -> SwapSequence:
 def test_a_swap_that_ends_while_the_drives_are_locked_refuses_everything_until_hands_are_out(disk: Disk) -> None:
     cell = disk.ready_cell()
     sequence = swapping(cell)
-    cell.end_swap(sequence, "CANCELLED", "take your hands out", 1.0, {})
+    cell.end_swap(sequence, SwapOutcome.CANCELLED, "take your hands out", 1.0, {})
     assert (cell.mode, cell.lock) == (CellMode.SWAPPING, LOCK)
     for begin in (
         lambda: cell.begin_grasp("egg", confirm_lift=True, trial=False),

@@ -25,6 +25,7 @@ from softgrip_cell.products import TableMark
 from softgrip_cell.storage import CellJournal, Database, Library, MountedSlot, SlotState
 from softgrip_cell.storage.schema import FINGER_RECORD
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
+from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep
 
 SLOTS = ("index", "middle", "thumb")
@@ -65,7 +66,7 @@ def swap_in(cell: Cell, serials: tuple[str, ...], finger_set: str = "power") -> 
         sequence.locked()
         for step, given in (("open_palm", ()), ("remove", ()), ("insert", serials)):
             cell.persist(sequence.confirm(step, given))
-    cell.end_swap(sequence, "SUCCEEDED", "good", 60.0, good)
+    cell.end_swap(sequence, SwapOutcome.SUCCEEDED, "good", 60.0, good)
 
 
 @pytest.fixture
@@ -336,7 +337,7 @@ def test_a_swap_that_failed_verifies_nothing_and_distrusts_what_the_check_refuse
 ) -> None:
     sequence = cell.begin_swap("power", ())
     assert sequence.only_check
-    cell.end_swap(sequence, "FAILED", "", 60.0, checks(index=Finding.OFF, thumb=Finding.WORN))
+    cell.end_swap(sequence, SwapOutcome.FAILED, "", 60.0, checks(index=Finding.OFF, thumb=Finding.WORN))
     assert {slot.state for slot in cell.slots()} == {SlotState.UNKNOWN}
     states = {serial: Library(database, lambda: 1).finger_records()[serial].state for serial in POWER}
     assert states["PW-I-01"] is FingerState.UNKNOWN
@@ -346,7 +347,7 @@ def test_a_swap_that_failed_verifies_nothing_and_distrusts_what_the_check_refuse
 def test_a_swap_whose_check_saw_nothing_condemns_nobody_and_verifies_nobody(cell: Cell, database: Database) -> None:
     sequence = start(database).begin_swap("power", ())
     again = start(database)
-    again.end_swap(sequence, "FAILED", "", 60.0, checks(index=Finding.UNSEEN))
+    again.end_swap(sequence, SwapOutcome.FAILED, "", 60.0, checks(index=Finding.UNSEEN))
     assert SlotState.VERIFIED not in {slot.state for slot in again.slots()}
     assert FingerState.WORN not in {Library(database, lambda: 1).finger_records()[serial].state for serial in POWER}
 

@@ -15,6 +15,7 @@ from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.storage import CellJournal, Database, Library
+from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.weight import carried_kg
 
 SLOTS = ("index", "middle", "thumb")
@@ -40,9 +41,9 @@ def start(database: Database, *, verified: bool = True) -> Cell:
         journal.begin("swap", "power", "insert")
         journal.read_in("close_palm", POWER)
         references = dict.fromkeys(POWER, FREE.document())
-        journal.finish_swap("power", "SUCCEEDED", "good", 1.0, changed=True, references=references)
+        journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=True, references=references)
         cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
-        journal.finish_swap("power", "SUCCEEDED", "good", 1.0, changed=False, references=references)
+        journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=False, references=references)
         cell._slots = journal.slots()
     cell.update_driver(DriverFacts(heard=True, estop=False))
     cell.update_safety(SafetyFacts(heard=True))

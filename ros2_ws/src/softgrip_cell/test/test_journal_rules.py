@@ -16,6 +16,7 @@ from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, OpenOperation, SlotState
 from softgrip_cell.storage.schema import SLOT
+from softgrip_cell.swap.outcome import SwapOutcome
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
@@ -49,7 +50,9 @@ def verified(journal: CellJournal) -> CellJournal:
     """A hand of verified power fingers."""
     journal.begin("swap", "power", "release")
     journal.read_in("close_palm", POWER)
-    journal.finish_swap("power", "SUCCEEDED", "", 60.0, changed=True, references={serial: {"x": 1} for serial in POWER})
+    journal.finish_swap(
+        "power", SwapOutcome.SUCCEEDED, "", 60.0, changed=True, references={serial: {"x": 1} for serial in POWER}
+    )
     return journal
 
 
@@ -98,14 +101,14 @@ def test_what_is_put_in_is_mounted_in_its_own_slot_and_not_yet_verified(journal:
 def test_only_fingers_whose_check_was_passed_are_verified(journal: CellJournal) -> None:
     journal.begin("swap", "power", "release")
     journal.read_in("close_palm", POWER)
-    journal.finish_swap("power", "FAILED", "", 60.0, changed=True, references={POWER[1]: {"x": 1}})
+    journal.finish_swap("power", SwapOutcome.FAILED, "", 60.0, changed=True, references={POWER[1]: {"x": 1}})
     assert hand(journal) == [(POWER[0], UNSURE), (POWER[1], VERIFIED), (POWER[2], UNSURE)]
     assert journal.recover() is None, "the swap has ended"
     assert journal.counts().swaps == 0, "it is no swap that failed"
 
 
 def test_a_check_alone_is_no_swap(verified: CellJournal) -> None:
-    verified.finish_swap("power", "SUCCEEDED", "", 20.0, changed=False, references={})
+    verified.finish_swap("power", SwapOutcome.SUCCEEDED, "", 20.0, changed=False, references={})
     assert (verified.counts().swaps, verified.counts().mean_swap_s) == (1, 60.0)
 
 

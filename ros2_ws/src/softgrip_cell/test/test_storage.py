@@ -22,6 +22,7 @@ from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, PendingWrites, SlotState
 from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
 from softgrip_cell.storage.schema import META
+from softgrip_cell.swap.outcome import SwapOutcome
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
@@ -75,7 +76,9 @@ def mount(journal: CellJournal, serials: tuple[str, ...] = POWER, *, verify: boo
     journal.park_fingers("insert")
     journal.read_in("close_palm", serials)
     if verify:
-        journal.finish_swap("power", "SUCCEEDED", "ok", 42.0, changed=True, references={s: {"x": 1} for s in serials})
+        journal.finish_swap(
+            "power", SwapOutcome.SUCCEEDED, "ok", 42.0, changed=True, references={s: {"x": 1} for s in serials}
+        )
 
 
 def test_catalogue_goes_in_and_comes_out_the_same(library: Library) -> None:
@@ -221,7 +224,7 @@ def test_the_lock_outlives_the_swap_and_a_restart_until_it_is_dropped(database: 
     assert journal.lock() is None
     journal.begin("swap", "pinch", "release")
     journal.forget_slots("open_palm", LOCK)
-    journal.finish_swap("pinch", "CANCELLED", "", 1.0, changed=True)
+    journal.finish_swap("pinch", SwapOutcome.CANCELLED, "", 1.0, changed=True)
     again = CellJournal(database, SLOTS, Clock())
     again.recover()
     assert again.lock() == LOCK

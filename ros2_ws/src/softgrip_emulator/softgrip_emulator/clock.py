@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 
 
@@ -14,9 +13,7 @@ class CellClock:
     """
 
     def __init__(self, scale: float = 1.0) -> None:
-        self._lock = threading.Lock()
         self._scale = _checked_scale(scale)
-        self._cell_epoch_s = 0.0
         self._wall_epoch_s = time.monotonic()
 
     @property
@@ -24,18 +21,9 @@ class CellClock:
         """Cell seconds per wall second."""
         return self._scale
 
-    def set_scale(self, scale: float) -> None:
-        """Run at another speed from now on."""
-        with self._lock:
-            wall_s = time.monotonic()
-            self._cell_epoch_s += (wall_s - self._wall_epoch_s) * self._scale
-            self._wall_epoch_s = wall_s
-            self._scale = _checked_scale(scale)
-
     def now_s(self) -> float:
         """Cell time [s]."""
-        with self._lock:
-            return self._cell_epoch_s + (time.monotonic() - self._wall_epoch_s) * self._scale
+        return (time.monotonic() - self._wall_epoch_s) * self._scale
 
     def wall_duration_s(self, cell_duration_s: float) -> float:
         """How long the wall clock takes for a span of cell time [s]."""

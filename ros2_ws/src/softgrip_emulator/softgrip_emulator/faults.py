@@ -7,6 +7,7 @@ import inspect
 import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import yaml
@@ -218,34 +219,34 @@ class FaultBoard:
 
 
 @dataclass
-class _Held:
-    """An attribute that faults hold: what it is without them, and what each of them wants, the latest last."""
+class _Override:
+    """An attribute that faults override: its value without them, and what each of them gives it, the latest last."""
 
-    thing: object
     without: Any
-    requested: dict[object, Any] = field(default_factory=dict)
+    given: dict[object, Any] = field(default_factory=dict)
 
 
-_HELD: dict[tuple[int, str], _Held] = {}
+#: thing -> name of its attribute -> overrides; a thing that is gone takes its overrides along.
+_overrides: WeakKeyDictionary[object, dict[str, _Override]] = WeakKeyDictionary()
 
 
 def _set(thing: object, **values: Any) -> Undo:
     """Give attributes other values. Of several faults on one the latest counts; the last to end leaves it as it was."""
     fault = object()
+    overrides = _overrides.setdefault(thing, {})
     for name, value in values.items():
-        held = _HELD.setdefault((id(thing), name), _Held(thing, getattr(thing, name)))
-        held.requested[fault] = value
+        overrides.setdefault(name, _Override(getattr(thing, name))).given[fault] = value
         setattr(thing, name, value)
 
     def undo() -> None:
         for name in values:
-            held = _HELD.get((id(thing), name))
-            if held is None or fault not in held.requested:
+            override = overrides.get(name)
+            if override is None or fault not in override.given:
                 continue
-            del held.requested[fault]
-            setattr(thing, name, [held.without, *held.requested.values()][-1])
-            if not held.requested:
-                del _HELD[(id(thing), name)]
+            del override.given[fault]
+            setattr(thing, name, [override.without, *override.given.values()][-1])
+            if not override.given:
+                del overrides[name]
 
     return undo
 

@@ -16,6 +16,7 @@ from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
 from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
 from softgrip_cell.planner import PlannedOrder
 from softgrip_cell.storage.journal import MountedSlot, SlotState
+from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
@@ -222,10 +223,12 @@ def grasp_result(verdict: GraspVerdict, sample: TendonSample | None, duration_s:
     )
 
 
-def swap_result(outcome: str, reason: str, slots: Sequence[MountedSlot], duration_s: float) -> SwapFingers.Result:
-    """Return how a swap ended as an action result; ``outcome`` is the name of the result's constant."""
+def swap_result(
+    outcome: SwapOutcome, reason: str, slots: Sequence[MountedSlot], duration_s: float
+) -> SwapFingers.Result:
+    """Return how a swap ended as an action result."""
     return SwapFingers.Result(
-        outcome=getattr(SwapFingers.Result, outcome),
+        outcome=outcome,
         reason=reason,
         mounted=mounted_fingers(slots),
         duration=float(duration_s),

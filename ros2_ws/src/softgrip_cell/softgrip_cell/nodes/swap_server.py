@@ -23,6 +23,7 @@ from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import HeldLock, MountedSlot
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
+from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
@@ -64,7 +65,12 @@ class SwapHost(Protocol):
         """Take note that the drives are not locked by this cell any more."""
 
     def end_swap(
-        self, sequence: SwapSequence, outcome: str, reason: str, duration_s: float, checks: Mapping[str, FingerCheck]
+        self,
+        sequence: SwapSequence,
+        outcome: SwapOutcome,
+        reason: str,
+        duration_s: float,
+        checks: Mapping[str, FingerCheck],
     ) -> None:
         """Write down what came of it and give the cell back, unless hands may still be inside."""
 
@@ -78,7 +84,7 @@ class SwapHost(Protocol):
 class SwapEnded(Exception):  # noqa: N818  not an error: the way out of the procedure
     """The swap is over before its last step."""
 
-    def __init__(self, outcome: str, reason: str) -> None:
+    def __init__(self, outcome: SwapOutcome, reason: str) -> None:
         super().__init__(reason)
         self.outcome = outcome
         self.reason = reason
@@ -158,7 +164,7 @@ class SwapServer:
         """Take what tendon/status says; a fault while the cell itself moves ends the swap."""
         if self._sequence is not None and faults and self._sequence.step in (SwapStep.HOME, SwapStep.VERIFY):
             fault = faults[0]
-            self._interrupt("FAILED", f"tendon {fault.tendon}: {fault.name}: {fault.reason}")
+            self._interrupt(SwapOutcome.FAILED, f"tendon {fault.tendon}: {fault.name}: {fault.reason}")
 
     def observe_safety(self, safety: SafetyFacts) -> None:
         """Take safety/state; a stop or somebody's lock ends a swap that moves."""
@@ -167,14 +173,14 @@ class SwapServer:
         if self._sequence is None or self._sequence.step not in MOVING:
             return
         if safety.estop:
-            self._interrupt("FAILED", f"the emergency stop is latched: {safety.estop_reason}")
+            self._interrupt(SwapOutcome.FAILED, f"the emergency stop is latched: {safety.estop_reason}")
         elif safety.locked:
-            self._interrupt("FAILED", safety.lock_text)
+            self._interrupt(SwapOutcome.FAILED, safety.lock_text)
 
     def lose(self, reason: str) -> None:
         """End a swap that moves: the tendons are somebody else's."""
         if self._sequence is not None and self._sequence.step in MOVING:
-            self._interrupt("FAILED", reason)
+            self._interrupt(SwapOutcome.FAILED, reason)
 
     def fall_silent(self, reason: str) -> None:
         """End a swap that moves: the driver is not heard any more."""
@@ -184,10 +190,10 @@ class SwapServer:
         """End what takes longer than it may; see that the lock of the drives still stands."""
         now_s = self._host.now_s()
         if self._sequence is not None and now_s - self._started_s > self._limit_s:
-            self._interrupt("FAILED", f"not done within {self._limit_s:g} s, at step '{self._sequence.step}'")
+            self._interrupt(SwapOutcome.FAILED, f"not done within {self._limit_s:g} s, at step '{self._sequence.step}'")
         if self._slack is not None and now_s > self._slack_until_s:
             taut = ", ".join(self._taut()) or "(none seen since)"
-            self._interrupt("FAILED", f"tendon/release: {self._slack_said}; tendons {taut} are taut")
+            self._interrupt(SwapOutcome.FAILED, f"tendon/release: {self._slack_said}; tendons {taut} are taut")
         if self._given_back is not None and now_s > self._given_back[1]:
             _resolve(self._given_back[0])
         if self._host.lock is not None and not self._lock_stands and now_s >= self._next_ask_s and self._lock.ready():
@@ -200,7 +206,7 @@ class SwapServer:
             sequence = self._host.begin_swap(request.finger_set, list(request.serials))
         except CellError as error:
             goal_handle.abort()
-            return convert.swap_result("REFUSED", str(error), self._host.slots(), 0.0)
+            return convert.swap_result(SwapOutcome.REFUSED, str(error), self._host.slots(), 0.0)
         self._sequence, self._goal, self._ended = sequence, goal_handle, None
         self._token = self._node_io.draw_token()
         self._started_s = self._host.now_s()
@@ -212,7 +218,7 @@ class SwapServer:
         await self._give_back()
         self._sequence = None
         self._host.end_swap(sequence, outcome, reason, duration_s, checks)
-        if outcome == "SUCCEEDED":
+        if outcome is SwapOutcome.SUCCEEDED:
             goal_handle.succeed()
         elif goal_handle.is_cancel_requested:
             goal_handle.canceled()
@@ -220,7 +226,7 @@ class SwapServer:
             goal_handle.abort()
         return convert.swap_result(outcome, reason, self._host.slots(), duration_s)
 
-    async def _swapped(self, sequence: SwapSequence) -> tuple[str, str, Mapping[str, FingerCheck]]:
+    async def _swapped(self, sequence: SwapSequence) -> tuple[SwapOutcome, str, Mapping[str, FingerCheck]]:
         """Return outcome, reason, and what was found of the fingers."""
         try:
             await self._walk(sequence)
@@ -228,12 +234,12 @@ class SwapServer:
         except SwapEnded as end:
             return end.outcome, f"{end.reason}; {sequence.safe_condition()}", {}
         except CellError as error:
-            return "FAILED", f"{error}; {sequence.safe_condition()}", {}
+            return SwapOutcome.FAILED, f"{error}; {sequence.safe_condition()}", {}
         bad = [f"{name}: {check.reason}" for name, check in checks.items() if check.finding is not Finding.GOOD]
         return (
-            ("FAILED", "check refused: " + "; ".join(bad), checks)
+            (SwapOutcome.FAILED, "check refused: " + "; ".join(bad), checks)
             if bad
-            else ("SUCCEEDED", _check_summary(checks), checks)
+            else (SwapOutcome.SUCCEEDED, _check_summary(checks), checks)
         )
 
     async def _walk(self, sequence: SwapSequence) -> None:
@@ -287,7 +293,7 @@ class SwapServer:
             if outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
                 _resolve(done)
             else:
-                self._interrupt("FAILED", f"tendon/move to {target_m * 1e3:.1f} mm: {reason}")
+                self._interrupt(SwapOutcome.FAILED, f"tendon/move to {target_m * 1e3:.1f} mm: {reason}")
 
         targets_m = [target_m] * len(self._slots)
         self._driver.move(self._slots, targets_m, speed_m_per_s, self._settings.tension_limit_n, ended)
@@ -299,7 +305,7 @@ class SwapServer:
         self._driver.lease.acquire(lambda why_not: _resolve(done, why_not))
         why_not = await self._wait(done)
         if why_not:
-            raise SwapEnded("FAILED", why_not)
+            raise SwapEnded(SwapOutcome.FAILED, why_not)
 
     async def _slackened(self) -> None:
         """Have the tendons released, and see that they are slack; where the driver releases none they have to be so."""
@@ -324,7 +330,7 @@ class SwapServer:
 
         def answered(success: bool | None, said: str) -> None:
             if not success:
-                self._interrupt("FAILED", f"tendon/lock: {said}")
+                self._interrupt(SwapOutcome.FAILED, f"tendon/lock: {said}")
             elif done.done() or self._ended is not None:
                 self._unlock_unused(said)  # the swap ended meanwhile, nobody was told to reach in
             else:
@@ -332,7 +338,7 @@ class SwapServer:
                 _resolve(done, said)
 
         if not self._lock.ready():
-            raise SwapEnded("FAILED", "expected services tendon/lock and tendon/unlock, found none")
+            raise SwapEnded(SwapOutcome.FAILED, "expected services tendon/lock and tendon/unlock, found none")
         self._lock.lock(f"swap to '{sequence.finger_set.id}'", answered)
         return str(await self._wait(done))
 
@@ -346,7 +352,7 @@ class SwapServer:
                 _resolve(done)
             else:
                 self._lock_stands = False
-                self._interrupt("FAILED", f"tendon/unlock: {said}")
+                self._interrupt(SwapOutcome.FAILED, f"tendon/unlock: {said}")
 
         self._lock.unlock(token, "the palm is closed", answered)
         await self._wait(done)
@@ -360,7 +366,7 @@ class SwapServer:
         self._lock_stands = success
         if not success:
             self._host.drop_lock(f"the lock of the drives is gone: {said}; run cell/swap when all hands are out")
-            self._interrupt("FAILED", f"the lock of the drives is gone: {said}; take your hands out")
+            self._interrupt(SwapOutcome.FAILED, f"the lock of the drives is gone: {said}; take your hands out")
 
     async def _answered(self, call: Any, name: str) -> None:
         done = Future()
@@ -369,7 +375,7 @@ class SwapServer:
             if success:
                 _resolve(done)
             else:
-                self._interrupt("FAILED", f"{name}: {message}")
+                self._interrupt(SwapOutcome.FAILED, f"{name}: {message}")
 
         call(answered)
         await self._wait(done)
@@ -398,7 +404,7 @@ class SwapServer:
             raise self._ended
         return result
 
-    def _interrupt(self, outcome: str, reason: str) -> None:
+    def _interrupt(self, outcome: SwapOutcome, reason: str) -> None:
         if self._goal is not None:
             self._driver.hold()
             self._slack = None
@@ -456,7 +462,7 @@ class SwapServer:
         return "the drives are being unlocked; run cell/swap before any grasp"
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node_io.later(self._interrupt, "CANCELLED", "cancelled by the client")
+        self._node_io.later(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
         return CancelResponse.ACCEPT
 
 

@@ -19,6 +19,7 @@ from softgrip_cell.finger_records import FingerState
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage.engine import Database
 from softgrip_cell.storage.schema import FINGER_RECORD, LOCK, META, OPERATION, OUTCOME, SLOT, SWAP
+from softgrip_cell.swap.outcome import SwapOutcome
 
 
 class SlotState(StrEnum):
@@ -221,7 +222,7 @@ class CellJournal:
     def finish_swap(
         self,
         finger_set: str,
-        outcome: str,
+        outcome: SwapOutcome,
         reason: str,
         duration_s: float,
         *,
@@ -232,7 +233,7 @@ class CellJournal:
 
         Args:
             finger_set: what was asked for.
-            outcome: SUCCEEDED, CANCELLED, REFUSED or FAILED.
+            outcome: how it ended.
             reason: in words.
             duration_s: from accepting to finishing [s].
             changed: fingers were changed (a mere check is not counted as a swap).
@@ -256,15 +257,15 @@ class CellJournal:
             connection.execute(
                 insert(SWAP).values(
                     finger_set=finger_set,
-                    outcome=outcome,
-                    counted=changed and outcome == "SUCCEEDED",
+                    outcome=outcome.name,
+                    counted=changed and outcome is SwapOutcome.SUCCEEDED,
                     reason=reason,
                     duration_s=duration_s,
                     at_ns=at_ns,
                 )
             )
             connection.execute(delete(OPERATION))
-            self._audit(connection, "swap", finger_set, {"outcome": outcome, "reason": reason})
+            self._audit(connection, "swap", finger_set, {"outcome": outcome.name, "reason": reason})
 
     def distrust(self, unknown: Sequence[str], worn: Sequence[str] = ()) -> None:
         """The check refused these fingers: they become unknown or worn, and the slots unknown."""
