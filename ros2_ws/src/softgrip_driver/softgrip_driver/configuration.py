@@ -37,7 +37,7 @@ LIMIT_PARAMETERS: dict[str, str] = {
     "break_drop_from": "break_drop_from_n",
     "break_confirm": "break_confirm_s",
     "stall_time": "stall_time_s",
-    "lead": "lead_m",
+    "max_following_error": "max_following_error_m",
     "position_tolerance": "position_tolerance_m",
     "tension_tolerance": "tension_tolerance",
     "temperature_limit": "temperature_limit_degc",

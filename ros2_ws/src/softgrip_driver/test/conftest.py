@@ -193,7 +193,7 @@ class StageBench(RunningLoop):
     """One tendon on an emulated stage with a gauge in its line, and the driver's loop."""
 
     LIMITS = TendonLimits(
-        travel=0.030, speed=0.015, acceleration=0.2, release_speed=0.006, lead=0.003, slack_travel=0.009,
+        travel=0.030, speed=0.015, acceleration=0.2, release_speed=0.006, max_following_error=0.003, slack_travel=0.009,
         tension_soft=20.0, tension_hard=25.0, homing_tension=4.0, homing_speed=0.005, homing_travel=0.025,
         stall_time=1.0, break_confirm=0.08,
     )  # fmt: skip

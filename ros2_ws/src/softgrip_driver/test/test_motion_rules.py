@@ -122,7 +122,7 @@ def test_a_taut_finger_opens_though_it_pulls_with_more_than_its_limit() -> None:
 def test_a_set_point_does_not_run_away_from_a_finger_that_is_held_up(motion: Motion) -> None:
     """6 mm of lead, and what one step of 5 ms makes at 50 mm/s."""
     ahead = [step.length - HERE for step in standing(motion, 0.6, tension=1.0)]
-    assert 0.004 < max(ahead) < LIMITS.lead + LIMITS.speed * DT + 1e-9
+    assert 0.004 < max(ahead) < LIMITS.max_following_error + LIMITS.speed * DT + 1e-9
 
 
 def test_a_set_point_that_is_far_ahead_can_be_taken_back() -> None:
@@ -204,10 +204,12 @@ def test_a_stream_into_an_obstacle_stalls_however_often_it_is_sent_anew() -> Non
     for number in range(1, 400):
         now = number * DT
         if number % 20 == 0:
-            successor = follow([0.03], [0.5], now=now - 0.5 * DT, ahead=LIMITS.lead)  # it came between two cycles
+            successor = follow(
+                [0.03], [0.5], now=now - 0.5 * DT, ahead=LIMITS.max_following_error
+            )  # it came between two cycles
             successor.take_over(motion)
             motion = successor
-        step = motion.step(view(now, tension=1.0, ahead=LIMITS.lead))
+        step = motion.step(view(now, tension=1.0, ahead=LIMITS.max_following_error))
         if step.outcome is not None:
             break
     assert (step.outcome, step.fault) == (MoveOutcome.FAULT, "stalled")

@@ -238,4 +238,4 @@ def test_a_jam_under_a_trajectory_is_a_stall(bench, end, streamed):
     assert bench.result(ticket)[0] is MoveOutcome.FAULT
     # The setpoint waits for the drive, so that nothing jerks when it comes free.
     stands = bench.controller.drives["index"].position
-    assert np.abs(np.array(goals) - stands).max() < TendonLimits().lead + 3.1e-3
+    assert np.abs(np.array(goals) - stands).max() < TendonLimits().max_following_error + 3.1e-3

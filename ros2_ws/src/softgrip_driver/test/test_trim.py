@@ -20,7 +20,7 @@ def seconds_until(trim, error_m, reached):
 
 
 def test_what_pulled_at_a_load_that_is_gone_goes_faster_than_it_came():
-    trim = Trim(lead=0.006)
+    trim = Trim(max_following_error=0.006)
     came = seconds_until(trim, 1e-3, lambda value: value >= 1e-3)
     went = seconds_until(trim, -1e-3, lambda value: value <= 0.0)
     assert went < 0.4 * came
@@ -29,7 +29,7 @@ def test_what_pulled_at_a_load_that_is_gone_goes_faster_than_it_came():
 @pytest.mark.parametrize("error_m", [1e-4, -1e-4])
 def test_next_to_its_goal_a_drive_is_corrected_as_slowly_in_as_out(error_m):
     """A hold's noise would else wear its trim away."""
-    trim = Trim(lead=0.006)
+    trim = Trim(max_following_error=0.006)
     trim.value = 1e-3
     view = DriveObservation(0.0, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
     trim.step(MotionStep(0.010, 35.0), view)

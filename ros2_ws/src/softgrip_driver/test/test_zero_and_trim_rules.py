@@ -137,17 +137,17 @@ def corrected(trim: Trim, error: float, seconds: float, tension: float = 5.0) ->
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_correction_goes_towards_the_target_and_ends_at_3_mm(way: float) -> None:
     """6 / s of the error: 1 mm makes 3 mm in half a second."""
-    trim = Trim(lead=0.006)
+    trim = Trim(max_following_error=0.006)
     assert corrected(trim, way * 1e-3, 0.1) == pytest.approx(way * 0.6e-3)
     assert corrected(trim, way * 1e-3, 5.0) == pytest.approx(way * 3e-3)
 
 
 def test_at_the_tension_limit_nothing_winds_up() -> None:
-    assert corrected(Trim(lead=0.006), 1e-3, 1.0, tension=19.5) == 0.0
+    assert corrected(Trim(max_following_error=0.006), 1e-3, 1.0, tension=19.5) == 0.0
 
 
 def test_cleared_it_adds_nothing() -> None:
-    trim = Trim(lead=0.006)
+    trim = Trim(max_following_error=0.006)
     corrected(trim, 1e-3, 0.2)
     trim.clear()
     assert trim.value == 0.0
@@ -156,6 +156,6 @@ def test_cleared_it_adds_nothing() -> None:
 @pytest.mark.parametrize(("tension", "kept"), [(5.0, 1.0), (20.0, 0.5), (40.0, 0.25)])
 def test_whoever_stops_goes_on_with_the_share_of_its_pull_that_is_allowed(tension: float, kept: float) -> None:
     """10 N are allowed; proportional control pulls by how far the goal is ahead: 2 mm."""
-    trim = Trim(lead=0.006)
+    trim = Trim(max_following_error=0.006)
     trim.keep_pulling(0.002, 0.0, tension, 10.0)
     assert trim.value == pytest.approx(0.002 * kept)

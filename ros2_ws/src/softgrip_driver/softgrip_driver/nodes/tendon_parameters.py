@@ -24,7 +24,7 @@ _LIMIT_TEXTS: dict[str, tuple[str, str, float, float]] = {
     "break_drop_from": ("a tension at least this high that vanishes means a broken tendon", "N", 0.1, 100.0),
     "break_confirm": ("how long it must stay away", "s", 0.005, 1.0),
     "stall_time": ("without motion before a move counts as stalled", "s", 0.02, 10.0),
-    "lead": ("the setpoint may run ahead of the drive", "m", 1e-4, 0.05),
+    "max_following_error": ("the set-point may run ahead of the drive", "m", 1e-4, 0.05),
     "position_tolerance": ("within which a target counts as reached", "m", 1e-5, 0.01),
     "tension_tolerance": ("within which a tension counts as reached, relative", "", 0.01, 0.5),
     "temperature_limit": ("of the servo; derated from 15 below it, stopped 5 below it", "degC", 30.0, 100.0),
@@ -34,6 +34,9 @@ _LIMIT_TEXTS: dict[str, tuple[str, str, float, float]] = {
     "homing_travel": ("wound in at most while homing", "m", 0.001, 0.5),
     "homing_timeout": ("for homing", "s", 1.0, 120.0),
 }
+
+#: former parameter name of a limit that was renamed
+_FORMER_LIMITS = {"max_following_error": "lead_m"}
 
 _LIMITS = TendonLimits()
 
@@ -103,7 +106,12 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("status_rate", 20.0, "of tendon/status", "Hz", 1.0, 100.0),
     *(
-        Parameter(LIMIT_PARAMETERS[field.name], getattr(_LIMITS, field.name), *_LIMIT_TEXTS[field.name])
+        Parameter(
+            LIMIT_PARAMETERS[field.name],
+            getattr(_LIMITS, field.name),
+            *_LIMIT_TEXTS[field.name],
+            former=_FORMER_LIMITS.get(field.name, ""),
+        )
         for field in fields(TendonLimits)
     ),
 )

@@ -49,7 +49,7 @@ class Drive:
         #: the zero is void, and the mark that vouches for it in the device must go
         self.zero_lost = False
         self._m = DriveMemory()
-        self._trim = Trim(limits.lead)
+        self._trim = Trim(limits.max_following_error)
         self._silence = ReplySilence(period)
         self._watch = self._new_watch()
 

@@ -125,7 +125,7 @@ class Homing:
         limits = self._limits
         tension = limits.homing_tension
         end = self._start - limits.slack_travel + limits.homing_travel
-        if self._profile.position - view.length < limits.lead:
+        if self._profile.position - view.length < limits.max_following_error:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
         self._sample(view)
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension

@@ -23,7 +23,7 @@ class TendonLimits:
         break_drop_from: [N] a tension at least this high that vanishes means a broken tendon.
         break_confirm: [s] that the tension must stay away.
         stall_time: [s] without motion before a move counts as stalled.
-        lead: [m] the setpoint may run ahead of the drive.
+        max_following_error: [m] by which the set-point may run ahead of the drive.
         position_tolerance: [m] within which a target counts as reached.
         tension_tolerance: relative, for moves to a tension.
         temperature_limit: [degC] of the device; derating starts 15 below it, the stop is 5 below it.
@@ -44,7 +44,7 @@ class TendonLimits:
     break_drop_from: float = 3.0
     break_confirm: float = 0.04
     stall_time: float = 0.4
-    lead: float = 0.006
+    max_following_error: float = 0.006
     position_tolerance: float = 3e-4
     tension_tolerance: float = 0.1
     temperature_limit: float = 70.0

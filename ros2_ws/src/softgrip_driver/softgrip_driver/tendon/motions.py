@@ -141,12 +141,12 @@ class Hold:
 
 def _setpoint_now(view: DriveObservation, limits: TendonLimits) -> float:
     """Length [m] from which a motion goes on: where the setpoint stands, so that the pull goes on too."""
-    return view.length + max(-limits.lead, min(limits.lead, view.ahead))
+    return view.length + max(-limits.max_following_error, min(limits.max_following_error, view.ahead))
 
 
 def _held(view: DriveObservation, limits: TendonLimits) -> float:
     """Length [m] of a setpoint that holds what is pulled now, once the drive stands."""
-    return view.length + max(0.0, min(limits.lead, view.standing_ahead))
+    return view.length + max(0.0, min(limits.max_following_error, view.standing_ahead))
 
 
 def _stalled(view: DriveObservation, cap: float, target: float) -> MotionStep:
@@ -214,7 +214,7 @@ class MoveToLength:
         """Advance the setpoint, unless the drive has fallen behind."""
         cap = min(self._limit, view.tension_cap)
         behind = self._profile.position - view.length
-        blocked = abs(behind) > self._limits.lead and behind * (self._target - view.length) > 0.0
+        blocked = abs(behind) > self._limits.max_following_error and behind * (self._target - view.length) > 0.0
         if blocked:
             self._profile.velocity = 0.0
         else:
@@ -279,17 +279,18 @@ class MoveToTension:
         if not met or (self._since is None and not view.steady):
             self._since = None
             end = self._limits.travel if self.winding_in else 0.0
-            if abs(self._profile.position - view.length) <= self._limits.lead:
+            if abs(self._profile.position - view.length) <= self._limits.max_following_error:
                 self._profile.step(end, self._speed, self._limits.acceleration, view.dt)
         elif self._since is None:
             self._since = view.now
             self._profile.velocity = 0.0
         if self._since is not None and view.now - self._since >= self.SETTLED:
-            ahead = min(self._profile.position, view.length + self._limits.lead)
+            ahead = min(self._profile.position, view.length + self._limits.max_following_error)
             return MotionStep(ahead, target, MoveOutcome.REACHED, f"{view.tension:.1f} N at {view.length * 1e3:.2f} mm")
         at_end = self._profile.position in (0.0, self._limits.travel)
         standing = self._stall.step(view.now, view.length, moving=self._since is None)
-        if standing and not met and (at_end or abs(self._profile.position - view.length) > self._limits.lead):
+        is_behind = abs(self._profile.position - view.length) > self._limits.max_following_error
+        if standing and not met and (at_end or is_behind):
             return MotionStep(
                 view.length, target, MoveOutcome.FAULT,
                 f"{view.tension:.1f} N of {target:.1f} N at {view.length * 1e3:.2f} mm, and it moves no further",
@@ -331,7 +332,7 @@ class Follow:
         # Tracking must not lag behind a ramp: aim as far beyond the target as the profile needs to brake.
         self._profile.step(target, self._limits.speed, 4.0 * self._limits.acceleration, view.dt)
         ahead = self._profile.position - view.length
-        blocked = abs(ahead) > self._limits.lead and ahead * (self._profile.position - before) > 0.0
+        blocked = abs(ahead) > self._limits.max_following_error and ahead * (self._profile.position - before) > 0.0
         if blocked:
             self._profile.stop_at(before)
         self.winding_in, self.paying_out = self._profile.position > before, self._profile.position < before

@@ -12,7 +12,7 @@ class Trim:
     What the drive is behind by its motion goes by itself and must not be corrected: it would overshoot.
 
     Args:
-        lead: [m] beyond which an error is no load's.
+        max_following_error: [m] beyond which an error is not the load's.
     """
 
     #: [1/s] and [m] of the integral
@@ -24,8 +24,8 @@ class Trim:
     #: natural lags that an error may be worth without being the load's
     MAX_LAGS = 2.0
 
-    def __init__(self, lead: float) -> None:
-        self._lead = lead
+    def __init__(self, max_following_error: float) -> None:
+        self._max_following_error = max_following_error
         #: [m] to add to the setpoint
         self.value = 0.0
 
@@ -38,7 +38,7 @@ class Trim:
         error = step.length - view.length
         lag = self.MAX_LAGS * NATURAL_LAG * view.speed
         error -= max(min(0.0, lag), min(max(0.0, lag), error))
-        if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._lead:
+        if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._max_following_error:
             loadless = error * self.value < 0.0 and abs(error) > self.BEYOND
             rate = self.RATE_BACK if loadless else self.RATE
             self.value = max(-self.MAX_TRIM_M, min(self.MAX_TRIM_M, self.value + rate * error * view.dt))
