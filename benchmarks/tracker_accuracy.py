@@ -20,8 +20,8 @@ import numpy as np
 from _claim import claim
 from numpy.typing import NDArray
 
+from softgrip_testing.synthetic_images import Conditions, Occluder, Picture, SyntheticScene, make_calibration
 from softgrip_vision.layout import ChainLayout, FingerSetup
-from softgrip_vision.synthetic import Conditions, Occluder, Picture, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 Array = NDArray[np.float64]

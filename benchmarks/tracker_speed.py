@@ -24,9 +24,9 @@ from _claim import claim, spread
 from numpy.typing import NDArray
 from tracker_accuracy import CHAIN, FPS, PlainTracker, closing
 
+from softgrip_testing.synthetic_images import Conditions, SyntheticScene, make_calibration
 from softgrip_vision.colour import Image
 from softgrip_vision.layout import FingerSetup
-from softgrip_vision.synthetic import Conditions, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 FRAMES = 60

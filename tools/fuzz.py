@@ -2,7 +2,7 @@
 """Throw noise at one end of the wires for a bounded time; coverage-guided when atheris is installed.
 
 `fuzz.py driver` feeds what reads a device's bytes, `fuzz.py emulator` the devices themselves. What counts as a finding
-stands with each target (`fuzz_target.py` of the package); the stream is printed as hex.
+stands with each target (softgrip_testing); the stream is printed as hex.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def main(args: Sequence[str] | None = None) -> int:
     engines = ("auto", "random", "atheris")
     parser.add_argument("--engine", choices=engines, default="auto", help="auto: atheris when it is there")
     options = parser.parse_args(args)
-    target = importlib.import_module(f"softgrip_{options.end}.fuzz_target")
+    target = importlib.import_module(f"softgrip_testing.{options.end}_fuzz")
     has_atheris = importlib.util.find_spec("atheris") is not None
     if options.engine == "atheris" and not has_atheris:
         print("fuzz: expected the package 'atheris', found none: pip install atheris", file=sys.stderr)

@@ -23,11 +23,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_bag.excerpt import excerpt
 from softgrip_bag.facts import arithmetic
 from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.nodes.node_replay import renewed
 from softgrip_bag.reader import RawMessage, read
+from softgrip_testing.bag_excerpt import excerpt
 
 HERE = Path(__file__).resolve().parent
 BAGS = HERE / "bags"

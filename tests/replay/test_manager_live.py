@@ -20,13 +20,13 @@ from typing import Any
 
 import pytest
 
-from softgrip_bag.excerpt import excerpt
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.node_replay import check
 from softgrip_bag.reader import read, topic_summaries
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import SwapFingers
 from softgrip_interfaces.msg import CellState
+from softgrip_testing.bag_excerpt import excerpt
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 TESTS = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_cell/test"

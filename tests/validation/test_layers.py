@@ -28,6 +28,7 @@ MAY_IMPORT = {
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
     "softgrip_security": set(),
+    "softgrip_testing": {"softgrip_bag", "softgrip_driver", "softgrip_emulator", "softgrip_model", "softgrip_vision"},
     "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
 }
 
@@ -91,6 +92,16 @@ def test_the_walk_sees_a_broken_rule(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(globals(), "WORKSPACE", tmp_path / "ros2_ws" / "src")
     monkeypatch.setitem(globals(), "ROOT", tmp_path)
     assert len(violations(pure)) == 3
+
+
+def test_no_product_code_imports_what_is_for_tests() -> None:
+    users = {
+        f"{path.relative_to(WORKSPACE)}:{line}"
+        for path in modules()
+        for line, module in imports(path)
+        if module.split(".")[0] == "softgrip_testing" and path.relative_to(WORKSPACE).parts[0] != "softgrip_testing"
+    }
+    assert users == set()
 
 
 def test_nothing_depends_on_bringup() -> None:

@@ -33,8 +33,6 @@ from softgrip_model.gdfe.materials import (
     ninjaflex,
     ninjaflex_ogden,
 )
-from softgrip_model.gdfe.reference_cable import ClosedFinger, calculix_closings, closing_of, our_closing
-from softgrip_model.gdfe.reference_finger import calculix_moments, our_moments, reference_closing
 from softgrip_model.gdfe.solver import Metric
 from softgrip_model.gdfe.thesis import (
     ThesisState,
@@ -47,6 +45,8 @@ from softgrip_model.gdfe.thesis import (
 )
 from softgrip_model.gdfe.thesis_bars import BarCase, difference, five_materials, joint_position, rotation, tension
 from softgrip_model.profile import load_directory, shipped_directory
+from softgrip_testing.calculix_cable import ClosedFinger, calculix_closings, closing_of, our_closing
+from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[2]

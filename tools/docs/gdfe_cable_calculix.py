@@ -3,7 +3,7 @@
 
 `python tools/docs/gdfe_cable_calculix.py` needs `ccx` (apt-get install calculix-ccx) and some twenty minutes; it writes
 softgrip_model/gdfe/reference/finger_cable_calculix.npz. Named designs (`... power pinch`) are renewed alone.
-How CalculiX gets a cable: softgrip_model/gdfe/reference_cable.py.
+How CalculiX gets a cable: softgrip_model/softgrip_testing/calculix_cable.py.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from softgrip_model.gdfe.cable import RoutingPoint
 from softgrip_model.gdfe.finger_mesh import FingerMesh
-from softgrip_model.gdfe.reference_cable import (
+from softgrip_testing.calculix_cable import (
     MATERIAL,
     ClosedFinger,
     calculix_closings,

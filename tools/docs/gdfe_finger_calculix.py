@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.gdfe.finger_mesh import FingerMesh
-from softgrip_model.gdfe.reference_finger import (
+from softgrip_testing.calculix_finger import (
     MATERIAL,
     NAME,
     STEPS_MM,

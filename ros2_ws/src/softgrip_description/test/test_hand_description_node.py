@@ -18,7 +18,7 @@ from softgrip_description import link_poses, shipped_hand, slot_pose
 from softgrip_interfaces.msg import CellState, FingerState, FingerStates, MountedFinger
 from softgrip_model.profile import load, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
-from softgrip_nodekit.testing import Peer, node_processes, own_domain, peer_node
+from softgrip_testing.nodes.node_processes import Peer, node_processes, own_domain, peer_node
 
 pytestmark = pytest.mark.ros
 SLOTS = ("index", "middle", "thumb")

@@ -12,7 +12,7 @@ from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.port import BusPort
 from softgrip_driver.errors import NoReplyError
-from softgrip_driver.fuzz_target import ScriptedSerial, crc16
+from softgrip_testing.driver_fuzz import ScriptedSerial, crc16
 
 MakeBus = Callable[..., Bus]
 

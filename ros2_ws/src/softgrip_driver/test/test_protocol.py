@@ -16,7 +16,7 @@ from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.stuffing import PacketHandler, stuff, unstuff
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
-from softgrip_driver.fuzz_target import SEEDS, DriverFuzzTarget, ScriptedSerial, crc16, mutate
+from softgrip_testing.driver_fuzz import SEEDS, DriverFuzzTarget, ScriptedSerial, crc16, mutate
 
 #: streams that hypothesis makes up; `make fuzz` asks for 100,000
 EXAMPLES = int(os.environ.get("SOFTGRIP_FUZZ_EXAMPLES", "300"))

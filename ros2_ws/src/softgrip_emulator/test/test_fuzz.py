@@ -12,7 +12,7 @@ from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.packets import BROADCAST_ID, Instruction, PacketReader, encode
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.fuzz_target import holds_packet, mutate
+from softgrip_testing.emulator_fuzz import holds_packet, mutate
 
 STREAMS = 100_000
 #: lists of pieces that hypothesis makes up; `make fuzz` asks for 100,000

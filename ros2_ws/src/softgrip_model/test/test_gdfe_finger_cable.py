@@ -10,9 +10,9 @@ import pytest
 
 from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
-from softgrip_model.gdfe.reference_cable import calculix_closings, closing_of, our_closing
-from softgrip_model.gdfe.reference_finger import calculix_moments, our_moments, reference_closing
 from softgrip_model.profile import load_directory, shipped_directory
+from softgrip_testing.calculix_cable import calculix_closings, closing_of, our_closing
+from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
 
 
 @pytest.fixture(scope="module")

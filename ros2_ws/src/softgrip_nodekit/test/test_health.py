@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from softgrip_nodekit import HealthMonitor, HealthWatch
 from softgrip_nodekit.guards import serve_ping
-from softgrip_nodekit.testing import TEST_TIMEOUT_S
+from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
 
 
 def test_silence_counts_from_the_last_answer_and_is_told_once() -> None:

@@ -21,7 +21,7 @@ from softgrip_nodekit import (
     run,
 )
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S
-from softgrip_nodekit.testing import TEST_TIMEOUT_S
+from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
 
 ERROR = "Unable to convert call argument '0' to Python object"
 

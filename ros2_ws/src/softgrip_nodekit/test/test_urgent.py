@@ -16,7 +16,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from softgrip_nodekit import UrgentServer
-from softgrip_nodekit.testing import TEST_TIMEOUT_S
+from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
 
 
 def _await(condition: Callable[[], bool]) -> None:

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
+from softgrip_testing.synthetic_images import Conditions, SyntheticScene, make_calibration
 from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.layout import ChainLayout, FingerSetup
-from softgrip_vision.synthetic import Conditions, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))

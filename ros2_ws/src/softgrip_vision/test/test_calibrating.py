@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from softgrip_testing.synthetic_boards import BoardCamera
+from softgrip_testing.synthetic_images import make_calibration
 from softgrip_vision import calibration as files
 from softgrip_vision.calibrating import Board, BoardView, calibrate_lens, calibrate_plane, collect_views
 from softgrip_vision.calibrating.target_pdf import cross_origin, draw_target, write_target
@@ -19,8 +21,6 @@ from softgrip_vision.calibration import Lens, PlaneMap
 from softgrip_vision.commands import calibrate_camera
 from softgrip_vision.errors import CalibrationError
 from softgrip_vision.sources import open_source
-from softgrip_vision.synthetic import make_calibration
-from softgrip_vision.synthetic_board import BoardCamera
 
 BOARD = Board(11, 7, 0.024)
 WIDTH, HEIGHT = 960, 540

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from softgrip_testing.synthetic_images import Conditions, Occluder, SyntheticScene
 from softgrip_vision import calibration as files
 from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.commands import calibrate_camera, track
 from softgrip_vision.overlay import HIDDEN, draw
-from softgrip_vision.synthetic import Conditions, Occluder, SyntheticScene
 from softgrip_vision.tracker import Tracker
 
 FRAMES = 12

@@ -26,9 +26,9 @@ from std_msgs.msg import Header
 
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
+from softgrip_testing.synthetic_images import SyntheticScene
 from softgrip_vision import calibration as files
 from softgrip_vision.calibration import CameraCalibration
-from softgrip_vision.synthetic import SyntheticScene
 
 pytestmark = pytest.mark.ros
 

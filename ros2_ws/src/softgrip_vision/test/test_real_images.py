@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 import pytest
 
+from softgrip_testing.synthetic_images import SyntheticScene
 from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.colour import ColourModel
 from softgrip_vision.layout import ChainLayout, FingerSetup
 from softgrip_vision.search import search_spots
 from softgrip_vision.sources import decode
 from softgrip_vision.spots import Window
-from softgrip_vision.synthetic import SyntheticScene
 from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))

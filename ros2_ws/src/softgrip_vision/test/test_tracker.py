@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from softgrip_model.profile import shipped_directory
+from softgrip_testing.synthetic_images import Conditions, Occluder, SyntheticScene, make_calibration
 from softgrip_vision.calibration import CameraCalibration, PlaneMap
 from softgrip_vision.chain import ChainGeometry
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
@@ -21,7 +22,6 @@ from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.search import find_chain
 from softgrip_vision.spots import Spot
-from softgrip_vision.synthetic import Conditions, Occluder, SyntheticScene, make_calibration
 from softgrip_vision.tracker import Tracker
 
 CHAIN = ChainLayout((0.045, 0.027, 0.023))

@@ -17,7 +17,7 @@ from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import LeaseHeartbeat, SafetyState, TendonOwners, TendonStatus, TendonStatusArray
 from softgrip_interfaces.srv import AcquireLease, AcquireLock, ReleaseLease, ReleaseLock
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
-from softgrip_nodekit.testing import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
+from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Goal, Result = MoveTendon.Goal, MoveTendon.Result

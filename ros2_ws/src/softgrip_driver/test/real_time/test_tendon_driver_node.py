@@ -19,7 +19,7 @@ from softgrip_driver.nodes.tendon_driver import TendonDriver
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
 from softgrip_nodekit import RELIABLE, SENSOR
-from softgrip_nodekit.testing import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
+from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
