@@ -69,6 +69,9 @@ def test_a_hold_goes_on_through_the_death_of_the_driver_and_its_successor_takes_
     assert (lowest > 0.8 * held).all(), (lowest, held)
     assert torque(holding) == [1, 1, 1]
     assert {(d.state, d.fault) for d in holding.loop.snapshot.drives} == {(DriveState.STOPPED, "estop")}
+    (reason,) = {d.fault_reason for d in holding.loop.snapshot.drives}
+    assert reason.startswith("emergency stop: the driver before this one ended without letting go")
+    assert reason.count("make the cell safe") == 1
     assert "estop_reset" in holding.move([0.0]).refusal
     holding.reset()
     holding.pass_time(0.2)

@@ -14,7 +14,7 @@ def block_of(safety: Safety, policies: Policies) -> Block | None:
     if not (record.is_stopped or record.is_locked):
         return None
     lets_go = record.is_locked or _stop_policy(record, policies) is StopPolicy.LET_GO
-    return Block(safety.refusal, record.is_stopped, lets_go)
+    return Block(safety.refusal, record.is_stopped, lets_go, cause=record.stop_reason)
 
 
 def keeps_torque(record: SafetyRecord, policies: Policies) -> bool:

@@ -80,11 +80,13 @@ class Block:
         text: for whoever is refused.
         is_stop: an emergency stop, which is a fault of every drive; else hands are in the cell.
         lets_go: torque goes off; else what holds goes on holding.
+        cause: of the stop, for a fault's text, which has the remedy by itself; empty = ``text``.
     """
 
     text: str
     is_stop: bool
     lets_go: bool
+    cause: str = ""
 
 
 def never_blocked() -> Block | None:
@@ -276,7 +278,7 @@ class GripperController:
         for name, drive in self.drives.items():
             was_powered = drive.powered
             if block.is_stop:
-                drive.set_fault("estop", block.text)
+                drive.set_fault("estop", block.cause or block.text)
             elif drive.busy:
                 drive.cancel_motion(block.text)
             if block.lets_go:
