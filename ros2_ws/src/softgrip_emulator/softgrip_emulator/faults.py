@@ -7,7 +7,6 @@ import inspect
 import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import yaml
@@ -219,34 +218,34 @@ class FaultBoard:
 
 
 @dataclass
-class _Override:
-    """An attribute that faults override: its value without them, and what each of them gives it, the latest last."""
+class _Held:
+    """An attribute that faults hold: what it is without them, and what each of them wants, the latest last."""
 
+    thing: object
     without: Any
-    given: dict[object, Any] = field(default_factory=dict)
+    requested: dict[object, Any] = field(default_factory=dict)
 
 
-#: thing -> name of its attribute -> overrides; a thing that is gone takes its overrides along.
-_overrides: WeakKeyDictionary[object, dict[str, _Override]] = WeakKeyDictionary()
+_HELD: dict[tuple[int, str], _Held] = {}
 
 
 def _set(thing: object, **values: Any) -> Undo:
     """Give attributes other values. Of several faults on one the latest counts; the last to end leaves it as it was."""
     fault = object()
-    overrides = _overrides.setdefault(thing, {})
     for name, value in values.items():
-        overrides.setdefault(name, _Override(getattr(thing, name))).given[fault] = value
+        held = _HELD.setdefault((id(thing), name), _Held(thing, getattr(thing, name)))
+        held.requested[fault] = value
         setattr(thing, name, value)
 
     def undo() -> None:
         for name in values:
-            override = overrides.get(name)
-            if override is None or fault not in override.given:
+            held = _HELD.get((id(thing), name))
+            if held is None or fault not in held.requested:
                 continue
-            del override.given[fault]
-            setattr(thing, name, [override.without, *override.given.values()][-1])
-            if not override.given:
-                del overrides[name]
+            del held.requested[fault]
+            setattr(thing, name, [held.without, *held.requested.values()][-1])
+            if not held.requested:
+                del _HELD[(id(thing), name)]
 
     return undo
 
