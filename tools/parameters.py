@@ -21,6 +21,7 @@ TABLES = {
     "friction_rig": "softgrip_driver.nodes.rig_parameters",
     "gdfe_simulator": "softgrip_model.nodes.gdfe_simulator",
     "grasp_mix_manager": "softgrip_cell.nodes.parameters",
+    "gripper_command": "softgrip_cell.nodes.gripper_command",
     "hand_description": "softgrip_description.nodes.hand_description",
     "kinematics_predictor": "softgrip_model.nodes.kinematics_predictor",
     "marker_tracker": "softgrip_vision.nodes.marker_tracker",
