@@ -62,7 +62,7 @@ def text(node: str, table: Any) -> str:
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# Parameters of {node}, written by tools/parameters.py from the node's table: value, [unit] bounds, meaning.",
-        f"{node}:",
+        f"/**/{node}:",  # in any namespace
         "  ros__parameters:",
     ]
     for row in table.rows:
