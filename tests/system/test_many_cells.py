@@ -65,7 +65,7 @@ def test_three_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: P
     for name in NAMES:
         (bag,) = (tmp_path / name / "bags").iterdir()
         assert_own(bag, name)
-        for node in ("grasp_mix_manager", "kinematics_predictor", "marker_tracker"):
+        for node in ("grasp_mix_manager", "marker_tracker"):
             result = check(bag, node)
             assert result.divergence is None, (name, node, result.divergence)
             assert result.compared > 5, (name, node)
@@ -85,4 +85,4 @@ def assert_own(bag: Path, name: str) -> None:
             senders = SENDERS[topic](message)
             assert all(sender.startswith(f"{name}/") for sender in senders), (topic, senders)
             seen.add(topic)
-    assert {f"/{name}/tendon/state", f"/{name}/finger/predicted", "/diagnostics", "/rosout", "/tf_static"} <= seen
+    assert {f"/{name}/tendon/state", f"/{name}/finger/measured", "/diagnostics", "/rosout", "/tf_static"} <= seen
