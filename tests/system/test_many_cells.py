@@ -29,14 +29,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Launch = Callable[..., Any]
 
 
-def until(condition: Callable[[], bool], timeout_s: float, expected: str) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, f"expected {expected} within {timeout_s} s"
-        time.sleep(0.2)
-
-
-@pytest.mark.timeout(280)
+@pytest.mark.timeout(400)
 def test_three_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: Path) -> None:
     domain = None
     cells = {}
@@ -50,9 +43,11 @@ def test_three_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: P
         cell.wait_for("wires in", 90.0)
     for name in NAMES:
         homed = ""
-        deadline = time.monotonic() + 100.0
+        deadline = time.monotonic() + 150.0
         while "success=True" not in homed:
             assert time.monotonic() < deadline, homed
+            # on a busy machine an emulated servo may have been late enough to count as lost: what ends that fault
+            cells[name].ask("service", "call", f"/{name}/estop_reset", "std_srvs/srv/Trigger")
             homed = cells[name].ask("service", "call", f"/{name}/tendon/home", "std_srvs/srv/Trigger")
     second = launch(*CELL, "cell:=left", f"out:={tmp_path}/again", f"wire_dir:={tmp_path}/wires/again", domain=domain)
     second.wait_for_end(60.0)
