@@ -21,6 +21,7 @@ TABLES = {
     "friction_rig": "softgrip_driver.nodes.rig_parameters",
     "gdfe_simulator": "softgrip_model.nodes.gdfe_simulator",
     "grasp_mix_manager": "softgrip_cell.nodes.parameters",
+    "gripper_command": "softgrip_cell.nodes.gripper_command",
     "hand_description": "softgrip_description.nodes.hand_description",
     "kinematics_predictor": "softgrip_model.nodes.kinematics_predictor",
     "marker_tracker": "softgrip_vision.nodes.marker_tracker",
@@ -61,7 +62,7 @@ def text(node: str, table: Any) -> str:
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# Parameters of {node}, written by tools/parameters.py from the node's table: value, [unit] bounds, meaning.",
-        f"{node}:",
+        f"/**/{node}:",  # in any namespace
         "  ros__parameters:",
     ]
     for row in table.rows:

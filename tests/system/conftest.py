@@ -128,10 +128,12 @@ class Launched:
 def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     launched: list[Launched] = []
 
-    def start(*arguments: str) -> Launched:
-        domain = next(_DOMAINS)
-        place = [f"wire_dir:={tmp_path}/wires-{domain}"] if "launch" in arguments else []
-        launched.append(Launched([*arguments, *place], domain, tmp_path / f"log-{domain}.txt"))
+    def start(*arguments: str, domain: int | None = None) -> Launched:
+        domain = next(_DOMAINS) if domain is None else domain
+        has_place = any(argument.startswith("wire_dir:=") for argument in arguments)
+        place = [f"wire_dir:={tmp_path}/wires-{domain}"] if "launch" in arguments and not has_place else []
+        log = tmp_path / f"log-{domain}-{len(launched)}.txt"
+        launched.append(Launched([*arguments, *place], domain, log))
         return launched[-1]
 
     yield start

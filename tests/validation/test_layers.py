@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "softgrip_driver": {"softgrip_model"},
     "softgrip_emulator": {"softgrip_description", "softgrip_model"},
     "softgrip_vision": {"softgrip_model"},
-    "softgrip_cell": {"softgrip_model"},
+    "softgrip_cell": {"softgrip_description", "softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
     "softgrip_security": set(),

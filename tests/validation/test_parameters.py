@@ -25,7 +25,7 @@ def test_shipped_file_is_up_to_date(path: Path, content: str) -> None:
 @pytest.mark.parametrize("path", sorted(parameters.CONFIG.glob("*.yaml")), ids=lambda p: p.stem)
 def test_every_value_has_a_unit_comment_and_reads_back_as_its_type(path: Path) -> None:
     document = yaml.safe_load(path.read_text())
-    values = document[path.stem]["ros__parameters"]
+    values = document[f"/**/{path.stem}"]["ros__parameters"]
     lines = path.read_text().splitlines()
     for name in values:
         at = next(i for i, line in enumerate(lines) if line.startswith(f"    {name}:"))

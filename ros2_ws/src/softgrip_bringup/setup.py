@@ -20,6 +20,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/launch", [*files("launch"), "launch/keep_running.py"]),
         (f"share/{PACKAGE}/config", files("config")),
+        (f"share/{PACKAGE}/controllers", files("controllers")),
         (f"share/{PACKAGE}/profiles", files("profiles")),
     ],
 )

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.reader import TopicSummary, read, topic_summaries
 
 #: Every result and what it is computed from; where there are several, the first that is in the bag.
@@ -57,11 +58,12 @@ def links(bag: Path) -> list[Link]:
         BagError: no bag, or no MCAP.
     """
     topics = {topic.name: topic for topic in topic_summaries(bag) if topic.messages and has_header(topic)}
+    cell = cell_namespace(topics)
     requested = []
     for result, sources in LINKS:
-        source = next((name for name in sources if name in topics), None)
-        if source is not None and result in topics:
-            requested.append((source, result))
+        source = next((cell + name for name in sources if cell + name in topics), None)
+        if source is not None and cell + result in topics:
+            requested.append((source, cell + result))
     stamps = read_stamps(bag, {name for pair in requested for name in pair})
     return [link(source, result, stamps[source], stamps[result]) for source, result in requested]
 

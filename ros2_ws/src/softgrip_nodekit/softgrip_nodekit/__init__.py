@@ -5,6 +5,7 @@ Node-level code: it imports rclpy, and only modules under a package's ``nodes/``
 """
 
 from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
+from softgrip_nodekit.cell_lock import claim_name
 from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import make_executor, with_message_info
@@ -42,6 +43,7 @@ __all__ = [
     "UrgentServer",
     "WhileBrief",
     "callback_errors",
+    "claim_name",
     "claim_processor",
     "make_executor",
     "realtime_parameter",

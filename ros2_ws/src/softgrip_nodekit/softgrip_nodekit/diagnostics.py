@@ -40,14 +40,16 @@ class Diagnostics:
 
     Args:
         node: the node that owns them.
-        hardware_id: serial or name of the device behind the node, empty for none.
+        hardware_id: serial or name of the device behind the node; empty = the name of the cell.
         period: [s] between messages; a change of level is published at once.
         watch_nodes: also report the other nodes of the cell that are there no longer; one node of the cell does that.
     """
 
     def __init__(self, node: Node, hardware_id: str = "", period: float = 1.0, *, watch_nodes: bool = False) -> None:
         self._node = node
-        self._hardware_id = hardware_id
+        # /diagnostics is one topic for all cells: the name tells whose it is.
+        self._name = node.get_fully_qualified_name().strip("/")
+        self._hardware_id = hardware_id or node.get_namespace().strip("/")
         self._components: dict[str, tuple[Health, str, dict[str, str]]] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._lock = threading.Lock()
@@ -100,7 +102,7 @@ class Diagnostics:
         array.status = [
             DiagnosticStatus(
                 level=bytes([health]),
-                name=f"{self._node.get_name()}: {component}",
+                name=f"{self._name}: {component}",
                 message=message,
                 hardware_id=self._hardware_id,
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],

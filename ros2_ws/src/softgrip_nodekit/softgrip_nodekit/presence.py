@@ -43,9 +43,11 @@ def published_inputs(node: Node) -> list[str]:
 
 
 def diagnosed_nodes(node: Node) -> list[str]:
-    """Return the names of the nodes that report on /diagnostics: those of the cell, not those of tools."""
+    """Return the names of the nodes that report on /diagnostics: those of this cell, not those of tools or others."""
+    own = node.get_namespace().rstrip("/")
     publishers = node.get_publishers_info_by_topic("/diagnostics")
-    return [f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}" for publisher in publishers]
+    names = [f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}" for publisher in publishers]
+    return [name for name in names if name.startswith(f"{own}/")]
 
 
 def _is_stream_or_state(subscription: Any) -> bool:

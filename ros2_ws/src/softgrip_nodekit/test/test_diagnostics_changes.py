@@ -37,8 +37,11 @@ class Recorder:
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=Time))
 
-    def get_name(self) -> str:
-        return "driver"
+    def get_fully_qualified_name(self) -> str:
+        return "/left/driver"
+
+    def get_namespace(self) -> str:
+        return "/left"
 
 
 def test_a_change_of_level_is_published_at_once_and_logged_and_the_same_level_is_not() -> None:
@@ -57,3 +60,13 @@ def test_a_change_of_level_is_published_at_once_and_logged_and_the_same_level_is
 @pytest.mark.parametrize("value", [math.nan, [1.0, math.nan]])
 def test_no_number_is_a_parameter_that_is_none(value: Any) -> None:
     assert "found nan" in str(Parameter("offset", 0.0, "without bounds").problem(value))
+
+
+def test_the_name_of_a_component_says_which_cell_it_is_of() -> None:
+    """/diagnostics is one topic for all cells; REP-107 asks for a hardware id."""
+    node = Recorder()
+    Diagnostics(node).set("bus", Health.OK, "text")
+    Diagnostics(node, "serial-7").set("bus", Health.OK, "text")
+    found = [(status.name, status.hardware_id) for message in node.published for status in message.status]
+    assert ("left/driver: bus", "left") in found
+    assert ("left/driver: bus", "serial-7") in found

@@ -34,7 +34,7 @@ top left pixel. Fingers seen from behind simply have a homography of the other h
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -203,6 +203,31 @@ def load(path: Path | str) -> CameraCalibration:
     except (CalibrationError, KeyError, TypeError, ValueError) as error:
         missing = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
         raise CalibrationError(f"{path}: {missing}; see softgrip_vision/calibration.py for the layout") from error
+
+
+def lens_from_camera_info(
+    size: tuple[int, int], distortion_model: str, matrix: Sequence[float], distortion: Sequence[float], name: str
+) -> Lens:
+    """Return the lens that a sensor_msgs/CameraInfo describes.
+
+    Args:
+        size: width and height [px].
+        distortion_model: ROS name.
+        matrix: K, row by row (9,).
+        distortion: D.
+        name: of the camera.
+
+    Raises:
+        CalibrationError: the numbers describe no lens.
+    """
+    return _parse_lens({
+        "image_width": size[0],
+        "image_height": size[1],
+        "camera_matrix": {"data": matrix},
+        "distortion_model": distortion_model,
+        "distortion_coefficients": {"data": distortion},
+        "camera_name": name,
+    })  # fmt: skip
 
 
 def _parse(document: Mapping[str, Any], digest: str) -> CameraCalibration:

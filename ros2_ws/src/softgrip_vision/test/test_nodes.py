@@ -22,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
 
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
@@ -313,3 +314,55 @@ def test_no_camera_is_an_error_on_diagnostics(watcher: Watcher) -> None:
     watcher.start("camera", source="/dev/video97")
     assert watcher.until(lambda: watcher.said("/dev/video97: expected a camera"))
     assert watcher.health["camera: capture"][0] == 2
+
+
+def test_a_lens_from_camera_calibration_is_written_and_used(
+    watcher: Watcher,
+    tmp_path: Path,
+    jpeg: bytes,
+    calibration: CameraCalibration,
+    serve: Callable[..., str],
+    part: Callable[[bytes, str | None], bytes],
+) -> None:
+    """As cameracalibrator calls it with camera:=camera: refused for another size, then written and published."""
+    stream = serve([part(jpeg, None)] * 400)
+    lens_file = tmp_path / "lens.yaml"
+    watcher.start("camera", source=stream, lens_file=lens_file, reconnect_delay_s=0.2)
+    assert watcher.until(lambda: bool(watcher.infos))
+    assert not any(watcher.infos[-1].k)
+    client = watcher.create_client(SetCameraInfo, "camera/set_camera_info")
+    assert watcher.until(client.service_is_ready)
+    lens = calibration.lens
+    info = CameraInfo(
+        width=lens.width,
+        height=lens.height,
+        distortion_model=lens.distortion_model,
+        k=[float(value) for value in lens.matrix.ravel()],
+        d=[float(value) for value in lens.distortion],
+    )
+
+    def answer(message: CameraInfo) -> tuple[bool, str]:
+        future = client.call_async(SetCameraInfo.Request(camera_info=message))
+        assert watcher.until(future.done)
+        return future.result().success, future.result().status_message
+
+    wrong = CameraInfo(width=10, height=10, distortion_model=info.distortion_model, k=info.k, d=info.d)
+    assert answer(wrong) == (False, f"expected a lens for images of {lens.width}x{lens.height}, found 10x10")
+    spoiled = CameraInfo(width=lens.width, height=lens.height, distortion_model="plumb_bob", k=info.k, d=[math.nan] * 5)
+    assert "expected finite numbers" in answer(spoiled)[1]
+    assert not lens_file.exists()
+    success, said = answer(info)
+    assert success, said
+    assert "in use" in said
+    assert files.load(lens_file).lens.matrix == pytest.approx(lens.matrix)
+    assert watcher.until(lambda: list(watcher.infos[-1].k) == pytest.approx(lens.matrix.ravel()))
+
+
+def test_a_camera_without_a_place_for_the_lens_refuses_it(watcher: Watcher, tmp_path: Path) -> None:
+    watcher.start("camera", source=f"'@{tmp_path}/never'")
+    client = watcher.create_client(SetCameraInfo, "camera/set_camera_info")
+    assert watcher.until(client.service_is_ready)
+    future = client.call_async(SetCameraInfo.Request())
+    assert watcher.until(future.done)
+    assert not future.result().success
+    assert "lens_file" in future.result().status_message

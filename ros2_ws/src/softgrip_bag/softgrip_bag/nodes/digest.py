@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
+from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.old_messages import is_before_unset, read
 from softgrip_bag.nodes.steps import runs, stamp_of
@@ -40,6 +41,8 @@ _READ = {
     "/tendon/status": "softgrip_interfaces/msg/TendonStatusArray",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
+#: What all cells of a domain publish under one name.
+_SHARED = {"/diagnostics"}
 _TRACE = "/grasp_mix_manager/trace"
 _UUID = 16
 _OUTCOMES = ("UNSET", *ENUMERATIONS["softgrip_interfaces/Grasp_Result"]["outcome"])
@@ -55,7 +58,8 @@ Tip = tuple[int, float, tuple[float, float]]  # stamp [ns], pulled length [m], t
 class _Reader:
     """Takes messages one by one."""
 
-    def __init__(self) -> None:
+    def __init__(self, cell: str) -> None:
+        self._cell = cell
         self.story = Story()
         self._mode = ""
         self._faults: dict[tuple[str, str], str] = {}
@@ -64,7 +68,7 @@ class _Reader:
         self.errors: dict[str, list[tuple[int, float]]] = defaultdict(list)
 
     def take(self, raw: RawMessage, message: Any) -> None:
-        name = raw.topic.strip("/").replace("/", "_")
+        name = raw.topic.removeprefix(self._cell).strip("/").replace("/", "_")
         getattr(self, f"_{name}")(raw.received, message)
 
     def _cell_state(self, time: int, message: Any) -> None:
@@ -139,13 +143,15 @@ def digest(bag: Path) -> Story:
         BagError: no bag, or no MCAP.
     """
     types = topic_types(bag)
-    reader = _Reader()
-    for raw in read(bag, {topic for topic, kind in _READ.items() if types.get(topic) == kind}):
+    cell = cell_namespace(types)
+    reader = _Reader(cell)
+    topics = {topic if topic in _SHARED else cell + topic: kind for topic, kind in _READ.items()}
+    for raw in read(bag, {topic for topic, kind in topics.items() if types.get(topic) == kind}):
         reader.take(raw, deserialize_message(raw.data, message_class(raw.type_name)))
     story = reader.story
     story.closings.extend(_closings(reader))
-    if types.get(_TRACE) == "softgrip_interfaces/msg/NodeTrace":
-        story.grasps.extend(_grasps(bag))
+    if types.get(cell + _TRACE) == "softgrip_interfaces/msg/NodeTrace":
+        story.grasps.extend(_grasps(bag, cell))
     return story
 
 
@@ -175,16 +181,16 @@ def _closings(reader: _Reader) -> list[RecordedClosing]:
     return found
 
 
-def _grasps(bag: Path) -> list[RecordedGrasp]:
+def _grasps(bag: Path, cell: str) -> list[RecordedGrasp]:
     found = []
     is_old = is_before_unset(bag)
     try:
-        for steps in runs(bag, _TRACE):
+        for steps in runs(bag, cell + _TRACE):
             product = ""
             for step in steps:
-                if step.name == "goal /cell/grasp":
+                if step.name == f"goal {cell}/cell/grasp":
                     product = deserialize_message(step.data[_UUID:], GraspAction.Goal).product
-                elif step.name == "finished /cell/grasp":
+                elif step.name == f"finished {cell}/cell/grasp":
                     result = deserialize_message(step.data, GraspAction.Result)
                     outcome = (
                         old_name("softgrip_interfaces/Grasp_Result", "outcome", result.outcome)

@@ -21,6 +21,7 @@ from typing import Any
 import rclpy
 from rclpy.serialization import deserialize_message
 
+from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.comparison import NOT_COMPARED, Divergence, ReplayResult, first_difference
 from softgrip_bag.context import restore
 from softgrip_bag.errors import BagError
@@ -51,6 +52,22 @@ class Replayable:
     drivers: tuple[str, ...] = ()
     trace: str = ""
     parameters: Mapping[str, str] = field(default_factory=dict)
+    namespace: str = ""
+
+    def in_cell(self, namespace: str) -> Replayable:
+        """Return the node as it lives in the namespace of a cell ("" or "/cell_2")."""
+        return replace(
+            self,
+            result=self.result and namespace + self.result,
+            drivers=tuple(namespace + driver for driver in self.drivers),
+            trace=self.trace and namespace + self.trace,
+            namespace=namespace,
+        )
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """ROS arguments that put the node there."""
+        return ("-r", f"__ns:={self.namespace}") if self.namespace else ()
 
 
 NODES = {
@@ -92,12 +109,12 @@ def check(bag: Path, name: str, ros_arguments: Sequence[str] = (), *, tolerance:
     """
     if name not in NODES:
         raise BagError(f"expected one of {', '.join(NODES)}, found {name!r}")
-    replayable = NODES[name]
     types = _checked_types(bag)
+    replayable = NODES[name].in_cell(cell_namespace(types))
     if replayable.trace:
         return _check_traced(bag, name, types, ros_arguments, tolerance)
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
-        recorded = restore(bag, f"/{name}", Path(folder))
+        recorded = restore(bag, f"{replayable.namespace}/{name}", Path(folder))
         replayed, start, fed = _feed(bag, replayable, types, [*recorded, *ros_arguments])
     return _compare(bag, replayed, types, start, fed, tolerance)
 
@@ -112,9 +129,10 @@ def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str
         BagError: as `check` does.
     """
     types = _checked_types(bag)
+    replayable = NODES[name].in_cell(cell_namespace(types))
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
-        recorded = restore(bag, f"/{name}", Path(folder))
-        replayed, start, _ = _feed(bag, NODES[name], types, [*recorded, *ros_arguments])
+        recorded = restore(bag, f"{replayable.namespace}/{name}", Path(folder))
+        replayed, start, _ = _feed(bag, replayable, types, [*recorded, *ros_arguments])
     keys = _Keys()
     by_key = {topic: {keys.of(topic, o.data, o.kind): o for o in outputs} for topic, outputs in replayed.items()}
     keys = _Keys()
@@ -141,7 +159,8 @@ def _feed(
     driver = next((topic for topic in replayable.drivers if topic in types), None)
     if driver is None:
         raise BagError(f"{bag}: expected a topic {' or '.join(replayable.drivers)}, found none; is it a bag of a cell?")
-    rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "warn", *ros_arguments])
+    given = [*replayable.arguments, *ros_arguments]
+    rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "warn", *given])
     nodes: list[ReplayedNode] = []
     try:
 
@@ -162,7 +181,7 @@ def _feed(
 def _check_traced(
     bag: Path, name: str, types: Mapping[str, str], ros_arguments: Sequence[str], tolerance: float
 ) -> ReplayResult:
-    replayable = NODES[name]
+    replayable = NODES[name].in_cell(cell_namespace(types))
     if replayable.trace not in types:
         raise BagError(f"{bag}: expected the topic {replayable.trace}, found none; was {name} recorded?")
     if is_before_unset(bag):
@@ -174,7 +193,7 @@ def _check_traced(
     for steps in runs(bag, replayable.trace):
         with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
             own = [w for p, v in replayable.parameters.items() for w in ("-p", f"{p}:={v.format(folder=folder)}")]
-            arguments = [*restore(bag, f"/{name}", Path(folder)), *own, *ros_arguments]
+            arguments = [*restore(bag, f"{replayable.namespace}/{name}", Path(folder)), *own, *ros_arguments]
             result = _check_run(bag, replayable, steps, types, arguments, tolerance)
         compared += result.compared
         without_input += result.without_input
@@ -194,7 +213,8 @@ def _check_run(
     """Have a node take the steps of one run again."""
     topics = {step.name.removeprefix("topic ") for step in steps if step.name.startswith("topic ")}
     messages = Messages(bag, topics)
-    rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "fatal", *ros_arguments])
+    given = [*replayable.arguments, *ros_arguments]
+    rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", "fatal", *given])
     node_io: list[ReplayIo] = []
     replayed: ReplayedNode | None = None
 

@@ -13,6 +13,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
+from softgrip_bag.cell_namespace import is_below
 from softgrip_bag.context import FILE_PARAMETERS, parameter_attachment
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
@@ -74,6 +75,8 @@ class ParameterSnapshot:
             full = f"{namespace.rstrip('/')}/{name}"
             if full in self._answered or full == self._node.get_fully_qualified_name():
                 continue
+            if not is_below(full, self._node.get_namespace()):
+                continue  # another cell's
             if _NAME.fullmatch(full):
                 self._ask(full)
             else:

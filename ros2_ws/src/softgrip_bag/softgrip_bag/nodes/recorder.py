@@ -29,6 +29,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from softgrip_bag import facts
 from softgrip_bag.announced import publishers_type, type_conflict
+from softgrip_bag.cell_namespace import is_below, is_of_cell, is_shared
 from softgrip_bag.draining import Drain
 from softgrip_bag.errors import BagError, DiskError, error_text
 from softgrip_bag.faults import FaultWatch
@@ -94,6 +95,9 @@ _SHOWN = 10
 _LATE = 2.0
 
 
+_OnMessage = Callable[[bytes, dict[str, Any]], None]
+
+
 def _diagnosed(message: DiagnosticArray) -> dict[str, str]:
     return {s.name: s.message if s.level == DiagnosticStatus.ERROR else "" for s in message.status}
 
@@ -115,6 +119,7 @@ class Recorder(Node):
 
     def __init__(self) -> None:
         super().__init__("recorder")
+        self._cell = self.get_namespace()
         self._values = PARAMETERS.declare(self)
         self._limits = FileLimits(
             self._values["split_size_mb"] * _MB, self._values["split_time_s"], self._values["kept_files"]
@@ -337,6 +342,8 @@ class Recorder(Node):
     def _look(self) -> None:
         """Subscribe to topics that have appeared, ask nodes that have."""
         for name, types in self.get_topic_names_and_types():
+            if not is_below(name, self._cell) and not any(is_shared(name, kind) for kind in types):
+                continue  # another cell's
             if name not in self._unreadable and (name not in self._topics or len(types) > 1):
                 publishers = self.get_publishers_info_by_topic(name)
                 if name not in self._topics and publishers:
@@ -463,7 +470,27 @@ class Recorder(Node):
                 self._bag.put(name, received, message.published, data)
 
         qos = matching(topic.qos, self._values["queue_depth"])
-        self.create_subscription(cls, name, with_message_info(on_message), qos, raw=True)
+        callback = self._own_only(name, type_name, cls, on_message)
+        self.create_subscription(cls, name, with_message_info(callback), qos, raw=True)
+
+    def _own_only(self, name: str, type_name: str, cls: Any, on_message: _OnMessage) -> _OnMessage:
+        """Return the callback, for a topic of all cells one that drops the messages of the others."""
+        if is_below(name, self._cell):
+            return on_message
+
+        def on_shared(data: bytes, info: dict[str, Any]) -> None:
+            if self._is_own(name, type_name, data, cls):
+                on_message(data, info)
+
+        return on_shared
+
+    def _is_own(self, name: str, type_name: str, data: bytes, cls: Any) -> bool:
+        """Return whether a message on a topic of all cells comes from this one."""
+        try:
+            return is_of_cell(type_name, deserialize_message(data, cls), self._cell)
+        except Exception:  # noqa: BLE001  each middleware has its own; what nobody can read is nobody's
+            self._malformed[name] += 1
+            return False
 
     def _watch_faults(self, name: str, faults: Callable[[Any], dict[str, str]], data: bytes, cls: Any) -> None:
         try:

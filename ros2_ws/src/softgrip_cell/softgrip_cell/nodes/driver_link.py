@@ -10,9 +10,10 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from softgrip_cell.grasp.values import Close, Command, Open, Press
+from softgrip_cell.nodes.plain_io import DriverIo
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
-from softgrip_nodekit import Caller, NodeIo, to_time_message
+from softgrip_nodekit import Caller, to_time_message
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
@@ -57,9 +58,10 @@ class DriverLink:
         limits: what no movement may exceed.
     """
 
-    def __init__(self, node_io: NodeIo, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
+    def __init__(self, node_io: DriverIo, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
         self._node_io = node_io
-        self._slots = tuple(slots)
+        #: Names of the tendons, in order.
+        self.slots = tuple(slots)
         self.lease = lease
         self._limits = limits
         self._move = node_io.action_client(MoveTendon, "tendon/move")
@@ -84,12 +86,12 @@ class DriverLink:
             ended: called with MoveTendon's outcome and reason when a movement ends by itself.
         """
         if isinstance(command, Close):
-            tendons = [self._slots[slot] for slot in command.slots]
+            tendons = [self.slots[slot] for slot in command.slots]
             self.move(tendons, command.targets_m, command.speed_m_per_s, command.tension_limit_n, ended)
         elif isinstance(command, Open):
             self.open(self._limits.open_speed_m_per_s, ended)
         elif isinstance(command, Press):
-            tendons = [self._slots[slot] for slot in command.slots]
+            tendons = [self.slots[slot] for slot in command.slots]
             limit_n = self._limits.tension_limit_n  # of LENGTH only, but never 0
             self._send(tendons, MoveTendon.Goal.TENSION, command.tensions_n, command.speed_m_per_s, limit_n, ended)
         else:
@@ -108,8 +110,8 @@ class DriverLink:
 
     def open(self, speed_m_per_s: float, ended: Ended) -> None:
         """Let every finger go back to straight."""
-        targets_m = [0.0] * len(self._slots)
-        self.move(self._slots, targets_m, speed_m_per_s, self._limits.tension_limit_n, ended)
+        targets_m = [0.0] * len(self.slots)
+        self.move(self.slots, targets_m, speed_m_per_s, self._limits.tension_limit_n, ended)
 
     def _send(
         self,

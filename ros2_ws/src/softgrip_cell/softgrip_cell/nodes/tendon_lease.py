@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from softgrip_cell.nodes.plain_io import DriverIo
 from softgrip_interfaces.msg import LeaseHeartbeat, TendonOwners
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
-from softgrip_nodekit import NodeIo, to_time_message
+from softgrip_nodekit import to_time_message
 
 #: A driver that has not answered for so long does not answer [s].
 ANSWER_S: Final = 2.0
@@ -32,6 +33,7 @@ class _Request:
     answered: Answered
     until_s: float
     is_asked: bool = False
+    refusal: str = ""  # of the last answer
 
 
 class TendonLease:
@@ -44,16 +46,19 @@ class TendonLease:
         tendons: names.
         duration_s: without heartbeats for so long the driver ends the lease [s].
         lost: called with why, when the lease ended without us.
+        ask_for_hand_over: ask an owner who only holds something to release the tendons to us.
     """
 
     def __init__(
         self,
-        node_io: NodeIo,
+        node_io: DriverIo,
         publish: Callable[[LeaseHeartbeat], None],
         owner: str,
         tendons: Sequence[str],
         duration_s: float,
         lost: Callable[[str], None],
+        *,
+        ask_for_hand_over: bool = False,
     ) -> None:
         self._node_io = node_io
         self._publish = publish
@@ -61,6 +66,7 @@ class TendonLease:
         self._tendons = tuple(tendons)
         self._duration_s = duration_s
         self._lost = lost
+        self._ask_for_hand_over = ask_for_hand_over
         self._acquire = node_io.client(AcquireLease, "tendon/lease")
         self._release = node_io.client(ReleaseLease, "tendon/lease_release")
         self._owners: dict[str, tuple[str, str]] = {}
@@ -149,13 +155,19 @@ class TendonLease:
         if request is None:
             return
         if now_s > request.until_s:
-            self._finish(request, f"tendon/lease did not answer or grant within {ANSWER_S:g} s; check tendon_driver")
+            late = f"tendon/lease did not answer or grant within {ANSWER_S:g} s; check tendon_driver"
+            self._finish(request, f"tendon/lease: {request.refusal}" if request.refusal else late)
         elif not request.is_asked:
             self._ask(request)
 
     def _ask(self, request: _Request) -> None:
         request.is_asked, self._is_seen = True, False
-        goal = AcquireLease.Request(owner=self._owner, tendons=list(self._tendons), duration=self._duration_s)
+        goal = AcquireLease.Request(
+            owner=self._owner,
+            tendons=list(self._tendons),
+            duration=self._duration_s,
+            hand_over=self._ask_for_hand_over,
+        )
         self._acquire.call(goal, lambda response: self._on_answer(request, response))
 
     def _on_answer(self, request: _Request, response: Any) -> None:
@@ -171,6 +183,9 @@ class TendonLease:
             self._finish(request, "tendon_driver went away before it answered tendon/lease")
         elif self._is_ours_from_before():
             request.is_asked = False  # ends by itself: its owner died and sends no heartbeats
+        elif self._ask_for_hand_over:
+            request.is_asked = False  # the owner has been asked; it decides until the request runs out
+            request.refusal = response.message
         else:
             self._finish(request, f"tendon/lease: {response.message}")
 

@@ -17,7 +17,9 @@ from tf2_msgs.msg import TFMessage
 from softgrip_description.errors import HandError
 from softgrip_description.geometry import Array, quaternion_of
 from softgrip_description.hand import Hand, load_hand, shipped_hand
+from softgrip_description.opening import gripper_opening
 from softgrip_description.pose_feed import HandPose
+from softgrip_description.ros2_control import GripperJoint, with_gripper_joint
 from softgrip_description.urdf import fixed_transforms, urdf_of
 from softgrip_interfaces.msg import CellState, FingerStates, MountedFinger
 from softgrip_model.profile import Profile, ProfileError, load_directory, shipped_directory
@@ -33,6 +35,9 @@ from softgrip_nodekit import (
     run,
 )
 
+#: What URDF asks for: the defaults of gripper_command's effort_limit_n [N] and max_velocity_m_s [m/s].
+_EFFORT_N, _VELOCITY_M_S = 35.0, 0.1
+
 PARAMETERS = ParameterTable(
     Parameter("hand_file", "", "hand file; empty = the shipped hand"),
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
@@ -40,6 +45,7 @@ PARAMETERS = ParameterTable(
     Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
     Parameter("joint_source", "predicted", "where joint angles come from", choices=("predicted", "measured")),
     Parameter("frame_prefix", "", "before every link and joint name, so that several hands fit one tf tree"),
+    Parameter("gripper_joint", "", "name of a joint for the opening, with a ros2_control tag; empty = none"),
     Parameter("publish_tf", True, "false where robot_state_publisher computes tf from the description"),
 )
 
@@ -52,8 +58,10 @@ class HandDescription(Node):
         values = PARAMETERS.declare(self)
         self._prefix: str = values["frame_prefix"]
         self._publish_tf: bool = values["publish_tf"]
+        self._gripper_joint: str = values["gripper_joint"]
         self._hand = _load_hand(values["hand_file"])
-        self._pose = HandPose(self._hand, _load_profiles(values["profiles_directory"]), self._prefix)
+        self._profiles = _load_profiles(values["profiles_directory"])
+        self._pose = HandPose(self._hand, self._profiles, self._prefix)
         self._diagnostics = Diagnostics(self)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
         self._joints = self.create_publisher(JointState, "joint_states", RELIABLE)
@@ -95,13 +103,34 @@ class HandDescription(Node):
             self._tf.publish(TFMessage(transforms=[_transform(message.header.stamp, *one) for one in transforms]))
 
     def _publish_description(self) -> None:
-        self._description.publish(String(data=urdf_of(self._hand, self._pose.fingers, prefix=self._prefix)))
+        self._description.publish(String(data=self._urdf()))
         if self._publish_tf:
             stamp = self.get_clock().now().to_msg()
             transforms = [*fixed_transforms(self._hand, self._pose.fingers, self._prefix)]
             transforms += self._pose.mount_transforms()
             self._tf_static.publish(TFMessage(transforms=[_transform(stamp, *one) for one in transforms]))
         self._diagnostics.set("hand", Health.OK, "as mounted by cell/state", self._mounted())
+
+    def _urdf(self) -> str:
+        text = urdf_of(self._hand, self._pose.fingers, prefix=self._prefix)
+        if not self._gripper_joint:
+            return text
+        try:
+            opening = gripper_opening(self._hand, self._profiles, self._mounted())
+        except HandError as error:
+            self._diagnostics.set("gripper joint", Health.WARN, f"left out: {error}")
+            return text
+        self._diagnostics.set("gripper joint", Health.OK, f"{opening.min_m:.4f} to {opening.max_m:.4f} m")
+        joint = GripperJoint(
+            name=self._gripper_joint,
+            min_m=opening.min_m,
+            max_m=opening.max_m,
+            effort_n=_EFFORT_N,
+            velocity_m_s=_VELOCITY_M_S,
+            states_topic=self.resolve_topic_name("gripper/joint_states"),
+            commands_topic=self.resolve_topic_name("gripper/joint_commands"),
+        )
+        return with_gripper_joint(text, joint, self._prefix)
 
     def _mounted(self) -> dict[str, str]:
         return {slot: profile for slot, (profile, _) in self._pose.fingers.items()}

@@ -60,7 +60,7 @@ class FrictionRig(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("friction_rig")
         self._values = PARAMETERS.declare(self)
-        self._diagnostics = Diagnostics(self)
+        self._diagnostics = Diagnostics(self, hardware_id=self.get_parameter("stage_port").value)
         self._folder = Path(self._values["model_dir"]).expanduser()
         self.startup_problem = ""
         self._bench: Bench | None = None

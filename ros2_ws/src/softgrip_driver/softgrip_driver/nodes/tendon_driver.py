@@ -45,6 +45,7 @@ from softgrip_nodekit import (
     HealthMonitor,
     StartupError,
     callback_errors,
+    claim_name,
     run,
     steady_timer,
     to_time_message,
@@ -465,10 +466,18 @@ class TendonDriver(LifecycleNode):
         return limits.travel / speed + MOVE_GRACE
 
 
+class _NamedDriver(TendonDriver):
+    """The driver as a process: the only one of its name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._name_lock = claim_name(self)
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    return run(TendonDriver, args, threads=6)
+    return run(_NamedDriver, args, threads=6)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from softgrip_nodekit import (
     ParameterTable,
     Rank,
     StartupError,
+    claim_name,
     realtime_parameter,
     run,
     to_time_message,
@@ -95,6 +96,7 @@ class EmulatedCellNode(Node):
         super().__init__("emulated_cell")
         values = PARAMETERS.declare(self)
         self._cell: EmulatedCell | None = None
+        self._name_lock = claim_name(self)  # before the wires of another cell are touched
         self._cell = cell = _open_cell(values)
         self._diagnostics = Diagnostics(self, "emulated")
         self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
@@ -182,6 +184,7 @@ class EmulatedCellNode(Node):
         """Take the wires away."""
         if self._cell is not None:
             self._cell.close()
+        self._name_lock.close()
 
 
 def _answer(response: Any, act: Callable[[], str]) -> Any:

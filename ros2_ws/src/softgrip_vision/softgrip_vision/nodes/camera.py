@@ -7,14 +7,17 @@ Stamps are the time of capture. A stock ROS 2 camera driver with the same topics
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import cv2
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
 
 from softgrip_nodekit import (
@@ -31,7 +34,7 @@ from softgrip_nodekit import (
     to_time_message,
 )
 from softgrip_vision import calibration
-from softgrip_vision.errors import FrameError, VisionError
+from softgrip_vision.errors import CalibrationError, FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
 from softgrip_vision.sources import CameraFrame, Capture, CaptureState, CaptureStatus, SourceOptions
@@ -46,6 +49,12 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("frame_id", "camera_optical", "optical frame of the images (z forward, x right, y down)"),
     Parameter("calibration_file", "", "camera calibration (YAML); empty: camera_info says uncalibrated"),
+    Parameter(
+        "lens_file",
+        "",
+        "where camera/set_camera_info writes the lens (camera_calibration); empty: it refuses. `calibrate_camera plane "
+        "--calibration` adds the fingers' planes to this file",
+    ),
     Parameter("calibration_wait_s", 8.0, "how long a calibration file may take to appear at start", "s", 0.0, 60.0),
     Parameter("publish_raw", False, "also publish camera/image_raw (uncompressed)"),
     Parameter("jpeg_quality", 90, "of frames that do not come as JPEG", "%", 50, 100, changeable=True),
@@ -88,6 +97,8 @@ class CameraNode(Node):
         self._compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
         self._pixels = self.create_publisher(Image, "camera/image_raw", SENSOR) if self._values["publish_raw"] else None
         self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
+        # the name that camera_calibration's cameracalibrator calls with camera:=camera
+        self.create_service(SetCameraInfo, "camera/set_camera_info", self._on_set_camera_info)
         self._frames_ready = self.create_guard_condition(self._publish_ready)
         self._info = CameraInfo()
         self._published = 0
@@ -170,6 +181,33 @@ class CameraNode(Node):
             self._info = convert.to_camera_info(self._calibration, frame.width, frame.height, header)
         self._info.header = header
         return self._info
+
+    def _on_set_camera_info(self, request: Any, response: Any) -> Any:
+        info = request.camera_info
+        try:
+            response.status_message = self._set_lens(info)
+            response.success = True
+        except (VisionError, OSError) as error:
+            response.status_message = str(error)
+        return response
+
+    def _set_lens(self, info: CameraInfo) -> str:
+        """Write a lens; use it at once where no planes depend on another one. Return what was done."""
+        name = self._values["lens_file"]
+        if not name:
+            raise CalibrationError("expected parameter lens_file, found none; name a file to write the lens to")
+        size = (int(info.width), int(info.height))
+        frames = (int(self._info.width), int(self._info.height))
+        if self._published and size != frames:
+            raise CalibrationError(f"expected a lens for images of {frames[0]}x{frames[1]}, found {size[0]}x{size[1]}")
+        lens = calibration.lens_from_camera_info(size, info.distortion_model, info.k, info.d, "camera")
+        date = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        found = calibration.CameraCalibration(lens, (), date, "unknown", math.nan, 0)
+        calibration.save(found, Path(name))
+        if self._calibration is not None and self._calibration.planes:
+            return f"written to {name}; in use stays calibration_file, whose planes belong to its own lens"
+        self._calibration, self._info = found, CameraInfo()
+        return f"written to {name} and in use; next: calibrate_camera plane --calibration {name}"
 
     def _check_size(self, frame: CameraFrame) -> str:
         if self._calibration is None:

@@ -1,0 +1,447 @@
+# SPDX-License-Identifier: Apache-2.0
+"""gripper_command before scripted tendons: flags, refusals, owners, the path of ros2_control; all in one executor."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from control_msgs.action import GripperCommand, ParallelGripperCommand
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from softgrip_cell.nodes.gripper_command import GripperCommandNode
+from softgrip_description import shipped_hand
+from softgrip_description.opening import gripper_opening
+from softgrip_interfaces.action import Grasp, MoveTendon
+from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, SafetyState, TendonOwner, TendonOwners
+from softgrip_interfaces.srv import AcquireLease, ReleaseLease
+from softgrip_model.profile import load_directory, shipped_directory
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+from softgrip_nodekit.testing import own_domain
+
+pytestmark = pytest.mark.ros
+SLOTS = ("index", "middle", "thumb")
+PERIOD_S = 0.01
+DEADLINE_S = 30.0
+
+
+class ScriptedTendons(Node):
+    """Tendons that go where they are told at once pace, and stop where something is in the way; one owner at a time."""
+
+    def __init__(self) -> None:
+        super().__init__("scripted_tendons")
+        self.pulled_m = 0.0
+        self.blocked_at_m = 1.0
+        self.speed_m_s = 0.0
+        self.target_m: float | None = None
+        self.orders: list[Any] = []
+        self.owner, self.requested_by, self.token = "", "", ""
+        self.outcome = MoveTendon.Result.REACHED
+        self.quiet = False
+        self.beats: list[str] = []
+        self.grasped: list[str] = []
+        self.grasp_outcome = Grasp.Result.GRIPPED
+        self._move: tuple[Any, Future] | None = None
+        self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
+        self._owners = self.create_publisher(TendonOwners, "tendon/owners", LATCHED)
+        self._safety = self.create_publisher(SafetyState, "safety/state", LATCHED)
+        self.create_subscription(LeaseHeartbeat, "tendon/heartbeat", lambda m: self.beats.append(m.token), RELIABLE)
+        self.create_service(AcquireLease, "tendon/lease", self._on_lease)
+        self.create_service(ReleaseLease, "tendon/lease_release", self._on_release)
+        for kind, name, run in ((MoveTendon, "tendon/move", self._run), (Grasp, "cell/grasp", self._grasp)):
+            ActionServer(self, kind, name, execute_callback=run, cancel_callback=lambda _handle: CancelResponse.ACCEPT)
+        self.create_timer(PERIOD_S, self._tick)
+        self.publish_safety()
+        self.publish_owners()
+
+    def publish_safety(self, **fields: Any) -> None:
+        self._safety.publish(SafetyState(**fields))
+
+    def publish_owners(self) -> None:
+        entries = [TendonOwner(tendon=name, owner=self.owner, requested_by=self.requested_by) for name in SLOTS]
+        self._owners.publish(TendonOwners(owners=entries))
+
+    def _on_lease(self, request: Any, response: Any) -> Any:
+        if self.owner:
+            self.requested_by = request.owner if request.hand_over else ""
+            response.message = f"the tendons are owned by '{self.owner}'"
+        else:
+            self.owner, self.token, self.requested_by = request.owner, f"token-{time.monotonic_ns()}", ""
+            response.success, response.token, response.duration = True, self.token, request.duration
+        self.publish_owners()
+        return response
+
+    def _on_release(self, request: Any, response: Any) -> Any:
+        response.success = bool(self.token) and request.token == self.token
+        if response.success:
+            self.owner = self.token = ""
+        self.publish_owners()
+        return response
+
+    async def _grasp(self, handle: Any) -> Grasp.Result:
+        self.grasped.append(handle.request.product)
+        handle.succeed()
+        return Grasp.Result(outcome=self.grasp_outcome, reason="scripted")
+
+    async def _run(self, handle: Any) -> MoveTendon.Result:
+        goal = handle.request
+        self.orders.append(goal)
+        if goal.lease != self.token:
+            handle.abort()
+            return MoveTendon.Result(outcome=MoveTendon.Result.REFUSED, reason="not the owner's token")
+        if self.outcome != MoveTendon.Result.REACHED:
+            handle.abort()
+            return MoveTendon.Result(outcome=self.outcome, reason="scripted")
+        if self._move is not None:
+            self._move[1].set_result(MoveTendon.Result.CANCELLED)
+        done = Future()
+        self._move, self.target_m, self.speed_m_s = (handle, done), goal.targets[0], goal.speed
+        outcome = await done
+        if handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.succeed()
+        return MoveTendon.Result(outcome=outcome)
+
+    def _tick(self) -> None:
+        before = self.pulled_m
+        if self.target_m is not None:
+            step = self.speed_m_s * PERIOD_S
+            self.pulled_m += min(max(self.target_m - self.pulled_m, -step), step)
+            self.pulled_m = min(self.pulled_m, self.blocked_at_m)
+        if self._move is not None:
+            handle, done = self._move
+            if handle.is_cancel_requested:
+                self._end(done, MoveTendon.Result.CANCELLED)
+                self.target_m = None
+            elif self.pulled_m == self.target_m:
+                self._end(done, MoveTendon.Result.REACHED)
+            elif self.pulled_m == self.blocked_at_m:
+                self._end(done, MoveTendon.Result.TENSION_LIMIT)
+        if self.quiet:
+            return
+        velocity = (self.pulled_m - before) / PERIOD_S
+        message = JointState(
+            name=list(SLOTS), position=[self.pulled_m] * 3, velocity=[velocity] * 3, effort=[3.0, 4.5, 2.0]
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._state.publish(message)
+
+    def _end(self, done: Future, outcome: int) -> None:
+        self._move = None
+        done.set_result(outcome)
+
+
+class Bench:
+    """The node under test, scripted tendons and a client, spun by whoever waits."""
+
+    def __init__(self, **parameters: Any) -> None:
+        given = {"stall_timeout_s": 0.3, **parameters}
+        arguments = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+        rclpy.init(args=["--ros-args", *arguments])
+        self.tendons, self.client = ScriptedTendons(), Node("client")
+        self.gripper = GripperCommandNode()
+        self.executor = SingleThreadedExecutor()
+        for node in (self.tendons, self.client, self.gripper):
+            self.executor.add_node(node)
+        self.states: list[JointState] = []
+        self.health: list[DiagnosticArray] = []
+        self.client.create_subscription(JointState, "gripper/joint_states", self.states.append, SENSOR)
+        self.client.create_subscription(DiagnosticArray, "/diagnostics", self.health.append, RELIABLE)
+        self.commands = self.client.create_publisher(JointState, "gripper/joint_commands", RELIABLE)
+        self.cell = self.client.create_publisher(CellState, "cell/state", LATCHED)
+        self._clients = {
+            GripperCommand: ActionClient(self.client, GripperCommand, "gripper/command"),
+            ParallelGripperCommand: ActionClient(self.client, ParallelGripperCommand, "gripper/gripper_cmd"),
+        }
+        self.until(lambda: self.states and all(client.server_is_ready() for client in self._clients.values()))
+
+    def until(self, condition: Callable[[], object]) -> None:
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end, "not in time"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def wait(self, future: Future) -> Any:
+        self.until(future.done)
+        return future.result()
+
+    def send(self, position_m: float, effort_n: float = 0.0, feedback: list[Any] | None = None) -> Any:
+        goal = GripperCommand.Goal()
+        goal.command.position, goal.command.max_effort = position_m, effort_n
+        heard = feedback if feedback is not None else []
+        return self.wait(self._clients[GripperCommand].send_goal_async(goal, feedback_callback=heard.append))
+
+    def send_parallel(self, position: list[float], **fields: Any) -> Any:
+        goal = ParallelGripperCommand.Goal(command=JointState(position=position, **fields))
+        return self.wait(self._clients[ParallelGripperCommand].send_goal_async(goal))
+
+    def result(self, handle: Any) -> tuple[int, Any]:
+        assert handle.accepted
+        ended = self.wait(handle.get_result_async())
+        return ended.status, ended.result
+
+    def said(self, words: str) -> bool:
+        return any(words in status.message for array in self.health for status in array.status)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[..., Bench]]:
+    os.environ["ROS_DOMAIN_ID"] = own_domain()
+    made: list[Bench] = []
+
+    def start(**parameters: Any) -> Bench:
+        made.append(Bench(**parameters))
+        return made[-1]
+
+    yield start
+    for bench in made:
+        bench.close()
+
+
+@pytest.fixture(scope="module")
+def opening():
+    return gripper_opening(shipped_hand(), load_directory(shipped_directory()), dict.fromkeys(SLOTS, "power"))
+
+
+def flags(result: Any) -> tuple[bool, bool]:
+    return result.reached_goal, result.stalled
+
+
+def test_a_free_hand_reaches_its_goals_by_either_action(make: Callable[..., Bench], opening: Any) -> None:
+    bench = make()
+    feedback: list[Any] = []
+    status, result = bench.result(bench.send(0.060, 9.0, feedback))
+    assert (status, *flags(result)) == (GoalStatus.STATUS_SUCCEEDED, True, False)
+    assert result.position == pytest.approx(0.060, abs=0.002)
+    assert result.effort == pytest.approx(4.5)
+    assert feedback
+    assert bench.tendons.orders[-1].tension_limit == 9.0
+    assert list(bench.tendons.orders[-1].tendons) == list(SLOTS)
+    assert bench.tendons.orders[-1].targets[0] == pytest.approx(opening.pulled_length_m(0.060))
+    assert bench.tendons.orders[-1].mode == MoveTendon.Goal.LENGTH
+    status, result = bench.result(bench.send_parallel([opening.max_m], effort=[11.0], velocity=[0.05]))
+    assert (status, *flags(result)) == (GoalStatus.STATUS_SUCCEEDED, True, False)
+    assert list(result.state.name) == ["gripper_opening"]
+    assert result.state.position[0] == pytest.approx(opening.max_m, abs=0.002)
+    assert bench.tendons.orders[-1].tension_limit == 11.0
+    assert bench.tendons.orders[-1].speed == pytest.approx(opening.tendon_speed_m_s(0.05))
+
+
+@pytest.mark.parametrize(("allowed", "status"), [("true", "STATUS_SUCCEEDED"), ("false", "STATUS_ABORTED")])
+def test_a_product_in_the_way_stalls_the_goal(
+    make: Callable[..., Bench], opening: Any, allowed: str, status: str
+) -> None:
+    bench = make(allow_stalling=allowed)
+    bench.tendons.blocked_at_m = opening.pulled_length_m(0.070)
+    found, result = bench.result(bench.send(0.030))
+    assert (found, *flags(result)) == (getattr(GoalStatus, status), False, True)
+    assert result.position == pytest.approx(0.070, abs=1e-4)
+
+
+def test_a_goal_that_is_there_already_is_reached(make: Callable[..., Bench], opening: Any) -> None:
+    bench = make()
+    assert flags(bench.result(bench.send(opening.max_m))[1]) == (True, False)
+
+
+def test_goals_out_of_range_are_rejected_and_the_reason_said(make: Callable[..., Bench]) -> None:
+    bench = make()
+    assert not bench.send(0.5).accepted
+    bench.until(lambda: bench.said("position: expected"))
+    assert not bench.send(0.06, effort_n=1000.0).accepted
+    bench.until(lambda: bench.said("max effort: expected"))
+    assert not bench.send(float("nan")).accepted
+    assert not bench.send_parallel([]).accepted
+    assert not bench.send_parallel([0.06, 0.06]).accepted
+    bench.until(lambda: bench.said("expected 1 value"))
+    assert bench.tendons.orders == []
+
+
+def test_a_cancelled_goal_stops_the_fingers_and_says_nothing_else(make: Callable[..., Bench], opening: Any) -> None:
+    bench = make(max_velocity_m_s=0.01)
+    handle = bench.send(0.030)
+    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.wait(handle.cancel_goal_async())
+    status, result = bench.result(handle)
+    assert (status, *flags(result), result.position) == (GoalStatus.STATUS_CANCELED, False, False, 0.0)
+    bench.until(lambda: bench.tendons.target_m is None)
+    assert bench.tendons.pulled_m < opening.pulled_length_m(0.030)
+
+
+def test_a_newer_goal_of_the_other_action_takes_over(make: Callable[..., Bench], opening: Any) -> None:
+    bench = make(max_velocity_m_s=0.05)
+    first = bench.send(0.030)
+    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    second = bench.send_parallel([opening.max_m])
+    status, result = bench.result(first)
+    assert (status, *flags(result)) == (GoalStatus.STATUS_ABORTED, False, False)
+    assert flags(bench.result(second)[1]) == (True, False)
+
+
+def test_an_emergency_stop_ends_the_goal_and_refuses_the_next(make: Callable[..., Bench]) -> None:
+    bench = make(max_velocity_m_s=0.01)
+    handle = bench.send(0.030)
+    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.tendons.publish_safety(estop=True, estop_reason="scripted")
+    status, result = bench.result(handle)
+    assert (status, *flags(result)) == (GoalStatus.STATUS_ABORTED, False, False)
+    assert not bench.send(0.060).accepted
+    bench.until(lambda: bench.said("the emergency stop is latched: scripted"))
+    bench.until(lambda: not bench.tendons.owner)
+
+
+def test_hands_in_the_cell_refuse_every_goal(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tendons.publish_safety(locked=True, lock_owner="somebody", lock_reason="cleaning")
+    bench.until(lambda: not bench.send(0.060).accepted)
+    bench.until(lambda: bench.said("locked by 'somebody': cleaning"))
+
+
+def test_silent_tendons_end_the_goal_and_refuse_the_next(make: Callable[..., Bench]) -> None:
+    bench = make(max_velocity_m_s=0.01, silence_s=0.4)
+    handle = bench.send(0.030)
+    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.tendons.quiet = True
+    assert bench.result(handle)[0] == GoalStatus.STATUS_ABORTED
+    assert not bench.send(0.060).accepted
+
+
+def test_a_driver_that_refuses_ends_the_goal_without_flags(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tendons.outcome = MoveTendon.Result.FAULT
+    status, result = bench.result(bench.send(0.060))
+    assert (status, *flags(result)) == (GoalStatus.STATUS_ABORTED, False, False)
+
+
+def test_an_owner_is_asked_to_hand_over_and_waited_for(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tendons.owner, bench.tendons.token = "grasp_mix_manager", "theirs"
+    bench.tendons.publish_owners()
+    handle = bench.send(0.060)
+    bench.until(lambda: bench.tendons.requested_by == "gripper_command")
+    assert bench.tendons.orders == []
+    bench.tendons.owner = bench.tendons.token = ""
+    bench.tendons.publish_owners()
+    assert flags(bench.result(handle)[1]) == (True, False)
+    assert bench.tendons.orders[-1].lease == bench.tendons.token
+
+
+def test_an_owner_that_does_not_hand_over_ends_the_goal(make: Callable[..., Bench]) -> None:
+    bench = make(lease_s=0.5)
+    bench.tendons.owner, bench.tendons.token = "grasp_mix_manager", "theirs"
+    bench.tendons.publish_owners()
+    assert bench.result(bench.send(0.060))[0] == GoalStatus.STATUS_ABORTED
+    assert bench.tendons.orders == []
+
+
+def test_a_closed_hand_keeps_its_lease_and_an_open_one_gives_it_back(make: Callable[..., Bench], opening: Any) -> None:
+    bench = make(lease_s=0.5)
+    bench.result(bench.send(0.050))
+    beats = len(bench.tendons.beats)
+    bench.until(lambda: len(bench.tendons.beats) > beats + 8)
+    assert bench.tendons.owner == "gripper_command"
+    bench.result(bench.send(opening.max_m))
+    bench.until(lambda: not bench.tendons.owner)
+
+
+def test_a_closed_hand_is_handed_over_to_who_asks(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.result(bench.send(0.050))
+    bench.tendons.requested_by = "grasp_mix_manager"
+    bench.tendons.publish_owners()
+    bench.until(lambda: not bench.tendons.owner)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reached", "stalled"),
+    [(Grasp.Result.GRIPPED, False, True), (Grasp.Result.EMPTY, True, False), (Grasp.Result.SLIPPED, False, False)],
+)
+def test_a_closing_goal_grasps_the_selected_product(
+    make: Callable[..., Bench], outcome: int, reached: bool, stalled: bool
+) -> None:
+    bench = make(close_by="grasp")
+    bench.tendons.grasp_outcome = outcome
+    bench.cell.publish(CellState(mode=CellState.IDLE, product="egg"))
+    bench.until(lambda: bench.gripper._cell is not None)
+    status, result = bench.result(bench.send(0.030))
+    expected = GoalStatus.STATUS_SUCCEEDED if reached or stalled else GoalStatus.STATUS_ABORTED
+    assert (status, *flags(result)) == (expected, reached, stalled)
+    assert bench.tendons.grasped == ["egg"]
+    assert bench.tendons.orders == []
+
+
+def test_without_a_selected_product_the_fingers_are_just_moved(make: Callable[..., Bench]) -> None:
+    bench = make(close_by="grasp")
+    assert flags(bench.result(bench.send(0.060))[1]) == (True, False)
+    assert bench.tendons.grasped == []
+
+
+def test_a_stream_of_joint_commands_moves_the_hand_and_its_state_comes_back(
+    make: Callable[..., Bench], opening: Any
+) -> None:
+    bench = make()
+    nan = float("nan")
+    command = JointState(name=["other", "gripper_opening"], position=[0.0, 0.060], effort=[nan, nan])
+
+    def arrived() -> bool:
+        bench.commands.publish(JointState(name=["gripper_opening"], position=[nan]))  # of an unset command interface
+        bench.commands.publish(command)
+        return abs(bench.states[-1].position[0] - 0.060) < 0.0005
+
+    bench.until(arrived)
+    assert len(bench.tendons.orders) == 1
+    assert bench.tendons.orders[0].tension_limit == 20.0
+    state = bench.states[-1]
+    assert list(state.name) == ["gripper_opening"]
+    assert state.effort[0] == pytest.approx(4.5)
+
+
+def test_a_joint_command_out_of_range_is_refused_and_said(make: Callable[..., Bench]) -> None:
+    bench = make()
+
+    def refused() -> bool:
+        bench.commands.publish(JointState(name=["gripper_opening"], position=[0.5]))
+        return bench.said("position: expected")
+
+    bench.until(refused)
+    assert bench.tendons.orders == []
+
+
+def test_the_range_follows_the_mounted_fingers(make: Callable[..., Bench]) -> None:
+    bench = make()
+    assert not bench.send(0.115).accepted
+    mounted = [MountedFinger(finger=slot, serial="x", profile="hook", state=MountedFinger.VERIFIED) for slot in SLOTS]
+    bench.cell.publish(CellState(mode=CellState.IDLE, mounted=mounted))
+    bench.until(lambda: bench.send(0.115).accepted)
+
+
+def test_a_hand_without_a_thumb_is_named(make: Callable[..., Bench]) -> None:
+    bench = make()
+    mounted = [MountedFinger(finger="index", serial="x", profile="power", state=MountedFinger.VERIFIED)]
+    bench.cell.publish(CellState(mode=CellState.IDLE, mounted=mounted))
+    bench.until(lambda: bench.said("expected a finger on each side"))
+    assert not bench.send(0.060).accepted
+
+
+def test_parameters_of_another_number_of_profiles_are_refused() -> None:
+    os.environ["ROS_DOMAIN_ID"] = own_domain()
+    rclpy.init(args=["--ros-args", "-p", "profiles:=[power]"])
+    try:
+        with pytest.raises(Exception, match="expected one for each"):
+            GripperCommandNode()
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nothing is used that package.xml does not declare: every import of a package's code, every library of its CMake."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+WORKSPACE = ROOT / "ros2_ws" / "src"
+PACKAGES = sorted(path.parent.name for path in WORKSPACE.glob("*/package.xml"))
+
+#: Module -> rosdep key. Source: rosdep/python.yaml and rosdep/base.yaml of github.com/ros/rosdistro.
+KEYS = {
+    "cryptography": "python3-cryptography",
+    "cv2": "python3-opencv",
+    "dynamixel_sdk": "dynamixel_sdk",
+    "jinja2": "python3-jinja2",
+    "lz4": "python3-lz4",
+    "mcap": "python3-mcap-pip",
+    "meshio": "python3-meshio",
+    "pyarrow": "python3-pyarrow-pip",
+    "matplotlib": "python3-matplotlib",
+    "mpl_toolkits": "python3-matplotlib",
+    "numpy": "python3-numpy",
+    "rich": "python3-rich",
+    "scipy": "python3-scipy",
+    "serial": "python3-serial",
+    "sqlalchemy": "python3-sqlalchemy",
+    "typing_extensions": "python3-typing-extensions",
+    "yaml": "python3-yaml",
+    "zstandard": "python3-zstandard",
+}
+#: Modules that no distribution packages, or whose package is heavy: imported inside a function of the file named, which
+#: says how to get them. File, module.
+OPTIONAL = {
+    ("softgrip_design/capture/detector.py", "mediapipe"),
+}
+#: CMake package or library -> rosdep key; Python, OpenMP and threads come with the compiler and ROS.
+LIBRARIES = {"Eigen3": "eigen", "pybind11": "pybind11-dev", "hwy": "libhwy-dev", "metis": "libmetis-dev"}
+#: Keys and packages of Jazzy that package.xml files name, looked up in rosdep/*.yaml and jazzy/distribution.yaml of
+#: github.com/ros/rosdistro (snapshot of 22 Aug 2026). Any other one is in rosdep/softgrip.yaml or is a mistake.
+IN_ROSDISTRO = {
+    "action_msgs", "ament_cmake", "ament_cmake_pytest", "ament_cmake_python", "ament_index_python",
+    "builtin_interfaces", "control_msgs", "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs",
+    "launch_yaml", "lifecycle_msgs", "pybind11-dev", "python3-cryptography", "python3-jinja2",
+    "python3-matplotlib", "python3-meshio", "python3-numpy", "python3-opencv", "python3-pytest", "python3-rich",
+    "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml", "rcl_interfaces", "rclpy",
+    "ros2launch", "rosgraph_msgs", "rosidl_default_generators", "rosidl_default_runtime",
+    "rosidl_interface_packages", "sensor_msgs", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
+    "visualization_msgs",
+}  # fmt: skip
+
+
+def declared(package: str, *kinds: str) -> set[str]:
+    root = ET.parse(WORKSPACE / package / "package.xml").getroot()
+    return {element.text or "" for kind in kinds for element in root.iter(kind)}
+
+
+def used_modules(package: str) -> dict[str, str]:
+    """Return top-level module -> where it is imported at import time or later, of a package's own code."""
+    found: dict[str, str] = {}
+    for path in sorted((WORKSPACE / package / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                names = [node.module]
+            for name in names:
+                top = name.split(".")[0]
+                if (str(path.relative_to(WORKSPACE / package)), top) not in OPTIONAL:
+                    found.setdefault(top, f"{path.relative_to(ROOT)}:{node.lineno}")
+    return found
+
+
+def test_every_package_is_looked_at() -> None:
+    assert len(PACKAGES) > 10
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_key_exists(package: str) -> None:
+    own = set(yaml.safe_load((ROOT / "rosdep" / "softgrip.yaml").read_text()))
+    root = ET.parse(WORKSPACE / package / "package.xml").getroot()
+    keys = {element.text for element in root if element.tag.endswith("depend")}
+    assert keys - set(PACKAGES) - own - IN_ROSDISTRO == set()
+
+
+def test_a_key_of_our_own_is_needed_and_not_in_rosdistro() -> None:
+    own = set(yaml.safe_load((ROOT / "rosdep" / "softgrip.yaml").read_text()))
+    used = {key for package in PACKAGES for key in declared(package, "build_depend", "exec_depend")}
+    assert own <= used
+    assert not own & IN_ROSDISTRO
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_import_is_declared(package: str) -> None:
+    keys = declared(package, "depend", "exec_depend")
+    missing = [
+        f"{where}: imports {module}; expected <exec_depend>{KEYS.get(module, module)}</exec_depend>"
+        for module, where in used_modules(package).items()
+        if module not in sys.stdlib_module_names
+        and module != package
+        and not module.startswith("_")
+        and KEYS.get(module, module) not in keys
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_library_of_cmake_is_declared(package: str) -> None:
+    text = "".join(
+        path.read_text()
+        for path in [WORKSPACE / package / "CMakeLists.txt", *(WORKSPACE / package / "src").rglob("*.cmake")]
+        if path.is_file()
+    )
+    keys = declared(package, "depend", "build_depend", "buildtool_depend", "test_depend")
+    found = set(re.findall(r"find_package\((\w+)", text)) - {"Python", "OpenMP", "Threads"}
+    found |= {name for name in ("hwy", "metis") if re.search(rf"find_(?:library|path)\([^)]*\b{name}\b", text)}
+    missing = [name for name in sorted(found) if LIBRARIES.get(name, name) not in keys]
+    assert missing == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_can_go_into_an_index(package: str) -> None:
+    """What bloom and the index ask for: a licence with its text, a maintainer, a description, one version for all."""
+    folder = WORKSPACE / package
+    root = ET.parse(folder / "package.xml").getroot()
+    assert root.findtext("license") == "Apache-2.0"
+    assert (folder / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
+    assert "@" in root.find("maintainer").get("email")
+    assert (root.findtext("description") or "").strip().endswith(".")
+    assert root.findtext("version") == "0.1.0"
