@@ -27,7 +27,7 @@ from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, Sa
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
-from softgrip_nodekit.testing import own_domain
+from softgrip_testing.nodes.node_processes import own_domain
 
 pytestmark = pytest.mark.ros
 SLOTS = ("index", "middle", "thumb")
