@@ -25,8 +25,22 @@ SENDERS: dict[str, Callable[[Any], list[str]]] = {
     "/tf_static": lambda message: [one.child_frame_id for one in message.transforms],
 }
 
+#: Some seconds of a cell; most of it are the camera's frames [byte].
+RECORDED_BYTES = 1_500_000
+
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Launch = Callable[..., Any]
+
+
+def size_of(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def until(condition: Callable[[], bool], timeout_s: float, expected: str) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, f"expected {expected} within {timeout_s} s"
+        time.sleep(0.2)
 
 
 @pytest.mark.timeout(400)
@@ -42,13 +56,9 @@ def test_three_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: P
     for cell in cells.values():
         cell.wait_for("wires in", 90.0)
     for name in NAMES:
-        homed = ""
-        deadline = time.monotonic() + 150.0
-        while "success=True" not in homed:
-            assert time.monotonic() < deadline, homed
-            # on a busy machine an emulated servo may have been late enough to count as lost: what ends that fault
-            cells[name].ask("service", "call", f"/{name}/estop_reset", "std_srvs/srv/Trigger")
-            homed = cells[name].ask("service", "call", f"/{name}/tendon/home", "std_srvs/srv/Trigger")
+        until(
+            lambda bags=tmp_path / name / "bags": size_of(bags) > RECORDED_BYTES, 120.0, f"a bag of {name} that grows"
+        )
     second = launch(*CELL, "cell:=left", f"out:={tmp_path}/again", f"wire_dir:={tmp_path}/wires/again", domain=domain)
     second.wait_for_end(60.0)
     assert "expected one cell named 'left'" in second.output
@@ -62,7 +72,7 @@ def test_three_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: P
         assert_own(bag, name)
         result = check(bag, "marker_tracker")  # of all nodes the one that works where nothing is mounted
         assert result.divergence is None, (name, result.divergence)
-        assert result.compared > 100
+        assert result.compared > 20
 
 
 def assert_own(bag: Path, name: str) -> None:

@@ -17,7 +17,7 @@ def lock_folder() -> Path:
     """Return the folder of this user's locks in this domain (XDG Base Directory Specification 0.8)."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     base = Path(runtime) if runtime else Path.home() / ".cache"
-    return base / f"softgrip-{os.environ.get('ROS_DOMAIN_ID', '0')}" / "locks"
+    return base / "softgrip-locks" / os.environ.get("ROS_DOMAIN_ID", "0")
 
 
 def claim_name(node: Node) -> IO[Any]:
