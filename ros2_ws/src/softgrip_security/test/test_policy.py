@@ -125,10 +125,11 @@ def test_only_the_driver_says_what_the_tendons_do(shipped):
         assert holders(shipped, Grant.SERVE, service) == {"tendon_driver"}
 
 
-def test_nobody_but_the_manager_the_shift_and_people_moves_a_tendon(shipped):
+def test_nobody_but_the_manager_the_standard_gripper_the_shift_and_people_moves_a_tendon(shipped):
     goal = "/tendon/move/_action/send_goal"
     assert holders(shipped, Grant.CALL, goal) == {
         "grasp_mix_manager",
+        "gripper_command",
         "shift",
         "cell_controller",
         "operate",
