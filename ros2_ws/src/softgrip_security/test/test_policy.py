@@ -138,6 +138,7 @@ def test_nobody_but_the_manager_the_standard_gripper_the_shift_and_people_moves_
     assert holders(shipped, Grant.PUBLISH, "/tendon/trajectory") == {"engineer"}
     assert holders(shipped, Grant.CALL, "/tendon/lease") == {
         "grasp_mix_manager",
+        "gripper_command",
         "shift",
         "cell_controller",
         "operate",
