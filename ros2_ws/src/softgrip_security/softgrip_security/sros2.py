@@ -17,6 +17,18 @@ from softgrip_security.policy import EVERY_TOPIC, Grant, Policy, PolicyIdentity
 DOMAINS = (0, 232)
 #: What participants of rmw_fastrtps and rmw_cyclonedds tell each other of their nodes.
 _GRAPH_TOPIC = "ros_discovery_info"
+#: What rclpy makes for every node, also for those of the `ros2` command. DDS refuses to make an endpoint that is not
+#: granted, and then there is no node; Zenoh only drops what is sent. access.yaml grants it to the nodes of the cell.
+_TOPICS_OF_A_NODE = ("/parameter_events", "/rosout")
+_SERVICES_OF_A_NODE = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "get_type_description",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+)
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _SCHEMAS = "http://www.omg.org/spec/DDS-SECURITY/20170901"
 _QUALIFIERS = (
@@ -86,16 +98,21 @@ def governance_xml() -> bytes:
 
 def published_topics(identity: PolicyIdentity) -> list[str]:
     """Return the DDS topics that an identity writes."""
+    own_topics = _TOPICS_OF_A_NODE if identity.is_tool else ()
     return _topics(
-        identity.topics(Grant.PUBLISH), asks=identity.services(Grant.CALL), answers=identity.services(Grant.SERVE)
+        [*identity.topics(Grant.PUBLISH), *own_topics], asks=identity.services(Grant.CALL), answers=_served(identity)
     )
 
 
 def subscribed_topics(identity: PolicyIdentity) -> list[str]:
     """Return the DDS topics that an identity reads."""
-    return _topics(
-        identity.topics(Grant.SUBSCRIBE), asks=identity.services(Grant.SERVE), answers=identity.services(Grant.CALL)
-    )
+    return _topics(identity.topics(Grant.SUBSCRIBE), asks=_served(identity), answers=identity.services(Grant.CALL))
+
+
+def _served(identity: PolicyIdentity) -> list[str]:
+    """Return the services that an identity answers, with those that every node of a tool has."""
+    tools = identity.node_names if identity.is_tool else ()
+    return [*identity.services(Grant.SERVE), *(f"/{node}/{name}" for node in tools for name in _SERVICES_OF_A_NODE)]
 
 
 def _topics(topics: Iterable[str], *, asks: Iterable[str], answers: Iterable[str]) -> list[str]:

@@ -50,6 +50,25 @@ def test_a_recorder_reads_every_topic_and_no_requests():
     assert topics(permissions(subscribe=("*",)), "subscribe") == ["ros_discovery_info", "rt/*"]
 
 
+def test_a_ros2_command_has_what_rclpy_makes_for_every_node():
+    document = permissions_xml(PolicyIdentity("look", ("_ros2cli*",), is_tool=True), BEGIN, END)
+    # the publishers and services that `ros2 node info` of Jazzy shows for a bare node
+    services = [
+        *("describe_parameters", "get_parameter_types", "get_parameters", "get_type_description"),
+        *("list_parameters", "set_parameters", "set_parameters_atomically"),
+    ]
+    assert topics(document, "publish") == [
+        "ros_discovery_info",
+        *(f"rr/_ros2cli*/{name}Reply" for name in services),
+        "rt/parameter_events",
+        "rt/rosout",
+    ]
+    assert topics(document, "subscribe") == [
+        "ros_discovery_info",
+        *(f"rq/_ros2cli*/{name}Request" for name in services),
+    ]
+
+
 def test_all_else_is_denied_to_the_holder_of_the_certificate_for_its_time():
     root = ET.fromstring(permissions(publish=("/rosout",)))
     grant = root.find("permissions/grant")
