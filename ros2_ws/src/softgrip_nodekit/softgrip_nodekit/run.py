@@ -34,6 +34,8 @@ SHUTDOWN_TIMEOUT_S = 3.0
 STDERR = 2
 #: [s] for which a thread may keep Python to itself while others want it; Python's own is five times as long.
 SWITCH_INTERVAL = 0.001
+#: Marks an error that has been counted.
+_COUNTED = "softgrip_is_counted"
 #: Begins the names of parameters that a publisher or subscription declares when it is made, maybe later.
 _QOS_OVERRIDES = "qos_overrides."
 
@@ -109,9 +111,18 @@ def _spin(executor: Any, errors: CallbackErrors) -> None:
         except Exception as error:  # noqa: BLE001  no message from outside may end a node
             if not rclpy.ok():
                 return
-            errors.report(error)
+            if not _is_known(error):
+                errors.report(error)
         else:
             return
+
+
+def _is_known(error: Exception) -> bool:
+    """Whether this very error was here before: rclpy's executor of several threads may let one out twice."""
+    marks = vars(error)  # not setattr, which a class of errors may forbid
+    known = _COUNTED in marks
+    marks[_COUNTED] = True
+    return known
 
 
 def _cannot_start(name: str, error: Exception) -> int:

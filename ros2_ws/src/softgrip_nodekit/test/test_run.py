@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 
 from softgrip_nodekit import (
@@ -95,6 +96,20 @@ def test_a_callback_that_raises_is_counted_and_shown_and_the_node_goes_on(
     assert ERROR in health.message
     time.sleep(2 * SIGNAL_WAIT_S)  # lines of a node that is being stopped would be held back that long
     assert capfd.readouterr().err.count("a callback failed, the node goes on") <= 1
+
+
+def test_an_error_that_the_executor_lets_out_twice_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As rclpy's executor of several threads does it: a callback's task can be among the finished ones twice."""
+    once, again = RuntimeError(ERROR), RuntimeError(ERROR)
+    raised = iter([once, once, again, ExternalShutdownException()])
+
+    def spin(_: object) -> None:
+        raise next(raised)
+
+    monkeypatch.setattr(MultiThreadedExecutor, "spin", spin)
+    made: list[Failing] = []
+    assert run(keep(made, Failing), [], threads=2) == 0
+    assert callback_errors(made[0]).count == 2
 
 
 def test_what_a_callback_raises_while_the_node_is_being_stopped_is_no_error(capfd: pytest.CaptureFixture[str]) -> None:
