@@ -116,14 +116,16 @@ def test_a_secure_cell_serves_who_may_and_nobody_else(launch: Callable[..., Any]
     )
     cell.wait_for("bus loop: 100 Hz", 60.0)
     deadline = time.monotonic() + 60.0
-    nodes = ("node", "list", "--no-daemon", "--spin-time", "3")
+    # [s] DDS discovers each process through a handshake of certificates; embedded/ does not wait
+    patient = ("--no-daemon", "--spin-time", "12")
+    nodes = ("node", "list", *patient)
     while not {f"/{node}" for node in CELL} <= set((found := ask(cell, "look", keys, *nodes)).split()):
         assert time.monotonic() < deadline, f"expected {CELL}, found {found}"
     stop = ("service", "call", "/estop", "std_srvs/srv/Trigger")
     assert "/camera" not in ask(cell, None, keys, *nodes)
-    assert "success=True" not in ask(cell, None, keys, *stop, timeout=8.0)
-    assert "success=True" not in ask(cell, "look", keys, *stop, timeout=8.0)
-    set_parameter = ("param", "set", "--no-daemon", "/kinematics_predictor", "use_sim_time", "false")
+    assert "success=True" not in ask(cell, None, keys, *stop, timeout=15.0)
+    assert "success=True" not in ask(cell, "look", keys, *stop, timeout=15.0)
+    set_parameter = ("param", "set", *patient, "/kinematics_predictor", "use_sim_time", "false")
     reached = "use_sim_time' may be set at the start only"
     assert reached not in ask(cell, "operate", keys, *set_parameter)
     assert reached in ask(cell, "engineer", keys, *set_parameter)

@@ -9,6 +9,9 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+#: DDS tells of a publisher before it knows its node (rmw_dds_common, graph_cache.cpp).
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+
 
 class Presence:
     """Tells of names that disappear, and of those that come back; a name's first appearance is no news.
@@ -46,7 +49,11 @@ def diagnosed_nodes(node: Node) -> list[str]:
     """Return the names of the nodes that report on /diagnostics: those of this cell, not those of tools or others."""
     own = node.get_namespace().rstrip("/")
     publishers = node.get_publishers_info_by_topic("/diagnostics")
-    names = [f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}" for publisher in publishers]
+    names = [
+        f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+        for publisher in publishers
+        if publisher.node_name != _UNKNOWN
+    ]
     return [name for name in names if name.startswith(f"{own}/")]
 
 

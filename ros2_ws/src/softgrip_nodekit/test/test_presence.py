@@ -8,7 +8,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import rclpy
@@ -17,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Int32
 
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health
-from softgrip_nodekit.presence import Presence
+from softgrip_nodekit.presence import Presence, diagnosed_nodes
 
 
 def test_a_first_appearance_is_no_news_and_every_change_is_told_once() -> None:
@@ -26,6 +27,14 @@ def test_a_first_appearance_is_no_news_and_every_change_is_told_once() -> None:
     for names in (["a"], ["a", "b"], ["b"], ["b"], ["a", "b"], [], [], ["b"]):
         presence.update(names)
     assert reported == [("a", False), ("a", True), ("a", False), ("b", False), ("b", True)]
+
+
+def test_a_publisher_whose_node_is_not_known_yet_is_no_node() -> None:
+    """As Fast DDS and Cyclone DDS tell of it for a moment (rmw_dds_common's test_graph_cache.cpp has these names)."""
+    names = (("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"), ("/cell", "camera"), ("/", "tracker"))
+    publishers = [SimpleNamespace(node_namespace=namespace, node_name=name) for namespace, name in names]
+    node = SimpleNamespace(get_publishers_info_by_topic=lambda _: publishers, get_namespace=lambda: "/")
+    assert diagnosed_nodes(cast("Any", node)) == ["/cell/camera", "/tracker"]
 
 
 @pytest.fixture

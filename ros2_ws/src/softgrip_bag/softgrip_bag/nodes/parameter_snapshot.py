@@ -73,10 +73,12 @@ class ParameterSnapshot:
         """Ask nodes that have not answered; try again to read files that were not there."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f"{namespace.rstrip('/')}/{name}"
-            if full in self._answered or full == self._node.get_fully_qualified_name():
+            if full in self._answered or full in self._refused or full == self._node.get_fully_qualified_name():
                 continue
             if not is_below(full, self._node.get_namespace()):
                 continue  # another cell's
+            if name.startswith("_"):
+                continue  # a tool's, here for a moment; in a secure cell nobody may ask it
             if _NAME.fullmatch(full):
                 self._ask(full)
             else:
@@ -91,15 +93,27 @@ class ParameterSnapshot:
         now = time.monotonic()
         if now - self._asked.get(full, float("-inf")) < ANSWER_TIMEOUT_S:
             return
-        if full not in self._clients:
-            self._clients[full] = (
-                self._node.create_client(ListParameters, f"{full}/list_parameters"),
-                self._node.create_client(GetParameters, f"{full}/get_parameters"),
-            )
+        if full not in self._clients and not self._make_clients(full):
+            self._asked[full] = now
+            return
         names, _ = self._clients[full]
         if names.service_is_ready():
             self._asked[full] = now
             names.call_async(ListParameters.Request()).add_done_callback(lambda done: self._on_names(full, done))
+
+    def _make_clients(self, full: str) -> bool:
+        """Make the clients of a node; DDS Security refuses those that access.yaml does not grant."""
+        made = []
+        try:
+            for service, name in ((ListParameters, "list_parameters"), (GetParameters, "get_parameters")):
+                made.append(self._node.create_client(service, f"{full}/{name}"))
+        except RuntimeError as error:
+            for client in made:
+                self._node.destroy_client(client)
+            self._refuse(full, f"{full}: its parameters are not carried, they may not be asked: {error}")
+            return False
+        self._clients[full] = (made[0], made[1])
+        return True
 
     def _on_names(self, full: str, done: Any) -> None:
         if done.exception() is not None or full not in self._clients:
