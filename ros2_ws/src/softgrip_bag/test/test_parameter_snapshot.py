@@ -28,6 +28,9 @@ class FakeNode:
     def get_fully_qualified_name(self) -> str:
         return "/recorder"
 
+    def get_namespace(self) -> str:
+        return "/"
+
     def create_client(self, _: Any, name: str) -> Any:
         self.asked.append(name)
         if name not in self._granted:
