@@ -13,6 +13,8 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from softgrip_nodekit.context import end_context
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -47,7 +49,7 @@ class IsolatedNode:
                 parameter_overrides=[Parameter("start_type_description_service", value=False)],
             )
         except BaseException:
-            self._context.try_shutdown()
+            end_context(self._context)
             raise
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -69,16 +71,17 @@ class IsolatedNode:
                     self._on_error(error)
 
     def close(self) -> None:
-        """Stop, wait for a callback that runs, and leave the network."""
+        """Stop, wait for a callback that runs, and leave the network; raises nothing."""
         if self._is_closed:
             return
         self._is_closed = True
-        self._executor.shutdown(timeout_sec=CLOSE_TIMEOUT_S)
+        with contextlib.suppress(Exception):  # after a signal rclpy has taken the context down, or is about to
+            self._executor.shutdown(timeout_sec=CLOSE_TIMEOUT_S)
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(CLOSE_TIMEOUT_S)
-        with contextlib.suppress(Exception):  # after a signal rclpy has taken the context down already
+        with contextlib.suppress(Exception):
             self.node.destroy_node()
-        self._context.try_shutdown()
+        end_context(self._context)
 
 
 def _enclave_arguments(node: Node) -> list[str]:

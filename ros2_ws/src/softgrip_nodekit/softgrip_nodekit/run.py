@@ -19,6 +19,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
+from softgrip_nodekit.context import end_context
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import make_executor
 from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
@@ -197,5 +198,5 @@ def _leave(node: Node | None, executor: Any) -> None:
         faulthandler.dump_traceback_later(SHUTDOWN_TIMEOUT_S, exit=True, file=STDERR)
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
+        end_context()
         faulthandler.cancel_dump_traceback_later()

@@ -120,6 +120,21 @@ def test_what_a_callback_raises_while_the_node_is_being_stopped_is_no_error(capf
     assert ERROR not in capfd.readouterr().err
 
 
+def test_a_node_whose_context_a_signal_ends_at_the_same_moment_leaves_without_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shut_down = rclpy.try_shutdown
+
+    def too_late() -> None:
+        shut_down()
+        raise RuntimeError("failed to shutdown: rcl_shutdown already called on the given context")
+
+    monkeypatch.setattr(rclpy, "try_shutdown", too_late)
+    made: list[Failing] = []
+    assert run(keep(made, Failing), []) == 0
+    assert made[0].closed
+
+
 @pytest.mark.parametrize(("kind", "code", "text"), [(Fatal, 1, "the bus loop has ended"), (Refusing, 2, "no such")])
 def test_only_a_node_that_says_so_ends_over_a_callback(
     kind: type[Failing], code: int, text: str, capfd: pytest.CaptureFixture[str]

@@ -165,6 +165,37 @@ def test_its_queue_thread_and_session_are_gone_once_it_is_closed(make: Make) -> 
     server.close()  # a second time is no error
 
 
+def test_a_signal_that_ends_the_context_at_the_same_moment_is_no_error(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """rclpy looks and then shuts down; in between its signal thread may do so: seen with rmw_zenoh_cpp 0.2.10."""
+    _, server = make()
+    shut_down = Context.try_shutdown
+
+    def too_late(context: Context) -> None:
+        shut_down(context)
+        raise RuntimeError("failed to shutdown: rcl_shutdown already called on the given context")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Context, "try_shutdown", too_late)
+        server.close()
+    assert not server._isolated.node.context.ok()
+
+
+def test_an_executor_that_cannot_be_told_to_stop_does_not_keep_its_session(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, server = make()
+
+    def down(*_: object, **__: object) -> None:
+        raise RuntimeError("cannot use Destroyable because destruction was requested")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SingleThreadedExecutor, "shutdown", down)
+        server.close()
+    assert not server._isolated.node.context.ok()
+
+
 def test_parameters_of_the_command_line_do_not_reach_its_node(make: Make) -> None:
     _, server = make("-p", "use_sim_time:=true")
     assert not server._isolated.node.get_parameter("use_sim_time").value
