@@ -205,10 +205,10 @@ class TendonDriver(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the tendons; the readings go on."""
         self._active = False
-        self._stop_monitor()
         if self._loop is not None and self._loop.running:
             self._loop.power(on=False)
             self._disarm()
+        self._stop_monitor()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -268,7 +268,6 @@ class TendonDriver(LifecycleNode):
 
     def _disconnect(self) -> None:
         self._active = False
-        self._stop_monitor()
         loop, backend = self._loop, self._backend
         if loop is not None and backend is not None:
             loop.stop()
@@ -276,6 +275,7 @@ class TendonDriver(LifecycleNode):
             if loop.has_let_go:
                 self._disarm()
         self._loop = self._backend = None
+        self._stop_monitor()  # the middleware may take its time: only when the drives are safe
         if self._publishing is not None:
             self._publishing.join(2.0)
             self._publishing = None
