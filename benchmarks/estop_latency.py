@@ -2,7 +2,8 @@
 """From a client's estop to torque off, by the truth of the emulated servos, beside strangers who flood the driver.
 
 Each load runs in a process of its own: messages of 100 MB on tendon/trajectory, malformed requests to estop and
-estop_reset, a thousand moves one after another. The peer is the same without any load, in the same run.
+estop_reset, a thousand moves one after another, a grasp_mix_manager that is frozen (SIGSTOP). The peer is the same
+without any load, in the same run.
 """
 
 from __future__ import annotations
@@ -10,7 +11,10 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import signal
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -68,6 +72,7 @@ def _flood_goals(domain: int, stop: Any) -> None:
 
     from softgrip_interfaces.action import MoveTendon  # noqa: PLC0415
 
+    sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115  most goals are refused (the driver is busy), each with a line
     rclpy.init()
     node = rclpy.create_node("goals")
     client = ActionClient(node, MoveTendon, "tendon/move")
@@ -84,11 +89,39 @@ def _flood_goals(domain: int, stop: Any) -> None:
     rclpy.try_shutdown()
 
 
+def _freeze_manager(domain: int, stop: Any) -> None:
+    """Start the node that orders grasps, and stop its process once its service is there."""
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    import rclpy  # noqa: PLC0415
+
+    from softgrip_interfaces.srv import PlanMix  # noqa: PLC0415
+
+    rclpy.init()
+    node = rclpy.create_node("freezer")
+    with tempfile.TemporaryDirectory() as folder:
+        database = f"database_url:=sqlite:///{folder}/cell.db"
+        manager = subprocess.Popen(
+            [sys.executable, "-m", "softgrip_cell.nodes.grasp_mix_manager", "--ros-args", "-p", database],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            assert node.create_client(PlanMix, "cell/plan_mix").wait_for_service(timeout_sec=ANSWER_S)
+            manager.send_signal(signal.SIGSTOP)
+            stop.wait()
+        finally:
+            manager.kill()
+            manager.wait(ANSWER_S)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
 LOADS: dict[str, Callable[[int, Any], None] | None] = {
     "no load": None,
     "100 MB messages": _flood_big,
     "malformed requests": _flood_malformed,
     "1,000 goals": _flood_goals,
+    "frozen manager": _freeze_manager,
 }
 
 

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
+from std_srvs.srv import Trigger
 
+from softgrip_driver.nodes.tendon_safety import SafetyServer
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import Policies, StopPolicy
 from softgrip_driver.tendon.ownership import Ownership
@@ -32,10 +36,64 @@ def safety(tmp_path: Path, reported: list[tuple[bool, bool]]) -> Safety:
 
 def test_every_change_is_reported_to_those_who_follow(safety: Safety, reported: list[tuple[bool, bool]]) -> None:
     safety.latch_stop("a person")
+    safety.announce()
     token = safety.acquire_lock("manager", "hands in the palm")
     safety.reset_stop()
     safety.release_lock(token)
     assert reported == [(True, False), (True, True), (False, True), (False, False)]
+
+
+class SlowDisk(SafetyStore):
+    """A file whose writing takes until it is let go on."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.is_writing, self.may_go_on = threading.Event(), threading.Event()
+
+    def save(self, record: SafetyRecord) -> None:
+        self.is_writing.set()
+        assert self.may_go_on.wait(10.0)
+        super().save(record)
+
+
+@pytest.mark.parametrize("was_stopped", [True, False])
+def test_a_stop_waits_for_no_disk_and_stands_when_a_reset_before_it_is_written(
+    tmp_path: Path, *, was_stopped: bool
+) -> None:
+    disk = SlowDisk(tmp_path / "safety.yaml")
+    safety = Safety(disk)
+    if was_stopped:
+        safety.latch_stop("the first")
+    reset = threading.Thread(target=safety.reset_stop)
+    reset.start()
+    assert disk.is_writing.wait(10.0)
+    stop = threading.Thread(target=safety.latch_stop, args=("the second",))
+    stop.start()
+    stop.join(10.0)
+    assert not stop.is_alive()
+    disk.may_go_on.set()
+    reset.join(10.0)
+    assert safety.record.cause is StopCause.REQUESTED
+    assert safety.persist() == ""
+    assert Safety(SafetyStore(tmp_path / "safety.yaml")).record.cause is StopCause.REQUESTED
+
+
+def test_torque_is_off_before_middleware_and_disk_are_used() -> None:
+    done: list[str] = []
+    safety = SimpleNamespace(
+        latch_stop=lambda _: done.append("latched"),
+        announce=lambda: done.append("announced"),
+        persist=lambda: done.append("on disk") or "",
+    )
+    server: Any = SimpleNamespace(
+        safety=safety,
+        _enforce=lambda: done.append("torque off") or "",
+        _policies=Policies(),
+        _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=lambda _: None)),
+    )
+    response = SafetyServer._on_stop(server, Trigger.Request(), Trigger.Response())
+    assert response.success
+    assert done == ["latched", "torque off", "announced", "on disk"]
 
 
 def test_a_token_has_16_bytes_that_nobody_can_guess_and_is_another_one_each_time(safety: Safety) -> None:

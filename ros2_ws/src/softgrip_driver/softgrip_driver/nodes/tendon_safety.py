@@ -66,10 +66,11 @@ class SafetyServer:
             callback_errors(self._node).report(error)
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop first, then put it on disk, then answer."""
+        """Stop first, then tell the other nodes, put it on disk, answer: middleware and disk may take their time."""
         del request
         self.safety.latch_stop("asked for through the service estop")
         undone = self._enforce()
+        self.safety.announce()
         unwritten = self.safety.persist()
         policy = self._policies.estop.name.lower()
         problems = [problem for problem in (undone, unwritten and f"{unwritten}; it holds in memory") if problem]

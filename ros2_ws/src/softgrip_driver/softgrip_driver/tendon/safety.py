@@ -39,7 +39,9 @@ class Safety:
     def __init__(self, store: SafetyStore, on_change: Callable[[SafetyRecord], None] = lambda _: None) -> None:
         self._store = store
         self._on_change = on_change
-        self._mutex = threading.Lock()
+        #: a disk may take seconds: only `_writing` is held while it is written to, and no stop waits for that
+        self._mutex, self._writing = threading.Lock(), threading.Lock()
+        self._stops = 0
         self._on_disk: SafetyRecord | None = None
         self._record = self._start(store.load())
 
@@ -77,22 +79,27 @@ class Safety:
     # --- emergency stop --------------------------------------------------------------------------------------------
 
     def latch_stop(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
-        """Latch the stop in memory, at once; `persist` puts it on disk."""
+        """Latch the stop in memory, at once; `announce` it when the drives are safe, `persist` puts it on disk."""
         with self._mutex:
+            self._stops += 1
             if self._record.cause is not StopCause.REQUESTED:
-                self._record = self._changed(cause=cause, stop_reason=reason)
+                self._record = _next(self._record, cause=cause, stop_reason=reason)
+
+    def announce(self) -> None:
+        """Call `on_change` with the present record."""
         self._on_change(self._record)
 
     def persist(self) -> str:
         """Put the state on disk if it is not there yet; return the problem in words, empty for none."""
-        with self._mutex:
-            if self._on_disk == self._record:
+        with self._writing:
+            record = self._record
+            if self._on_disk == record:
                 return ""
             try:
-                self._store.save(self._record)
+                self._store.save(record)
             except SafetyStoreError as error:
                 return str(error)
-            self._on_disk = self._record
+            self._on_disk = record
             return ""
 
     def reset_stop(self) -> None:
@@ -164,14 +171,21 @@ class Safety:
         if not hmac.compare_digest(token_digest(token), record.lock_digest):
             raise SafetyRefusal(f"another token; the cell is locked by {record.lock_owner} ({record.lock_reason})")
 
-    def _changed(self, **values: object) -> SafetyRecord:
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        return replace(self._record, sequence=self._record.sequence + 1, changed_at=now, **values)  # type: ignore[arg-type]
-
     def _replace(self, **values: object) -> None:
-        """Change the state on disk first, then in memory."""
-        with self._mutex:
-            changed = self._changed(**values)
+        """Change the state on disk first, then in memory; a stop that is latched meanwhile stands."""
+        with self._writing:
+            with self._mutex:
+                changed, stops = _next(self._record, **values), self._stops
             self._store.save(changed)
-            self._on_disk = self._record = changed
-        self._on_change(self._record)
+            self._on_disk = changed
+            with self._mutex:
+                if self._stops != stops:
+                    stop = self._record
+                    changed = _next(changed, cause=stop.cause, stop_reason=stop.stop_reason)
+                self._record = changed
+        self.announce()
+
+
+def _next(record: SafetyRecord, **values: object) -> SafetyRecord:
+    now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    return replace(record, sequence=record.sequence + 1, changed_at=now, **values)  # type: ignore[arg-type]
