@@ -257,8 +257,11 @@ class Recorder(Node):
             return response
         asked = time.time_ns()
         self._drain, self._drained = Drain(asked, asked + int(1e9 * _DRAIN_LIMIT)), Future()
-        await self._drained
-        self._end_recording()
+        try:
+            await self._drained
+            self._end_recording()
+        finally:
+            self._drain = None  # not earlier: until the bag is closed, what was sent after the moment stays out
         response.path = str(bag.folder)
         response.messages = bag.accepted - bag.removed.total()
         response.topics = len(self._topics)
@@ -354,8 +357,7 @@ class Recorder(Node):
         self._snapshot_of_parameters.look()
         self._snapshot_of_fault()
         self._report()
-        if self._drain is not None and self._drain.look(time.time_ns()):
-            self._drain = None
+        if self._drain is not None and not self._drained.done() and self._drain.look(time.time_ns()):
             self._drained.set_result(None)
 
     def _look_at_types(self, name: str, types: Sequence[str], publishers: Sequence[str]) -> None:
