@@ -13,9 +13,17 @@ from softgrip_driver.rig.slide import SlideSettings
 from softgrip_model.friction.assess import AcceptanceLimits
 from softgrip_nodekit import Parameter, ParameterTable
 
+#: the kind of stage of a bench that has none
+NO_STAGE = "none"
+
 PARAMETERS = ParameterTable(
     Parameter("autostart", False, "configure and activate at start"),
-    Parameter("stage", "mark10", "kind of stage", choices=STAGES),
+    Parameter(
+        "stage",
+        "mark10",
+        "kind of stage; none: a bench without a rig, where the node serves friction models and measures nothing",
+        choices=(*STAGES, NO_STAGE),
+    ),
     Parameter("stage_port", "/dev/softgrip/stand", "serial port of the stage", device=True),
     Parameter("gauge", "gcl2", "kind of force gauge", choices=GAUGES),
     Parameter("gauge_port", "/dev/softgrip/gauge", "serial port of the gauge", device=True),

@@ -45,7 +45,7 @@ PARAMETERS = ParameterTable(
         "source",
         "0",
         "device number or path, video file, image folder, http(s) motion-JPEG or rtsp URL, or @FILE: the source is "
-        "named in FILE, which may appear later",
+        "named in FILE, which may appear later; none: a bench without camera",
     ),
     Parameter("frame_id", "camera_optical", "optical frame of the images (z forward, x right, y down)"),
     Parameter("calibration_file", "", "camera calibration (YAML); empty: camera_info says uncalibrated"),
@@ -76,6 +76,8 @@ PARAMETERS = ParameterTable(
     realtime_parameter(Rank.ORDINARY),
 )
 
+#: The source of a bench that has none.
+NO_CAMERA = "none"
 #: OpenCV's log level of errors.
 OPENCV_ERRORS = 2
 #: [s] between looks at the health of the capture.
@@ -92,6 +94,10 @@ class CameraNode(Node):
         super().__init__("camera")
         self._values = PARAMETERS.declare(self)
         PARAMETERS.on_change(self, self._values.update)
+        if self._values["source"] == NO_CAMERA:
+            self._diagnostics = Diagnostics(self)
+            self._diagnostics.set("capture", Health.OK, "this bench has no camera (source: none)")
+            return
         self._calibration = self._load_calibration()
         self._diagnostics = Diagnostics(self, self._calibration.camera_serial if self._calibration else "")
         self._compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
@@ -253,7 +259,8 @@ class CameraNode(Node):
 
     def close(self) -> None:
         """Stop capturing and let go of the device."""
-        self._capture.stop()
+        if self._values["source"] != NO_CAMERA:
+            self._capture.stop()
 
 
 def main(args: Sequence[str] | None = None) -> None:
