@@ -198,7 +198,9 @@ def _grasps(bag: Path, cell: str) -> list[RecordedGrasp]:
                         else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
                     )
                     found.append(
-                        RecordedGrasp(step.wall, product, outcome, result.reason, result.latency, result.duration)
+                        RecordedGrasp(
+                            step.wall, product, outcome, result.reason, result.latency, result.duration, result.evidence
+                        )
                     )
     except BagError:
         return found  # what is there of a trace with a gap
