@@ -14,7 +14,7 @@ from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
+from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage, stream_settings
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
@@ -65,11 +65,17 @@ WATCHDOG_PERIODS = 2.0
 
 @dataclass(frozen=True)
 class TendonGaugeSettings:
-    """The force gauge in a stage's tendon: kind (of GAUGES), port, and how to read a streaming one."""
+    """The force gauge in a stage's tendon.
+
+    Attributes:
+        kind: of GAUGES. port: serial. stream: how to read one that speaks in lines.
+        proof: [N] that a hand must pull before anything is wound in; 0 = none.
+    """
 
     kind: str
     port: str
     stream: StreamSettings
+    proof: float
 
 
 @dataclass(frozen=True)
@@ -118,7 +124,7 @@ class DriverConfiguration:
             ((tendon, limits),) = self.limits.items()
             stage = make_stage(self.kind, self.port, self.reply_margin)
             gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
-            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed)
+            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof)
         bus = Bus(self.port, self.baud, self.reply_margin)
         return DynamixelBackend(
             bus,
@@ -214,8 +220,7 @@ def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> TendonGaugeSett
         raise ConfigurationError(
             f"parameter loop_rate: expected at most {STAGE_RATES[kind]:g} Hz with backend '{kind}', found {rate:g}"
         )
-    stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
-    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream)
+    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream_settings(values), values["gauge_proof_n"])
 
 
 def _servos(

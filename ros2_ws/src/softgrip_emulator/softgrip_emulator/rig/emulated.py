@@ -12,7 +12,9 @@ from softgrip_emulator.rig.grbl import EmulatedGrblStage
 from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
+from softgrip_emulator.rig.polled import PROTOCOLS, EmulatedPolledGauge
 from softgrip_emulator.rig.sensor import LoadCell
+from softgrip_emulator.rig.sketches import SKETCHES, EmulatedBoard
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.pty import PtyPort
 
@@ -42,7 +44,8 @@ class EmulatedRig:
         plant: what the stage pulls, instead of the friction rig's cable.
         clock: shared cell time, instead of an own one.
         stage: "mark10" (test stand) or "grbl" (linear stage).
-        gauge: "gcl2" (Mark-10), or a format of `softgrip_emulator.rig.amplifier.FORMATS` for a streaming amplifier.
+        gauge: "gcl2" (Mark-10); in `softgrip_emulator.rig` a format of `amplifier.FORMATS` for a streaming amplifier, a
+            sketch of `sketches.SKETCHES` for a board, or a protocol of `polled.PROTOCOLS`.
     """
 
     def __init__(
@@ -63,9 +66,7 @@ class EmulatedRig:
         self.stand: EmulatedMark10Stand | EmulatedGrblStage = (
             EmulatedGrblStage(self.plant) if stage == "grbl" else EmulatedMark10Stand(self.plant, self.cell)
         )
-        self.gauge: EmulatedMark10Gauge | EmulatedAmplifier = (
-            EmulatedMark10Gauge(self.cell) if gauge == "gcl2" else EmulatedAmplifier(self.cell, gauge)
-        )
+        self.gauge = _gauge(gauge, self.cell)
         self._ports: dict[str, Port] = {}
         self._misplaced: dict[str, float] = {}
         self._active: dict[str, Callable[[], None]] = {}
@@ -152,6 +153,8 @@ class EmulatedRig:
             "stand_reply_cut": lambda: _flag(self.stand, "reply_cut"),
             "gauge_reply_cut": lambda: _flag(self.gauge, "reply_cut"),
             "cell_stuck": lambda: _flag(self.cell, "stuck"),
+            "cell_cut": lambda: _flag(self.cell, "cut"),
+            "cell_reversed": lambda: _flag(self.cell, "reversed"),
             "saturated": self._saturated,
             "drift": self._drift,
             "stage_jammed": self._jammed,
@@ -174,7 +177,7 @@ class EmulatedRig:
 
     def _gauge_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
         gauge = self.gauge
-        if isinstance(gauge, EmulatedAmplifier):
+        if not isinstance(gauge, EmulatedMark10Gauge):
             return {"contaminated_stream": lambda: _flag(gauge, "noisy")}
 
         def unit_switched(unit: str = "LB") -> Callable[[], None]:
@@ -229,6 +232,15 @@ class EmulatedRig:
             self._misplaced.pop(what, None)
 
         return undo
+
+
+def _gauge(kind: str, cell: LoadCell) -> EmulatedMark10Gauge | EmulatedAmplifier | EmulatedBoard | EmulatedPolledGauge:
+    """Return the electronics that read the cell."""
+    if kind == "gcl2":
+        return EmulatedMark10Gauge(cell)
+    if kind in SKETCHES:
+        return EmulatedBoard(cell, kind)
+    return EmulatedPolledGauge(cell, kind) if kind in PROTOCOLS else EmulatedAmplifier(cell, kind)
 
 
 def _flag(device: object, name: str) -> Callable[[], None]:
