@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS
+from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.build import GAUGES, STAGES, make_gauge, make_stage, stream_settings
+from softgrip_driver.rig.grbl import StageStart
 from softgrip_driver.rig.procedure import RigSettings
 from softgrip_driver.rig.pull import PullSettings
 from softgrip_driver.rig.slide import SlideSettings
@@ -26,6 +27,7 @@ PARAMETERS = ParameterTable(
         choices=(*STAGES, NO_STAGE),
     ),
     Parameter("stage_port", "/dev/softgrip/stand", "serial port of the stage", device=True),
+    stage_start_parameter(),
     Parameter("gauge", "gcl2", "kind of force gauge", choices=GAUGES),
     Parameter("gauge_port", "/dev/softgrip/gauge", "serial port of the gauge", device=True),
     *STREAM_PARAMETERS,
@@ -70,7 +72,7 @@ def make_bench(values: dict[str, Any]) -> Bench:
         ConfigurationError: a line format that cannot be.
     """
     return Bench(
-        make_stage(values["stage"], values["stage_port"]),
+        make_stage(values["stage"], values["stage_port"], start=StageStart(values["stage_start"])),
         make_gauge(values["gauge"], values["gauge_port"], stream_settings(values)),
     )
 

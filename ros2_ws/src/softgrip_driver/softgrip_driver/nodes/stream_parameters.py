@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of a gauge that speaks in lines, which tendon_driver and friction_rig share."""
+"""The parameters of stage and gauge that tendon_driver and friction_rig share."""
 
 from __future__ import annotations
 
+from softgrip_driver.rig.grbl import StageStart
 from softgrip_driver.rig.line_format import FORMATS
 from softgrip_nodekit import Parameter
 
@@ -16,3 +17,14 @@ STREAM_PARAMETERS = (
     ),
     Parameter("gauge_calibration", "", "file of calibrate_cell, in place of counts_per_newton; empty = none"),
 )
+
+
+def stage_start_parameter() -> Parameter:
+    """Return the parameter for a stage that is locked when it is opened."""
+    return Parameter(
+        "stage_start",
+        StageStart.REFUSE.value,
+        "a stage with switches ($22=1) is locked when its port is opened: home = drive to them at once ($H), unlock = "
+        "go on without ($X)",
+        choices=tuple(choice.value for choice in StageStart),
+    )

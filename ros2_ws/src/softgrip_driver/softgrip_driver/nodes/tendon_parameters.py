@@ -7,7 +7,7 @@ from dataclasses import fields
 
 from softgrip_driver.configuration import BACKENDS, LIMIT_PARAMETERS
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
-from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS
+from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.build import GAUGES
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_nodekit import Parameter, ParameterTable, Rank, realtime_parameter
@@ -52,6 +52,7 @@ PARAMETERS = ParameterTable(
     Parameter(
         "reply_margin_s", 0.004, "for a reply beyond the time its bytes need; for a stage's whole one", "s", 0.0005, 1.0
     ),
+    stage_start_parameter(),
     Parameter("gauge", "gcl2", "kind of the force gauge on a stage", choices=GAUGES),
     Parameter("gauge_port", "", "serial port of the gauge; needed with a stage only"),
     *STREAM_PARAMETERS,

@@ -13,7 +13,7 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig import grbl, mark10
 from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.gauge_calibration import read_calibration
-from softgrip_driver.rig.grbl import GrblStage
+from softgrip_driver.rig.grbl import GrblStage, StageStart
 from softgrip_driver.rig.line_format import LineFormat, line_format
 from softgrip_driver.rig.line_gauge import GaugeScale, LineGauge
 from softgrip_driver.rig.line_port import LinePort
@@ -26,8 +26,14 @@ GAUGES = ("gcl2", "stream")
 REPLY_TIME = 0.5
 
 
-def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME) -> Stage:
+def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME, start: StageStart = StageStart.REFUSE) -> Stage:
     """Return a stage, not yet connected, that is given ``reply_time`` [s] for an answer.
+
+    Args:
+        kind: of `STAGES`.
+        port: serial.
+        reply_time: [s]
+        start: what to do where it is locked when it is opened; a test stand is not.
 
     Raises:
         ConfigurationError: no such kind.
@@ -35,7 +41,7 @@ def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME) -> Stage:
     if kind == "mark10":
         return Mark10Stand(LinePort(port, mark10.BAUD, reply_time))
     if kind == "grbl":
-        return GrblStage(LinePort(port, grbl.BAUD, reply_time))
+        return GrblStage(LinePort(port, grbl.BAUD, reply_time), start=start)
     raise ConfigurationError(f"stage: expected one of {', '.join(STAGES)}, found '{kind}'")
 
 

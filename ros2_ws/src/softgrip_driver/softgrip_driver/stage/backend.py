@@ -84,8 +84,7 @@ class StageBackend:
         except DriverError:
             self._stage.close()
             raise
-        self._mark, self._powered, self._target, self._before = 0, False, None, None
-        self._gauge_misses, self._fault = 0, ("", "")
+        self._forget()
         self._guard = GaugeGuard(self._proof)
         device = f"{stage.model} {stage.serial}".strip() + f" with {gauge.model}"
         return (DriveIdentity(self._tendon, device, (*stage.warnings, *gauge.warnings)),)
@@ -117,13 +116,11 @@ class StageBackend:
         return True
 
     def restore(self, tendon: str) -> Iterator[None]:
-        """Leave an alarm, at a person's word, and open again."""
+        """Leave an alarm, at a person's word; the zero is gone. Opening again would lock one with switches anew."""
         del tendon
         yield
         self._stage.unlock()
-        # In one step: a port closed between two cycles would pass for one that went away.
-        self.disconnect()
-        self.connect()
+        self._forget()
 
     # --- a cycle ---------------------------------------------------------------------------------------------------
 
@@ -204,6 +201,11 @@ class StageBackend:
         """Keep the mark as long as the connection: a stage has no volatile memory to put it in."""
         del tendon
         self._mark = mark
+
+    def _forget(self) -> None:
+        """Take nothing of the session before for true: neither its zero nor its power."""
+        self._mark, self._powered, self._target, self._before = 0, False, None, None
+        self._gauge_misses, self._fault = 0, ("", "")
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 

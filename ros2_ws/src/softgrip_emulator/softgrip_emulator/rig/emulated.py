@@ -19,7 +19,7 @@ from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.pty import PtyPort
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from softgrip_emulator.wire.device import Port, WireDevice
@@ -43,7 +43,9 @@ class EmulatedRig:
         truth: what is so, instead of what the seed draws.
         plant: what the stage pulls, instead of the friction rig's cable.
         clock: shared cell time, instead of an own one.
-        stage: "mark10" (test stand) or "grbl" (linear stage).
+        stage: "mark10" (test stand), "grbl" (linear stage) or "grblhal" (the same with that firmware).
+        stage_settings: of a GRBL stage that differ from a new controller's, by their number.
+        stage_resets: times that opening a GRBL stage's port resets it.
         gauge: "gcl2" (Mark-10); in `softgrip_emulator.rig` a format of `amplifier.FORMATS` for a streaming amplifier, a
             sketch of `sketches.SKETCHES` for a board, or a protocol of `polled.PROTOCOLS`.
     """
@@ -58,13 +60,17 @@ class EmulatedRig:
         clock: CellClock | None = None,
         stage: str = "mark10",
         gauge: str = "gcl2",
+        stage_settings: Mapping[int, float] | None = None,
+        stage_resets: int = 1,
     ) -> None:
         self.clock = clock or CellClock(time_scale)
         self.truth = truth or RigTruth.from_seed(seed)
         self.plant = plant or RigPlant(self.truth, seed)
         self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
         self.stand: EmulatedMark10Stand | EmulatedGrblStage = (
-            EmulatedGrblStage(self.plant) if stage == "grbl" else EmulatedMark10Stand(self.plant, self.cell)
+            EmulatedGrblStage(self.plant, settings=stage_settings, is_hal=stage == "grblhal", resets=stage_resets)
+            if stage in {"grbl", "grblhal"}
+            else EmulatedMark10Stand(self.plant, self.cell)
         )
         self.gauge = _gauge(gauge, self.cell)
         self._ports: dict[str, Port] = {}
