@@ -20,7 +20,7 @@ from softgrip_emulator.wire.pty import Line, PtyPort
 #: modules of the driver that look at a clock, wait, or open a port
 CLOCKED = ("dynamixel.backend", "dynamixel.port", "dynamixel.restart", "tendon.loop", "stage.backend",
            "rig.line_port", "rig.line_gauge", "rig.grbl",
-           "commands.calibrate_tension", "commands.selftest")  # fmt: skip
+           "commands.calibrate_tension", "commands.selftest", "commands.stage")  # fmt: skip
 PORTS = ("dynamixel.port", "rig.line_port")
 PLANT_PERIOD = 0.003
 
@@ -197,7 +197,7 @@ class OwnWorld:
     def __init__(self, patch):
         self.clock = OwnClock()
         self._cables = {}
-        clock = SimpleNamespace(monotonic=self.clock.now_s)
+        clock = SimpleNamespace(monotonic=self.clock.now_s, sleep=self.clock.wait)
         for module in CLOCKED:
             patch.setattr(f"softgrip_driver.{module}.time", clock)
         for module in PORTS:
