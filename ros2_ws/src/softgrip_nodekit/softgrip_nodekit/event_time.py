@@ -10,8 +10,8 @@ are ordered against it:
   they came in.
 * An input that comes later than that is **late**. It holds from the next driving message on. So does one without a
   stamp, or with one of another clock.
-* A **paired** input (what the camera measured) is compared with driving messages of its own time, of which
-  `MAX_PAIR_AGE_S` are kept; a later one is late, and dropped.
+* A **paired** input (what the camera measured) is compared with driving messages of its own time, which are kept for a
+  while; a later one is late, and dropped.
 
 What is late is counted on /diagnostics and written down as an InputNote on ``~/input_notes``, with the driving message
 after which it came: with these, the rule is complete. So is the first driving message that the node got.
@@ -33,10 +33,10 @@ from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.parameters import Parameter
 from softgrip_nodekit.stamps import NANOSECONDS, nanoseconds, to_time_message
 
-#: [s] how long driving messages are kept for inputs that are paired with them.
-MAX_PAIR_AGE_S: Final = 2.0
-#: [s] further ahead of the driving stream no stamp of the same clock is.
-MAX_AHEAD_S: Final = 10.0
+#: [ns] further behind its newest message the driving stream is only when its source has restarted.
+RESTART_NS: Final = 2 * NANOSECONDS
+#: [ns] further ahead of the driving stream no stamp of the same clock is.
+MAX_AHEAD_NS: Final = 10 * NANOSECONDS
 #: Late subscribers receive all that a node may have to say about a day.
 _QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -71,12 +71,15 @@ class LatchedInputs:
     Args:
         allowed_lateness_s: see above [s].
         note: called with what is late.
+
+    Attributes:
+        newest_ns: stamp of the newest driving message, 0 = none yet [ns].
     """
 
     def __init__(self, allowed_lateness_s: float, note: NoteInput) -> None:
         self._lateness_ns = round(allowed_lateness_s * NANOSECONDS)
         self._note = note
-        self._newest_ns: int | None = None
+        self.newest_ns = 0
         self._held: list[_Held] = []
         self._number = 0
 
@@ -89,24 +92,22 @@ class LatchedInputs:
             apply: makes it hold.
         """
         before = [held for held in self._held if held.topic == topic]
-        due_ns = max([stamp_ns + self._lateness_ns if stamp_ns else 0, *(held.due_ns for held in before)])
-        newest_ns = self._newest_ns
-        if newest_ns is not None and not (newest_ns < due_ns <= newest_ns + MAX_AHEAD_S * NANOSECONDS and stamp_ns):
-            self._note(topic, stamp_ns, newest_ns)
-            for held in before:
-                self._held.remove(held)
-                held.apply()
-            apply()
+        due_ns = max([stamp_ns + self._lateness_ns, *(held.due_ns for held in before)])
+        if stamp_ns and (not self.newest_ns or self.newest_ns < due_ns <= self.newest_ns + MAX_AHEAD_NS):
+            self._number += 1
+            bisect.insort(self._held, _Held(due_ns, self._number, topic, apply))
             return
-        self._number += 1
-        bisect.insort(self._held, _Held(due_ns, self._number, topic, apply))
+        self._note(topic, stamp_ns, self.newest_ns)
+        for held in before:
+            self._held.remove(held)
+            held.apply()
+        apply()
 
     def advance(self, stamp_ns: int) -> None:
         """Make hold what a driving message of a stamp [ns] is to be answered with."""
-        if self._newest_ns is not None and self._newest_ns - stamp_ns > MAX_PAIR_AGE_S * NANOSECONDS:
-            self._newest_ns = stamp_ns  # time only goes back so far when a source restarts
-        self._newest_ns = stamp_ns if self._newest_ns is None else max(stamp_ns, self._newest_ns)
-        while self._held and self._held[0].due_ns <= self._newest_ns:
+        is_restart = self.newest_ns - stamp_ns > RESTART_NS
+        self.newest_ns = stamp_ns if is_restart else max(stamp_ns, self.newest_ns)
+        while self._held and self._held[0].due_ns <= self.newest_ns:
             self._held.pop(0).apply()
 
 
@@ -126,7 +127,6 @@ class StampedInputs:
         self._diagnostics = diagnostics
         self._publisher = node.create_publisher(InputNote, "~/input_notes", _QOS)
         self._latched = LatchedInputs(allowed_lateness_s, self._note_late)
-        self._newest_ns = 0
         self._late: Counter[str] = Counter()
         self._report()
 
@@ -137,16 +137,15 @@ class StampedInputs:
     def drive(self, message: Any) -> None:
         """Make hold what a driving message is to be answered with."""
         stamp_ns = input_stamp_ns(message)
-        if not self._newest_ns:
+        if not self._latched.newest_ns:
             self._publish(self._driver, stamp_ns, 0)
-        self._newest_ns = max(stamp_ns, self._newest_ns)
         self._latched.advance(stamp_ns)
 
-    def pair(self, topic: str, message: Any) -> None:
-        """Count a paired input for which driving messages are not kept any more."""
+    def pair(self, topic: str, message: Any, max_age_ns: int) -> None:
+        """Count a paired input that is older than the driving messages that are kept [ns]."""
         stamp_ns = input_stamp_ns(message)
-        if self._newest_ns - stamp_ns > MAX_PAIR_AGE_S * NANOSECONDS:
-            self._note_late(topic, stamp_ns, self._newest_ns)
+        if self._latched.newest_ns - stamp_ns > max_age_ns:
+            self._note_late(topic, stamp_ns, self._latched.newest_ns)
 
     def _note_late(self, topic: str, stamp_ns: int, after_ns: int) -> None:
         self._late[topic] += 1

@@ -106,6 +106,15 @@ def test_a_late_input_holds_from_the_next_driving_message_on_and_is_noted() -> N
     assert node.late == [("friction", START + 50 * MS, START + 300 * MS)]
 
 
+def test_an_input_without_a_stamp_holds_before_anything_is_driven() -> None:
+    node = Node()
+    node.receive("friction", 0)
+    node.receive("cell", START)
+    node.receive("driver", START)
+    assert node.answers == [(START, {"friction": 0})]
+    assert node.late == [("friction", 0, 0)]
+
+
 @pytest.mark.parametrize("stamp", [0, START + 3_600_000 * MS])
 def test_an_input_without_a_stamp_or_of_another_clock_holds_at_once_and_is_noted(stamp: int) -> None:
     node = Node()

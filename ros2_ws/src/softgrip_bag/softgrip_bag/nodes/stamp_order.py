@@ -43,10 +43,12 @@ def feed_by_stamp(bag: RecordedBag, make: Callable[[], ReplayedNode], driver: st
 
     def place(raw: RawMessage) -> tuple[int, int]:
         """Return where an input is in the order: a stamp of the driving stream [ns], and on which side of it."""
-        stamp = input_stamp_ns(deserialize_message(raw.data, message_class(raw.type_name)))
+        kind = message_class(raw.type_name)
+        latched = raw.topic in bag.latched
+        stamp = input_stamp_ns(deserialize_message(raw.data, kind)) if latched else stamp_in(raw.data, kind)
         own = (stamp, _AT if raw.topic == driver else _BEFORE)
-        if raw.topic != driver and (raw.topic, stamp) in noted:
-            own = noted[raw.topic, stamp], _AFTER
+        if raw.topic != driver and noted.get((raw.topic, stamp)):
+            own = noted[raw.topic, stamp].pop(0), _AFTER
         last[raw.topic] = max(own, last.get(raw.topic, own))  # each topic keeps its own order
         return last[raw.topic]
 
@@ -64,8 +66,10 @@ def feed_by_stamp(bag: RecordedBag, make: Callable[[], ReplayedNode], driver: st
     return Fed(outputs, first_answer, stamps)
 
 
-def _noted(bag: RecordedBag, node: str) -> dict[tuple[str, int], int]:
-    """Return (topic, stamp [ns]) of what a node could not order -> stamp [ns] of the driving stream it came after."""
+def _noted(bag: RecordedBag, node: str) -> dict[tuple[str, int], list[int]]:
+    """Return (topic, stamp [ns]) of what a node could not order -> stamps [ns] of the driving stream it came after."""
     notes = bag.read({f"{node}/{NOTES}"})
-    messages = (deserialize_message(raw.data, message_class(raw.type_name)) for raw in notes)
-    return {(note.topic, stamp_of(note)): nanoseconds(note.after) for note in messages}
+    found: dict[tuple[str, int], list[int]] = defaultdict(list)
+    for note in (deserialize_message(raw.data, message_class(raw.type_name)) for raw in notes):
+        found[note.topic, stamp_of(note)].append(nanoseconds(note.after))
+    return found

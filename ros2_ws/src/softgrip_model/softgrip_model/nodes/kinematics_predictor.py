@@ -21,6 +21,7 @@ from sensor_msgs.msg import JointState
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
 from softgrip_interfaces.srv import PredictFinger
 from softgrip_model.finger import FingerError
+from softgrip_model.finger.matching import MAX_GAP_NS, SPAN_NS
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.finger.session import Residual, Session
 from softgrip_model.finger.wear import WearSettings, WearVerdict
@@ -131,7 +132,7 @@ class KinematicsPredictor(Node):
         self._publish_residuals(self._session.on_tendons(samples, names))
 
     def _on_measured(self, message: FingerStates) -> None:
-        self._inputs.pair("finger/measured", message)
+        self._inputs.pair("finger/measured", message, SPAN_NS - MAX_GAP_NS)
         stamp = convert.nanoseconds(message.header.stamp)
         self._publish_residuals(self._session.on_measured(stamp, convert.measured_fingers(message)))
 
