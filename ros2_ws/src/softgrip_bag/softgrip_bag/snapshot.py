@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The last seconds of all topics, in memory."""
+"""The last seconds of all topics, in memory, and when to keep them: when something fails that had not failed before."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.reader import RawMessage
@@ -65,3 +65,40 @@ class Ring:
         held |= {m.topic: m for m in self._messages if m.received < since and m.topic in self._latched}
         recent = [message for message in self._messages if message.received >= since]
         return sorted(held.values(), key=lambda message: message.received) + recent
+
+
+class FaultWatch:
+    """Remembers what is wrong, so that each fault counts once.
+
+    Args:
+        after: [s] how long after a fault the picture is complete.
+        pause: [s] at least between two pictures: what fails in a row is one event.
+    """
+
+    def __init__(self, after: float, pause: float) -> None:
+        self._after = after
+        self._pause = pause
+        self._wrong: set[str] = set()
+        self._due: float | None = None
+        self._last = float("-inf")
+        self._why = ""
+
+    def see(self, state: Mapping[str, str], now: float) -> None:
+        """Take what is known of some components.
+
+        Args:
+            state: component -> what is wrong with it, empty when nothing.
+            now: [s] monotonic.
+        """
+        new = [f"{name}: {text}" for name, text in state.items() if text and name not in self._wrong]
+        self._wrong -= {name for name, text in state.items() if not text}
+        self._wrong |= {name for name, text in state.items() if text}
+        if new and self._due is None and now - self._last >= self._pause:
+            self._due, self._why = now + self._after, new[0]
+
+    def due(self, now: float) -> str:
+        """Return the fault whose picture is complete, once; empty when there is none."""
+        if self._due is None or now < self._due:
+            return ""
+        self._due, self._last = None, now
+        return self._why

@@ -1,91 +1,92 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hands a node the messages of a bag in the order in which it had worked on them, as its recorded answers tell."""
+"""Only for bags of before nodes ordered their inputs by stamp: finds the order in which a node had worked on them.
+
+Such a node used a latched message from its arrival on, and a bag does not say when that was; but each result names the
+configuration that it was computed with. Orders are tried out on other nodes of its kind until one explains the results.
+Which messages of a best-effort stream the node got is read off its results, too: each carries the stamp of the message
+it was computed from. Today's nodes use a latched message without a stamp from its arrival on, so those that are fed
+here lose theirs.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
-from softgrip_bag.nodes.captured import Output, ReplayedNode
-from softgrip_bag.nodes.old_messages import read
-from softgrip_bag.nodes.steps import stamp_in, stamp_of
-from softgrip_bag.nodes.types import message_class
-from softgrip_bag.reader import RawMessage, as_published, latched_topics
+from softgrip_bag.nodes.messages import message_class, stamp_in, stamp_of
+from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.nodes.replayed_node import Fed, Output, ReplayedNode
+from softgrip_bag.reader import RawMessage, in_order
+from softgrip_nodekit import to_time_message
 
 #: Fields that name the configuration a result was computed with.
 CONFIGURATION_FIELDS = ("friction_model", "friction_digest", "configuration")
 #: [ns] a node may be this much behind: what it works on was published so long before a latched message that it knows.
-BEHIND = 2_000_000_000
+BEHIND_NS = 2_000_000_000
 #: So many messages before the first recorded answer the node may have answered before the recorder found its topic.
-EARLY = 60
+MAX_EARLY = 60
 
 
-class InputFeed:
-    """Feeds a node; the order of latched messages is tried out on others of its kind.
+def feed_by_arrival(bag: RecordedBag, make: Callable[[], ReplayedNode], driver: str, result: str) -> Fed:
+    """Feed a node what it had worked on, in the order in which it had.
 
     Args:
         bag: to read.
-        make: a node as it is before it has heard anything.
+        make: returns a node as it is before it has heard anything.
         driver: topic of the driving stream.
         result: topic of what the node says to it.
-        results: stamp of each recorded result [ns] -> configuration it was computed with.
     """
+    return _ArrivalSearch(bag, make, driver, result).run()
 
-    def __init__(
-        self,
-        bag: Path,
-        make: Callable[[], ReplayedNode],
-        driver: str,
-        result: str,
-        results: Mapping[int, tuple[str, ...]],
-    ) -> None:
+
+class _ArrivalSearch:
+    def __init__(self, bag: RecordedBag, make: Callable[[], ReplayedNode], driver: str, result: str) -> None:
         self._bag = bag
         self._make = make
         self._node = make()
         self._driver = driver
         self._result = result
-        self._results = results
+        self._results = _configurations(bag, result)
         self._fed: list[RawMessage] = []  # latched; one that changes nothing leaves what an earlier did
         self._pending: dict[str, list[RawMessage]] = {}
         self._outputs: dict[str, list[Output]] = defaultdict(list)
         self._last: tuple[str, ...] | None = None
         self._probe: ReplayedNode | None = None  # has heard what the node has
-        self.start = 0  # [ns] stamp of the first recorded result of the driving stream
-        self.stamps: set[int] = set()  # [ns] of every message that was fed
+        self._stamps: set[int] = set()
 
-    def run(self, types: Mapping[str, str]) -> dict[str, list[Output]]:
-        """Feed everything; returns topic -> messages."""
-        topics = self._node.inputs & set(types)
-        latched = latched_topics(self._bag) & topics
+    def run(self) -> Fed:
+        topics = self._node.inputs & set(self._bag.types)
+        latched = self._bag.latched & topics
         self._pending = {topic: [] for topic in sorted(latched)}
-        for message in sorted(read(self._bag, latched), key=lambda message: message.published):
-            self._pending[message.topic].append(message)
-        early: deque[RawMessage] = deque(maxlen=EARLY)
-        for message in as_published(read(self._bag, topics - latched)):
+        for message in sorted(self._bag.read(latched), key=lambda message: message.published):
+            self._pending[message.topic].append(_without_stamp(message))
+        early: deque[RawMessage] = deque(maxlen=MAX_EARLY)
+        start = 0
+        for message in in_order(self._bag.read(topics - latched)):
             if message.topic == self._driver:
                 stamp = stamp_in(message.data, message_class(message.type_name))
                 configuration = self._results.get(stamp)
                 if configuration is None:
                     # this one never reached the node, the node had nothing to say about it, or nobody recorded that yet
-                    if not self.start:
+                    if not start:
                         early.append(message)
                     continue
                 self._configure(message, configuration)
-                if not self.start:
-                    self.start = stamp
-                    self._catch_up(list(early), message)
-            self._take(message)
-        return self._outputs
+                if not start:
+                    start = stamp
+                    self._catch_up(list(early), message, start)
+            self._feed(message)
+        return Fed(self._outputs, start, self._stamps)
 
-    def _catch_up(self, early: Sequence[RawMessage], message: RawMessage) -> None:
+    def _catch_up(self, early: Sequence[RawMessage], message: RawMessage, start: int) -> None:
         """Feed what the node had worked on before the recorder heard its first answer: as much as explains that one."""
-        answers = read(self._bag, {self._result})
-        recorded = next(raw for raw in answers if stamp_in(raw.data, message_class(raw.type_name)) == self.start)
+        answers = self._bag.read({self._result})
+        recorded = next(raw for raw in answers if stamp_in(raw.data, message_class(raw.type_name)) == start)
         for count in range(len(early) + 1):
             begun = early[len(early) - count :]
             probe = self._make()
@@ -104,7 +105,7 @@ class InputFeed:
         arrived = self._waiting(message.published)
         if configuration == self._last and not any(arrived.values()):
             return
-        possible = self._waiting(message.published + BEHIND)
+        possible = self._waiting(message.published + BEHIND_NS)
         choices = [
             dict(zip(possible, counts, strict=True))
             for counts in itertools.product(*(range(maximum + 1) for maximum in possible.values()))
@@ -116,7 +117,7 @@ class InputFeed:
             chosen = next((c for c in choices if self._explains(self._first(c), message, configuration)), arrived)
         for latched in self._first(chosen):
             self._fed.append(latched)
-            self._take(latched)
+            self._feed(latched)
             self._pending[latched.topic].remove(latched)
         self._last = configuration
 
@@ -143,22 +144,23 @@ class InputFeed:
             probe.feed(one)
         return any(_configuration(output.message) == configuration for output in probe.feed(message))
 
-    def _take(self, message: RawMessage) -> None:
-        self.stamps.add(stamp_in(message.data, message_class(message.type_name)))
+    def _feed(self, message: RawMessage) -> None:
+        self._stamps.add(stamp_in(message.data, message_class(message.type_name)))
         for output in self._node.feed(message):
             self._outputs[output.topic].append(output)
 
 
-def results_of(bag: Path, topic: str, types: Mapping[str, str]) -> dict[int, tuple[str, ...]]:
+def _configurations(bag: RecordedBag, topic: str) -> dict[int, tuple[str, ...]]:
     """Return stamp [ns] -> configuration that it was computed with, of every recorded result."""
-    if topic not in types:
-        return {}
-    results = {}
-    for raw in read(bag, {topic}):
-        message = deserialize_message(raw.data, message_class(raw.type_name))
-        results[stamp_of(message)] = _configuration(message)
-    return results
+    messages = (deserialize_message(raw.data, message_class(raw.type_name)) for raw in bag.read({topic}))
+    return {stamp_of(message): _configuration(message) for message in messages}
 
 
 def _configuration(message: Any) -> tuple[str, ...]:
     return tuple(getattr(message, name) for name in CONFIGURATION_FIELDS if hasattr(message, name))
+
+
+def _without_stamp(raw: RawMessage) -> RawMessage:
+    message = deserialize_message(raw.data, message_class(raw.type_name))
+    message.header.stamp = to_time_message(0)
+    return replace(raw, data=bytes(serialize_message(message)))

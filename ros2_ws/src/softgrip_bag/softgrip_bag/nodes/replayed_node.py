@@ -8,6 +8,8 @@ outputs depend on the messages fed in and on nothing else.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +33,23 @@ class Output:
     def message(self) -> Any:
         """The message, read back."""
         return deserialize_message(self.data, self.kind)
+
+
+@dataclass(frozen=True)
+class Fed:
+    """What a node said to what it was fed.
+
+    Attributes:
+        outputs: topic -> messages.
+        start: [ns] stamp from which on they are complete: what hangs on messages older than the bag cannot come out.
+        stamps: [ns] of every message that was fed: an output keeps the stamp of its input.
+        end: [ns] stamp of the last one that is complete; None = all are.
+    """
+
+    outputs: Mapping[str, Sequence[Output]]
+    start: int
+    stamps: AbstractSet[int]
+    end: int | None = None
 
 
 class _CapturingPublisher:
@@ -79,6 +98,11 @@ class ReplayedNode:
         self.node = Captured(**options)
         self._sink = sink
         self._callbacks = {s.topic_name: (s.callback, s.msg_type) for s in self.node.subscriptions}
+
+    @property
+    def name(self) -> str:
+        """Its name with its namespace."""
+        return str(self.node.get_fully_qualified_name())
 
     @property
     def inputs(self) -> set[str]:
