@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 from softgrip_driver.errors import DriverError
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.pty import Line, PtyPort
 
 #: modules of the driver that look at a clock, wait, or open a port
@@ -25,11 +25,12 @@ PORTS = ("dynamixel.port", "rig.line_port")
 PLANT_PERIOD = 0.003
 
 
-class OwnClock(CellClock):
+class OwnClock:
     """Time [s] that passes only while somebody waits."""
 
+    scale = 1.0
+
     def __init__(self):
-        super().__init__()
         self._now = 100.0
         self.living = []
         self.stopped = False
@@ -244,7 +245,7 @@ class RealWorld:
 
     def __init__(self, quiet):
         self.quiet = quiet
-        self.clock = CellClock()
+        self.clock = RealTimeClock()
         self._stop = threading.Event()
         self._living = []
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Self
 
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import RealTimeClock, ScaledCellClock
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.rig.amplifier import EmulatedAmplifier
 from softgrip_emulator.rig.grbl import EmulatedGrblStage
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from softgrip_emulator.clock import CellClock
     from softgrip_emulator.wire.device import Port, WireDevice
 
 #: [N] of the emulated gauge (Mark-10 M5-10).
@@ -63,7 +64,7 @@ class EmulatedRig:
         stage_settings: Mapping[int, float] | None = None,
         stage_resets: int = 1,
     ) -> None:
-        self.clock = clock or CellClock(time_scale)
+        self.clock = clock or ScaledCellClock(RealTimeClock(), time_scale)
         self.truth = truth or RigTruth.from_seed(seed)
         self.plant = plant or RigPlant(self.truth, seed)
         self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
