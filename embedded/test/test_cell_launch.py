@@ -148,3 +148,14 @@ def test_the_file_to_copy_says_what_holds_without_it(tmp_path: Path) -> None:
         node = section.removeprefix("/**/")
         shipped = yaml.safe_load((BRINGUP / "config" / f"{node}.yaml").read_text())[section]["ros__parameters"]
         assert {name: shipped[name] for name in body["ros__parameters"]} == body["ros__parameters"]
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/bench.md"])
+def test_the_launch_lines_of_the_documents_are_read(document: str) -> None:
+    lines = [line.split("#")[0].split() for line in (BRINGUP.parents[2] / document).read_text().splitlines()]
+    launches = [words[4:] for words in lines if words[:4] == ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml"]]
+    assert launches
+    for words in launches:
+        given = dict(word.split(":=", 1) for word in words if not word.endswith("..."))
+        given.pop("config", None)  # the reader's own
+        assert LaunchReader(given).read(LAUNCH).processes

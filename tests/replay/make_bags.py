@@ -23,9 +23,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_bag.facts import arithmetic
+from softgrip_bag.context import arithmetic
 from softgrip_bag.mcap_file import Attachment
-from softgrip_bag.nodes.node_replay import renewed
+from softgrip_bag.nodes.replay import renewed
 from softgrip_bag.reader import RawMessage, read
 from softgrip_testing.bag_excerpt import excerpt
 

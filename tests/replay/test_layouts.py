@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from softgrip_bag.nodes.types import message_class
+from softgrip_bag.nodes.messages import message_class
 from softgrip_bag.reader import topic_types
 
 ROOT = Path(__file__).resolve().parents[2]

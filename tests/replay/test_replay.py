@@ -15,13 +15,10 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import ReplayResult, first_difference
-from softgrip_bag.facts import rounding_tolerance
+from softgrip_bag.context import rounding_tolerance
 from softgrip_bag.nodes.digest import digest
-from softgrip_bag.nodes.node_replay import check, renewed
-from softgrip_bag.nodes.old_messages import read
-from softgrip_bag.nodes.steps import stamp_of
-from softgrip_bag.nodes.trees import tree
-from softgrip_bag.nodes.types import message_class
+from softgrip_bag.nodes.messages import message_class, read, stamp_of, tree
+from softgrip_bag.nodes.replay import check, renewed
 from softgrip_bag.reader import RawMessage, attachments, latched_topics, topic_types
 
 PROFILES = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/profiles"

@@ -112,7 +112,7 @@ class FrictionRig(LifecycleNode):
         try:
             self._models = ModelStore(self._folder)
             model_id = self._models.active or self._values["initial_model"]
-            self._friction_active.publish(convert.model_message(self._models.get(model_id)))
+            self._publish_active(convert.model_message(self._models.get(model_id)))
         except (FrictionError, OSError) as error:
             raise StartupError(f"model_dir {self._folder}: {error}") from error
         self._active_id = model_id
@@ -311,7 +311,11 @@ class FrictionRig(LifecycleNode):
     def _make_active(self, model_id: str) -> None:
         model = self._models.activate(model_id)
         self._active_id = model_id
-        self._friction_active.publish(convert.model_message(model))
+        self._publish_active(convert.model_message(model))
+
+    def _publish_active(self, message: FrictionModel) -> None:
+        message.activated = self.get_clock().now().to_msg()
+        self._friction_active.publish(message)
 
     def _on_activate(
         self, request: ActivateFrictionModel.Request, response: ActivateFrictionModel.Response

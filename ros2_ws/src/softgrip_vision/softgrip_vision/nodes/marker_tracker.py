@@ -3,7 +3,8 @@
 
 Subscribes camera/image_raw/compressed (or camera/image_raw, parameter transport) and cell/state (which profile sits in
 which slot); publishes finger/measured, finger/markers and, on request, finger/overlay/compressed. Results leave from
-the image callback only and depend on the messages and their stamps alone, so that a bag replays to the same numbers.
+the image callback only and depend on the messages and their stamps alone (softgrip_nodekit/event_time.py), so
+that a bag replays to the same numbers.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from softgrip_nodekit import (
     Parameter,
     ParameterTable,
     Rank,
+    StampedInputs,
     StartupError,
     WhileBrief,
+    lateness_parameter,
     realtime_parameter,
     run,
     seconds,
@@ -104,6 +107,7 @@ PARAMETERS = ParameterTable(
         former="patience_s",
     ),
     Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
+    lateness_parameter(0.2),
     realtime_parameter(Rank.ORDINARY),
 )
 
@@ -129,10 +133,12 @@ class MarkerTrackerNode(Node):
         self._markers = self.create_publisher(FingerMarkers, "finger/markers", SENSOR)
         self._overlay = self.create_publisher(CompressedImage, "finger/overlay/compressed", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell_state, LATCHED)
+        driver = "camera/image_raw" if self._values["transport"] == "raw" else "camera/image_raw/compressed"
+        self._inputs = StampedInputs(self, driver, self._values["allowed_lateness_s"], self._diagnostics)
         if self._values["transport"] == "raw":
-            self.create_subscription(Image, "camera/image_raw", self._on_raw, SENSOR)
+            self.create_subscription(Image, driver, self._on_raw, SENSOR)
         else:
-            self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_compressed, SENSOR)
+            self.create_subscription(CompressedImage, driver, self._on_compressed, SENSOR)
         self._frames = 0
         # a search of a large picture is long
         self._while_brief = WhileBrief(self._values[REALTIME_PRIORITY])
@@ -170,6 +176,9 @@ class MarkerTrackerNode(Node):
         self._configuration = self._tracker.configuration
 
     def _on_cell_state(self, message: CellState) -> None:
+        self._inputs.latch("cell/state", message, lambda: self._use_cell_state(message))
+
+    def _use_cell_state(self, message: CellState) -> None:
         problems = []
         for mounted in message.mounted:
             if mounted.state in {MountedFinger.TO_BE_VERIFIED, MountedFinger.VERIFIED}:
@@ -188,14 +197,15 @@ class MarkerTrackerNode(Node):
             self._tracker.calibration.require_size(*image_size(data))
             return decode(data)
 
-        self._on_frame(message.header, pixels)
+        self._on_frame(message, pixels)
 
     def _on_raw(self, message: Image) -> None:
-        self._on_frame(message.header, lambda: convert.from_image_message(message))
+        self._on_frame(message, lambda: convert.from_image_message(message))
 
-    def _on_frame(self, header: Header, pixels: Any) -> None:
+    def _on_frame(self, message: Image | CompressedImage, pixels: Any) -> None:
         start = time.thread_time()
-        self._measure(header, pixels)
+        self._inputs.drive(message)
+        self._measure(message.header, pixels)
         self._while_brief.note(time.thread_time() - start)
 
     def _measure(self, header: Header, pixels: Any) -> None:

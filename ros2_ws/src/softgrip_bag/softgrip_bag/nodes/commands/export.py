@@ -13,9 +13,7 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.old_messages import is_older, read
-from softgrip_bag.nodes.trees import flat, tree
-from softgrip_bag.nodes.types import check_definition, message_class
+from softgrip_bag.nodes.messages import check_definition, flat, is_older, message_class, read, tree
 from softgrip_bag.reader import topic_summaries
 
 Row = dict[str, Any]
