@@ -6,6 +6,6 @@ by the definition that its bag carries.
 """
 
 from softgrip_bag.archive.sql import connect, shipped_queries
-from softgrip_bag.archive.store import Added, Archive
+from softgrip_bag.archive.store import Added, Archive, place_options
 
-__all__ = ["Added", "Archive", "connect", "shipped_queries"]
+__all__ = ["Added", "Archive", "connect", "place_options", "shipped_queries"]

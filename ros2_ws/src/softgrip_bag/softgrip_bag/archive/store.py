@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -184,6 +184,19 @@ class Archive:
         for path in files:
             with path.open("rb") as source, self._open(f"{target}/{path.name}") as stream:
                 shutil.copyfileobj(source, stream, _BLOCK)
+
+
+def place_options(given: Iterable[str]) -> dict[str, str]:
+    """Return NAME=VALUE as a mapping.
+
+    Raises:
+        BagError: one has no "=".
+    """
+    pairs = [one.partition("=") for one in given]
+    wrong = [name for name, sign, _ in pairs if not sign]
+    if wrong:
+        raise BagError(f"--option: expected NAME=VALUE, found {wrong[0]!r}")
+    return {name: value for name, _, value in pairs}
 
 
 def bag_digest(bag: Path) -> str:

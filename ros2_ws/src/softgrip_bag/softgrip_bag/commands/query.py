@@ -16,9 +16,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from softgrip_bag.archive import Archive, connect, shipped_queries
+from softgrip_bag.archive import Archive, connect, place_options, shipped_queries
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.commands.archive import place_options
 
 _DIGITS = 4
 

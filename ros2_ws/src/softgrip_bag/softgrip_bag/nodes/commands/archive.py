@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from softgrip_bag.archive import Added, Archive
+from softgrip_bag.archive import Added, Archive, place_options
 from softgrip_bag.archive.tables import story_tables
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.digest import digest
@@ -48,19 +48,6 @@ def main(args: Sequence[str] | None = None) -> int:
         return 2
     _print(results)
     return 1 if any(result.state == "skipped" for result in results) else 0
-
-
-def place_options(given: Iterable[str]) -> dict[str, str]:
-    """Return NAME=VALUE as a mapping.
-
-    Raises:
-        BagError: one has no "=".
-    """
-    pairs = [one.partition("=") for one in given]
-    wrong = [name for name, sign, _ in pairs if not sign]
-    if wrong:
-        raise BagError(f"--option: expected NAME=VALUE, found {wrong[0]!r}")
-    return {name: value for name, _, value in pairs}
 
 
 def _tables(bag: Path, bag_digest: str) -> Mapping[str, pa.Table]:
