@@ -47,6 +47,7 @@ def goes(rig, stage, world) -> None:
         {"stage": "grblhal"},
         {"stage_resets": 3},
         {"stage_resets": 0},
+        {"stage_resets": 0, "stage": "grblhal"},
         {"stage_settings": {13: 1.0}},
         {"stage_settings": {10: 0.0}},
         {"stage_settings": {10: 0.0, 13: 1.0}},
@@ -111,3 +112,23 @@ def test_settings_that_are_not_there_are_no_settings(make_stage_of) -> None:
     rig.stand._settings = {20: 1.0, 22: 0.0}
     with pytest.raises(CorruptReplyError, match=r"\$10"):
         stage.open()
+
+
+def test_a_limit_that_was_hit_is_left_by_a_reset(make_stage_of, world) -> None:
+    """GRBL hears nothing else then; where its port does not reset it, nobody else does."""
+    rig, stage = make_stage_of()
+    stage.open()
+    rig.stand.alarm = rig.stand.needs_reset = True
+    stage.unlock()
+    goes(rig, stage, world)
+
+
+def test_what_another_process_left_moving_is_stopped_first(make_stage_of, world) -> None:
+    rig, stage = make_stage_of(stage_resets=0)
+    stage.open()
+    stage.start(50e-3, 2e-3)
+    stage._port.close()
+    world.clock.wait(1.0)
+    stage.open()
+    assert rig.plant.velocity == 0.0
+    goes(rig, stage, world)

@@ -18,13 +18,15 @@ from softgrip_driver.rig.errors import NotReadyError
 from softgrip_driver.rig.line_port import LinePort
 
 BAUD = 115200
-_STATUS, _JOG_CANCEL = b"?", b"\x85"
+_STATUS, _JOG_CANCEL, _SOFT_RESET = b"?", b"\x85", b"\x18"
 #: [s] of silence after which it is asked whether it runs already.
 _QUIET_TIME = 0.4
 #: [s] an Arduino's boot loader takes before GRBL says hello.
 _BOOT_TIME = 2.5
 #: [s] without another banner: some boards are reset twice when their port is opened
 _BANNER_QUIET_TIME = 0.15
+#: [s] to come to rest when it was moving
+_SETTLE_TIME = 2.0
 #: [s] for all settings; grblHAL has some two hundred
 _SETTINGS_TIME = 3.0
 #: [s] for the way to the switches and back off them
@@ -38,6 +40,7 @@ _OFFSET_REPORTS = 31
 _MACHINE_POSITION = 1
 _BANNER = re.compile(rb"Grbl(?:HAL)? (\S+) .*")
 _VERSION = re.compile(rb"\[VER:([^:\]]+).*\]")
+_HAL = b"[FIRMWARE:grblHAL]"
 _SETTING = re.compile(rb"\$(\d+)=([-+.\d]+).*")
 _REPORT = re.compile(rb"<(?P<state>[A-Za-z]+)(?::\d+)?\|(?P<fields>.*)>")
 _POSITION = re.compile(rb"(?P<kind>[MW])Pos:(?P<x>-?\d+\.\d+)(?:,-?\d+\.\d+)*")
@@ -91,7 +94,7 @@ class GrblStage:
         version = self._await_running()
         self.stop()
         warnings = self._take_settings(self._settings())
-        state = self._report()[0]
+        state = self._settled_state()
         if state == "Alarm" and self._start is not StageStart.REFUSE:
             self.home() if self._start is StageStart.HOME else self.unlock()
             state = self._report()[0]
@@ -136,7 +139,13 @@ class GrblStage:
 
     def unlock(self) -> None:
         """Leave an alarm ($X)."""
-        self._command("$X")
+        try:
+            self._command("$X")
+        except NoReplyError:
+            # After a limit was hit it hears nothing but a reset, so that nobody goes on by mistake (protocol.c).
+            self._port.write(_SOFT_RESET)
+            self._await_running()
+            self._command("$X")
 
     def home(self) -> None:
         """Drive to the switches and back off them ($H), which moves it at once.
@@ -152,6 +161,13 @@ class GrblStage:
             with contextlib.suppress(DriverError):
                 self.stop()
         self._port.close()
+
+    def _settled_state(self) -> str:
+        """Return its state once a motion that another process began has come to rest."""
+        end = time.monotonic() + _SETTLE_TIME
+        while (state := self._report()[0]) in {"Jog", "Run", "Hold"} and time.monotonic() < end:
+            pass
+        return state
 
     def _await_running(self) -> str:
         """Wait for the hello of a restart; a board that opening its port does not restart is asked who it is."""
@@ -178,8 +194,9 @@ class GrblStage:
         self._port.drain(_BANNER_QUIET_TIME)
         self._port.write(b"$I\n")
         lines = self._lines_until_ok()
-        found = [match[1] for line in lines if (match := _VERSION.fullmatch(line))]
-        return f"GRBL {found[0].decode('ascii', 'replace')}" if found else "GRBL"
+        name = "grblHAL" if _HAL in lines else "GRBL"
+        found = [match[1].decode("ascii", "replace") for line in lines if (match := _VERSION.fullmatch(line))]
+        return " ".join([name, *found[:1]])
 
     def _settings(self) -> dict[int, float]:
         """Return its settings ($$) by number, also while it is locked."""

@@ -66,6 +66,8 @@ class EmulatedGrblStage:
         self.homings = 0
         #: Set to lock it until $X.
         self.alarm = bool(self._settings[22])
+        #: A limit switch was hit: nothing but a reset is heard (grbl/protocol.c, EXEC_ALARM_HARD_LIMIT).
+        self.needs_reset = False
         #: No answer at all. reply_cut: replies lose their second half.
         self.silent = False
         self.reply_cut = False
@@ -89,6 +91,8 @@ class EmulatedGrblStage:
             self._plant.advance(now_s)
             for byte in _REALTIME.findall(data):
                 out += self._realtime(byte, now_s)
+            if self.needs_reset:
+                return [Chunk(out, now_s)] if out else []
             self._buffer += _REALTIME.sub(b"", data)
             *lines, self._buffer = re.split(rb"\r\n|\r|\n", self._buffer)
             for line in lines:
@@ -103,10 +107,10 @@ class EmulatedGrblStage:
     # -- real time -------------------------------------------------------------------------------------------------
 
     def _realtime(self, byte: bytes, now_s: float) -> bytes:
-        if byte == b"?":
-            return self._report()
         if byte == b"\x18":
             return self._reset(now_s)
+        if byte == b"?":
+            return b"" if self.needs_reset else self._report()
         if byte in {b"!", b"\x85", b"\x84"}:
             # A hold of a jog cancels it, too (jogging.md).
             self._plant.stop()
@@ -118,6 +122,7 @@ class EmulatedGrblStage:
             in_motion = self._plant.velocity != 0.0
             self._plant.stop()
             self._buffer = b""
+            self.needs_reset = False
             self.alarm = self.alarm or in_motion or bool(self._settings[22])
             alarm = b"ALARM:3\r\n" if in_motion else b""
             return alarm + self._banner + (b"[MSG:'$H'|'$X' to unlock]\r\n" if self.alarm else b"")
@@ -163,6 +168,8 @@ class EmulatedGrblStage:
     def _reported(self, line: bytes) -> bytes:
         """Its version, or its settings."""
         if line == b"$I":
+            if self._is_hal:
+                return b"[VER:1.1f.20260817:]\r\n[OPT:VL,100,1024,3,0]\r\n[FIRMWARE:grblHAL]\r\nok\r\n"
             return b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
         return b"".join(b"$%d=%g\r\n" % pair for pair in self._settings.items()) + b"ok\r\n"
 
