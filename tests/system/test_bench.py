@@ -6,6 +6,8 @@ Which nodes start with which devices, and whose configuration wins, is in embedd
 
 from __future__ import annotations
 
+import contextlib
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,10 +16,11 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
-#: Emulated servos answer later than real ones, above all beside seven other processes: this bench's own file says so.
+#: Emulated servos answer later than real ones and, on a busy machine, live more slowly: this bench's own file says so.
 BENCH_FILE = """
 /**/tendon_driver:
-  ros__parameters: {reply_margin_s: 0.03, no_reply_s: 0.5, bus_watchdog_s: 0.6, homing_speed_m_s: 0.02}
+  ros__parameters:
+    {reply_margin_s: 0.1, no_reply_s: 5.0, bus_watchdog_s: 0.0, homing_timeout_s: 60.0, loop_rate: 50.0}
 """
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -40,11 +43,13 @@ def start(launch: Launch, tmp_path: Path, *arguments: str) -> Any:
     return launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *given)
 
 
-def until_said(cell: Any, ask: tuple[str, ...], text: str, timeout_s: float = 40.0) -> None:
-    """Ask until an answer holds a text."""
-    deadline = time.monotonic() + timeout_s
-    while text not in (answer := cell.ask(*ask)):
+def until_said(cell: Any, ask: tuple[str, ...], text: str, timeout_s: float = 90.0) -> None:
+    """Ask until an answer holds a text; on a busy machine the one who asks may give up before it comes."""
+    deadline, answer = time.monotonic() + timeout_s, ""
+    while text not in answer:
         assert time.monotonic() < deadline, f"expected {text!r}, found {answer!r}:\n{cell.output[-4000:]}"
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            answer = cell.ask(*ask)
 
 
 def diagnosed(folder: Path) -> dict[str, tuple[int, str]]:
@@ -67,7 +72,7 @@ def end(cell: Any) -> None:
 
 @pytest.mark.timeout(180)
 def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, tmp_path: Path, wires: Path) -> None:
-    cell = start(launch, tmp_path, f"servo_port:={wires}/servos", "rig:=false", "camera:=false")
+    cell = start(launch, tmp_path, f"servo_port:={wires}/servos", "rig:=false", "camera:=false", "gripper:=false")
     until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
     end(cell)
     found = diagnosed(tmp_path / "out")

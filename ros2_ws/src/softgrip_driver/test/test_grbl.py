@@ -132,3 +132,10 @@ def test_what_another_process_left_moving_is_stopped_first(make_stage_of, world)
     stage.open()
     assert rig.plant.velocity == 0.0
     goes(rig, stage, world)
+
+
+def test_noise_in_its_line_buffer_spoils_no_command(make_stage_of, world) -> None:
+    rig, stage = make_stage_of(stage_resets=0)
+    rig.stand._buffer = b"x9"
+    stage.open()
+    goes(rig, stage, world)

@@ -191,19 +191,15 @@ class GrblStage:
     def _ask_version(self) -> str:
         """Return what $I says of a controller that was running already; its position is still good."""
         self.stop()
-        self._port.drain(_BANNER_QUIET_TIME)
-        self._port.write(b"$I\n")
-        lines = self._lines_until_ok()
+        lines = self._ask_lines(b"$I")
         name = "grblHAL" if _HAL in lines else "GRBL"
         found = [match[1].decode("ascii", "replace") for line in lines if (match := _VERSION.fullmatch(line))]
         return " ".join([name, *found[:1]])
 
     def _settings(self) -> dict[int, float]:
         """Return its settings ($$) by number, also while it is locked."""
-        self._port.drain()
-        self._port.write(b"$$\n")
         found = {}
-        for line in self._lines_until_ok():
+        for line in self._ask_lines(b"$$"):
             if match := _SETTING.fullmatch(line):
                 with contextlib.suppress(ValueError):  # a damaged number is as good as none
                     found[int(match[1])] = float(match[2])
@@ -227,8 +223,12 @@ class GrblStage:
             warnings.append("$22=0: it does not know where its axis ends")
         return tuple(warnings)
 
-    def _lines_until_ok(self) -> list[bytes]:
+    def _ask_lines(self, command: bytes) -> list[bytes]:
         """Return the lines of an answer that ends with ok."""
+        # An empty line ends what noise may have begun in its buffer; it is answered, too (protocol.c).
+        self._port.write(b"\n")
+        self._port.drain(_BANNER_QUIET_TIME)
+        self._port.write(command + b"\n")
         lines, end = [], time.monotonic() + _SETTINGS_TIME
         while (line := self._port.read_line(max(end - time.monotonic(), 0.0))) != b"ok":
             if line.startswith(b"error:"):

@@ -96,8 +96,8 @@ class EmulatedGrblStage:
             self._buffer += _REALTIME.sub(b"", data)
             *lines, self._buffer = re.split(rb"\r\n|\r|\n", self._buffer)
             for line in lines:
-                if line:
-                    out += self._line(line.replace(b" ", b"").upper())
+                # An empty line is answered, too: "for syncing purposes" (protocol.c).
+                out += self._line(line.replace(b" ", b"").upper()) if line else b"ok\r\n"
         if self.reply_cut and out:
             out = out[: max(1, len(out) // 2)]
         # Nothing is said until it has come back from its switches.
