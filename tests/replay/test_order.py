@@ -29,7 +29,7 @@ LATE = 20_000_000  # [ns] that the recorder got the news after the frame that wa
 
 @contextmanager
 def tracker(folder: Path) -> Iterator[ReplayedNode]:
-    rclpy.init(args=["--ros-args", "--log-level", "error", *restore(FRAMES, "/marker_tracker", folder)])
+    rclpy.init(args=["--ros-args", "--log-level", "error", *restore(FRAMES, "/marker_tracker", folder).arguments])
     node = ReplayedNode(NODES["marker_tracker"].class_path)
     try:
         yield node

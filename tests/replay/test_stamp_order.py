@@ -20,7 +20,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from softgrip_bag.context import restore
 from softgrip_bag.mcap_file import Attachment
-from softgrip_bag.nodes.messages import interface_text, message_class, read
+from softgrip_bag.nodes.messages import interface_text, message_class
+from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.replay import NODES, NOT_RESULTS, check
 from softgrip_bag.nodes.replayed_node import Output, ReplayedNode
 from softgrip_bag.offers import OfferedQos
@@ -61,7 +62,7 @@ Streams = dict[str, list[tuple[int, RawMessage]]]
 
 @contextmanager
 def running(case: Case, folder: Path) -> Iterator[ReplayedNode]:
-    arguments = restore(BAGS / case.bag, f"/{case.node}", folder)
+    arguments = restore(BAGS / case.bag, f"/{case.node}", folder).arguments
     rclpy.init(args=["--ros-args", "--log-level", "fatal", *arguments, *case.arguments])
     node = ReplayedNode(NODES[case.node].class_path)
     try:
@@ -76,7 +77,7 @@ def streams_of(case: Case) -> Streams:
 
     The last friction model is activated, and the fingers of a case are swapped, in its first half.
     """
-    inputs = [raw for raw in read(BAGS / case.bag) if raw.topic in {case.driver, case.paired, *LATCHED}]
+    inputs = [raw for raw in RecordedBag(BAGS / case.bag).read() if raw.topic in {case.driver, case.paired, *LATCHED}]
     driving = [stamp_of(raw) for raw in inputs if raw.topic == case.driver]
     begin, end = driving[case.first], driving[case.first + case.count - 1]
     streams: Streams = {}

@@ -13,6 +13,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -63,42 +64,21 @@ def parameter_files(roots: Sequence[Path], node: str, parameter: str, path: Path
     return [Attachment(f"{_FILES}{node}/{parameter}/{file.name}", YAML_TYPE, read_below(roots, file)) for file in files]
 
 
-def recorded_parameters(bag: Path, node: str) -> Mapping[str, Any]:
-    """Return what a bag carries as a node's parameters, empty when it carries none.
+@dataclass(frozen=True)
+class NodeSetUp:
+    """What sets a node up as it was: ROS arguments, and the parameters that they give it."""
 
-    Args:
-        bag: to read.
-        node: fully qualified name.
-
-    Raises:
-        BagError: the parameters are no YAML.
-    """
-    own = next((a.data for a in attachments(bag) if a.name == _parameter_file(node)), None)
-    return {} if own is None else _parameters_in(bag, node, own)
+    arguments: tuple[str, ...] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _parameter_file(node: str) -> str:
-    return f"parameters{node}.yaml"
-
-
-def _parameters_in(bag: Path, node: str, data: bytes) -> Mapping[str, Any]:
-    try:
-        values: Mapping[str, Any] = yaml.safe_load(data)[node]["ros__parameters"]
-    except (yaml.YAMLError, KeyError, TypeError) as error:
-        raise BagError(f"{bag}: expected a parameter file of {node} in the attachment, found {error!r}") from error
-    return values
-
-
-def restore(bag: Path, node: str, folder: Path) -> list[str]:
-    """Write what a bag carries for a node into a folder; returns ROS arguments that set the node up with it.
+def restore(bag: Path, node: str, folder: Path) -> NodeSetUp:
+    """Write what a bag carries for a node into a folder; returns what sets the node up with it.
 
     Args:
         bag: to read.
         node: fully qualified name.
         folder: for the files; the arguments name them.
-
-    Returns:
-        none, when the bag carries nothing for the node.
 
     Raises:
         BagError: when an attachment's name leads out of the folder, or the parameters are no YAML.
@@ -106,8 +86,11 @@ def restore(bag: Path, node: str, folder: Path) -> list[str]:
     found = {a.name: a.data for a in attachments(bag)}
     own = found.get(_parameter_file(node))
     if own is None:
-        return []
-    values = _parameters_in(bag, node, own)
+        return NodeSetUp()
+    try:
+        values: Mapping[str, Any] = yaml.safe_load(own)[node]["ros__parameters"]
+    except (yaml.YAMLError, KeyError, TypeError) as error:
+        raise BagError(f"{bag}: expected a parameter file of {node} in the attachment, found {error!r}") from error
     parameters = folder / "parameters.yaml"
     parameters.write_bytes(own)
     arguments = ["--params-file", str(parameters)]
@@ -124,7 +107,11 @@ def restore(bag: Path, node: str, folder: Path) -> list[str]:
             place = folder / parameter
             is_file = names == [Path(str(values[parameter])).name]
             arguments += ["-p", f"{parameter}:={place / names[0] if is_file else place}"]
-    return arguments
+    return NodeSetUp(tuple(arguments), values)
+
+
+def _parameter_file(node: str) -> str:
+    return f"parameters{node}.yaml"
 
 
 def machine() -> dict[str, str]:

@@ -20,6 +20,7 @@ import rclpy
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import NOT_COMPARED, Divergence, ReplayResult, first_difference
+from softgrip_bag.context import NodeSetUp
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.arrival_order import feed_by_arrival
 from softgrip_bag.nodes.messages import message_class, stamp_in, tree
@@ -125,16 +126,17 @@ def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str
 
 
 @contextmanager
-def _set_up(recording: RecordedBag, name: str, ros_arguments: Sequence[str], level: str) -> Iterator[None]:
-    """Have a node that is made now find itself where and as it was."""
+def _set_up(recording: RecordedBag, name: str, ros_arguments: Sequence[str], level: str) -> Iterator[NodeSetUp]:
+    """Give what a node that is made now is set up with."""
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
+        found = recording.set_up(name, Path(folder))
         own = [parameter.format(folder=folder) for parameter in NODES[name].parameters]
-        if LATENESS not in recording.parameters(name):
+        if LATENESS not in found.parameters:
             own.append(f"{LATENESS}:=0.0")
-        given = [*recording.set_up(name, Path(folder)), *(word for one in own for word in ("-p", one)), *ros_arguments]
+        given = [*found.arguments, *(word for one in own for word in ("-p", one)), *ros_arguments]
         rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", level, *given])
         try:
-            yield
+            yield found
         finally:
             rclpy.try_shutdown()
 
@@ -145,14 +147,14 @@ def _feed(recording: RecordedBag, name: str, ros_arguments: Sequence[str]) -> Fe
     driver = next((topic for topic in drivers if topic in recording.types), None)
     if driver is None:
         raise BagError(f"{recording.path}: expected a topic {' or '.join(drivers)}, found none; is it a bag of a cell?")
-    feed = feed_by_stamp if LATENESS in recording.parameters(name) else feed_by_arrival
     nodes: list[ReplayedNode] = []
 
     def make() -> ReplayedNode:
         nodes.append(ReplayedNode(node.class_path))
         return nodes[-1]
 
-    with _set_up(recording, name, ros_arguments, "warn"):
+    with _set_up(recording, name, ros_arguments, "warn") as set_up:
+        feed = feed_by_stamp if LATENESS in set_up.parameters else feed_by_arrival
         try:
             return feed(recording, make, driver, recording.cell + node.result)
         finally:

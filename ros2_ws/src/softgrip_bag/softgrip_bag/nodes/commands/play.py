@@ -19,8 +19,9 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.messages import message_class, read
+from softgrip_bag.nodes.messages import message_class
 from softgrip_bag.nodes.qos import recorded
+from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
 
 #: Topics that every node publishes by itself.
@@ -166,7 +167,7 @@ def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
     pace: Pace | None = None
     count = 0
     try:
-        for message in read(options.bag, player.topics - {"/clock"} if options.clock else player.topics):
+        for message in RecordedBag(options.bag).read(player.topics - {"/clock"} if options.clock else player.topics):
             if pace is None:
                 start = message.received + round(options.start_offset * 1e9)
                 pace = _pace(options, player, start)
