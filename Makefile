@@ -17,7 +17,7 @@ CORES := softgrip_model softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys test-ros2 clean
+.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -114,6 +114,14 @@ KEYS ?= $(HOME)/.softgrip/keys
 
 keys: setup  ## the cell's keys, where there are none, for secure:=true; KEYS=folder ARGS="--rotate"
 	@$(WITH_VENV) ros2 run softgrip_security keys $(KEYS) $(ARGS)
+
+UDEV_RULES := /etc/udev/rules.d
+SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
+
+udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency of USB adapters, rights
+	$(SUDO) install -D -m 644 $(SRC)/softgrip_driver/udev/60-softgrip.rules $(UDEV_RULES)/60-softgrip.rules
+	@if udevadm control --ping 2>/dev/null; then $(SUDO) udevadm control --reload && $(SUDO) udevadm trigger; \
+	else echo "udev does not run here: plug the adapters in again once it does"; fi
 
 test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, then the tests of all packages and of tests/ on the real rclpy
 	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }

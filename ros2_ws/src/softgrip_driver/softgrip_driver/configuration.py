@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
+from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, CurrentSensing, OperatingMode, ServoModel
+from softgrip_driver.dynamixel.winding import Winding
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage, stream_settings
 from softgrip_driver.rig.grbl import StageStart
@@ -251,13 +252,12 @@ def _servo(
             f"parameter {LIMIT_PARAMETERS['temperature_limit']}: expected at most the {model.temperature_limit:g} degC "
             f"at which a {name} lets go of everything, found {limits.temperature_limit:g}"
         )
-    calibrated = own("torque_per_ampere_nm_a") > 0.0
-    torque = TorqueModel(
-        own("torque_per_ampere_nm_a") if calibrated else model.torque_per_ampere,
-        own("friction_currents_a") if calibrated else model.no_load_current,
-        own("tension_stddev_share"),
-        "calibrated" if calibrated else "data sheet",
-    )
+    mode = OperatingMode(values["operating_mode"])
+    if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
+        raise ConfigurationError(
+            f"parameter operating_mode: expected 4 with a {name}, which knows no current, found {mode.value}; then the "
+            "driver alone limits the tension"
+        )
     lasting = LASTING_SHARE * model.stall_torque / spool.radius
     if limits.tension_soft > lasting:
         raise ConfigurationError(
@@ -270,11 +270,39 @@ def _servo(
         own("servo_ids"),
         model,
         spool,
-        torque,
-        OperatingMode(values["operating_mode"]),
+        _torque(own, model),
+        mode,
         limits.tension_hard,
         limits.speed,
+        _winding(own),
+        CurrentSensing(own("limited_currents")) if model.senses is CurrentSensing.SUPPLY else None,
     )
+
+
+def _torque(own: Callable[[str], Any], model: ServoModel) -> TorqueModel:
+    """Return what a tendon's own values say of its servo's torque, else what the data sheet does."""
+    if own("torque_per_ampere_nm_a") <= 0.0:
+        friction = own("friction_currents_a") or model.no_load_current
+        return TorqueModel(model.torque_per_ampere, friction, own("tension_stddev_share"))
+    return TorqueModel(
+        own("torque_per_ampere_nm_a"),
+        own("friction_currents_a"),
+        own("tension_stddev_share"),
+        "calibrated",
+        own("friction_slopes_a_s_m"),
+        own("gear_load_shares"),
+    )
+
+
+def _winding(own: Callable[[str], Any]) -> Winding | None:
+    """Return the resistance and back-EMF that were measured, or None."""
+    resistance, back_emf = own("winding_resistances_ohm"), own("back_emfs_v_s")
+    if (resistance > 0.0) != (back_emf > 0.0):
+        raise ConfigurationError(
+            "parameters winding_resistances_ohm, back_emfs_v_s: expected both of a calibration, or 0 for both, found "
+            f"{resistance:g} ohm and {back_emf:g} V s/rad"
+        )
+    return Winding(resistance, back_emf, own("winding_stddev_share")) if resistance > 0.0 else None
 
 
 def _per_tendon(values: Mapping[str, Any], name: str, tendons: Sequence[str]) -> list[Any]:

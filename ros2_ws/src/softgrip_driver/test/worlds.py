@@ -18,9 +18,10 @@ from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.pty import Line, PtyPort
 
 #: modules of the driver that look at a clock, wait, or open a port
-CLOCKED = ("dynamixel.backend", "dynamixel.port", "dynamixel.restart", "tendon.loop", "stage.backend",
-           "rig.line_port", "rig.line_gauge", "rig.grbl",
-           "commands.calibrate_tension", "commands.selftest", "commands.stage")  # fmt: skip
+CLOCKED = (
+    "dynamixel.backend", "dynamixel.bus", "dynamixel.port", "dynamixel.restart", "tendon.loop", "stage.backend",
+    "rig.line_port", "rig.line_gauge", "rig.grbl", "commands.calibrate_tension", "commands.selftest", "commands.stage",
+)  # fmt: skip
 PORTS = ("dynamixel.port", "rig.line_port")
 PLANT_PERIOD = 0.003
 

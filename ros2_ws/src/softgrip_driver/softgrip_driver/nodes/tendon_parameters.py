@@ -76,8 +76,29 @@ PARAMETERS = ParameterTable(
     Parameter("directions", [1], "+1 where a positive rotation pulls, else -1", choices=(-1, 1)),
     Parameter("spool_radii_m", [0.010], "spool radius to the middle of the tendon", "m", 1e-3, 0.1),
     Parameter("torque_per_ampere_nm_a", [0.0], "measured by calibrate_tension; 0 = data sheet", "N m/A", 0.0, 100.0),
-    Parameter("friction_currents_a", [0.0], "measured by calibrate_tension", "A", 0.0, 5.0),
+    Parameter("friction_currents_a", [0.0], "measured by calibrate_tension; 0 = assumed", "A", 0.0, 5.0),
+    Parameter(
+        "friction_slopes_a_s_m", [0.0], "growth of the friction with speed, from calibrate_tension", "A s/m", 0.0, 100.0
+    ),
+    Parameter("gear_load_shares", [0.0], "share of the load lost in the gears, from calibrate_tension", "", 0.0, 0.9),
     Parameter("tension_stddev_share", [0.15], "uncertainty of the torque constant, relative", "", 0.0, 1.0),
+    Parameter(
+        "winding_resistances_ohm",
+        [0.0],
+        "at 25 degC, measured by calibrate_tension, of servos that do not sense the winding's current; 0 = data sheet",
+        "ohm",
+        0.0,
+        1000.0,
+    ),
+    Parameter("back_emfs_v_s", [0.0], "measured by calibrate_tension with the resistance", "V s/rad", 0.0, 100.0),
+    Parameter("winding_stddev_share", [0.1], "uncertainty of resistance and back-EMF, relative", "", 0.0, 1.0),
+    Parameter(
+        "limited_currents",
+        ["supply"],
+        "which current the goal current of an XL330 or XC330 limits, as calibrate_tension finds out; their maker does "
+        "not say, and supply pulls too little where it is wrong, winding too hard",
+        choices=("supply", "winding"),
+    ),
     Parameter("continuous_tension_n", 20.0, "what a drive may hold for ever", "N", 0.1, 500.0),
     Parameter("zero_file", "", "where homed zeros are kept; empty = nowhere"),
     Parameter(

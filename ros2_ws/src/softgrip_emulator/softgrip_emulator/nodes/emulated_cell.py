@@ -72,6 +72,12 @@ PARAMETERS = ParameterTable(
     Parameter("servo_model", "xl330_m288", "model of all servos", choices=tuple(available_models())),
     Parameter("servo_baud", 1_000_000, "speed the servos listen at", "bit/s", choices=tuple(BAUD_OF_REGISTER.values())),
     Parameter("servo_return_delay_us", 500, "return delay set in the servos", "us", 0, 508),
+    Parameter(
+        "servo_current_limit",
+        "supply",
+        "which current Goal Current limits in XL330 and XC330, whose maker does not say",
+        choices=("supply", "winding"),
+    ),
     Parameter("spool_radius_m", 0.010, "of every spool as designed; the true ones scatter by 0.3 %", "m", 0.002, 0.05),
     Parameter("supply_v", 0.0, "supply of the servos; 0 = nominal for the model", "V", 0.0, 24.0),
     Parameter("camera_width", 640, "of the camera's frames", "px", 160, 1920),
@@ -264,6 +270,7 @@ def _chain(values: dict[str, Any]) -> list[ServoPlace]:
             values["servo_baud"],
             values["servo_return_delay_us"],
             values["spool_radius_m"],
+            limits_winding=values["servo_current_limit"] == "winding",
         )
         for slot, device_id in zip(slots, ids, strict=True)
     ]

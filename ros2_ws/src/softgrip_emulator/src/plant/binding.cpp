@@ -139,7 +139,8 @@ Ratings ratings_of(const py::object& ratings) {
   const auto value = [&](const char* name) { return ratings.attr(name).cast<double>(); };
   return {value("resistance_ohm"),   value("back_emf_vs_per_rad"), value("torque_constant_nm_per_a"),
           value("inertia_kgm2"),     value("gear_viscous_nms"),    value("gear_friction_nm"),
-          value("thermal_resistance_k_per_w"), value("heat_capacity_j_per_k")};
+          value("thermal_resistance_k_per_w"), value("heat_capacity_j_per_k"),
+          value("winding_to_case_k_per_w"), value("winding_capacity_j_per_k")};
 }
 
 std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m, double palm_m) {
@@ -203,12 +204,16 @@ void bind_motor(py::module_& module) {
       .def_readonly("friction_factor", &Motor::friction_factor)
       .def_readwrite("extra_heat_w", &Motor::extra_heat_w)
       .def_readwrite("jammed", &Motor::jammed)
+      .def("resistance_ohm", &Motor::resistance_ohm, py::arg("winding_c"))
       // Values in, values out: the shaft's attributes are read more often than it turns.
-      .def("turned", [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c, double duty,
-                        double current_limit_a, double tension_n, double supply_v, double dt_s) {
-        const Shaft before{angle_rad, velocity_rad_s, 0.0, temperature_c};
-        const Shaft shaft = motor.turned(before, duty, current_limit_a, tension_n, supply_v, dt_s);
-        return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.current_a, shaft.temperature_c);
+      .def("turned", [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c,
+                        double winding_c, double duty, double current_limit_a, bool limits_supply, double tension_n,
+                        double supply_v, double dt_s) {
+        const Shaft before{angle_rad, velocity_rad_s, temperature_c, winding_c};
+        const Drive drive{duty, current_limit_a, limits_supply};
+        const Shaft shaft = motor.turned(before, drive, tension_n, supply_v, dt_s);
+        return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.temperature_c, shaft.winding_c,
+                              shaft.current_a, shaft.duty);
       });
 }
 
