@@ -20,7 +20,7 @@ MAY_IMPORT = {
     "softgrip_model": set(),
     "softgrip_nodekit": set(),
     "softgrip_description": {"softgrip_model"},
-    "softgrip_design": {"softgrip_model"},
+    "softgrip_design": {"softgrip_description", "softgrip_model"},
     "softgrip_driver": {"softgrip_model"},
     "softgrip_emulator": {"softgrip_description", "softgrip_model"},
     "softgrip_vision": {"softgrip_model"},
