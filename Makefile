@@ -17,7 +17,7 @@ CORES := softgrip_model softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
+.PHONY: help setup parts-setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -26,6 +26,13 @@ setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, in
 
 $(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
+	@touch $@
+
+parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 450 MB
+
+$(VENV)/.parts: requirements-parts.lock | setup
+	@echo "== solid modelling (build123d, an extra)"
+	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-parts.lock
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -53,7 +60,7 @@ cell: setup  ## the emulated cell, until Ctrl-C
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
 
@@ -90,11 +97,11 @@ mutants: setup  ## deliberate errors that tests must notice, score by area; AREA
 crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
 	$(BIN)/python benchmarks/recorder_crash.py
 
-bench: setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 
-docs: setup  ## write the documents that scripts make
+docs: setup parts-setup  ## write the documents that scripts make
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 
 lock:  ## write the locks again, with the hash of every file that may be installed
@@ -102,6 +109,7 @@ lock:  ## write the locks again, with the hash of every file that may be install
 	$(UV_LOCK) requirements.in -o requirements.lock
 	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
 	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
+	$(UV_LOCK) --no-deps requirements-parts.in -o requirements-parts.lock
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
 	@mkdir -p $(OUT)

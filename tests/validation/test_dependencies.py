@@ -43,6 +43,9 @@ KEYS = {
 #: says how to get them. File, module.
 OPTIONAL = {
     ("softgrip_design/capture/detector.py", "mediapipe"),
+    ("softgrip_design/parts/files.py", "lib3mf"),
+    ("softgrip_design/parts/solid.py", "build123d"),
+    ("softgrip_design/parts/solid.py", "manifold3d"),
 }
 #: CMake package or library -> rosdep key; Python, OpenMP and threads come with the compiler and ROS.
 LIBRARIES = {"Eigen3": "eigen", "pybind11": "pybind11-dev", "hwy": "libhwy-dev", "metis": "libmetis-dev"}

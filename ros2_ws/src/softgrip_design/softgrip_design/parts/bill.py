@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a hand takes: printed parts in grams and metres of filament, cable, sheath and screws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from softgrip_design.parts.drives import FACES, ServoFace
+from softgrip_design.parts.kit import Kit
+from softgrip_design.parts.printing import MATERIALS
+from softgrip_design.parts.solid import Solid
+
+#: Assumed: sheath from palm to servos, and the turns that stay on a spool.
+SHEATH_M, TURNS = 0.5, 3.0
+#: Waste of a knot or a crimp.
+ENDS_M = 0.05
+
+
+@dataclass(frozen=True)
+class PrintedRow:
+    """A printed part.
+
+    Attributes:
+        title: for people.
+        count: of them.
+        material: for people.
+        volume_mm3, mass_g, filament_m: of one, printed full.
+    """
+
+    title: str
+    count: int
+    material: str
+    volume_mm3: float
+    mass_g: float
+    filament_m: float
+
+
+@dataclass(frozen=True)
+class BoughtRow:
+    """Something to buy.
+
+    Attributes:
+        title: for people.
+        amount: with its unit.
+        use: what it is for.
+    """
+
+    title: str
+    amount: str
+    use: str
+
+
+def printed_rows(solids: Sequence[Solid]) -> list[PrintedRow]:
+    """Return the printed parts; masses are those of parts printed full, so PLA parts weigh less with their infill."""
+    rows = []
+    for solid in solids:
+        material = MATERIALS[solid.form.material]
+        volume = solid.volume_mm3
+        rows.append(
+            PrintedRow(solid.form.title, solid.form.count, material.title, volume, material.mass_g(volume),
+                       material.filament_m(volume))
+        )  # fmt: skip
+    return rows
+
+
+def cable_m(kit: Kit, spool_radius_mm: float) -> float:
+    """Return the length of cable for all fingers: inside them, through the sheaths, on the spools [m]."""
+    outside = SHEATH_M + ENDS_M + TURNS * 2.0 * math.pi * 1e-3 * spool_radius_mm
+    return sum(1e-3 * finger.cable_mm + outside for finger in kit.fingers.values())
+
+
+def bought_rows(kit: Kit, spool_radius_mm: float, face: ServoFace = FACES[0]) -> list[BoughtRow]:
+    """Return what is bought for the fingers of a kit, and for the palm and the drives where they are in it."""
+    fingers = len(kit.fingers)
+    rows = [
+        BoughtRow(kit.profile.cable.name, f"{cable_m(kit, spool_radius_mm):.2f} m", "cables"),
+        BoughtRow("PTFE tube 2 x 3 mm", f"{fingers * SHEATH_M:.2f} m", "sheaths, foot to servo plate"),
+        BoughtRow("crimp bead 2 mm", f"{fingers}", "holds a cable in its tip"),
+        BoughtRow("screw M3 x 25", f"{fingers}", "cross pin of a foot"),
+        BoughtRow("dot 5 mm, green", f"{sum(len(f.grooves) + 1 for f in kit.fingers.values())}", "markers"),
+    ]
+    if kit.others:
+        rows += [
+            BoughtRow("screw M4 x 16", "4", "plate to palm"),
+            BoughtRow("screw M6 x 12", "4", "plate to the arm's flange (ISO 9409-1-50-4-M6)"),
+            BoughtRow(f"servo {' or '.join(face.models)}", f"{fingers}", "one a finger"),
+            *(BoughtRow(f"screw {name}", f"{number * fingers}", "servos") for name, number in face.screws),
+        ]
+    return rows
+
+
+def bill_text(title: str, printed: Sequence[PrintedRow], bought: Sequence[BoughtRow]) -> str:
+    """Return the bill of material as Markdown."""
+    printed_lines = [
+        f"| {row.title} | {row.count} | {row.material} | {1e-3 * row.volume_mm3:.1f} | {row.mass_g:.1f} "
+        f"| {row.filament_m:.2f} |"
+        for row in printed
+    ]
+    count, mass_g = sum(row.count for row in printed), sum(row.count * row.mass_g for row in printed)
+    filament_m = sum(row.count * row.filament_m for row in printed)
+    lines = [
+        f"# {title}: bill of material",
+        "",
+        "Masses and lengths of filament are those of one full part; PLA printed with infill takes less.",
+        "",
+        "| printed | count | material | cm3 | g | m of 1.75 mm |",
+        "| --- | ---: | --- | ---: | ---: | ---: |",
+        *printed_lines,
+        f"| all | {count} | | | {mass_g:.1f} | {filament_m:.2f} |",
+        "",
+        "| bought | amount | for |",
+        "| --- | ---: | --- |",
+        *(f"| {row.title} | {row.amount} | {row.use} |" for row in bought),
+        "",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Servo plate and spools for the servos that tendon_driver supports. Lengths in mm.
+
+The plate is screwed to the fronts of the servos; their horns reach through it to the spools. A wall beside it holds the
+sheaths of the cables where they meet the spools.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from softgrip_design.parts import foot
+from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Prism, circle, rectangle
+from softgrip_design.parts.printing import NOZZLE_MM
+
+
+@dataclass(frozen=True)
+class ServoFace:
+    """The front of a servo, seen from its horn, axis at (0, 0), y towards the nearer end of the case.
+
+    Attributes:
+        name: of the family, in file names.
+        models: with this front, as tendon_driver names them.
+        case_mm: width and height of the case.
+        axis_mm: from the axis to the case's nearer end.
+        horn_radius_mm, horn_mm: of the horn, and how far it stands out of the case.
+        boss_radius_mm: of what stands out of the horn's middle.
+        horn_holes: number, and radius of their circle.
+        frame_holes: in the case, for the plate.
+        frame_radius_mm, horn_hole_radius_mm: clearance of the screws.
+        screws: for the plate and for the horn, how many a servo, as it is ordered.
+        source: drawing.
+    """
+
+    name: str
+    models: tuple[str, ...]
+    case_mm: tuple[float, float]
+    axis_mm: float
+    horn_radius_mm: float
+    horn_mm: float
+    boss_radius_mm: float
+    horn_holes: tuple[int, float]
+    frame_holes: tuple[Point2, ...]
+    frame_radius_mm: float
+    horn_hole_radius_mm: float
+    screws: tuple[tuple[str, int], ...]
+    source: str
+
+
+#: From the maker's drawings, which the e-manual links, as several who measured by them publish the numbers.
+FACES = (
+    ServoFace(
+        name="x330",
+        models=("XL330-M288", "XC330-M288", "XC330-T288"),
+        case_mm=(20.0, 34.0),
+        axis_mm=9.5,
+        horn_radius_mm=8.0,
+        horn_mm=3.0,
+        boss_radius_mm=3.0,
+        horn_holes=(4, 6.0),
+        frame_holes=((-8.0, 7.5), (8.0, 7.5), (-8.0, -22.5), (8.0, -22.5)),
+        frame_radius_mm=1.1,
+        horn_hole_radius_mm=1.1,
+        screws=(("M2 x 10 self-tapping, plate", 4), ("M2 x 6 self-tapping, spool", 4)),
+        source="ROBOTIS drawing X330, 28 May 2020 (XL,XC-330.pdf, e-manual XL330-M288-T, Drawings)",
+    ),
+    ServoFace(
+        name="x430",
+        models=("XM430-W350",),
+        case_mm=(28.5, 46.5),
+        axis_mm=11.25,
+        horn_radius_mm=9.75,
+        horn_mm=2.0,
+        boss_radius_mm=4.0,
+        horn_holes=(8, 8.0),
+        frame_holes=((-11.0, -8.0), (11.0, -8.0)),
+        frame_radius_mm=1.35,
+        horn_hole_radius_mm=1.1,
+        screws=(("M2.5 x 6, plate", 2), ("M2 x 4, spool", 8)),
+        source="ROBOTIS drawings XM430/XH430 (HINGE), 19 Mar 2019, and HN12-N101 (e-manual XM430-W350, Drawings)",
+    ),
+)
+
+PLATE_MM, RAIL_MM, EDGE_MM = 4.0, 8.0, 1.0
+#: Room around a horn and its spool, and between neighbours.
+PLAY_MM = 0.5
+NEIGHBOUR_MM = 3.0
+#: Holes for M4 screws to the bench.
+M4_MM, RIM_MM = 2.25, 8.0
+#: Spool: width of the groove, thickness and height of its rims, floor above the horn that the screws hold.
+GROOVE_MM, FLANGE_MM, RIM_HEIGHT_MM = 5.0, 1.6, 2.5
+KNOT_RADIUS_MM, KNOT_SEAT_MM = 0.6, 1.6
+#: Channel of the cable through the wall.
+CABLE_RADIUS_MM = 0.8
+
+
+def face_of(model: str) -> ServoFace:
+    """Return the front of a servo model.
+
+    Raises:
+        PartError: no such model.
+    """
+    for face in FACES:
+        if model in face.models:
+            return face
+    known = ", ".join(model for face in FACES for model in face.models)
+    raise PartError(f"servo: expected one of {known}, found {model!r}")
+
+
+def _lift_mm(face: ServoFace) -> float:
+    """Return how far a spool's neck reaches from its rim down to the horn."""
+    return PLATE_MM - face.horn_mm + PLAY_MM
+
+
+def servo_plate(face: ServoFace, spool_radius_mm: float, count: int) -> Form:
+    """Return the plate for a number of servos side by side.
+
+    Args:
+        face: of the servos.
+        spool_radius_mm: to the middle of the cable.
+        count: of servos.
+    """
+    rim = spool_radius_mm + RIM_HEIGHT_MM
+    pitch = max(face.case_mm[0], 2.0 * rim) + NEIGHBOUR_MM
+    axes = [pitch * (k - 0.5 * (count - 1)) for k in range(count)]
+    top = max(face.axis_mm, rim) + PLAY_MM
+    low, high = face.axis_mm - face.case_mm[1] - 2.0 * RIM_MM, top + RAIL_MM
+    half = 0.5 * pitch * count + 2.0 * RIM_MM
+    cable_z = PLATE_MM + PLAY_MM + FLANGE_MM + 0.5 * GROOVE_MM
+    height = cable_z + foot.SHEATH_RADIUS_MM + 4.0 * NOZZLE_MM
+    plate = Prism(rectangle((-half, half), (low, high), 3.0), 0.0, PLATE_MM)
+    wall = Prism(rectangle((-half, half), (top, high)), 0.0, height)
+    bores = []
+    for x in axes:
+        bores.append(_hole((x, 0.0), face.horn_radius_mm + PLAY_MM))
+        bores += [_hole((x + u, v), face.frame_radius_mm) for u, v in face.frame_holes]
+        at = x - spool_radius_mm
+        bores.append(Bore((at, top, cable_z), (at, high, cable_z), CABLE_RADIUS_MM, beyond_mm=(EDGE_MM, EDGE_MM)))
+        seat = (at, high - foot.SHEATH_DEPTH_MM, cable_z)
+        bores.append(Bore(seat, (at, high, cable_z), foot.SHEATH_RADIUS_MM, beyond_mm=(0.0, EDGE_MM)))
+    bores += [_hole((sx * (half - RIM_MM), y), M4_MM) for sx in (-1, 1) for y in (low + RIM_MM, top - RIM_MM)]
+    return Form(f"servo_plate_{face.name}", f"plate for {count} {' or '.join(face.models)}", "pla", (plate, wall),
+                tuple(bores))  # fmt: skip
+
+
+def _hole(at: Point2, radius_mm: float) -> Bore:
+    return Bore((*at, 0.0), (*at, PLATE_MM), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM))
+
+
+def spool(face: ServoFace, spool_radius_mm: float, cable_radius_mm: float, count: int) -> Form:
+    """Return a spool: its neck stands on the horn, the cable's knot sits in the upper rim.
+
+    Raises:
+        PartError: the radius leaves no wall outside the horn's screws.
+    """
+    floor = spool_radius_mm - cable_radius_mm
+    holes, circle_mm = face.horn_holes
+    wall = floor - circle_mm - face.horn_hole_radius_mm
+    if wall < NOZZLE_MM:
+        needed = circle_mm + face.horn_hole_radius_mm + NOZZLE_MM + cable_radius_mm
+        raise PartError(
+            f"spool for {face.models[0]}: expected a radius of at least {needed:.2f} mm, found {spool_radius_mm:g} mm: "
+            "the screws of the horn need a wall around them"
+        )
+    rim = spool_radius_mm + RIM_HEIGHT_MM
+    lift = _lift_mm(face)
+    levels = [0.0, lift, lift + FLANGE_MM, lift + FLANGE_MM + GROOVE_MM, lift + 2.0 * FLANGE_MM + GROOVE_MM]
+    neck = min(face.horn_radius_mm, floor)
+    bodies = (
+        Prism(circle(neck), levels[0], levels[4]),
+        Prism(circle(rim), levels[1], levels[2]),
+        Prism(circle(floor), levels[1], levels[4]),
+        Prism(circle(rim), levels[3], levels[4]),
+    )
+    through = [(circle_mm * math.cos(a), circle_mm * math.sin(a)) for a in _turns(holes)]
+    bores = [_through((0.0, 0.0), face.boss_radius_mm + PLAY_MM, levels[4])]
+    bores += [_through(at, face.horn_hole_radius_mm, levels[4]) for at in through]
+    # between two screws: from the groove up through the rim, where the knot sits
+    turn = math.pi / holes
+    at = ((floor + KNOT_RADIUS_MM) * math.cos(turn), (floor + KNOT_RADIUS_MM) * math.sin(turn))
+    seat = (*at, levels[4] - 0.5 * FLANGE_MM)
+    bores.append(Bore((*at, levels[3] - EDGE_MM), (*at, levels[4]), KNOT_RADIUS_MM, beyond_mm=(0.0, EDGE_MM)))
+    bores.append(Bore(seat, (*at, levels[4]), KNOT_SEAT_MM, beyond_mm=(0.0, EDGE_MM)))
+    return Form(f"spool_{face.name}", f"spool of {spool_radius_mm:g} mm for {face.models[0]}", "pla", bodies,
+                tuple(bores), up=(0.0, 0.0, -1.0), count=count)  # fmt: skip
+
+
+def _turns(count: int) -> list[float]:
+    return [2.0 * math.pi * k / count for k in range(count)]
+
+
+def _through(at: Point2, radius_mm: float, top_mm: float) -> Bore:
+    return Bore((*at, 0.0), (*at, top_mm), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM))

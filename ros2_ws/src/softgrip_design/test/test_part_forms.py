@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Dimensions of parts, without solids: outlines have what the profile says, and what cannot be made is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from softgrip_description.hand import shipped_hand
+from softgrip_design.parts import bench, drives, foot, forms
+from softgrip_design.parts.bill import SHEATH_M, bill_text, bought_rows, cable_m, printed_rows
+from softgrip_design.parts.finger_form import FingerForm, finger_form, strip_depth_mm
+from softgrip_design.parts.forms import Bore, PartError, circle, corners, polygon, rectangle, segments
+from softgrip_design.parts.kit import Kit, fingers_of, whole_kit
+from softgrip_design.parts.palm import finger_pose, palm_forms, palm_seat
+from softgrip_design.parts.printing import CLEARANCE_MM, MATERIALS, NOZZLE_MM
+from softgrip_design.parts.solid import Solid
+from softgrip_model.profile import FingerDesign, ProfileError, load_directory, shipped_directory
+
+HAND = shipped_hand()
+SETS = load_directory(shipped_directory())
+FINGERS = [(name, slot) for name, profile in SETS.items() for slot in profile.slots]
+
+
+def made(design: FingerDesign, slot: str = "index", serial: str = "") -> FingerForm:
+    return finger_form(design, 0.125, slot, palm_seat(HAND, slot), serial)
+
+
+def index(**changes: object) -> FingerDesign:
+    return dataclasses.replace(SETS["power"].finger("index"), **changes)
+
+
+def distance_from_line(point: tuple[float, float], line: forms.Segment) -> float:
+    (ax, ay), (bx, by) = line.start, line.end
+    return abs((bx - ax) * (point[1] - ay) - (by - ay) * (point[0] - ax)) / math.hypot(bx - ax, by - ay)
+
+
+def check_dimensions(design: FingerDesign, form: FingerForm) -> None:
+    """Measure the outline's own edges and compare them with the profile."""
+    edges = [segment for segment in segments(form.form.bodies[0].outline) if segment.middle is None]
+    joints = np.concatenate([[0.0], np.cumsum([1e3 * length for length in design.link_lengths_m])])
+    for j in range(design.joints):
+        half, x = 0.5 * design.openings_rad[j], joints[j]
+        length, thickness = 1e3 * design.joint_lengths_m[j], 1e3 * design.thicknesses_m[j]
+        lower = [e for e in edges if abs(e.start[1]) < 1e-9 and abs(e.end[1]) < 1e-9 and abs(e.start[0] - x) < length]
+        upper = [
+            e
+            for e in edges
+            if max(abs(p[1] - thickness) + abs(abs(p[0] - x) - length / 2) for p in (e.start, e.end)) < 1e-6
+        ]
+        assert [math.dist(e.start, e.end) for e in (*lower, *upper)] == pytest.approx([length, length], abs=1e-6)
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            r = 1e3 * design.routing_radii_m[2 * j + side]
+            point = (x + sign * r * math.sin(half), -r * math.cos(half))
+            flanks = [
+                e for e in edges
+                if distance_from_line((x, 0.0), e) < 1e-6 and distance_from_line(point, e) < 1e-6
+                and min(e.start[1], e.end[1]) < point[1] < max(e.start[1], e.end[1])
+            ]  # fmt: skip
+            assert len(flanks) == 1, f"joint {j}: the routing point lies on no flank"
+            assert any(math.dist(point, end[:2]) < 1e-6 for bore in form.channels for end in (bore.start, bore.end))
+    assert max(p[0] for e in edges for p in (e.start, e.end)) == pytest.approx(joints[-1], abs=1e-6)
+    assert form.width_mm == pytest.approx(1e3 * design.width_m)
+
+
+@pytest.mark.parametrize(("name", "slot"), FINGERS)
+def test_a_shipped_finger_has_the_dimensions_of_its_profile(name: str, slot: str) -> None:
+    design = SETS[name].finger(slot)
+    form = made(design, slot, f"{name}-{slot}")
+    check_dimensions(design, form)
+    assert all(groove.free_rad == pytest.approx(2.0 * groove.half_opening_rad) for groove in form.grooves)
+    assert len(form.channels) == design.joints + 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(2.5, 5.0), min_size=3, max_size=3),
+    st.lists(st.floats(5.0, 13.0), min_size=6, max_size=6),
+    st.lists(st.floats(6.0, 12.0), min_size=3, max_size=3),
+    st.lists(st.floats(75.0, 90.0), min_size=3, max_size=3),
+)
+def test_any_finger_that_is_not_refused_has_the_dimensions_of_its_profile(
+    h: list[float],
+    r: list[float],
+    lengths: list[float],
+    openings: list[float],
+) -> None:
+    design = index(
+        link_lengths_m=(0.045, 0.035, 0.030),
+        thicknesses_m=tuple(1e-3 * value for value in h),
+        routing_radii_m=tuple(1e-3 * value for value in r),
+        joint_lengths_m=tuple(1e-3 * value for value in lengths),
+        openings_rad=tuple(map(math.radians, openings)),
+    )
+    try:
+        form = made(design)
+    except PartError:
+        return
+    check_dimensions(design, form)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"thicknesses_m": (0.0003, 0.003, 0.003)}, "joint 0: expected a strip of at least a nozzle's width"),
+        ({"joint_lengths_m": (0.010, 0.025, 0.010)}, "joint 1: expected a strip shorter than the groove's mouth"),
+        ({"routing_radii_m": (0.006, 0.0155, 0.006, 0.006, 0.006, 0.006)}, "below routing point 1 expected a wall"),
+        ({"routing_radii_m": (0.006, 0.006, 0.0025, 0.006, 0.006, 0.006)}, "joint 1: .* between cable and strip"),
+        ({"routing_radii_m": (0.006, 0.006, 0.006, 0.006, 0.0015, 0.006)}, "joint 2: the cable runs through the strip"),
+        ({"link_lengths_m": (0.045, 0.0243, 0.023)}, "joint 1: expected 0.8 mm of link"),
+        ({"link_lengths_m": (0.045, 0.027, 0.0152)}, "joint 2: expected 0.8 mm of link"),
+        ({"width_m": 0.0115}, "as wide as its foot"),
+        ({"body_height_m": 0.0135}, "joint 0: expected its groove to end"),
+        ({"routing_radii_m": (0.0040, 0.006, 0.006, 0.006, 0.006, 0.006)}, "the foot has room for a cable"),
+        ({"routing_radii_m": (0.0135, 0.006, 0.006, 0.006, 0.006, 0.006)}, "the foot has room for a cable"),
+    ],
+)
+def test_a_profile_that_cannot_be_made_is_refused_with_joint_and_reason(changes: dict, reason: str) -> None:
+    with pytest.raises(PartError, match=f"finger index, .*{reason}"):
+        made(index(**changes))
+
+
+def test_a_serial_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(PartError, match="shorten it"):
+        made(index(), serial="a-serial-that-is-much-longer-than-the-link")
+
+
+@pytest.mark.parametrize("h", [2.5, 5.0])
+@pytest.mark.parametrize("angle_deg", [20.0, 60.0, 90.0])
+def test_the_depth_of_a_bent_strip_is_where_its_lower_side_crosses_the_flank(h: float, angle_deg: float) -> None:
+    length, half, angle = 10.0, math.radians(45.0), math.radians(angle_deg)
+    radius = length / angle
+    turned = np.linspace(0.0, angle, 200_001)
+    x = -0.5 * length + (radius - 0.5 * h) * np.sin(turned)
+    y = (radius - 0.5 * h) * (np.cos(turned) - 1.0)
+    crossing = np.flatnonzero(np.diff(np.sign(x - y * math.tan(half))))
+    assert strip_depth_mm((h, length), half, angle) == pytest.approx(-y[crossing[0]], abs=1e-3)
+
+
+def test_arcs_are_tangent_and_areas_are_those_of_textbooks() -> None:
+    assert forms.area_mm2(circle(5.0)) == pytest.approx(math.pi * 25.0, rel=4e-3)  # chords of 0.01 mm
+    assert forms.area_mm2(rectangle((0.0, 10.0), (0.0, 6.0), 2.0)) == pytest.approx(
+        60.0 - (4.0 - math.pi) * 4.0, rel=2e-3
+    )
+    arc = next(s for s in segments(corners((0, 0), (10, 0), (10, 10, 3), (0, 10))) if s.middle)
+    assert (arc.start, arc.end) == ((10.0, 7.0), (7.0, 10.0))
+    assert math.dist(arc.middle, (7.0, 7.0)) == pytest.approx(3.0)
+    with pytest.raises(PartError, match="too short for its roundings"):
+        segments(rectangle((0.0, 10.0), (0.0, 3.0), 2.0))
+
+
+def test_feet_fit_their_own_slot_only() -> None:
+    seats = {slot: palm_seat(HAND, slot) for slot in HAND.slots}
+    keys = sorted(seat.key_mm for seat in seats.values())
+    # the rib of another slot meets full wood: it lies further away than the V's clearance
+    assert np.diff(keys).min() > 2.0 * CLEARANCE_MM
+    palm, _ = palm_forms(HAND)
+    mortises = [cut for cut in palm.pockets if len(cut.outline) == 7]
+    for (slot, seat), mortise in zip(seats.items(), mortises, strict=True):
+        x, y = polygon(mortise.outline).T
+        assert (x.min(), x.max()) == pytest.approx(
+            (-foot.HALF_WIDTH_MM - CLEARANCE_MM, foot.HALF_WIDTH_MM + CLEARANCE_MM)
+        )
+        assert (-y.max(), -y.min()) == pytest.approx((foot.Y_MM[0] - CLEARANCE_MM, foot.Y_MM[1] + CLEARANCE_MM))
+        rib = [(c.x_mm, -c.y_mm) for c in mortise.outline if abs(c.x_mm - seat.key_mm) < 1e-9]
+        assert rib == [pytest.approx((seat.key_mm, foot.Y_MM[1] + CLEARANCE_MM - foot.KEY_DEPTH_MM))]
+        assert finger_pose(HAND.slots[slot]).origin == pytest.approx([1e3 * v for v in HAND.slots[slot].position_m])
+
+
+def test_a_shoulder_lies_below_the_palm_and_behind_the_first_groove() -> None:
+    for name, slot in HAND.slots.items():
+        seat = palm_seat(HAND, name)
+        height = 1e3 * slot.position_m[2] + seat.shoulder_mm * math.sin(slot.rest_angle_rad)
+        assert height <= -foot.DEPTH_MM + 1e-9
+        assert seat.shoulder_mm <= -foot.MIN_SHOULDER_MM
+
+
+def test_a_hand_without_room_for_feet_or_with_flat_fingers_is_refused() -> None:
+    low = dataclasses.replace(HAND, flange_position_m=(0.0, 0.0, 0.036))
+    with pytest.raises(PartError, match=r"feet reach .* mm below it"):
+        palm_forms(low)
+    flat = dataclasses.replace(HAND.slots["index"], rest_angle_rad=0.2)
+    with pytest.raises(PartError, match="slot index: expected a finger that rises"):
+        palm_seat(dataclasses.replace(HAND, slots={"index": flat}), "index")
+    with pytest.raises(PartError, match="expected one of index"):
+        palm_seat(HAND, "ring")
+
+
+@pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
+def test_holes_lie_on_the_servo_and_a_spool_keeps_its_radius(face: drives.ServoFace) -> None:
+    low, high = face.axis_mm - face.case_mm[1], face.axis_mm
+    for x, y in face.frame_holes:
+        assert abs(x) < 0.5 * face.case_mm[0]
+        assert low < y < high
+    made_spool = drives.spool(face, 10.0, 0.125, 3)
+    radii = {round(max(c.x_mm for c in body.outline), 6) for body in made_spool.bodies}
+    assert 10.0 - 0.125 in radii
+    plate = drives.servo_plate(face, 10.0, 3)
+    ways = [bore.start[0] for bore in plate.bores if bore.radius_mm == drives.CABLE_RADIUS_MM]
+    axes = [bore.start[0] for bore in plate.bores if bore.radius_mm == face.horn_radius_mm + drives.PLAY_MM]
+    # the cable leaves the spool at a tangent, straight into its sheath
+    assert [axis - way for axis, way in zip(axes, ways, strict=True)] == pytest.approx([10.0] * 3)
+    with pytest.raises(PartError, match="screws of the horn need a wall"):
+        drives.spool(face, face.horn_holes[1] + 1.0, 0.125, 3)
+
+
+@pytest.mark.parametrize("angle_deg", bench.WRAP_ANGLES_DEG)
+def test_a_guide_block_turns_the_cable_by_its_angle_over_the_surface_of_the_thesis(angle_deg: int) -> None:
+    block = bench.guide_block(angle_deg, "tpu")
+    (arc,) = [segment for segment in segments(block.bodies[0].outline) if segment.middle]
+    chord = 2.0 * 3.0 * math.sin(0.5 * math.radians(angle_deg))
+    assert arc.radius_mm == 3.0
+    assert math.dist(arc.start, arc.end) == pytest.approx(chord)
+
+
+def test_the_kit_names_every_part_once_and_the_bill_adds_up() -> None:
+    kit = whole_kit(SETS["power"], HAND, 10.0)
+    names = [form.name for form in kit.forms]
+    assert len(set(names)) == len(names)
+    assert {"finger_index", "palm", "servo_plate_x330", "spool_x430", "guide_block_90_tpu", "camera_stand"} <= set(
+        names
+    )
+    straight = {name: SETS["power"].finger(name).length_m for name in kit.fingers}
+    assert cable_m(kit, 10.0) > sum(straight.values()) + 3 * SHEATH_M
+    solid = Solid(kit.others[0], None, np.zeros((0, 3)), np.zeros((0, 3), np.int32), 100_000.0)
+    (row,) = printed_rows([solid])
+    assert row.mass_g == pytest.approx(124.0)  # 100 cm3 of 1.24 g/cm3
+    assert row.filament_m == pytest.approx(100.0 / (math.pi * 0.175**2 / 4.0) / 100.0)
+    text = bill_text("x", [row], bought_rows(kit, 10.0))
+    assert "| screw M3 x 25 | 3 |" in text
+    assert "124.0" in text
+
+
+def test_the_cable_of_a_finger_is_as_long_as_its_straight_pieces() -> None:
+    form = made(SETS["power"].finger("index"))
+    points = [form.channels[0].start, *((*p, 0.0) for g in form.grooves for p in g.routing), form.channels[-1].end]
+    assert form.cable_mm == pytest.approx(sum(math.dist(a, b) for a, b in itertools.pairwise(points)))
+    assert isinstance(form.channels[0], Bore)
+
+
+def test_only_fingers_of_the_profile_are_made() -> None:
+    with pytest.raises(ProfileError, match="has no finger"):
+        fingers_of(SETS["power"], HAND, ["ring"])
+    kit = Kit(SETS["power"], HAND, fingers_of(SETS["power"], HAND, ["thumb"], "a7"), ())
+    assert [form.name for form in kit.forms] == ["finger_thumb"]
+    assert kit.fingers["thumb"].serial == "a7-thumb"
+
+
+def test_settings_keep_the_layer_and_walls_are_a_nozzle_wide() -> None:
+    for material in MATERIALS.values():
+        assert float(material.settings["nozzle_diameter"]) == NOZZLE_MM
+        assert float(material.settings["filament_density"]) == material.density_g_cm3

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts as solids: one finger end to end, a palm that it fits, and solids that must be refused."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from softgrip_description.hand import shipped_hand
+from softgrip_design.commands import parts
+from softgrip_design.parts.forms import Bore, Form, PartError, Prism, rectangle
+from softgrip_design.parts.kit import fingers_of
+from softgrip_design.parts.palm import finger_pose, palm_forms
+from softgrip_model.profile import FingerDesign, load, shipped_directory
+
+manifold3d = pytest.importorskip("manifold3d", reason="make parts-setup")
+pytest.importorskip("build123d", reason="make parts-setup")
+meshio = pytest.importorskip("meshio")
+
+from softgrip_design.parts.solid import Solid, make_solid  # noqa: E402  after the extras
+
+HAND = shipped_hand()
+POWER = load(shipped_directory() / "power.yaml")
+NOTCH = Prism(rectangle((8.0, 12.0), (4.0, 11.0)), 6.2, 11.0)
+BLOCK = Prism(rectangle((0.0, 20.0), (0.0, 10.0)), 0.0, 10.0)
+
+
+def body_of(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+    return manifold3d.Manifold(manifold3d.Mesh64(np.ascontiguousarray(vertices), triangles.astype(np.uint64)))
+
+
+@pytest.fixture(scope="module")
+def index() -> Solid:
+    finger = fingers_of(POWER, HAND, ["index"])["index"]
+    return make_solid(finger.form, finger.channels)
+
+
+@pytest.fixture(scope="module")
+def palm() -> Any:
+    solid = make_solid(palm_forms(HAND)[0])
+    return body_of(solid.vertices, solid.triangles)
+
+
+def placed(solid: Solid, slot: str) -> Any:
+    pose = finger_pose(HAND.slots[slot]).matrix
+    return body_of(solid.vertices @ pose[:3, :3].T + pose[:3, 3], solid.triangles)
+
+
+def test_a_finger_fits_its_slot_and_no_other(index: Solid, palm: Any) -> None:
+    assert (placed(index, "index") ^ palm).volume() < 1e-3
+    assert (placed(index, "middle") ^ palm).volume() > 1.0  # the rib stands in its way
+    # it is held, too: lifted out by a millimetre it is free, pushed in by one it meets the shoulder
+    along = np.array(finger_pose(HAND.slots["index"]).x_axis)
+    assert (placed(index, "index").translate(along) ^ palm).volume() < 1e-3
+    assert (placed(index, "index").translate(-along) ^ palm).volume() > 1.0
+    across = np.array(finger_pose(HAND.slots["index"]).z_axis)
+    assert (placed(index, "index").translate(0.5 * across) ^ palm).volume() > 1.0
+
+
+def test_the_solid_has_strips_of_the_profile(index: Solid) -> None:
+    design = POWER.finger("index")
+    body = body_of(index.vertices, index.triangles)
+    x = 0.0
+    for j in range(design.joints):
+        h, half = 1e3 * design.thicknesses_m[j], 0.5e3 * design.joint_lengths_m[j]
+        # a cut across the strip, away from the marker's pocket: h x width, and nothing of the lips above the slit
+        strip = body.trim_by_plane((1.0, 0.0, 0.0), x + 0.8 * half).trim_by_plane((-1.0, 0.0, 0.0), -x - 0.9 * half)
+        upper = strip.trim_by_plane((0.0, 1.0, 0.0), -0.1)
+        assert upper.volume() == pytest.approx(0.1 * half * h * 1e3 * design.width_m, rel=0.002)
+        x += 1e3 * design.link_lengths_m[j]
+
+
+def check_strips_in_step(text: str, design: FingerDesign) -> None:
+    """Look the corners of every strip up among the points of a STEP file."""
+    number = r"(-?[0-9.]+(?:E[-+]?[0-9]+)?)"
+    rows = re.findall(rf"CARTESIAN_POINT\('[^']*',\({number},{number},{number}\)\)", text)
+    points = np.array(rows, dtype=float)
+    assert len(points) > 50
+    x, width = 0.0, 0.5e3 * design.width_m
+    for j in range(design.joints):
+        h, half = 1e3 * design.thicknesses_m[j], 0.5e3 * design.joint_lengths_m[j]
+        # the back of the last link goes on from its strip without an edge
+        for along, y in ((-half, 0.0), (half, 0.0), (-half, h)):
+            corner = np.array([x + along, y, -width])
+            assert np.linalg.norm(points - corner, axis=1).min() < 1e-6, f"joint {j}: no corner at {corner}"
+        x += 1e3 * design.link_lengths_m[j]
+
+
+def test_one_finger_from_profile_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert parts.main(["power", "--finger", "thumb", "--out", str(tmp_path), "--serial", "t1"]) == 0
+    assert "finger thumb" in capsys.readouterr().out
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"bill.md", *(f"finger_thumb.{ending}" for ending in ("step", "stl", "3mf", "svg"))}
+    design = POWER.finger("thumb")
+    check_strips_in_step((tmp_path / "finger_thumb.step").read_text(), design)
+    stl = meshio.read(tmp_path / "finger_thumb.stl")
+    points, numbers = np.unique(stl.points.round(4), axis=0, return_inverse=True)
+    body = body_of(points.astype(float), numbers.reshape(-1)[stl.cells_dict["triangle"]])
+    assert body.status() == manifold3d.Error.NoError
+    grams = re.search(r"NinjaFlex[^|]*\|[^|]*\| ([0-9.]+) \|", (tmp_path / "bill.md").read_text())
+    assert grams is not None
+    assert float(grams[1]) == pytest.approx(1.19e-3 * body.volume(), abs=0.1)
+    # on its side: the width is the height on the bed, layers along the cable
+    assert stl.points[:, 2].min() == pytest.approx(0.0, abs=1e-6)
+    assert np.ptp(stl.points[:, 2]) == pytest.approx(1e3 * design.width_m, abs=1e-3)
+    with zipfile.ZipFile(tmp_path / "finger_thumb.3mf") as archive:
+        settings = archive.read("Metadata/Slic3r_PE.config").decode()
+        model = archive.read("3D/3dmodel.model").decode()
+    assert "; fill_density = 100%" in settings
+    assert model.count("<vertex ") == len(points)
+    drawing = (tmp_path / "finger_thumb.svg").read_text()
+    assert "<svg" in drawing
+
+
+def test_a_profile_that_cannot_be_made_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (shipped_directory() / "power.yaml").read_text().replace("0.00538, 0.00574", "0.00250, 0.00574")
+    (tmp_path / "bad.yaml").write_text(text)
+    assert parts.main([str(tmp_path / "bad.yaml"), "--finger", "index", "--out", str(tmp_path / "out")]) == 2
+    assert "finger index, joint 0" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("bores", "pockets", "reason"),
+    [
+        ((Bore((0.0, 5.0, 1.3), (20.0, 5.0, 1.3), 1.0),), (), "its wall of 0.4 mm lacks"),
+        ((Bore((0.0, 5.0, 5.0), (20.0, 5.0, 5.0), 1.0),), (NOTCH,), "its wall of 0.4 mm lacks"),
+        ((Bore((0.0, 5.0, 5.0), (9.0, 5.0, 5.0), 1.0),), (), "is not open"),
+    ],
+)  # fmt: skip
+def test_a_channel_that_is_cut_or_closed_is_refused(
+    bores: tuple[Bore, ...], pockets: tuple[Prism, ...], reason: str
+) -> None:
+    channel = Bore((0.0, *bores[0].start[1:]), (20.0, *bores[0].start[1:]), 1.0)
+    with pytest.raises(PartError, match=reason):
+        make_solid(Form("block", "block", "pla", (BLOCK,), bores, pockets), (channel,))
+
+
+def test_a_part_in_two_pieces_is_refused() -> None:
+    with pytest.raises(PartError, match="expected one piece, found 2"):
+        make_solid(Form("b", "b", "pla", (BLOCK,), (), (Prism(rectangle((9.0, 11.0), (-1.0, 11.0)), -1.0, 11.0),)))
+
+
+def test_a_mouth_that_is_cut_by_a_surface_is_refused() -> None:
+    bore = Bore((0.0, 9.8, 5.0), (20.0, 9.8, 5.0), 0.6, (0.5, 0.0), (1.0, 1.0))
+    with pytest.raises(PartError, match="has no whole mouth"):
+        make_solid(Form("b", "b", "pla", (BLOCK,), (bore,)))
