@@ -10,9 +10,10 @@ from rclpy.action import CancelResponse
 from rclpy.task import Future
 
 from softgrip_cell.errors import CellError
-from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.commands import Close
+from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, GraspOutcome, GraspPhase, GraspStep, GraspTask, GraspVerdict
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspTask, GraspVerdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
@@ -73,11 +74,10 @@ class GraspServer:
         if self._sequence is not None:
             self._do(self._sequence.observe(pair))
 
-    def see(self, tips: Sequence[SeenTip]) -> None:
+    def observe_tip(self, tip: SeenTip) -> None:
         """Take what the camera saw; the next tendon sample is judged with it."""
         if self._sequence is not None:
-            for tip in tips:
-                self._sequence.see(tip)
+            self._sequence.observe_tip(tip)
 
     def observe_faults(self, faults: Sequence[TendonFault], stamp_ns: int) -> None:
         """Take what tendon/status says; a fault ends the grasp."""
