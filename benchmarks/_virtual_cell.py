@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.commands import Close, Command, Open, Press
+from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, Command, GraspStep, GraspTask, Open, Press
+from softgrip_cell.grasp.values import GraspTask
 from softgrip_cell.observation import FreeMotion, ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.products import Product
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, FingerCheck
@@ -309,7 +310,7 @@ class VirtualCell:
         while step.verdict is None:
             pair = self.observe()
             for tip in self._seen():
-                sequence.see(tip)
+                sequence.observe_tip(tip)
             fault = self.fault()
             step = sequence.fault(fault, self.now_ns) if fault is not None else sequence.observe(pair)
             self._obey(step.commands)

@@ -140,7 +140,7 @@ def test_what_the_manager_did_comes_out_again(bag: Path) -> None:
 
 
 def test_another_threshold_is_found_and_named(bag: Path) -> None:
-    found = check(bag, NODE, ["-p", "slip_share:=0.9", "-p", "contact_sigma:=9.0"]).divergence
+    found = check(bag, NODE, ["-p", "slip_share:=0.9", "-p", "false_alarm_s:=1e15"]).divergence
     assert found is not None
     assert found.topic.startswith(f"{NODE} step ")
     assert found.recorded != found.replayed

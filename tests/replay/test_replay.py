@@ -59,7 +59,7 @@ def test_the_node_says_what_it_said(bag: str) -> None:
 
 
 def test_another_threshold_is_named_with_step_field_time_and_both_values() -> None:
-    found = changed("grasp_mix_manager", "-p", "contact_floor_n:=0.9").divergence
+    found = changed("grasp_mix_manager", "-p", "min_contact_tension_n:=0.9").divergence
     assert found is not None
     assert found.recorded != found.replayed
     assert SAID.fullmatch(str(found))

@@ -9,7 +9,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from softgrip_cell.grasp.values import Close, Command, Open, Press
+from softgrip_cell.grasp.commands import Close, Command, Open, Press
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
 from softgrip_nodekit import NodeIo, to_time_message

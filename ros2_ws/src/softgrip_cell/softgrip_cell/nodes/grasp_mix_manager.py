@@ -205,7 +205,7 @@ class GraspMixManager(Node):
                 self._grasp.observe_sample(observation)
                 self._swap.observe_sample(observation)
             elif isinstance(observation, SeenTip):
-                self._grasp.see([observation])
+                self._grasp.observe_tip(observation)
                 self._swap.see([observation])
             else:
                 self._grasp.observe(observation)
