@@ -9,17 +9,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from softgrip_driver.commands.common import (
-    DONE,
-    FAILED,
-    add_gauge_options,
-    number,
-    parser,
-    run,
-    stream_settings,
-)
+from softgrip_driver.commands.common import DONE, FAILED, add_line_options, number, parser, run
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.rig.build import make_line_gauge
+from softgrip_driver.rig.build import StreamSettings, make_line_gauge
 from softgrip_driver.rig.gauge_calibration import (
     GaugeCalibration,
     WeighedPoint,
@@ -92,8 +84,9 @@ def work(options: argparse.Namespace) -> int:
     """Weigh, fit, print, write."""
     if not all(weight > 0.0 for weight in options.weights):
         raise ConfigurationError(f"--weights: expected weights above 0 kg, found {options.weights}")
-    # The scale is what is looked for.
-    gauge = make_line_gauge(options.gauge, stream_settings(options))
+    # Its scale is what is looked for.
+    settings = StreamSettings(options.gauge_baud, options.line, request=options.request)
+    gauge = make_line_gauge(options.gauge, settings)
     gauge.open()
     try:
         points = weigh(gauge, [0.0, *options.weights, 0.0], options.readings)
@@ -109,7 +102,8 @@ def work(options: argparse.Namespace) -> int:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser("calibrate_cell", TEXT)
-    add_gauge_options(arguments, required=True)
+    arguments.add_argument("--gauge", required=True, metavar="PORT", help="serial port of the gauge")
+    add_line_options(arguments)
     arguments.add_argument(
         "--weights", type=number(0.0, 100.0), nargs="+", required=True, metavar="KG", help="known weights to hang"
     )

@@ -56,31 +56,27 @@ def add_bus_options(arguments: argparse.ArgumentParser, *, required: bool = True
     )  # fmt: skip
 
 
-def add_gauge_options(arguments: argparse.ArgumentParser, *, required: bool = False) -> None:
-    """Add --gauge and what says how to read it."""
+def add_line_options(arguments: argparse.ArgumentParser) -> None:
+    """Add what says how a gauge that speaks in lines is read."""
     arguments.add_argument(
-        "--gauge", default="", required=required, metavar="PORT", help="serial port of the force gauge"
-    )
-    arguments.add_argument("--gauge-kind", choices=GAUGES, default="gcl2", help="default %(default)s")
+        "--line", default="grams", metavar="FORMAT",
+        help=f"{', '.join(FORMATS)}, or a pattern with a group (?P<value>...), default %(default)s",
+    )  # fmt: skip
     arguments.add_argument(
-        "--line",
-        default="grams",
-        metavar="FORMAT",
-        help=f"of kind stream: {', '.join(FORMATS)}, or a pattern with a group (?P<value>...), default %(default)s",
+        "--gauge-baud", type=number(0, 3_000_000, int), default=0, metavar="BAUD", help="default: the format's own"
     )
     arguments.add_argument(
-        "--gauge-baud",
-        type=number(0, 3_000_000, int),
-        default=0,
-        metavar="BAUD",
-        help="of kind stream, default: the format's own",
+        "--request", default="", metavar="TEXT", help=r"what asks for a line, as SI\r\n, default: the format's own"
     )
+
+
+def add_gauge_options(arguments: argparse.ArgumentParser) -> None:
+    """Add --gauge, its kind, and for one that speaks in lines how it is read and its scale."""
+    arguments.add_argument("--gauge", default="", metavar="PORT", help="serial port of the force gauge")
     arguments.add_argument(
-        "--request",
-        default="",
-        metavar="TEXT",
-        help=r"what asks for a line, such as 'SI\r\n', default: the format's own",
+        "--gauge-kind", choices=GAUGES, default="gcl2", help="stream: it speaks in lines; default %(default)s"
     )
+    add_line_options(arguments)
     scale = arguments.add_mutually_exclusive_group()
     scale.add_argument(
         "--counts-per-newton", type=number(-1e9, 1e9), default=1.0, metavar="N", help="of a format without unit"
