@@ -14,13 +14,11 @@ import pytest
 from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.friction.laws import FrictionLaw, Law
-from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, _Equations
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, Keyframes
 from softgrip_model.gdfe.closing_cache import ClosingCache, ClosingKey
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
-from softgrip_model.gdfe.keyframes import Keyframes
-from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.gdfe.session import ShapeSession
-from softgrip_model.gdfe.solver import State
+from softgrip_model.gdfe.solver import Solver, State
 from softgrip_model.profile import load_directory, shipped_directory
 
 COARSE = ClosingSettings(RESOLUTIONS["coarse"], travel_mm=6.0)
@@ -34,14 +32,21 @@ def profiles():
 
 
 @pytest.fixture
-def ahead():
-    made = KeyframePrefetcher()
+def helped(profiles):
+    session = session_of(profiles, prefetch=True)
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def closings(profiles):
+    made = ClosingCache(profiles)
     yield made
     made.close()
 
 
-def wait_for(ahead):
-    ahead._pool.submit(lambda: None).result(timeout=120.0)
+def wait_for(closings):
+    closings._worker.submit(lambda: None).result(timeout=120.0)
 
 
 def bits(shown):
@@ -60,12 +65,12 @@ def run(session, profile="pinch", start=0):
     return [bits(shown) for shown in reported]
 
 
-def session_of(profiles, ahead=None):
-    return ShapeSession(profiles, {"index": "pinch"}, COARSE, rate_hz=30.0, marker_rate_hz=1.0, ahead=ahead)
+def session_of(profiles, *, prefetch=False):
+    return ShapeSession(profiles, {"index": "pinch"}, COARSE, rate_hz=30.0, marker_rate_hz=1.0, prefetch=prefetch)
 
 
-def test_shapes_say_the_same_with_and_without_it(profiles, ahead):
-    alone, helped = session_of(profiles), session_of(profiles, ahead)
+def test_shapes_say_the_same_with_and_without_it(profiles, helped):
+    alone = session_of(profiles)
     for number, profile in enumerate(("pinch", "hook", "pinch")):
         expected = run(alone, profile, 75 * number)
         assert len(expected) == 75
@@ -75,26 +80,26 @@ def test_shapes_say_the_same_with_and_without_it(profiles, ahead):
 def closings_of(session):
     """Return the complete ones by profile and mesh, in the order in which they were made."""
     made = session._closings._closings.items()
-    return [(requested.profile_id, requested.slot) for requested, once in made if once.get().keyframes.complete]
+    return [(key.profile_id, key.slot) for key, closing in made if closing.result().keyframes.complete]
 
 
-def test_the_mounted_finger_comes_first_and_then_those_that_may_be_next(profiles, ahead):
-    session = session_of(profiles, ahead)
-    wait_for(ahead)
+def test_the_mounted_finger_comes_first_and_then_those_that_may_be_next(profiles, helped):
+    session = helped
+    wait_for(session._closings)
     assert closings_of(session) == []  # a cell whose tendons say nothing has no use for them
     list(session.on_tendons(["thumb"], [TendonInput(0, 0.0, 0.0, 1.0)]))
-    wait_for(ahead)
+    wait_for(session._closings)
     assert closings_of(session) == [("pinch", "index"), ("hook", "index"), ("power", "index")]
-    assert session._fingers["index"].fine.keyframes.asked == 0  # they leave no trace
+    assert session._fingers["index"].fine.keyframes.requested == 0  # they leave no trace
 
 
-def test_what_is_mounted_now_is_worked_on_now(profiles, ahead):
-    session = session_of(profiles, ahead)
+def test_what_is_mounted_now_is_worked_on_now(profiles, helped):
+    session = helped
     session.set_mounted({"index": "hook"})
     list(session.on_tendons(["index"], [TendonInput(0, 0.0, 0.0, 1.0)]))
-    wait_for(ahead)
+    wait_for(session._closings)
     assert closings_of(session)[0] == ("pinch", "index")  # made with the session
-    assert [requested.profile_id for requested in ahead._requested] == ["hook", "pinch", "power"]
+    assert [requested.profile_id for requested in session._closings._prefetched] == ["hook", "pinch", "power"]
 
 
 def test_what_serves_when_time_is_short_is_there_before_the_mesh_asked_for(profiles):
@@ -113,11 +118,10 @@ def test_no_more_than_a_few_fingers_are_made_ready(profiles):
     assert planned == ["hook2", "hook0", "hook1", "hook3", "pinch0", "pinch1", "pinch2"]
 
 
-def test_a_finger_that_cannot_be_made_does_not_keep_the_others_waiting(profiles, ahead):
-    closings = ClosingCache(profiles)
+def test_a_finger_that_cannot_be_made_does_not_keep_the_others_waiting(closings):
     good = ClosingKey("hook", "index", COARSE, None)
-    ahead.want((replace(good, profile_id="claw"), replace(good, slot="tail"), good), closings)
-    wait_for(ahead)
+    closings.prefetch((replace(good, profile_id="claw"), replace(good, slot="tail"), good))
+    wait_for(closings)
     assert closings.get(good).keyframes.complete
 
 
@@ -137,31 +141,36 @@ def test_closings_are_made_once_whoever_asks_and_forgotten_with_their_friction_m
         found = list(pool.map(closings.get, 4 * requested))
     assert made == [("hook", "index")]
     assert len(set(map(id, found))) == 2
-    closings.keep(now)
+    closings.forget_friction_but(now)
     assert closings.get(requested[1]) is found[1]
     assert closings.get(requested[0]) is not found[0]
     assert made == [("hook", "index")]
 
 
-def test_a_new_friction_model_is_what_the_thread_goes_on_with(profiles, ahead):
-    session = session_of(profiles, ahead)
+def test_a_new_friction_model_is_what_the_thread_goes_on_with(profiles, helped):
+    session = helped
     friction = ActiveFriction("rig", FrictionLaw(Law.CAPSTAN, (0.2,), 1.125))
     list(session.on_tendons(["index"], [TendonInput(0, 0.0, 0.0, 1.0)]))
     session.set_friction(friction)
     list(session.on_tendons(["index"], [TendonInput(10**9, 0.0, 0.0, 1.0)]))
-    wait_for(ahead)
+    wait_for(session._closings)
     assert len(closings_of(session)) == len(profiles)
     assert {requested.friction for requested in session._closings._closings} == {friction}
     assert {requested.friction for requested in session._made} == {friction}
 
 
-def test_no_shape_waits_for_what_is_there(profiles, ahead, monkeypatch):
-    session = session_of(profiles, ahead)
+def test_no_shape_waits_for_what_is_there(helped, monkeypatch):
+    session = helped
     list(session.on_tendons(["index"], [TendonInput(0, 0.0, 0.0, 1.0)]))
-    wait_for(ahead)
+    wait_for(session._closings)
     lengths = []
-    solve = _Equations.solve
-    monkeypatch.setattr(_Equations, "solve", lambda self, *given: (lengths.append(given[2]), solve(self, *given))[1])
+    solve = Solver.solve
+
+    def noted(self, **task):
+        lengths.append(task["drives"][0].target)
+        return solve(self, **task)
+
+    monkeypatch.setattr(Solver, "solve", noted)
     list(session.on_tendons(["index"], [TendonInput(10**9, 0.00523, 0.0, 1.0)]))
     assert lengths == [pytest.approx(5.23)]
 
@@ -189,12 +198,12 @@ def chain(solve, travel_mm=6.0):
 
 def test_what_was_computed_ahead_is_not_known_before_it_is_asked_for():
     keyframes = chain(solved_below_4_5_mm)
-    while keyframes.ahead(solved_below_4_5_mm):
+    while keyframes.prefetch(solved_below_4_5_mm):
         pass
     assert keyframes.complete
-    assert (keyframes.asked, keyframes.missing(2.0), keyframes.missing(99.0)) == (0, 6, 11)
+    assert (keyframes.requested, keyframes.missing(2.0), keyframes.missing(99.0)) == (0, 6, 11)
     keyframes.cover(2.0)
-    assert (keyframes.asked, keyframes.reach_mm) == (6, 2.0)
+    assert (keyframes.requested, keyframes.reach_mm) == (6, 2.0)
     assert keyframes.nearest(3.9).displacement[0, 0] == 2.0
     keyframes.cover(99.0)  # beyond what converges
     assert (keyframes.reach_mm, keyframes.missing(5.0), keyframes.within_reach(5.0)) == (4.0, 0, False)
@@ -216,7 +225,7 @@ def test_two_threads_compute_each_keyframe_once_and_the_shape_does_not_wait_for_
 
     keyframes = chain(own)
     keyframes.cover(1.0)
-    worker = threading.Thread(target=lambda: [keyframes.ahead(slow) for _ in range(9)])
+    worker = threading.Thread(target=lambda: [keyframes.prefetch(slow) for _ in range(9)])
     worker.start()
     assert begun.wait(timeout=30.0)
     # at work on the one at 2 mm: what is known already is at hand, the halfway one to it can wait
@@ -243,18 +252,17 @@ def test_a_solver_that_fails_ahead_leaves_the_chain_to_the_shape_that_needs_it()
 
     keyframes = chain(solved)
     with pytest.raises(MemoryError):
-        keyframes.ahead(broken)
+        keyframes.prefetch(broken)
     keyframes.cover(6.0)
     assert keyframes.reach_mm == 6.0
 
 
 def test_closing_ends_with_the_keyframe_at_hand(profiles):
-    ahead = KeyframePrefetcher()
     closings, requested = ClosingCache(profiles), ClosingKey("hook", "index", ClosingSettings(), None)
-    ahead.want((requested,), closings)
-    ahead.close()
+    closings.prefetch((requested,))
+    closings.close()
     assert not closings.get(requested).keyframes.complete
-    assert not any(thread.name.startswith("keyframes") and thread.is_alive() for thread in ahead._pool._threads)
+    assert not any(thread.name.startswith("keyframes") and thread.is_alive() for thread in closings._worker._threads)
 
 
 def test_a_friction_model_that_is_replaced_takes_its_keyframes_along(profiles):
@@ -265,7 +273,7 @@ def test_a_friction_model_that_is_replaced_takes_its_keyframes_along(profiles):
     gone = weakref.ref(closing.keyframes)
     gc.disable()
     try:
-        closings.keep(ActiveFriction("rig", FrictionLaw(Law.CAPSTAN, (0.2,), 1.125)))
+        closings.forget_friction_but(ActiveFriction("rig", FrictionLaw(Law.CAPSTAN, (0.2,), 1.125)))
         del closing
         assert gone() is None
     finally:
