@@ -2,7 +2,10 @@
 # One command each; `make help` lists them.
 SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.12 || command -v python3.11 || command -v python3)
-VENV := .venv
+# LOCK=oldest: the versions that Ubuntu 24.04 has, in an environment of their own
+LOCK ?= newest
+VENV := $(if $(filter oldest,$(LOCK)),.venv-oldest,.venv)
+REQUIREMENTS := $(if $(filter oldest,$(LOCK)),requirements-oldest.lock,requirements.lock)
 BIN := $(VENV)/bin
 SRC := ros2_ws/src
 TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
@@ -22,8 +25,8 @@ help:  ## this list
 
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
-$(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
-	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
+$(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
+	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -59,7 +62,7 @@ cell: setup  ## the emulated cell, until Ctrl-C
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup lint  ## lint, then every test
+test: setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
@@ -115,9 +118,10 @@ bench: setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl an
 docs: setup  ## write the documents that scripts make
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 
-lock:  ## write the two locks anew, with the hash of every file that may be installed
+lock:  ## write the locks again, with the hash of every file that may be installed
 	$(BIN)/python -m pip install -q uv
 	$(UV_LOCK) requirements.in -o requirements.lock
+	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
 	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json

@@ -26,6 +26,8 @@ KEYS = {
     "mcap": "python3-mcap-pip",
     "meshio": "python3-meshio",
     "pyarrow": "python3-pyarrow-pip",
+    "duckdb": "python3-duckdb-pip",
+    "fsspec": "python3-fsspec",
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numpy": "python3-numpy",

@@ -14,7 +14,8 @@ from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
+from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage, stream_settings
+from softgrip_driver.rig.grbl import StageStart
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
@@ -65,11 +66,17 @@ WATCHDOG_PERIODS = 2.0
 
 @dataclass(frozen=True)
 class TendonGaugeSettings:
-    """The force gauge in a stage's tendon: kind (of GAUGES), port, and how to read a streaming one."""
+    """The force gauge in a stage's tendon.
+
+    Attributes:
+        kind: of GAUGES. port: serial. stream: how to read one that speaks in lines.
+        proof: [N] that a hand must pull before anything is wound in; 0 = none.
+    """
 
     kind: str
     port: str
     stream: StreamSettings
+    proof: float
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,7 @@ class DriverConfiguration:
         servos: one for each tendon; none with a stage.
         spools: by tendon.
         gauge: in the tendon of a stage; None with servos.
+        stage_start: what to do where a stage is locked when it is opened.
         limits: by tendon.
         grippers: by tendon, the gripper it belongs to.
         policies: of the whole gripper.
@@ -99,6 +107,7 @@ class DriverConfiguration:
     servos: tuple[ServoConfiguration, ...]
     spools: Mapping[str, Spool]
     gauge: TendonGaugeSettings | None
+    stage_start: StageStart
     limits: Mapping[str, TendonLimits]
     grippers: Mapping[str, str]
     policies: Policies
@@ -116,9 +125,9 @@ class DriverConfiguration:
         """Return the backend, not connected; ``report`` is told what it is about to change in a device for good."""
         if self.gauge is not None:
             ((tendon, limits),) = self.limits.items()
-            stage = make_stage(self.kind, self.port, self.reply_margin)
+            stage = make_stage(self.kind, self.port, self.reply_margin, self.stage_start)
             gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
-            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed)
+            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof)
         bus = Bus(self.port, self.baud, self.reply_margin)
         return DynamixelBackend(
             bus,
@@ -165,6 +174,7 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         servos=_servos(values, tendons, spools, limits) if on_bus else (),
         spools=dict(zip(tendons, spools, strict=True)),
         gauge=None if on_bus else _gauge(values, tendons),
+        stage_start=StageStart(values["stage_start"]),
         limits=dict.fromkeys(tendons, limits),
         grippers=dict(zip(tendons, _per_tendon(values, "grippers", tendons), strict=True)),
         policies=Policies(
@@ -214,8 +224,7 @@ def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> TendonGaugeSett
         raise ConfigurationError(
             f"parameter loop_rate: expected at most {STAGE_RATES[kind]:g} Hz with backend '{kind}', found {rate:g}"
         )
-    stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
-    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream)
+    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream_settings(values), values["gauge_proof_n"])
 
 
 def _servos(

@@ -198,7 +198,7 @@ class StageBench(RunningLoop):
         stall_time=1.0, break_confirm=0.08,
     )  # fmt: skip
 
-    def __init__(self, folder: Path, world, stage: str, gauge: str) -> None:
+    def __init__(self, folder: Path, world, stage: str, gauge: str, proof: float = 0.0) -> None:
         self.world, self.undo = world, []
         limits = replace(self.LIMITS, no_reply=0.05 if world.quiet else 0.3)
         self.plant = SpringPlant(RigTruth.from_seed(1))
@@ -211,6 +211,7 @@ class StageBench(RunningLoop):
             make_stage(stage, str(folder / "stand"), reply),
             make_gauge("gcl2" if gauge == "gcl2" else "stream", str(folder / "gauge"), stream, reply),
             1.2 * limits.speed,
+            proof,
         )
         rate = STAGE_RATES[stage]
         self.safety = Safety(SafetyStore(folder / "safety.yaml"))

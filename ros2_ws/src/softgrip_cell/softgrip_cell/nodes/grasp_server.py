@@ -50,7 +50,7 @@ class GraspServer:
         self._sample: TendonSample | None = None
         self._is_active = False
         self._step = GraspStep(GraspPhase.DONE)
-        node_io.action_server(Grasp, "cell/grasp", self._execute, self._cancel)
+        node_io.create_action_server(Grasp, "cell/grasp", self._execute, self._cancel)
 
     @property
     def phase(self) -> GraspPhase | None:
@@ -110,7 +110,7 @@ class GraspServer:
         self._done = Future()
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
-        verdict: GraspVerdict = await self._node_io.resumed("grasp", self._done)
+        verdict: GraspVerdict = await self._node_io.wait_for("grasp", self._done)
         self._is_active = False
         duration_s = self._host.now_s() - started_s
         if goal_handle.is_cancel_requested:
@@ -121,14 +121,14 @@ class GraspServer:
             goal_handle.succeed()
         result = convert.grasp_result(verdict, self._sample, duration_s)
         # After the result has gone out: writing to disk must not delay it.
-        self._node_io.later(self._host.end_grasp, task, verdict, duration_s)
+        self._node_io.create_task(self._host.end_grasp, task, verdict, duration_s)
         return result
 
     async def _owned(self, goal_handle: Any) -> str:
         """Become the owner of the tendons; returns why not."""
         owned = Future()
         self._driver.lease.acquire(owned.set_result)
-        denied: str = await self._node_io.resumed("lease", owned)
+        denied: str = await self._node_io.wait_for("lease", owned)
         if goal_handle.is_cancel_requested:
             return "cancelled by the client before anything moved"
         return f"refused: {denied}" if denied else ""
@@ -141,7 +141,7 @@ class GraspServer:
         return convert.grasp_result(GraspVerdict(GraspOutcome.ABORTED, reason, 0.0), self._sample, 0.0)
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node_io.later(self.abort, "cancelled by the client; the fingers stay where they are")
+        self._node_io.create_task(self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
     def _do(self, step: GraspStep) -> None:

@@ -11,7 +11,7 @@ from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.nodes.driver_link import MotionLimits
 from softgrip_cell.storage import SHIPPED_URL
 from softgrip_cell.swap.check import CheckSettings
-from softgrip_nodekit import Parameter, ParameterTable
+from softgrip_nodekit import Parameter, ParameterTable, lateness_parameter
 
 _GRASP = GraspSettings()
 _CHECK = CheckSettings()
@@ -70,6 +70,7 @@ PARAMETERS = ParameterTable(
         former="witness_m",
     ),
     Parameter("stale_s", _GRASP.stale_s, "longest run of samples without a prediction in a grasp", "s", 0.02, 5.0),
+    lateness_parameter(0.05),
     Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
     Parameter("check_length_m", _CHECK.length_m, "pulled length of the check after a swap", "m", 0.005, 0.060),

@@ -94,7 +94,7 @@ class SwapServer:
     """One swap at a time.
 
     Args:
-        doors: the node's way to others.
+        node_io: the node's way to others.
         host: the cell.
         driver: moves the tendons.
         lock: of the drives.
@@ -134,8 +134,8 @@ class SwapServer:
         self._lock_stands = False  # the driver has said so since it was taken, or since safety/state said otherwise
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
-        node_io.action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
-        node_io.service(ConfirmStep, "cell/confirm_step", self._confirm)
+        node_io.create_action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
+        node_io.create_service(ConfirmStep, "cell/confirm_step", self._confirm)
 
     @property
     def active(self) -> bool:
@@ -392,14 +392,14 @@ class SwapServer:
             self._driver.release(give_back)
         else:
             give_back()
-        await self._node_io.resumed("swap", done)
+        await self._node_io.wait_for("swap", done)
         self._given_back = None
 
     async def _wait(self, future: Future) -> Any:
         """Wait for what resolves the future, or for whoever interrupts the swap."""
         if self._ended is None:
             self._waiting = future
-            result = await self._node_io.resumed("swap", future)
+            result = await self._node_io.wait_for("swap", future)
         if self._ended is not None:
             raise self._ended
         return result
@@ -462,7 +462,7 @@ class SwapServer:
         return "the drives are being unlocked; run cell/swap before any grasp"
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node_io.later(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
+        self._node_io.create_task(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
         return CancelResponse.ACCEPT
 
 

@@ -12,13 +12,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_driver.commands.common import DONE, add_bus_options, number, parser, run
+from softgrip_driver.commands.common import (
+    DONE,
+    add_bus_options,
+    add_gauge_options,
+    number,
+    parser,
+    run,
+    stream_settings,
+)
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.errors import ConfigurationError, NoReplyError
-from softgrip_driver.rig.build import GAUGES, StreamSettings, make_gauge
+from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
@@ -150,7 +158,7 @@ def _measured(options: argparse.Namespace) -> list[TensionSample]:
     servo = ServoConfiguration("tendon", options.id, model, Spool(options.radius, options.direction), torque)
     bus = Bus(options.port, options.baud, options.reply_margin)
     backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
-    gauge = make_gauge(options.gauge_kind, options.gauge, StreamSettings())
+    gauge = make_gauge(options.gauge_kind, options.gauge, stream_settings(options))
     gauge.open()
     try:
         backend.connect()
@@ -195,8 +203,7 @@ def main(args: Sequence[str] | None = None) -> int:
         "--radius", type=number(1e-3, 0.1), default=0.010, metavar="M", help="spool radius, default %(default)s m"
     )
     arguments.add_argument("--direction", type=int, choices=(-1, 1), default=1, help="+1: positive rotation pulls")
-    arguments.add_argument("--gauge", default="", metavar="PORT", help="serial port of the force gauge")
-    arguments.add_argument("--gauge-kind", choices=GAUGES, default="gcl2", help="default %(default)s")
+    add_gauge_options(arguments)
     arguments.add_argument(
         "--tension", type=number(0.1, 500.0), default=15.0, metavar="N", help="turn round at, default %(default)s N"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bench commands share: options of the bus, exit codes, reports of errors."""
+"""What the bench commands share: options of bus and gauge, exit codes, reports of errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from softgrip_driver.dynamixel.registers import BAUD_CODES
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import ConfigurationError, DriverError
+from softgrip_driver.rig.build import GAUGES, StreamSettings
+from softgrip_driver.rig.line_format import FORMATS
 
 #: exit codes
 DONE, FAILED = 0, 1
@@ -52,6 +54,51 @@ def add_bus_options(arguments: argparse.ArgumentParser, *, required: bool = True
         "--reply-margin", type=number(5e-4, 1.0), default=0.02, metavar="S",
         help="time for a reply beyond that of its bytes, default %(default)s s",
     )  # fmt: skip
+
+
+def add_gauge_options(arguments: argparse.ArgumentParser, *, required: bool = False) -> None:
+    """Add --gauge and what says how to read it."""
+    arguments.add_argument(
+        "--gauge", default="", required=required, metavar="PORT", help="serial port of the force gauge"
+    )
+    arguments.add_argument("--gauge-kind", choices=GAUGES, default="gcl2", help="default %(default)s")
+    arguments.add_argument(
+        "--line",
+        default="grams",
+        metavar="FORMAT",
+        help=f"of kind stream: {', '.join(FORMATS)}, or a pattern with a group (?P<value>...), default %(default)s",
+    )
+    arguments.add_argument(
+        "--gauge-baud",
+        type=number(0, 3_000_000, int),
+        default=0,
+        metavar="BAUD",
+        help="of kind stream, default: the format's own",
+    )
+    arguments.add_argument(
+        "--request",
+        default="",
+        metavar="TEXT",
+        help=r"what asks for a line, such as 'SI\r\n', default: the format's own",
+    )
+    scale = arguments.add_mutually_exclusive_group()
+    scale.add_argument(
+        "--counts-per-newton", type=number(-1e9, 1e9), default=1.0, metavar="N", help="of a format without unit"
+    )
+    scale.add_argument("--gauge-calibration", default="", metavar="FILE", help="of calibrate_cell")
+
+
+def stream_settings(options: argparse.Namespace) -> StreamSettings:
+    """Return what the options of `add_gauge_options` say of a gauge that speaks in lines.
+
+    Raises:
+        ConfigurationError: a scale of zero.
+    """
+    if options.counts_per_newton == 0.0:
+        raise ConfigurationError("--counts-per-newton: expected another number than 0; calibrate_cell finds it")
+    return StreamSettings(
+        options.gauge_baud, options.line, options.counts_per_newton, options.request, options.gauge_calibration
+    )
 
 
 def run(

@@ -7,6 +7,7 @@ from dataclasses import fields
 
 from softgrip_driver.configuration import BACKENDS, LIMIT_PARAMETERS
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
+from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.build import GAUGES
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_nodekit import Parameter, ParameterTable, Rank, realtime_parameter
@@ -51,13 +52,18 @@ PARAMETERS = ParameterTable(
     Parameter(
         "reply_margin_s", 0.004, "for a reply beyond the time its bytes need; for a stage's whole one", "s", 0.0005, 1.0
     ),
+    stage_start_parameter(),
     Parameter("gauge", "gcl2", "kind of the force gauge on a stage", choices=GAUGES),
     Parameter("gauge_port", "", "serial port of the gauge; needed with a stage only"),
-    Parameter("stream_baud", 115200, "of a streaming gauge", "1/s", 1200, 3000000),
+    *STREAM_PARAMETERS,
     Parameter(
-        "stream_line", "grams", "of a streaming gauge: raw, time_raw, grams, newtons, openscale, scale or a pattern"
+        "gauge_proof_n",
+        2.0,
+        "of a stage's gauge: before anything is wound in, a hand pulls the tendon until it shows so much more; 0 = off",
+        "N",
+        0.0,
+        50.0,
     ),
-    Parameter("counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; sign: that of pulling", "1/N"),
     Parameter("loop_rate", 100.0, "of the control loop; a stage takes 10 to 20", "Hz", 2.0, 500.0),
     realtime_parameter(Rank.DRIVES),
     Parameter("bus_watchdog_s", 0.08, "silence after which a servo stops by itself; 0 = off", "s", 0.0, 2.54),

@@ -34,7 +34,18 @@ from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.nodes import convert
 from softgrip_model.profile import Profile, ProfileError, load_directory
-from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+from softgrip_nodekit import (
+    LATCHED,
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    StampedInputs,
+    StartupError,
+    lateness_parameter,
+    run,
+)
 
 _SETTINGS = ClosingSettings()
 
@@ -48,6 +59,7 @@ PARAMETERS = ParameterTable(
         "resolution", "fine", "mesh: coarse is about 430 hexahedra, fine about 2,100", "", choices=tuple(RESOLUTIONS)
     ),
     Parameter("tolerance", _SETTINGS.tolerance, "out-of-balance force relative to reactions", "", 1e-8, 1e-2),
+    lateness_parameter(0.2),
     Parameter("travel_m", 1e-3 * _SETTINGS.travel_mm, "longest pulled length shown", "m", 0.001, 0.1),
 )
 
@@ -76,6 +88,7 @@ class GdfeSimulator(Node):
         values = PARAMETERS.declare(self)
         self._session = self._start(values)
         self._diagnostics = Diagnostics(self)
+        self._inputs = StampedInputs(self, "tendon/state", values["allowed_lateness_s"], self._diagnostics)
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
         self._markers = self.create_publisher(Marker, "shape/marker", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
@@ -113,6 +126,7 @@ class GdfeSimulator(Node):
         self._session.close()
 
     def _on_tendons(self, message: JointState) -> None:
+        self._inputs.drive(message)
         try:
             names, samples = convert.tendon_samples(message)
         except FingerError as error:
@@ -129,6 +143,9 @@ class GdfeSimulator(Node):
             self._report(f"finger {shown.finger}", health, text, values)
 
     def _on_friction(self, message: FrictionModel) -> None:
+        self._inputs.latch("friction/active", message, lambda: self._use_friction(message))
+
+    def _use_friction(self, message: FrictionModel) -> None:
         try:
             self._session.set_friction(convert.active_friction(message))
         except (GdfeError, FingerError, FrictionError) as error:
@@ -139,6 +156,9 @@ class GdfeSimulator(Node):
         self.get_logger().info(f"friction model {self._session.friction_id}")
 
     def _on_cell(self, message: CellState) -> None:
+        self._inputs.latch("cell/state", message, lambda: self._use_cell(message))
+
+    def _use_cell(self, message: CellState) -> None:
         try:
             self._session.set_mounted(convert.mounted_profiles(message))
         except (GdfeError, FingerError, ProfileError) as error:
