@@ -10,9 +10,9 @@
 #include <stdexcept>
 #include <vector>
 
-#include "bank.hpp"
-#include "grasp.hpp"
-#include "motor.hpp"
+#include "softgrip/plant/bank.hpp"
+#include "softgrip/plant/grasp.hpp"
+#include "softgrip/plant/motor.hpp"
 
 namespace py = pybind11;
 using namespace softgrip::plant;
@@ -137,13 +137,20 @@ py::tuple chain(const FingerBank& bank, const Array& q) {
 
 Ratings ratings_of(const py::object& ratings) {
   const auto value = [&](const char* name) { return ratings.attr(name).cast<double>(); };
-  return {value("resistance_ohm"),   value("back_emf_vs_per_rad"), value("torque_constant_nm_per_a"),
-          value("inertia_kgm2"),     value("gear_viscous_nms"),    value("gear_friction_nm"),
-          value("thermal_resistance_k_per_w"), value("heat_capacity_j_per_k"),
-          value("winding_to_case_k_per_w"), value("winding_capacity_j_per_k")};
+  return {value("resistance_ohm"),
+          value("back_emf_vs_per_rad"),
+          value("torque_constant_nm_per_a"),
+          value("inertia_kgm2"),
+          value("gear_viscous_nms"),
+          value("gear_friction_nm"),
+          value("thermal_resistance_k_per_w"),
+          value("heat_capacity_j_per_k"),
+          value("winding_to_case_k_per_w"),
+          value("winding_capacity_j_per_k")};
 }
 
-std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m, double palm_m) {
+std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m,
+                                  double palm_m) {
   std::vector<SlotPlace> slots;
   for (const auto& place : places) {
     if (place.size() != 5) throw std::invalid_argument("place: expected along, out, side, rest angle, across");
@@ -154,9 +161,14 @@ std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places
 
 void place_product(Grasp& grasp, const py::object& item, double along_m, double out_m) {
   const auto value = [&](const char* name) { return item.attr(name).cast<double>(); };
-  const Product product{value("width_m"),  value("height_m"), value("length_m"),
-                        value("corner_m"), item.attr("round_in_length").cast<bool>(),
-                        value("mass_kg"),  value("friction"), value("stiffness_n_per_m"),
+  const Product product{value("width_m"),
+                        value("height_m"),
+                        value("length_m"),
+                        value("corner_m"),
+                        item.attr("round_in_length").cast<bool>(),
+                        value("mass_kg"),
+                        value("friction"),
+                        value("stiffness_n_per_m"),
                         value("crush_n")};
   grasp.place(product, along_m, out_m);
 }
@@ -230,14 +242,14 @@ void bind_grasp(py::module_& module) {
       .def_property_readonly("slipped", &Grasp::slipped)
       .def_property_readonly("crushed", &Grasp::crushed)
       .def_property_readonly("palm_push_n", &Grasp::palm_push_n)
-      .def_property_readonly("centre_m", [](const Grasp& grasp) {
-        return py::make_tuple(grasp.centre_m().x(), grasp.centre_m().y());
-      })
+      .def_property_readonly(
+          "centre_m", [](const Grasp& grasp) { return py::make_tuple(grasp.centre_m().x(), grasp.centre_m().y()); })
       .def_readwrite("lifts_itself", &Grasp::lifts_itself)
-      .def("on_fingers_n", [](const py::object& self) {
-        auto& grasp = self.cast<Grasp&>();
-        return view(grasp.on_fingers_n, {py::ssize_t(grasp.forces_n.size()), 2}, self);
-      })
+      .def("on_fingers_n",
+           [](const py::object& self) {
+             auto& grasp = self.cast<Grasp&>();
+             return view(grasp.on_fingers_n, {py::ssize_t(grasp.forces_n.size()), 2}, self);
+           })
       .def("forces_n", [](const py::object& self) {
         auto& forces_n = self.cast<Grasp&>().forces_n;
         return view(forces_n, {py::ssize_t(forces_n.size())}, self);

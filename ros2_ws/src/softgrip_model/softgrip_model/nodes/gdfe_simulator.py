@@ -31,7 +31,6 @@ from softgrip_model.friction.errors import FrictionError
 from softgrip_model.gdfe.closing import ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
-from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.nodes import convert
 from softgrip_model.profile import Profile, ProfileError, load_directory
@@ -87,8 +86,7 @@ class GdfeSimulator(Node):
     def __init__(self) -> None:
         super().__init__("gdfe_simulator")
         values = PARAMETERS.declare(self)
-        self._ahead = KeyframePrefetcher()
-        self._session = self._start(values, self._ahead)
+        self._session = self._start(values)
         self._diagnostics = Diagnostics(self)
         self._inputs = StampedInputs(self, "tendon/state", values["allowed_lateness_s"], self._diagnostics)
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
@@ -101,7 +99,7 @@ class GdfeSimulator(Node):
         self.get_logger().info(f"simulating {self._session.mounted}: {self._session.description}")
 
     @staticmethod
-    def _start(values: dict[str, Any], ahead: KeyframePrefetcher) -> ShapeSession:
+    def _start(values: dict[str, Any]) -> ShapeSession:
         fingers, profiles = values["fingers"], values["profiles"]
         each = profiles * len(fingers) if len(profiles) == 1 else profiles
         if len(each) != len(fingers):
@@ -118,14 +116,14 @@ class GdfeSimulator(Node):
                 settings,
                 rate_hz=values["rate_hz"],
                 marker_rate_hz=values["marker_rate_hz"],
-                ahead=ahead,
+                prefetch=True,
             )
         except (GdfeError, FingerError, ProfileError) as error:
             raise StartupError(str(error)) from error
 
     def close(self) -> None:
-        """Let the thread of the keyframes end."""
-        self._ahead.close()
+        """End the worker of the keyframes."""
+        self._session.close()
 
     def _on_tendons(self, message: JointState) -> None:
         self._inputs.drive(message)
