@@ -53,6 +53,7 @@ _ERRORS = {
     "15": "the target lies beyond its soft limits",
     "16": "the jog command was not understood",
     "22": "no feed rate",
+    "46": "grblHAL wants it homed ($22 has the bit 4): set stage_start to home",
 }
 
 
@@ -226,8 +227,9 @@ class GrblStage:
     def _ask_lines(self, command: bytes) -> list[bytes]:
         """Return the lines of an answer that ends with ok."""
         # An empty line ends what noise may have begun in its buffer; it is answered, too (protocol.c).
+        self._port.drain()
         self._port.write(b"\n")
-        self._port.drain(_BANNER_QUIET_TIME)
+        self._answer(b"ok", b"error:")
         self._port.write(command + b"\n")
         lines, end = [], time.monotonic() + _SETTINGS_TIME
         while (line := self._port.read_line(max(end - time.monotonic(), 0.0))) != b"ok":
