@@ -25,7 +25,7 @@ $(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(
 	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
 	@touch $@
 
-parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 450 MB
+parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
 
 $(VENV)/.parts: requirements-parts.lock | setup
 	@echo "== solid modelling (build123d, an extra)"
