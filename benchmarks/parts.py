@@ -53,7 +53,7 @@ def random_designs(count: int) -> Iterator[FingerDesign]:
             routing_radii_m=tuple(rng.uniform(0.005, 0.013, 6).round(6).tolist()),
             joint_lengths_m=tuple(rng.uniform(0.006, 0.012, 3).round(6).tolist()),
             openings_rad=tuple(rng.uniform(math.radians(80.0), math.radians(90.0), 3).tolist()),
-            width_m=float(rng.uniform(0.012, 0.016).round(6)),
+            width_m=round(float(rng.uniform(0.012, 0.016)), 6),
         )
         yield design
         count -= 1
