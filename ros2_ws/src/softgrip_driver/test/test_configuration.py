@@ -81,11 +81,11 @@ def test_the_strongest_servo_may_get_as_warm_as_it_can_stand():
 
 def test_limits_that_a_model_can_not_keep_are_refused_with_the_values_that_it_can():
     """What failed: homing on two of three tendons, and a false slack at the speed that an XL330 takes."""
-    least = (
+    minima = (
         r"XM430-W350 on a spool of 10 mm: .*homing_tension_n of at least 5 N, found 1.5; loop_rate of at least 200 Hz"
     )
-    most = r".*speed_m_s of at most 0.03 m/s, found 0.05; acceleration_m_s2 of at most 0.05"
-    with pytest.raises(ConfigurationError, match=least + most):
+    maxima = r".*speed_m_s of at most 0.03 m/s, found 0.05; acceleration_m_s2 of at most 0.05"
+    with pytest.raises(ConfigurationError, match=minima + maxima):
         configured(servo_models=["XM430-W350"])
     with pytest.raises(ConfigurationError, match=r"speed_m_s of at most 0.03 m/s, found 0.05"):
         configured(servo_models=["XC330-M288"])
