@@ -8,7 +8,6 @@ throws all away when one is missing, and the error bytes always); a port that ca
 
 from __future__ import annotations
 
-import statistics
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -34,7 +33,7 @@ _PING_BYTES = 3
 #: reads of the measured items, from Realtime Tick to Present Temperature, that tell whether two servos answer at once
 SHARED_READS, SHARED_BYTES = 5, 27
 _MEASURED = (120).to_bytes(2, "little") + SHARED_BYTES.to_bytes(2, "little")
-#: pings of which the median counts, and [s] that each may take
+#: pings that measure the adapter, and [s] that each may take
 TURNAROUND_PINGS = 5
 TURNAROUND_LIMIT_S = 0.1
 _ID_AT, _LENGTH_AT, _ERROR_AT, _DATA_AT = 4, 5, 8, 9
@@ -93,10 +92,13 @@ class Bus:
         return int.from_bytes(reply.data[:2], "little"), reply.data[2]
 
     def turnaround(self, servo_id: int) -> float:
-        """Return how long [s] a servo's replies take beyond the time of their bytes: the median of some pings.
+        """Return how long [s] a servo's replies take beyond the time of their bytes, on an idle computer.
+
+        Each ping begins as the one before was answered, which is when the timer of an adapter starts anew: all but the
+        first take as long as it lasts. A busy computer makes some of them late, so the soonest counts.
 
         Raises:
-            NoReplyError, CorruptReplyError: of the last one, where fewer than half were answered.
+            NoReplyError, CorruptReplyError: of the last one, where fewer than two were answered.
         """
         waits: list[float] = []
         failure: DriverError | None = None
@@ -109,10 +111,10 @@ class Bus:
                 failure = error
             else:
                 waits.append(time.monotonic() - began)
-        if failure is not None and 2 * len(waits) < TURNAROUND_PINGS:
+        if failure is not None and len(waits) < 2:
             raise failure
         wire = (_INSTRUCTION_OVERHEAD + _STATUS_OVERHEAD + _PING_BYTES) * BITS_PER_BYTE / self.port.baudrate
-        return max(0.0, statistics.median(waits) - wire)
+        return max(0.0, min(waits[1:]) - wire)
 
     def broadcast_ping(self, wait: float = 0.3) -> dict[int, tuple[int, int]]:
         """Return {ID: (model number, firmware)} of every servo that answers within ``wait`` [s]."""
