@@ -141,6 +141,7 @@ class GrblStage:
     def unlock(self) -> None:
         """Leave an alarm ($X)."""
         try:
+            self._begin_line()
             self._command("$X")
         except NoReplyError:
             # After a limit was hit it hears nothing but a reset, so that nobody goes on by mistake (protocol.c).
@@ -154,7 +155,11 @@ class GrblStage:
         Raises:
             RefusedError: it has none ($22=0), or did not find them.
         """
-        self._command("$H", HOMING_TIMEOUT_S)
+        self._begin_line()
+        try:
+            self._command("$H", HOMING_TIMEOUT_S)
+        except DeviceRefusedError as error:
+            raise DeviceRefusedError(f"GRBL: expected it to find its switches: {error}", error.code) from error
 
     def close(self) -> None:
         """Stop and disconnect."""
@@ -224,12 +229,18 @@ class GrblStage:
             warnings.append("$22=0: it does not know where its axis ends")
         return tuple(warnings)
 
-    def _ask_lines(self, command: bytes) -> list[bytes]:
-        """Return the lines of an answer that ends with ok."""
-        # An empty line ends what noise may have begun in its buffer; it is answered, too (protocol.c).
+    def _begin_line(self) -> None:
+        """End what noise may have begun in its line buffer: an empty line is answered, too (protocol.c).
+
+        grblHAL has something of a cancelled jog (0x85) left there while it is locked.
+        """
         self._port.drain()
         self._port.write(b"\n")
         self._answer(b"ok", b"error:")
+
+    def _ask_lines(self, command: bytes) -> list[bytes]:
+        """Return the lines of an answer that ends with ok."""
+        self._begin_line()
         self._port.write(command + b"\n")
         lines, end = [], time.monotonic() + _SETTINGS_TIME
         while (line := self._port.read_line(max(end - time.monotonic(), 0.0))) != b"ok":
