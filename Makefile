@@ -2,27 +2,31 @@
 # One command each; `make help` lists them.
 SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.12 || command -v python3.11 || command -v python3)
-VENV := .venv
+# LOCK=oldest: the versions that Ubuntu 24.04 has, in an environment of their own
+LOCK ?= newest
+VENV := $(if $(filter oldest,$(LOCK)),.venv-oldest,.venv)
+REQUIREMENTS := $(if $(filter oldest,$(LOCK)),requirements-oldest.lock,requirements.lock)
 BIN := $(VENV)/bin
 SRC := ros2_ws/src
-TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
+TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
 UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --generate-hashes
 SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
 CORES := softgrip_model softgrip_emulator softgrip_vision
+CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup parts-setup cores model plant tracker demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys test-ros2 clean
+.PHONY: help setup parts-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
-$(STAMP): requirements.lock requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
-	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup.sh
+$(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
+	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
 	@touch $@
 
 parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
@@ -43,9 +47,17 @@ core-of-%:
 
 # set-up has built the cores as they were then
 .SECONDEXPANSION:
-$(VENV)/.core-of-%: $$(shell find $(SRC)/$$*/src $(SRC)/$$*/CMakeLists.txt -type f) | $(STAMP)
+$(VENV)/.core-of-%: $$(shell find $(SRC)/$$*/src $(SRC)/$$*/include $(SRC)/$$*/CMakeLists.txt $(SRC)/softgrip_cmake/cmake -type f) | $(STAMP)
 	@if [ -e $@ ]; then echo "== the C++ of $* has changed"; $(MAKE) core-of-$*; fi
 	@touch $@
+
+# unit tests of the C++ cores: built apart from the cores, without Python
+cpp-tests: setup $(addprefix cpp-tests-of-,softgrip_model softgrip_emulator)  ## unit tests of the C++ cores
+
+cpp-tests-of-%: | $(STAMP)
+	@$(WITH_VENV) cmake -S $(SRC)/$* -B $(OUT)/cpp/$* -G Ninja -DSOFTGRIP_TESTS_ONLY=ON >/dev/null
+	@$(WITH_VENV) cmake --build $(OUT)/cpp/$*
+	@$(WITH_VENV) ctest --test-dir $(OUT)/cpp/$* --output-on-failure
 
 demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="camera_fps:=30.0"
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED) $(ARGS)
@@ -57,15 +69,27 @@ cell: setup  ## the emulated cell, until Ctrl-C
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup parts-setup lint  ## lint, then every test
+test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
 
-lint: setup  ## ruff and mypy, strict
+lint: setup  ## ruff and mypy, strict; clang-format
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run --Werror $(CPP)
 	$(BIN)/python tools/vocabulary.py
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
+
+format: setup  ## format Python and C++
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(CPP)
+
+tidy: setup  ## clang-tidy on the C++ cores; some minutes
+	for package in $(CORES); do \
+	  $(WITH_VENV) cmake -S $(SRC)/$$package -B $(OUT)/tidy/$$package -G Ninja -DSOFTGRIP_TESTS_ONLY=ON -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >/dev/null && \
+	  $(BIN)/run-clang-tidy.py -quiet -p $(OUT)/tidy/$$package -clang-tidy-binary $(BIN)/clang-tidy || exit 1; \
+	done
 
 clean:  ## remove what was built
 	rm -rf out build $(SRC)/*/build .mypy_cache .ruff_cache
@@ -101,9 +125,10 @@ bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/be
 docs: setup parts-setup  ## write the documents that scripts make
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 
-lock:  ## write the three locks anew, with the hash of every file that may be installed
+lock:  ## write the locks again, with the hash of every file that may be installed
 	$(BIN)/python -m pip install -q uv
 	$(UV_LOCK) requirements.in -o requirements.lock
+	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
 	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
 	$(UV_LOCK) --no-deps requirements-parts.in -o requirements-parts.lock
 
@@ -118,6 +143,14 @@ KEYS ?= $(HOME)/.softgrip/keys
 
 keys: setup  ## the cell's keys, where there are none, for secure:=true; KEYS=folder ARGS="--rotate"
 	@$(WITH_VENV) ros2 run softgrip_security keys $(KEYS) $(ARGS)
+
+UDEV_RULES := /etc/udev/rules.d
+SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
+
+udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency of USB adapters, rights
+	$(SUDO) install -D -m 644 $(SRC)/softgrip_driver/udev/60-softgrip.rules $(UDEV_RULES)/60-softgrip.rules
+	@if udevadm control --ping 2>/dev/null; then $(SUDO) udevadm control --reload && $(SUDO) udevadm trigger; \
+	else echo "udev does not run here: plug the adapters in again once it does"; fi
 
 test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, then the tests of all packages and of tests/ on the real rclpy
 	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }

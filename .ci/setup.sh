@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Sets the suite up on a fresh Debian 12 or Ubuntu 24.04; `make setup` calls it with PYTHON and VENV set.
+# Sets the suite up on a fresh Debian 12 or Ubuntu 24.04; `make setup` calls it with PYTHON, VENV and REQUIREMENTS set.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-: "${PYTHON:=python3}" "${VENV:=.venv}"
+: "${PYTHON:=python3}" "${VENV:=.venv}" "${REQUIREMENTS:=requirements.lock}"
 
 packages=(g++ git libeigen3-dev python3-dev python3-venv)
 [ -r .ci/packages.txt ] && mapfile -t packages < <(grep -vE '^\s*(#|$)' .ci/packages.txt | sed 's/ *#.*//')
@@ -46,8 +46,8 @@ if [ ! -x "$VENV/bin/python" ]; then
   "$python" -m venv "$VENV"
 fi
 pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
-echo "== Python packages of requirements.lock"
-pip install --require-hashes --only-binary :all: -r requirements.lock
+echo "== Python packages of $REQUIREMENTS"
+pip install --require-hashes --only-binary :all: -r "$REQUIREMENTS"
 echo "== hand capture (MediaPipe; its own pins are older than they need to be, so without them)"
 pip install --no-deps --require-hashes --only-binary :all: -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
 for package in softgrip_model softgrip_emulator softgrip_vision; do

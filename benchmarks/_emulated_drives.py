@@ -16,7 +16,7 @@ from ctypes import Array, c_double
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.plant.cell import CellPlant
 from softgrip_emulator.wire.pty import PtyPort
@@ -35,7 +35,7 @@ def _emulate(port: str, shared: Array[c_double], stop: multiprocessing.connectio
     claim_processor(EMULATOR_PRIORITY)
     plant = CellPlant(load_directory(shipped_directory()), seed=1)
     plant.mount(list(SLOTS), ["a", "b", "c"], ["power"] * 3)
-    clock = CellClock()
+    clock = RealTimeClock()
     plant.now_s = clock.now_s()
     ended = threading.Event()
 

@@ -17,22 +17,23 @@ from typing import Any
 
 import numpy as np
 
-from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.commands import Close, Command, Open, Press
+from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, Command, GraspStep, GraspTask, Open, Press
+from softgrip_cell.grasp.values import GraspTask
 from softgrip_cell.observation import FreeMotion, ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.products import Product
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, FingerCheck
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus, BusReply
-from softgrip_driver.dynamixel.registers import MODELS, ControlItem
+from softgrip_driver.dynamixel.registers import MODELS, ControlItem, CurrentSensing
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, Ticket
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
-from softgrip_emulator.plant.cell import CellPlant
+from softgrip_emulator.plant.cell import CellPlant, default_chain
 from softgrip_emulator.rig.truth import FrictionTruth
 from softgrip_model.finger.matching import TendonInput as ModelSample
 from softgrip_model.finger.predictor import ActiveFriction, Validity
@@ -146,26 +147,38 @@ class VirtualCell:
         rate: of the driver's loop [Hz].
         copy: number of the mounted fingers among those of their set.
         lateness: of the driver's loop.
+        limits: which current the servos limit, and the driver knows that they do.
     """
 
     def __init__(
-        self, seed: int, finger_set: str, rate: float = 100.0, copy: int = 1, lateness: Lateness = PUNCTUAL
+        self,
+        seed: int,
+        finger_set: str,
+        rate: float = 100.0,
+        copy: int = 1,
+        lateness: Lateness = PUNCTUAL,
+        limits: CurrentSensing = CurrentSensing.SUPPLY,
     ) -> None:
         self.profiles: Mapping[str, Profile] = load_directory(PROFILES)
-        self.plant = CellPlant(self.profiles, seed=seed)
+        limits_winding = limits is CurrentSensing.WINDING
+        chain = [replace(place, limits_winding=limits_winding) for place in default_chain()]
+        self.plant = CellPlant(self.profiles, seed=seed, chain=chain)
         self._friction = calibrated(seed)
         self.period_s = 1.0 / rate
         self._lateness = lateness
         self._delays = Random(seed)
         self._behind_s = 0.0
         self._read_s = self.plant.now_s
-        limits = TendonLimits(break_confirm=0.25)
+        tendon_limits = TendonLimits(break_confirm=0.25)
         model = MODELS["XL330-M288"]
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
-        servos = [ServoConfiguration(s, i, model, Spool(0.010, 1), torque) for i, s in enumerate(SLOTS, start=1)]
+        servos = [
+            ServoConfiguration(s, i, model, Spool(0.010, 1), torque, limits=limits)
+            for i, s in enumerate(SLOTS, start=1)
+        ]
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
         self._backend = DynamixelBackend(_VirtualBus(self.plant), servos, watchdog=0.0)
-        self.controller = GripperController(dict.fromkeys(SLOTS, limits), Policies())
+        self.controller = GripperController(dict.fromkeys(SLOTS, tendon_limits), Policies())
         self._frames: deque[SeenTip] = deque()
         self._periods = 0
         self._camera_noise = Random(seed)
@@ -297,7 +310,7 @@ class VirtualCell:
         while step.verdict is None:
             pair = self.observe()
             for tip in self._seen():
-                sequence.see(tip)
+                sequence.observe_tip(tip)
             fault = self.fault()
             step = sequence.fault(fault, self.now_ns) if fault is not None else sequence.observe(pair)
             self._obey(step.commands)

@@ -19,7 +19,6 @@ from softgrip_driver.rig.mark10_stand import Mark10Stand
 from softgrip_driver.rig.procedure import JudgedPoint, Procedure, ProcedureStep, RigSettings
 from softgrip_driver.rig.pull import RigSample
 from softgrip_driver.rig.slide import PointVerdict
-from softgrip_emulator.clock import CellClock
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.device import WireDevice
@@ -28,11 +27,12 @@ from softgrip_emulator.wire.device import WireDevice
 _EXCHANGE_TIME = 0.002
 
 
-class VirtualTime(CellClock):
+class VirtualTime:
     """Rig time that passes only when somebody waits or talks; a `RigClock` and the emulator's clock in one."""
 
+    scale = 1.0
+
     def __init__(self) -> None:
-        super().__init__()
         self._time = 0.0
         self.stopped = False
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import rclpy
 from _claim import claim, no_options, spread
 
-from softgrip_bag.nodes.captured import ReplayedNode
+from softgrip_bag.nodes.replayed_node import ReplayedNode
 from softgrip_bag.reader import read
 
 BAG = Path(__file__).resolve().parents[1] / "tests" / "replay" / "bags" / "closings"

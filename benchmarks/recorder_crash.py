@@ -25,8 +25,8 @@ from _claim import claim, spread
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import bag_files, read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import BagWriter, Topic

@@ -27,8 +27,8 @@ import numpy as np
 from _claim import claim, spread
 from mcap.writer import CompressionType, Writer
 
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
 

@@ -50,12 +50,7 @@ class Process:
     environment: dict[str, str]
     cwd: str | None = None
     output: str = "log"
-    shell: bool = False
-    respawn: bool = False
-    respawn_delay_s: float = 0.0
-    respawn_max_retries: int = -1
     on_exit_shutdown: bool = False
-    delay_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,9 +69,7 @@ class Description:
     """What a launch file comes to."""
 
     processes: list[Process] = field(default_factory=list)
-    messages: list[str] = field(default_factory=list)
     arguments: list[Argument] = field(default_factory=list)
-    shutdown: bool = False
 
 
 @dataclass
@@ -85,10 +78,7 @@ class Frame:
 
     scope: Scope
     namespace: str = ""
-    remaps: list[tuple[str, str]] = field(default_factory=list)
     parameters: list[tuple[str, Any]] = field(default_factory=list)
-    parameter_files: list[str] = field(default_factory=list)
-    delay_s: float = 0.0
 
     def child(self) -> Frame:
         """Return a copy whose changes stay in it."""
@@ -96,8 +86,7 @@ class Frame:
         twin.scope = copy(self.scope)
         twin.scope.variables = dict(self.scope.variables)
         twin.scope.environment = dict(self.scope.environment)
-        twin.remaps, twin.parameters = list(self.remaps), list(self.parameters)
-        twin.parameter_files = list(self.parameter_files)
+        twin.parameters = list(self.parameters)
         return twin
 
 
@@ -137,14 +126,6 @@ def joined(base: str, name: str) -> str:
     if not name:
         return base
     return name if name.startswith("/") else f"{base.rstrip('/')}/{name}"
-
-
-def number(text: str, what: str) -> float:
-    """Return a number that was written as text."""
-    try:
-        return float(text)
-    except ValueError:
-        raise LaunchError(f"{what}: expected a number, found {text!r}") from None
 
 
 def temporary(text: str) -> str:

@@ -23,7 +23,6 @@ from embedded_ros.launch_description import (
     Mapping,
     Process,
     joined,
-    number,
     parameter_value,
     plain,
     temporary,
@@ -33,15 +32,14 @@ from embedded_ros.substitutions import Scope, substitute, truth
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_PROCESS = {
-    "name", "output", "cwd", "env", "if", "unless", "respawn", "respawn_delay", "respawn_max_retries",
-    "launch-prefix", "on_exit",
+_NODE = {
+    "pkg", "exec", "name", "namespace", "param", "remap", "args", "ros_args", "exec_name", "output", "cwd", "env", "if",
+    "unless", "launch-prefix", "on_exit",
 }  # fmt: skip
-_NODE = _PROCESS | {"pkg", "exec", "namespace", "param", "remap", "args", "ros_args", "exec_name"}
-_EXECUTABLE = _PROCESS | {"cmd", "shell"}
 _REFUSED = {
-    "node_container", "load_composable_node", "ros_timer", "set_ros_log_dir", "reset", "reset_env", "composable_node",
-    "lifecycle_node",
+    "append_env", "composable_node", "executable", "lifecycle_node", "load_composable_node", "log", "node_container",
+    "reset", "reset_env", "ros_timer", "set_parameter", "set_parameters_from_file", "set_remap", "set_ros_log_dir",
+    "shutdown", "timer", "unset_env",
 }  # fmt: skip
 
 
@@ -53,12 +51,9 @@ class LaunchReader:
         self._counter = itertools.count(1)
         self.description = Description()
         self._actions: dict[str, Callable[[Any, Frame, str], None]] = {
-            "arg": self._arg, "let": self._let, "node": self._node, "executable": self._executable,
-            "include": self._include, "group": self._group, "push_ros_namespace": self._push_namespace,
-            "push-ros-namespace": self._push_namespace, "set_env": self._set_env, "unset_env": self._unset_env,
-            "append_env": self._append_env, "set_parameter": self._set_parameter, "set_remap": self._set_remap,
-            "set_parameters_from_file": self._set_parameters_from_file, "set_use_sim_time": self._set_use_sim_time,
-            "log": self._log, "shutdown": self._shutdown, "timer": self._timer,
+            "arg": self._arg, "let": self._let, "node": self._node, "include": self._include, "group": self._group,
+            "push_ros_namespace": self._push_namespace, "push-ros-namespace": self._push_namespace,
+            "set_env": self._set_env, "set_use_sim_time": self._set_use_sim_time,
         }  # fmt: skip
 
     def read(self, path: Path) -> Description:
@@ -212,60 +207,10 @@ class LaunchReader:
         if self._requested(body, frame):
             frame.scope.environment[self._text(body, "name", frame)] = self._text(body, "value", frame)
 
-    def _unset_env(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"name", "if", "unless"}, {"name"}, where)
-        if self._requested(body, frame):
-            frame.scope.environment.pop(self._text(body, "name", frame), None)
-
-    def _append_env(self, body: Any, frame: Frame, where: str) -> None:
-        allowed = {"name", "value", "prepend", "separator", "if", "unless"}
-        body = self._checked(body, allowed, {"name", "value"}, where)
-        if not self._requested(body, frame):
-            return
-        name, value = self._text(body, "name", frame), self._text(body, "value", frame)
-        separator = self._text(body, "separator", frame, ":")
-        old = frame.scope.environment.get(name)
-        parts = [old, value] if old else [value]
-        if truth(self._text(body, "prepend", frame, "false")):
-            parts.reverse()
-        frame.scope.environment[name] = separator.join(parts)
-
-    def _set_parameter(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"name", "value", "if", "unless"}, {"name", "value"}, where)
-        if self._requested(body, frame):
-            frame.parameters.append((self._text(body, "name", frame), parameter_value(body["value"], None, frame)))
-
-    def _set_remap(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"from", "to", "if", "unless"}, {"from", "to"}, where)
-        if self._requested(body, frame):
-            frame.remaps.append((self._text(body, "from", frame), self._text(body, "to", frame)))
-
-    def _set_parameters_from_file(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"filename", "if", "unless"}, {"filename"}, where)
-        if self._requested(body, frame):
-            frame.parameter_files.append(self._text(body, "filename", frame))
-
     def _set_use_sim_time(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, {"value", "if", "unless"}, {"value"}, where)
         if self._requested(body, frame):
             frame.parameters.append(("use_sim_time", truth(self._text(body, "value", frame))))
-
-    def _log(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"message", "if", "unless"}, {"message"}, where)
-        if self._requested(body, frame):
-            self.description.messages.append(self._text(body, "message", frame))
-
-    def _shutdown(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"reason", "if", "unless"}, set(), where)
-        if self._requested(body, frame):
-            self.description.shutdown = True
-
-    def _timer(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, {"period", "children", "if", "unless"}, {"period", "children"}, where)
-        if self._requested(body, frame):
-            inner = frame.child()
-            inner.delay_s += number(self._text(body, "period", frame), "period")
-            self._children(body["children"], inner, where)
 
     # -- processes --------------------------------------------------------------------------------------------
 
@@ -287,26 +232,8 @@ class LaunchReader:
             environment=environment,
             cwd=self._text(body, "cwd", frame) if "cwd" in body else None,
             output=output,
-            respawn=truth(self._text(body, "respawn", frame, "false")),
-            respawn_delay_s=number(self._text(body, "respawn_delay", frame, "0"), "respawn_delay"),
-            respawn_max_retries=int(
-                number(self._text(body, "respawn_max_retries", frame, "-1"), "respawn_max_retries")
-            ),
             on_exit_shutdown=on_exit is not None,
-            delay_s=frame.delay_s,
         )
-
-    def _executable(self, body: Any, frame: Frame, where: str) -> None:
-        body = self._checked(body, _EXECUTABLE, {"cmd"}, where)
-        if not self._requested(body, frame):
-            return
-        command = shlex.split(self._text(body, "cmd", frame))
-        label = self._text(body, "name", frame, Path(command[0]).name if command else "executable")
-        process = self._process(body, frame, label, command, where)
-        if truth(self._text(body, "shell", frame, "false")):
-            process.shell = True
-            process.command = [self._text(body, "cmd", frame)]
-        self.description.processes.append(process)
 
     def _node(self, body: Any, frame: Frame, where: str) -> None:
         body = self._checked(body, _NODE, {"pkg", "exec"}, where)
@@ -322,14 +249,10 @@ class LaunchReader:
         namespace = joined(frame.namespace, self._text(body, "namespace", frame, ""))
         if namespace:
             command += ["-r", f"__ns:={namespace}"]
-        for path in frame.parameter_files:
-            command += ["--params-file", path]
         for key, value in frame.parameters:
             command += ["-p", f"{key}:={yaml.safe_dump(value, default_flow_style=True).splitlines()[0]}"]
         for item in body.get("param", []):
             command += ["--params-file", self._parameters(item, frame, name, namespace, where)]
-        for source, target in frame.remaps:
-            command += ["-r", f"{source}:={target}"]
         for item in body.get("remap", []):
             item = self._checked(item, {"from", "to"}, {"from", "to"}, where)  # noqa: PLW2901  checked form
             command += ["-r", f"{self._text(item, 'from', frame)}:={self._text(item, 'to', frame)}"]

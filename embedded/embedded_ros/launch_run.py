@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the processes of a launch: starts, prefixes their output, restarts, and ends them all without leaving one."""
+"""Runs the processes of a launch: starts, prefixes their output, and ends them all without leaving one."""
 
 from __future__ import annotations
 
@@ -37,10 +37,9 @@ class _Event(NamedTuple):
 class _Running:
     """A process that was started."""
 
-    def __init__(self, process: Process, popen: subprocess.Popen[bytes], starts: int) -> None:
+    def __init__(self, process: Process, popen: subprocess.Popen[bytes]) -> None:
         self.process = process
         self.popen = popen
-        self.starts = starts
         self.ended = False
         self.readers: list[threading.Thread] = []
 
@@ -85,7 +84,7 @@ class LaunchRunner:
 
     def __init__(self, processes: list[Process], log_folder: Path) -> None:
         self._events: queue.SimpleQueue[_Event] = queue.SimpleQueue()
-        self._waiting: list[tuple[float, Process, int]] = [(time.monotonic() + p.delay_s, p, 1) for p in processes]
+        self._processes = processes
         self._running: list[_Running] = []
         self._stopping = False
         self._step = 0
@@ -98,10 +97,11 @@ class LaunchRunner:
         """Run; return 0, or 1 when a process failed to start or ended everything by failing."""
         previous = {number: signal.signal(number, self._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
-            while self._waiting or self._running:
-                self._start_due()
-                if self._running or self._waiting:
-                    self._handle_one()
+            for process in self._processes:
+                if not self._stopping:
+                    self._start(process)
+            while self._running:
+                self._handle_one()
         finally:
             self._kill_all()
             for number, handler in previous.items():
@@ -114,20 +114,11 @@ class LaunchRunner:
 
     # -- starting ---------------------------------------------------------------------------------------------
 
-    def _start_due(self) -> None:
-        now = time.monotonic()
-        due = [item for item in self._waiting if item[0] <= now]
-        self._waiting = [item for item in self._waiting if item[0] > now]
-        for _, process, starts in due:
-            if not self._stopping:
-                self._start(process, starts)
-
-    def _start(self, process: Process, starts: int) -> None:
+    def _start(self, process: Process) -> None:
         environment = {**process.environment, PARENT_VARIABLE: str(os.getpid())}
         try:
             popen = subprocess.Popen(
-                process.command[0] if process.shell else process.command,
-                shell=process.shell,
+                process.command,
                 cwd=process.cwd,
                 env=environment,
                 stdin=subprocess.DEVNULL,
@@ -142,7 +133,7 @@ class LaunchRunner:
             self._failed = True
             self._stop("a process could not be started")
             return
-        running = _Running(process, popen, starts)
+        running = _Running(process, popen)
         self._running.append(running)
         self._say("INFO", process.label, f"process started with pid [{popen.pid}]")
         for stream, to_screen in (
@@ -168,12 +159,9 @@ class LaunchRunner:
     # -- events -----------------------------------------------------------------------------------------------
 
     def _handle_one(self) -> None:
-        deadlines = [at for at, _, _ in self._waiting]
-        if self._stopping:
-            deadlines.append(self._step_at)
-        timeout = max(0.0, min(deadlines) - time.monotonic()) if deadlines else None
+        timeout_s = max(0.0, self._step_at - time.monotonic()) if self._stopping else 3600.0
         try:
-            event = self._events.get(timeout=timeout if timeout is not None else 3600.0)
+            event = self._events.get(timeout=timeout_s)
         except queue.Empty:
             event = None
         if event is not None:
@@ -214,11 +202,9 @@ class LaunchRunner:
         if self._stopping:
             self._failed = self._failed or code == _CANNOT_START
             return
-        if process.on_exit_shutdown:  # before respawn, as upstream
+        if process.on_exit_shutdown:
             self._failed = self._failed or code != 0
             self._stop(f"{process.label} ended and its on_exit is shutdown")
-        elif process.respawn and (process.respawn_max_retries < 0 or running.starts <= process.respawn_max_retries):
-            self._waiting.append((time.monotonic() + process.respawn_delay_s, process, running.starts + 1))
 
     # -- stopping ---------------------------------------------------------------------------------------------
 
@@ -228,7 +214,6 @@ class LaunchRunner:
         if reason:
             self._say("INFO", "launch", f"process[es] will be shut down: {reason}")
         self._stopping = True
-        self._waiting = []
         self._step = 0
         self._escalate()
 

@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-import math
 import os
-import shlex
-import subprocess
-import uuid
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from embedded_ros import workspace
 from embedded_ros.errors import LaunchError, WorkspaceError
@@ -19,6 +15,10 @@ if TYPE_CHECKING:
 
 _TRUE = {"true", "1", "yes", "on"}
 _FALSE = {"false", "0", "no", "off"}
+_REFUSED = {
+    "anon", "command", "eval", "exec-in-pkg", "file-content", "filename", "find-exec", "find-pkg-prefix", "optenv",
+    "param",
+}  # fmt: skip
 
 
 class Scope:
@@ -28,7 +28,6 @@ class Scope:
         self.file = file
         self.variables: dict[str, str] = {}
         self.environment: dict[str, str] = dict(os.environ)
-        self.anonymous: dict[str, str] = {}
 
 
 def truth(text: str) -> bool:
@@ -80,6 +79,8 @@ def _closing(text: str, start: int) -> int:
 
 def _perform(inner: str, scope: Scope) -> str:
     name, _, rest = inner.strip().partition(" ")
+    if name in _REFUSED:
+        raise LaunchError(f"$({name} ...) is not part of embedded/; it needs ROS 2")
     if name not in _FUNCTIONS:
         raise LaunchError(f"unknown substitution $({name} ...); expected one of {', '.join(sorted(_FUNCTIONS))}")
     arguments = [substitute(argument, scope) for argument in _split(rest)]
@@ -133,53 +134,6 @@ def _share(_: Scope, name: str) -> str:
     return str(workspace.package(name).folder)
 
 
-def _evaluate(_: Scope, *expression: str) -> str:
-    names: dict[str, Any] = {key: value for key, value in vars(math).items() if not key.startswith("_")}
-    try:
-        return str(eval(" ".join(expression), {"__builtins__": {}}, {**names, **_EVAL_NAMES}))  # noqa: S307  what $(eval) is for
-    except Exception as error:
-        raise LaunchError(f"$(eval {' '.join(expression)}): {error}") from error
-
-
-_EVAL_NAMES: dict[str, Any] = {
-    **{kind.__name__: kind for kind in (str, int, float, bool)},
-    **{function.__name__: function for function in (abs, min, max, round, len)},
-    "true": True,
-    "false": False,
-}
-
-
-def _command(scope: Scope, *parts: str) -> str:
-    try:
-        done = subprocess.run(shlex.split(parts[0]), capture_output=True, text=True, check=True, env=scope.environment)
-    except (OSError, subprocess.CalledProcessError) as error:
-        raise LaunchError(f"$(command {parts[0]}): {error}") from error
-    return done.stdout
-
-
-def _find_executable(scope: Scope, name: str) -> str:
-    for folder in scope.environment.get("PATH", "").split(os.pathsep):
-        path = Path(folder) / name
-        if path.is_file() and os.access(path, os.X_OK):
-            return str(path)
-    raise LaunchError(f"$(find-exec {name}): no such executable on PATH")
-
-
-def _executable(_: Scope, name: str, package: str) -> str:
-    return shlex.join(workspace.executable(package, name))
-
-
-def _anonymous(scope: Scope, name: str) -> str:
-    return scope.anonymous.setdefault(name, f"{name}_{uuid.uuid4().hex[:12]}")
-
-
-def _file_content(_: Scope, path: str) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise LaunchError(f"$(file-content {path}): {error.strerror}") from error
-
-
 def _boolean(value: bool) -> str:
     return "true" if value else "false"
 
@@ -187,17 +141,8 @@ def _boolean(value: bool) -> str:
 _FUNCTIONS: dict[str, tuple[Callable[..., str], int, int]] = {
     "var": (_variable, 1, 2),
     "env": (_environment, 1, 2),
-    "optenv": (lambda scope, name, default="": scope.environment.get(name, default), 1, 2),
     "find-pkg-share": (_share, 1, 1),
-    "find-pkg-prefix": (_share, 1, 1),
-    "find-exec": (_find_executable, 1, 1),
-    "exec-in-pkg": (_executable, 2, 2),
     "dirname": (lambda scope: str(scope.file.parent), 0, 0),
-    "filename": (lambda scope: str(scope.file), 0, 0),
-    "eval": (_evaluate, 1, 99),
-    "command": (_command, 1, 2),
-    "anon": (_anonymous, 1, 1),
-    "file-content": (_file_content, 1, 1),
     "not": (lambda _, value: _boolean(not truth(value)), 1, 1),
     "and": (lambda _, a, b: _boolean(truth(a) and truth(b)), 2, 2),
     "or": (lambda _, a, b: _boolean(truth(a) or truth(b)), 2, 2),

@@ -87,7 +87,7 @@ IncompatibleTypeInfo = QoSCountInfo
 
 
 class QoSLivelinessChangedInfo(NamedTuple):
-    """How many publishers are alive; never told here."""
+    """How many publishers are alive; no such event is raised here."""
 
     alive_count: int
     not_alive_count: int
@@ -96,7 +96,7 @@ class QoSLivelinessChangedInfo(NamedTuple):
 
 
 class UnsupportedEventTypeError(NotImplementedError):
-    """An event that the middleware cannot tell of; rmw_zenoh has no deadline and liveliness events either."""
+    """An event that the middleware does not detect; rmw_zenoh has no deadline and liveliness events either."""
 
 
 class EventHandler(Waitable):
@@ -169,12 +169,30 @@ class EventHandler(Waitable):
 QoSEventHandler = EventHandler
 
 
-def _unsupported(name: str) -> UnsupportedEventTypeError:
-    return UnsupportedEventTypeError(str(needs_ros2(f"the {name} event")))
+class _EventCallbacks:
+    """What both ends of a topic share: refusal of events that the middleware has not, and the default warning."""
+
+    deadline: Callable[[Any], None] | None
+    liveliness: Callable[[Any], None] | None
+    incompatible_qos: Callable[[QoSIncompatibleInfo], None] | None
+    use_default_callbacks: bool
+
+    def _refuse_unsupported(self) -> None:
+        for name in ("deadline", "liveliness"):
+            if getattr(self, name) is not None:
+                raise UnsupportedEventTypeError(str(needs_ros2(f"the {name} event")))
+
+    def _incompatible_callback(self, endpoint: Endpoint, warning: str) -> Callable[[QoSIncompatibleInfo], None] | None:
+        """Return the user's callback, else one that logs the warning; None where no default is wanted."""
+
+        def warn(event: QoSIncompatibleInfo) -> None:
+            get_logger(endpoint.logger_name).warn(f"{warning} Last incompatible policy: {event.last_policy_kind.name}")
+
+        return self.incompatible_qos or (warn if self.use_default_callbacks else None)
 
 
-class SubscriptionEventCallbacks:
-    """What to call when a subscription's QoS has something to tell."""
+class SubscriptionEventCallbacks(_EventCallbacks):
+    """Callbacks for events of a subscription."""
 
     def __init__(
         self,
@@ -198,18 +216,17 @@ class SubscriptionEventCallbacks:
     def create_event_handlers(
         self, callback_group: CallbackGroup, subscription: Endpoint, topic_name: str
     ) -> list[EventHandler]:
-        """Return the handlers; an event that nobody can tell of is refused."""
-        for name in ("deadline", "liveliness"):
-            if getattr(self, name) is not None:
-                raise _unsupported(name)
+        """Return the handlers.
 
-        def warn(event: QoSIncompatibleInfo) -> None:
-            get_logger(subscription.logger_name).warn(
-                f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
-                f"received from it. Last incompatible policy: {event.last_policy_kind.name}"
-            )
-
-        incompatible = self.incompatible_qos or (warn if self.use_default_callbacks else None)
+        Raises:
+            UnsupportedEventTypeError: a callback for deadline or liveliness events.
+        """
+        self._refuse_unsupported()
+        incompatible = self._incompatible_callback(
+            subscription,
+            f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
+            "received from it.",
+        )
         requested = (
             (incompatible, QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS),
             (self.message_lost, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST),
@@ -218,8 +235,8 @@ class SubscriptionEventCallbacks:
         return _handlers(requested, callback_group, subscription)
 
 
-class PublisherEventCallbacks:
-    """What to call when a publisher's QoS has something to tell."""
+class PublisherEventCallbacks(_EventCallbacks):
+    """Callbacks for events of a publisher."""
 
     def __init__(
         self,
@@ -241,18 +258,17 @@ class PublisherEventCallbacks:
     def create_event_handlers(
         self, callback_group: CallbackGroup, publisher: Endpoint, topic_name: str
     ) -> list[EventHandler]:
-        """Return the handlers; an event that nobody can tell of is refused."""
-        for name in ("deadline", "liveliness"):
-            if getattr(self, name) is not None:
-                raise _unsupported(name)
+        """Return the handlers.
 
-        def warn(event: QoSIncompatibleInfo) -> None:
-            get_logger(publisher.logger_name).warn(
-                f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages "
-                f"will be sent to it. Last incompatible policy: {event.last_policy_kind.name}"
-            )
-
-        incompatible = self.incompatible_qos or (warn if self.use_default_callbacks else None)
+        Raises:
+            UnsupportedEventTypeError: a callback for deadline or liveliness events.
+        """
+        self._refuse_unsupported()
+        incompatible = self._incompatible_callback(
+            publisher,
+            f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages will be "
+            "sent to it.",
+        )
         requested = (
             (incompatible, QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS),
             (self.matched, QoSPublisherEventType.RCL_PUBLISHER_MATCHED),

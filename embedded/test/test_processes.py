@@ -132,16 +132,6 @@ def test_children_end_when_the_launch_is_killed(start: Start, workspace: Path) -
     assert gone(pid)
 
 
-def test_respawn(start: Start, workspace: Path) -> None:
-    path = workspace / "again.launch.yaml"
-    path.write_text(
-        "launch:\n- node:\n    pkg: talk_interfaces\n    exec: breaks\n    respawn: true\n"
-        "    respawn_max_retries: 2\n    respawn_delay: 0.1\n"
-    )
-    text = output(start, "launch", str(path))
-    assert text.count("process has died") == 3
-
-
 def test_another_takes_the_router_over(start: Start) -> None:
     port = free_port()
     host = start("run", "talk_interfaces", "talker", EMBEDDED_ROUTER_PORT=port)

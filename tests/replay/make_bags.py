@@ -23,9 +23,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_bag.facts import arithmetic
+from softgrip_bag.context import arithmetic
 from softgrip_bag.mcap_file import Attachment
-from softgrip_bag.nodes.node_replay import renewed
+from softgrip_bag.nodes.replay import renewed
 from softgrip_bag.reader import RawMessage, read
 from softgrip_testing.bag_excerpt import excerpt
 
@@ -56,10 +56,18 @@ class Part:
 PARTS = {
     "calibration": Part({"/rig/sample", "/friction/active", "/rig/stage", "/load_cell/wrench"}),
     # every swap ends with a closing that the cell checks, and the session adds a longer one
-    "closings": Part(FINGERS),
-    "shapes": Part(TENDONS | {"/shape/predicted", "/shape/marker"}, "/shape/predicted", 20, 0.3, 0.7),
+    "closings": Part(FINGERS | {"/kinematics_predictor/input_notes"}),
+    "shapes": Part(
+        TENDONS | {"/shape/predicted", "/shape/marker", "/gdfe_simulator/input_notes"}, "/shape/predicted", 20, 0.3, 0.7
+    ),
     # from the first frame on: a tracker remembers what it saw
-    "frames": Part({CAMERA, "/cell/state", "/finger/markers", "/finger/measured"}, CAMERA, 0, 1.0, 1.5),
+    "frames": Part(
+        {CAMERA, "/cell/state", "/finger/markers", "/finger/measured", "/marker_tracker/input_notes"},
+        CAMERA,
+        0,
+        1.0,
+        1.5,
+    ),
     # from the start of the manager on: a grasp with each outcome, the last one by a fault
     "grasps": Part(
         FINGERS

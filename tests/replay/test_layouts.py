@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from softgrip_bag.nodes.types import message_class
+from softgrip_bag.nodes.messages import message_class
 from softgrip_bag.reader import topic_types
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,8 +24,8 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 _JOINT_VALUES = {"position", "velocity", "effort"}
 
 
-#: Too large for a small bag.
-NOT_RECORDED = {"/shape/marker": "visualization_msgs/msg/Marker"}
+#: Too large for a small bag, or younger than the shipped ones.
+NOT_RECORDED = {"/shape/marker": "visualization_msgs/msg/Marker", "/robot_description": "std_msgs/msg/String"}
 
 
 def recorded_types() -> dict[str, str]:
@@ -76,7 +76,8 @@ def lichtblick() -> Iterator[tuple[str, list[str]]]:
     for panel in panels.values():
         for topic in panel.get("topics", {}):
             yield topic, []
-        for topic in (panel.get("imageMode", {}).get("imageTopic"), panel.get("topicToRender")):
+        layers = [layer["topic"] for layer in panel.get("layers", {}).values() if layer.get("sourceType") == "topic"]
+        for topic in (panel.get("imageMode", {}).get("imageTopic"), panel.get("topicToRender"), *layers):
             if topic:
                 yield topic, []
 

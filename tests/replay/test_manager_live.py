@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 
 from softgrip_bag.nodes.digest import digest
-from softgrip_bag.nodes.node_replay import check
+from softgrip_bag.nodes.replay import check
 from softgrip_bag.reader import read, topic_summaries
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import SwapFingers
@@ -140,7 +140,7 @@ def test_what_the_manager_did_comes_out_again(bag: Path) -> None:
 
 
 def test_another_threshold_is_found_and_named(bag: Path) -> None:
-    found = check(bag, NODE, ["-p", "slip_share:=0.9", "-p", "contact_sigma:=9.0"]).divergence
+    found = check(bag, NODE, ["-p", "slip_share:=0.9", "-p", "false_alarm_s:=1e15"]).divergence
     assert found is not None
     assert found.topic.startswith(f"{NODE} step ")
     assert found.recorded != found.replayed

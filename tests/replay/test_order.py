@@ -12,10 +12,9 @@ import pytest
 import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 
-from softgrip_bag.context import restore
-from softgrip_bag.facts import rounding_tolerance
-from softgrip_bag.nodes.captured import ReplayedNode
-from softgrip_bag.nodes.node_replay import NODES, check
+from softgrip_bag.context import restore, rounding_tolerance
+from softgrip_bag.nodes.replay import NODES, check
+from softgrip_bag.nodes.replayed_node import ReplayedNode
 from softgrip_bag.reader import RawMessage, read
 from softgrip_interfaces.msg import CellState, FingerMarkers, MountedFinger
 from softgrip_testing.bag_excerpt import excerpt
@@ -30,7 +29,7 @@ LATE = 20_000_000  # [ns] that the recorder got the news after the frame that wa
 
 @contextmanager
 def tracker(folder: Path) -> Iterator[ReplayedNode]:
-    rclpy.init(args=["--ros-args", "--log-level", "error", *restore(FRAMES, "/marker_tracker", folder)])
+    rclpy.init(args=["--ros-args", "--log-level", "error", *restore(FRAMES, "/marker_tracker", folder).arguments])
     node = ReplayedNode(NODES["marker_tracker"].class_path)
     try:
         yield node

@@ -15,13 +15,11 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import ReplayResult, first_difference
-from softgrip_bag.facts import rounding_tolerance
+from softgrip_bag.context import rounding_tolerance
 from softgrip_bag.nodes.digest import digest
-from softgrip_bag.nodes.node_replay import check, renewed
-from softgrip_bag.nodes.old_messages import read
-from softgrip_bag.nodes.steps import stamp_of
-from softgrip_bag.nodes.trees import tree
-from softgrip_bag.nodes.types import message_class
+from softgrip_bag.nodes.messages import message_class, stamp_of, tree
+from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.nodes.replay import check, renewed
 from softgrip_bag.reader import RawMessage, attachments, latched_topics, topic_types
 
 PROFILES = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/profiles"
@@ -61,7 +59,7 @@ def test_the_node_says_what_it_said(bag: str) -> None:
 
 
 def test_another_threshold_is_named_with_step_field_time_and_both_values() -> None:
-    found = changed("grasp_mix_manager", "-p", "contact_floor_n:=0.9").divergence
+    found = changed("grasp_mix_manager", "-p", "min_contact_tension_n:=0.9").divergence
     assert found is not None
     assert found.recorded != found.replayed
     assert SAID.fullmatch(str(found))
@@ -93,7 +91,9 @@ def test_a_change_of_one_number_by_a_hundredth_is_found_as_that_number(tmp_path:
     bag = bag_of("kinematics_predictor")
     fresh = renewed(bag, "kinematics_predictor", ["-p", f"profiles_directory:={folder}"])
     kind = message_class("softgrip_interfaces/msg/FingerStates")
-    then = {raw.received: tree(deserialize_message(raw.data, kind)) for raw in read(bag, {"/finger/predicted"})}
+    then = {
+        raw.received: tree(deserialize_message(raw.data, kind)) for raw in RecordedBag(bag).read({"/finger/predicted"})
+    }
     found = [
         first_difference(then[raw.received], tree(deserialize_message(raw.data, kind)), frozenset({"configuration"}))
         for raw in fresh["/finger/predicted"]
@@ -136,13 +136,13 @@ def test_a_bag_of_ros_2s_own_recorder_is_read_and_replayed_like_ours() -> None:
     """
     ours, theirs = BAGS / "by_rosbag2_source", BAGS / "by_rosbag2"
     for topic in ("/tendon/state", "/friction/active", "/cell/state"):
-        sent, came = (dict(stamped(message) for message in read(bag, {topic})) for bag in (ours, theirs))
+        sent, came = (dict(stamped(message) for message in RecordedBag(bag).read({topic})) for bag in (ours, theirs))
         assert came
         # compared as values: the middleware may add padding to a message's bytes
         assert all(first_difference(sent[stamp], now, frozenset()) is None for stamp, now in came.items())
     assert latched_topics(theirs) == latched_topics(ours) - {"/rosout"}
     kind = message_class("softgrip_interfaces/msg/FingerStates")
-    outputs = (deserialize_message(raw.data, kind) for raw in read(ours, {"/finger/predicted"}))
+    outputs = (deserialize_message(raw.data, kind) for raw in RecordedBag(ours).read({"/finger/predicted"}))
     recorded = {stamp_of(output): output for output in outputs}
     replayed = renewed(theirs, "kinematics_predictor")["/finger/predicted"]
     assert len(replayed) > 100

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
-from softgrip_bag.nodes.node_replay import check
+from softgrip_bag.nodes.replay import check
 
 CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")
 NAMES = ("left", "middle", "right")

@@ -26,6 +26,8 @@ KEYS = {
     "mcap": "python3-mcap-pip",
     "meshio": "python3-meshio",
     "pyarrow": "python3-pyarrow-pip",
+    "duckdb": "python3-duckdb-pip",
+    "fsspec": "python3-fsspec",
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numpy": "python3-numpy",
@@ -46,12 +48,21 @@ OPTIONAL = {
     ("softgrip_design/parts/solid.py", "manifold3d"),
 }
 #: CMake package or library -> rosdep key; Python, OpenMP and threads come with the compiler and ROS.
-LIBRARIES = {"Eigen3": "eigen", "pybind11": "pybind11-dev", "hwy": "libhwy-dev", "metis": "libmetis-dev"}
+LIBRARIES = {
+    "Eigen3": "eigen",
+    "GTest": "gtest",
+    "pybind11": "pybind11-dev",
+    "hwy": "libhwy-dev",
+    "metis": "libmetis-dev",
+}
+#: What the packages with a C++ core build with.
+SHARED_CMAKE = WORKSPACE / "softgrip_cmake" / "cmake" / "softgrip_cmakeConfig.cmake"
 #: Keys and packages of Jazzy that package.xml files name, looked up in rosdep/*.yaml and jazzy/distribution.yaml of
 #: github.com/ros/rosdistro (snapshot of 22 Aug 2026). Any other one is in rosdep/softgrip.yaml or is a mistake.
 IN_ROSDISTRO = {
     "action_msgs", "ament_cmake", "ament_cmake_pytest", "ament_cmake_python", "ament_index_python",
-    "builtin_interfaces", "control_msgs", "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs",
+    "builtin_interfaces", "cmake", "control_msgs", "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs",
+    "gtest",
     "launch_yaml", "lifecycle_msgs", "pybind11-dev", "python3-cryptography", "python3-jinja2",
     "python3-matplotlib", "python3-meshio", "python3-numpy", "python3-opencv", "python3-pytest", "python3-rich",
     "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml", "rcl_interfaces", "rclpy",
@@ -116,6 +127,22 @@ def test_every_import_is_declared(package: str) -> None:
     assert missing == []
 
 
+def found_by_shared_functions(text: str) -> set[str]:
+    """Return what the shared CMake functions find for a package that calls them in `text`."""
+    found: set[str] = set()
+    for name, body in re.findall(
+        r"^(?:function|macro)\((\w+)(.*?)^end", SHARED_CMAKE.read_text(), re.DOTALL | re.MULTILINE
+    ):
+        if f"{name}(" in text:
+            found |= set(re.findall(r"find_package\((\w+)", body))
+    return found if "PYTEST" in text else found - {"ament_cmake_pytest"}
+
+
+def test_the_shared_cmake_functions_are_read() -> None:
+    assert {"Eigen3", "pybind11", "ament_cmake"} <= found_by_shared_functions("softgrip_setup()")
+    assert "GTest" in found_by_shared_functions("softgrip_core_tests(plant test.cpp)")
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_library_of_cmake_is_declared(package: str) -> None:
     text = "".join(
@@ -124,7 +151,8 @@ def test_every_library_of_cmake_is_declared(package: str) -> None:
         if path.is_file()
     )
     keys = declared(package, "depend", "build_depend", "buildtool_depend", "test_depend")
-    found = set(re.findall(r"find_package\((\w+)", text)) - {"Python", "OpenMP", "Threads"}
+    found = set(re.findall(r"find_package\((\w+)", text)) | found_by_shared_functions(text)
+    found -= {"Python", "OpenMP", "Threads"}
     found |= {name for name in ("hwy", "metis") if re.search(rf"find_(?:library|path)\([^)]*\b{name}\b", text)}
     missing = [name for name in sorted(found) if LIBRARIES.get(name, name) not in keys]
     assert missing == []

@@ -23,14 +23,15 @@ def entities(name: str, kind: str) -> list[dict[str, Any]]:
 
 
 def parameters(executable: str) -> dict[str, str]:
-    """Named parameters that the cell's launch file gives to a node."""
+    """Named parameters that the cell's launch file gives to a node, or hands on."""
     node = next(node for node in entities("cell.launch.yaml", "node") if node["exec"] == executable)
-    return {row["name"]: row["value"] for row in node["param"] if "name" in row}
+    return {row["name"].rpartition(")")[2]: row["value"] for row in node["param"] if "name" in row}
 
 
 @pytest.mark.parametrize("name", [path.name for path in sorted(LAUNCH.glob("*.launch.yaml"))])
 def test_every_argument_is_used(name: str) -> None:
-    text = (LAUNCH / name).read_text()
+    # the parameter files beside it are filled in with its arguments
+    text = "".join(path.read_text() for path in (LAUNCH / name, *(LAUNCH.parent / "settings").glob("*.yaml")))
     for argument in entities(name, "arg"):
         assert re.search(rf"\$\(var {argument['name']}\)", text), argument["name"]
 

@@ -19,16 +19,24 @@ EMBEDDED = ("embedded_ros",)
 MAY_IMPORT = {
     "softgrip_model": set(),
     "softgrip_nodekit": set(),
+    "softgrip_time": set(),
     "softgrip_description": {"softgrip_model"},
     "softgrip_design": {"softgrip_description", "softgrip_model"},
-    "softgrip_driver": {"softgrip_model"},
-    "softgrip_emulator": {"softgrip_description", "softgrip_model"},
+    "softgrip_driver": {"softgrip_model", "softgrip_time"},
+    "softgrip_emulator": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_vision": {"softgrip_model"},
     "softgrip_cell": {"softgrip_description", "softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
     "softgrip_security": set(),
-    "softgrip_testing": {"softgrip_bag", "softgrip_driver", "softgrip_emulator", "softgrip_model", "softgrip_vision"},
+    "softgrip_testing": {
+        "softgrip_bag",
+        "softgrip_driver",
+        "softgrip_emulator",
+        "softgrip_model",
+        "softgrip_time",
+        "softgrip_vision",
+    },
     "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
 }
 

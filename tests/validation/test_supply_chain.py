@@ -62,11 +62,18 @@ def test_every_line_of_a_lock_is_a_pin_or_a_hash() -> None:
 
 def test_setup_installs_by_hash_only_and_nothing_that_is_built() -> None:
     scripts = "".join((ROOT / name).read_text() for name in (".ci/setup.sh", "Makefile"))
-    installs = re.findall(r"^.*pip .*install .*requirements.*lock.*$", scripts, re.MULTILINE)
+    installs = re.findall(r"^.*pip .*install .* -r .*$", scripts, re.MULTILINE)
     assert len(installs) == len(sbom.LOCKS)
     for line in installs:
         assert "--require-hashes" in line
         assert "--only-binary :all:" in line
+
+
+def test_the_oldest_versions_are_those_of_ubuntu_24_04_and_hashed_too() -> None:
+    versions = dict(re.findall(r"^([A-Za-z-]+)==(\S+)", (ROOT / "requirements-oldest.in").read_text(), re.MULTILINE))
+    pins = {pin.name: pin for pin in sbom.pins(ROOT / "requirements-oldest.lock")}
+    assert {name: pins[normal(name)].version for name in versions} == versions
+    assert all(pin.hashes for pin in pins.values())
 
 
 def test_opencv_is_one_without_the_known_hole() -> None:

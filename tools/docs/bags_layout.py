@@ -20,8 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rclpy.serialization import deserialize_message
 
-from softgrip_bag.nodes.trees import tree
-from softgrip_bag.nodes.types import message_class
+from softgrip_bag.nodes.messages import message_class, tree
 from softgrip_bag.plots import INK, STYLE
 from softgrip_bag.reader import read
 

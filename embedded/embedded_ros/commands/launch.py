@@ -40,15 +40,11 @@ def run(argv: list[str]) -> int:
     if arguments.show_arguments:
         print(_describe(description.arguments))
         return 0
-    for message in description.messages:
-        print(f"[INFO] [launch.user]: {message}")
     if arguments.show or arguments.debug:
         for process in description.processes:
             print(f"{process.label}: {shlex.join(process.command)}")
         if arguments.show:
             return 0
-    if description.shutdown:
-        return 0
     log_folder = _log_folder()
     print(f"[INFO] [launch]: All log files can be found below {log_folder}", flush=True)
     return LaunchRunner(description.processes, log_folder).run()

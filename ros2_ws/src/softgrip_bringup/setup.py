@@ -22,5 +22,6 @@ setup(
         (f"share/{PACKAGE}/config", files("config")),
         (f"share/{PACKAGE}/controllers", files("controllers")),
         (f"share/{PACKAGE}/profiles", files("profiles")),
+        (f"share/{PACKAGE}/settings", files("settings")),
     ],
 )

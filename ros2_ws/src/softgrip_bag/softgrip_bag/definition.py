@@ -24,11 +24,20 @@ _PART = re.compile(r"(?m)^={80}$")
 
 @dataclass(frozen=True)
 class Field:
-    """One field; ``count`` is the length of an array, 0 of a sequence, None of a single value."""
+    """One field.
+
+    Attributes:
+        name, type_name: as declared; a message type as "package/Name".
+        count: length of an array, 0 of a sequence, None of a single value.
+        comment: what stands behind it, e.g. "[m] pulled tendon length".
+        enumeration: names of its values, where constants of its type stand directly before it.
+    """
 
     name: str
     type_name: str
     count: int | None
+    comment: str = ""
+    enumeration: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -38,6 +47,8 @@ class Definition:
     name: str
     fields: list[Field] = field(default_factory=list)
     constants: dict[str, int] = field(default_factory=dict)
+    #: type and names of the constants since the last field
+    pending: tuple[str, dict[int, str]] = ("", {})
 
 
 @dataclass(frozen=True)
@@ -57,12 +68,12 @@ def parse_definitions(type_name: str, schema: str) -> dict[str, Definition]:
     """
     found: dict[str, Definition] = {}
     for number, part in enumerate(_PART.split(schema)):
-        lines = [line.split("#", 1)[0].strip() for line in part.splitlines()]
-        lines = [line for line in lines if line]
-        name = type_name if number == 0 else lines.pop(0).removeprefix("MSG:").strip()
+        lines = [line.partition("#") for line in part.splitlines()]
+        lines = [line for line in lines if line[0].strip()]
+        name = type_name if number == 0 else lines.pop(0)[0].strip().removeprefix("MSG:").strip()
         definition = Definition(_short(name))
-        for line in lines:
-            _add_line(definition, line, _short(name).split("/")[0])
+        for line, _, comment in lines:
+            _add_line(definition, line.strip(), comment.strip(), _short(name).split("/")[0])
         found[definition.name] = definition
     return found
 
@@ -100,6 +111,8 @@ class _Cursor:
         count = one.count or self._number("uint32")
         if count > len(self._data):
             raise IndexError(f"{one.name}: {count} elements in {len(self._data)} bytes")
+        if one.type_name in _FORMATS:
+            return self._numbers(one.type_name, count)
         return [self._value(one.type_name) for _ in range(count)]
 
     def _value(self, type_name: str) -> Any:
@@ -114,15 +127,20 @@ class _Cursor:
         return self.message(type_name)
 
     def _number(self, type_name: str) -> Any:
+        return self._numbers(type_name, 1)[0]
+
+    def _numbers(self, type_name: str, count: int) -> list[Any]:
+        if count == 0:
+            return []  # CDR aligns elements, not their absence
         form = _FORMATS[type_name]
         size = struct.calcsize(form)
         self._at += -(self._at - 4) % size
-        (value,) = struct.unpack_from(self._order + form, self._data, self._at)
-        self._at += size
-        return value
+        values = struct.unpack_from(f"{self._order}{count}{form}", self._data, self._at)
+        self._at += size * count
+        return list(values)
 
 
-def _add_line(definition: Definition, line: str, package: str) -> None:
+def _add_line(definition: Definition, line: str, comment: str, package: str) -> None:
     match = _LINE.match(line)
     if match is None:
         raise BagError(f"{definition.name}: expected a field or a constant, found {line!r}")
@@ -130,13 +148,19 @@ def _add_line(definition: Definition, line: str, package: str) -> None:
         text = match["rest"].removeprefix("=").strip()
         if match["type"] in _FORMATS and re.fullmatch(r"-?\d+", text):
             definition.constants[match["name"]] = int(text)
+            kind, names = definition.pending
+            if kind != match["type"]:
+                names = {}
+            definition.pending = (match["type"], names | {int(text): match["name"]})
         return
     array = match["array"]
     count = None if array is None else 0 if array == "[]" or array.startswith("[<=") else int(array[1:-1])
     named = match["type"]
     if named not in _FORMATS and named not in {"string", "wstring"}:
         named = _short(named) if "/" in named else f"{package}/{named}"
-    definition.fields.append(Field(match["name"], named, count))
+    kind, names = definition.pending
+    definition.pending = ("", {})
+    definition.fields.append(Field(match["name"], named, count, comment, names if kind == named else {}))
 
 
 def _short(name: str) -> str:

@@ -16,7 +16,7 @@ from softgrip_bag import salvage
 from softgrip_bag.errors import BagError, RecordRefusedError
 from softgrip_bag.mcap_stream import McapStream
 from softgrip_bag.metadata import Plain, Span
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 
 CHUNK_BYTES = 1 << 20
 

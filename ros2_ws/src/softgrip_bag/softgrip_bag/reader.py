@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import heapq
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -81,19 +81,29 @@ def read(bag: Path, topics: Collection[str] | None = None) -> Iterator[RawMessag
             yield from sorted(_salvaged(path, requested), key=lambda message: message.received)
 
 
-def as_published(messages: Iterable[RawMessage], lag: int = 30_000_000_000) -> Iterator[RawMessage]:
-    """Yield messages, given in order of reception, in order of publication.
+def when_published(message: RawMessage) -> tuple[int, int]:
+    """Return when a message was published [ns]: an order for `in_order`."""
+    return message.published, 0
+
+
+def in_order(
+    messages: Iterable[RawMessage],
+    key: Callable[[RawMessage], tuple[int, int]] = when_published,
+    lag_ns: int = 30_000_000_000,
+) -> Iterator[RawMessage]:
+    """Yield messages, given in order of reception, in another order, without holding all of them.
 
     A recorder that falls behind takes its topics in turns, and one of them may be seconds later than another.
 
     Args:
         messages: in order of reception.
-        lag: [ns] a message received later than this after its publication keeps the place that it came in.
+        key: a time of each [ns], and what comes first at the same time; else what was received first does.
+        lag_ns: a message received later than this after its time keeps the place that it came in [ns].
     """
-    waiting: list[tuple[int, int, RawMessage]] = []
+    waiting: list[tuple[tuple[int, int], int, RawMessage]] = []
     for number, message in enumerate(messages):
-        heapq.heappush(waiting, (message.published, number, message))
-        while waiting and waiting[0][0] < message.received - lag:
+        heapq.heappush(waiting, (key(message), number, message))
+        while waiting and waiting[0][0][0] < message.received - lag_ns:
             yield heapq.heappop(waiting)[2]
     while waiting:
         yield heapq.heappop(waiting)[2]

@@ -68,7 +68,7 @@ class RecordedClosing:
 
 @dataclass(frozen=True)
 class RecordedGrasp:
-    """One goal of cell/grasp and its end; times in s where not said otherwise."""
+    """One goal of cell/grasp and its end; times in s where not said otherwise; evidence is YAML."""
 
     time: int
     product: str
@@ -76,6 +76,7 @@ class RecordedGrasp:
     reason: str
     latency: float
     duration: float
+    evidence: str = ""
 
 
 @dataclass(frozen=True)

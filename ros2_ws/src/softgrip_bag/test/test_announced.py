@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from softgrip_bag.announced import publishers_type, type_conflict
+from softgrip_bag.offers import publishers_type, type_conflict
 
 STRING, OTHER = "std_msgs/msg/String", "other_msgs/msg/String"
 

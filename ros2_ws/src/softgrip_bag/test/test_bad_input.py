@@ -14,8 +14,8 @@ from pyarrow import parquet
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.commands import export, info, play, replay, report
-from softgrip_bag.nodes.types import interface_text
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.nodes.messages import interface_text
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import bag_files, read
 from softgrip_bag.repair import repair
 from softgrip_bag.schema_text import schema_text

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from softgrip_bag.draining import Drain
+from softgrip_bag.arrivals import Drain
 
 
 def test_it_goes_on_while_something_sent_before_still_comes() -> None:

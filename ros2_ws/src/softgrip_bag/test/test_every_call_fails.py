@@ -26,8 +26,8 @@ import pytest
 import softgrip_bag
 import softgrip_model
 from softgrip_bag.errors import BagError
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from softgrip_bag.faults import FaultWatch
+from softgrip_bag.snapshot import FaultWatch
 
 
 def test_a_fault_is_due_once_after_its_aftermath() -> None:

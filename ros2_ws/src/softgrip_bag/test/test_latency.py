@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softgrip_bag.latency import link, links, missing
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.writer import BagWriter, Topic
 
 MS = 1_000_000

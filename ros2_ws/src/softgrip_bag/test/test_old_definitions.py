@@ -16,10 +16,10 @@ from softgrip_bag.definition import decode, parse_definitions
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.commands import info, replay
 from softgrip_bag.nodes.digest import digest
-from softgrip_bag.nodes.old_messages import is_before_unset, read
-from softgrip_bag.nodes.types import interface_text, message_class
+from softgrip_bag.nodes.messages import interface_text, message_class
+from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.old_definitions import ENUMERATIONS, old_name
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
@@ -142,7 +142,7 @@ def bag(tmp_path: Path) -> Path:
 
 
 def verdicts(bag: Path, topic: str, kind: Any) -> list[int]:
-    return [deserialize_message(raw.data, kind).verdict for raw in read(bag, {topic})]
+    return [deserialize_message(raw.data, kind).verdict for raw in RecordedBag(bag).read({topic})]
 
 
 def test_a_verdict_keeps_its_name_and_one_without_a_name_says_nothing(bag: Path) -> None:
@@ -153,7 +153,7 @@ def test_a_verdict_keeps_its_name_and_one_without_a_name_says_nothing(bag: Path)
 
 
 def test_every_other_field_keeps_its_value_and_a_new_one_is_empty(bag: Path) -> None:
-    raw = next(iter(read(bag, {"/friction/active"})))
+    raw = next(iter(RecordedBag(bag).read({"/friction/active"})))
     model = deserialize_message(raw.data, FrictionModel)
     assert (model.header.stamp.sec, model.header.stamp.nanosec, model.header.frame_id) == (7, 8, "palm")
     assert (model.id, model.law, list(model.coefficient_names)) == ("text 2", "text 3", ["name 5", "second"])
@@ -167,7 +167,7 @@ def test_report_and_info_tell_what_the_bag_meant(bag: Path, capsys: pytest.Captu
     story = digest(bag)
     assert story.fits[0].verdict == "USABLE"
     assert [sample.accepted for sample in story.samples] == [True, False, False, False]
-    assert is_before_unset(bag)
+    assert RecordedBag(bag).is_before_unset
     assert info.main([str(bag)]) == 0
     assert "softgrip_interfaces/msg/FrictionModel" in capsys.readouterr().out
 
@@ -188,8 +188,8 @@ def test_a_bag_of_today_is_read_as_it_is(tmp_path: Path) -> None:
     data = bytes(serialize_message(FrictionModel(id="m", verdict=FrictionModel.USABLE, digest="d")))
     made.write("/friction/active", 1, 1, data)
     bag = made.close()
-    assert [raw.data for raw in read(bag)] == [data]
-    assert not is_before_unset(bag)
+    assert [raw.data for raw in RecordedBag(bag).read()] == [data]
+    assert not RecordedBag(bag).is_before_unset
     assert digest(bag).fits[0].verdict == "USABLE"
 
 

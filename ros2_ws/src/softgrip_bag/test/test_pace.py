@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from softgrip_bag import pace
-from softgrip_bag.pace import Pace
+from softgrip_bag.nodes.commands import play
+from softgrip_bag.nodes.commands.play import Pace
 
 
 class WallClock:
@@ -25,7 +25,7 @@ class WallClock:
 @pytest.fixture
 def wall_clock(monkeypatch):
     made = WallClock()
-    monkeypatch.setattr(pace, "time", made)
+    monkeypatch.setattr(play, "time", made)
     return made
 
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from softgrip_bag import mcap_file
+from softgrip_bag.arrivals import UNSUPPORTED, LossCounter
 from softgrip_bag.errors import BagError
-from softgrip_bag.losses import UNSUPPORTED, LossCounter
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import RawMessage, bag_files, facts, read
 from softgrip_bag.repair import is_broken, repair
-from softgrip_bag.ring import Ring
+from softgrip_bag.snapshot import Ring
 from softgrip_bag.writer import BagWriter, FileLimits, Topic
 
 HI = bytes.fromhex("00010000 03000000 686900")

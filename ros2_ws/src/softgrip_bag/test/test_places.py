@@ -12,7 +12,7 @@ from softgrip_bag.context import parameter_files, restore
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.places import MAX_FILE_BYTES, MAX_FILES, bag_folder, read_below, yaml_files_below
-from softgrip_bag.ring import snapshot_seconds
+from softgrip_bag.snapshot import snapshot_seconds
 from softgrip_bag.writer import BagWriter
 
 

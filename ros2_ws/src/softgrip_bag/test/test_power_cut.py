@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import BagWriter, Topic

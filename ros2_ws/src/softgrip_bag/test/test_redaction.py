@@ -5,7 +5,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 
-from softgrip_bag.nodes.parameter_events import without_secrets
+from softgrip_bag.nodes.parameter_snapshot import without_secrets
 from softgrip_bag.redaction import redact
 
 

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from softgrip_bag import writer as writer_module
 from softgrip_bag.errors import BagError
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import attachments, bag_files, facts, read, topic_summaries
 from softgrip_bag.repair import bags_in, is_being_written, is_broken, repair, repair_all
 from softgrip_bag.writer import Attachment, BagWriter, Topic

@@ -6,7 +6,7 @@ from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.types import interface_text, message_class
+from softgrip_bag.nodes.messages import interface_text, message_class
 from softgrip_bag.schema_text import SEPARATOR, referenced, schema_text
 
 FILES = {

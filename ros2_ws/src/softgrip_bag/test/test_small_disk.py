@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from softgrip_bag.errors import DiskError
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline, free_bytes
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import BagWriter, Topic

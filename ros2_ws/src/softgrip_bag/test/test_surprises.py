@@ -17,8 +17,8 @@ from softgrip_bag import salvage
 from softgrip_bag.errors import BagError, RecordRefusedError
 from softgrip_bag.mcap_file import McapFile
 from softgrip_bag.mcap_stream import MAX_ID, McapStream
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline
-from softgrip_bag.qos_text import OfferedQos
 from softgrip_bag.reader import read
 from softgrip_bag.repair import is_broken
 from softgrip_bag.writer import BagWriter, Topic

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from softgrip_bag import writer as writer_module
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.writer import BagWriter, Topic
 
 HI = bytes.fromhex("00010000 03000000 686900")

@@ -14,7 +14,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import bag_files, latched_topics, read, topic_types
 from softgrip_bag.writer import BagWriter, Topic
 

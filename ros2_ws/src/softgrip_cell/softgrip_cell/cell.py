@@ -10,8 +10,6 @@ from enum import IntEnum
 from typing import Any
 
 from softgrip_cell import gates
-from softgrip_cell.agreement import Agreement
-from softgrip_cell.counters import Availability
 from softgrip_cell.errors import RefusedError, StorageError
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
@@ -70,6 +68,54 @@ class Agreements:
 
     open_samples: int = 10
     worn_residuals: int = 5
+
+
+class Availability:
+    """Adds up time with and without a fault.
+
+    Args:
+        now_s: when counting starts, of a monotonic clock [s].
+    """
+
+    def __init__(self, now_s: float) -> None:
+        self._since_s = now_s
+        self._start_s = now_s
+        self._down_s = 0.0
+        self._is_down = False
+
+    def update(self, now_s: float, *, down: bool) -> None:
+        """Take the present condition."""
+        if self._is_down:
+            self._down_s += now_s - self._since_s
+        self._since_s = now_s
+        self._is_down = down
+
+    def share(self, now_s: float) -> float:
+        """Return the share of time without a fault since the start [0..1]; 1 before any time has passed."""
+        total_s = now_s - self._start_s
+        down_s = self._down_s + (now_s - self._since_s if self._is_down else 0.0)
+        return 1.0 if total_s <= 0.0 else 1.0 - down_s / total_s
+
+
+class Agreement:
+    """Counts observations in a row that say the same.
+
+    Args:
+        needed: so many in a row are believed.
+    """
+
+    def __init__(self, needed: int) -> None:
+        self._needed = needed
+        self._run = 0
+
+    def observe(self, agrees: bool) -> bool:
+        """Take one observation; return whether enough in a row, this one included, have agreed."""
+        self._run = self._run + 1 if agrees else 0
+        return self._run >= self._needed
+
+    def forget(self) -> None:
+        """Begin again."""
+        self._run = 0
 
 
 class Cell:

@@ -6,12 +6,18 @@ All tuples are in slot order. Stamps are nanoseconds of the source's clock.
 
 from __future__ import annotations
 
+import bisect
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
+
+Kept = TypeVar("Kept")
 
 #: Tendon samples kept while their prediction is on its way: a quarter of a second at 1 kHz.
 PENDING_LIMIT: Final = 256
+#: A stamp so far before others is that of a source that has restarted [ns].
+RESTART_NS: Final = 2_000_000_000
 
 
 @dataclass(frozen=True)
@@ -78,34 +84,95 @@ class ObservedPair:
     free: FreeMotion
 
 
-class Pairing:
-    """Brings predictions together with the samples they were computed from, by stamp, in whatever order they come."""
+Observation = TendonSample | SeenTip | ObservedPair
 
-    def __init__(self) -> None:
-        self._samples: OrderedDict[int, TendonSample] = OrderedDict()
+
+class ObservationOrder:
+    """Gives out what is observed in the order of its stamps, whatever order tendons, predictor and camera came in.
+
+    Samples are given out one by one, each before its pair. A sample waits for its prediction; where none comes before
+    samples are the allowed lateness ahead, or the prediction of a younger one comes, it goes without. A tip counts from
+    the first pair on whose stamp is at least the tip's plus the allowed lateness. What comes later than that is late:
+    it is given out when it comes.
+
+    Args:
+        allowed_lateness_s: 0 = nothing waits, and the order of arrival decides [s].
+
+    Attributes:
+        late: predictions and tips that were late.
+    """
+
+    def __init__(self, allowed_lateness_s: float) -> None:
+        self._lateness_ns = round(allowed_lateness_s * 1e9)
+        self._waiting: OrderedDict[int, TendonSample] = OrderedDict()
+        self._gone: OrderedDict[int, TendonSample] = OrderedDict()  # without their predictions
         self._early: OrderedDict[int, FreeMotion] = OrderedDict()
+        self._tips: list[SeenTip] = []
+        self._newest_ns = 0
+        self._paired_ns = 0
+        self.late = 0
 
-    def add_sample(self, sample: TendonSample) -> ObservedPair | None:
-        """Take a tendon sample; return its pair when the prediction was here first."""
+    def add_sample(self, sample: TendonSample) -> list[Observation]:
+        """Take a tendon sample; return what can be given out by it."""
+        if self._newest_ns - sample.stamp_ns > RESTART_NS:  # time only goes back so far when a source restarts
+            self._waiting.clear()
+            self._newest_ns = self._paired_ns = 0
+        self._newest_ns = max(sample.stamp_ns, self._newest_ns)
+        self._waiting[sample.stamp_ns] = sample
         free = self._early.pop(sample.stamp_ns, None)
-        if free is not None:
-            return ObservedPair(sample, free)
-        self._samples[sample.stamp_ns] = sample
-        while len(self._samples) > PENDING_LIMIT:
-            self._samples.popitem(last=False)
-        return None
+        given = [] if free is None else self._pair(free)
+        while self._waiting and self._newest_ns - next(iter(self._waiting)) >= self._lateness_ns:
+            stamp_ns, alone = self._waiting.popitem(last=False)
+            _keep(self._gone, stamp_ns, alone)
+            given.append(alone)
+        return given
 
-    def add_prediction(self, free: FreeMotion) -> ObservedPair | None:
-        """Take a prediction; return its pair when the sample is here. Samples older than it are dropped."""
-        if free.stamp_ns not in self._samples:
-            self._early[free.stamp_ns] = free
-            while len(self._early) > PENDING_LIMIT:
-                self._early.popitem(last=False)
-            return None
-        while True:
-            stamp_ns, sample = self._samples.popitem(last=False)
-            if stamp_ns == free.stamp_ns:
-                return ObservedPair(sample, free)
+    def add_prediction(self, free: FreeMotion) -> list[Observation]:
+        """Take a prediction; return what can be given out by it."""
+        if free.stamp_ns in self._waiting:
+            return self._pair(free)
+        if free.stamp_ns not in self._gone:
+            _keep(self._early, free.stamp_ns, free)
+            return []
+        self.late += bool(self._lateness_ns)
+        return [*self._tips_until(free.stamp_ns), ObservedPair(_take(self._gone, free.stamp_ns)[-1], free)]
+
+    def add_tips(self, tips: Sequence[SeenTip]) -> list[Observation]:
+        """Take what one frame shows; return what can be given out of it."""
+        given: list[Observation] = []
+        for tip in tips:
+            if not self._lateness_ns or tip.stamp_ns + self._lateness_ns <= self._paired_ns:
+                self.late += bool(self._lateness_ns)
+                given.append(tip)
+            else:
+                bisect.insort(self._tips, tip, key=lambda each: each.stamp_ns)
+        del self._tips[:-PENDING_LIMIT]
+        return given
+
+    def _pair(self, free: FreeMotion) -> list[Observation]:
+        samples = _take(self._waiting, free.stamp_ns)
+        return [*samples, *self._tips_until(free.stamp_ns), ObservedPair(samples[-1], free)]
+
+    def _tips_until(self, stamp_ns: int) -> list[SeenTip]:
+        """Return the tips that count from a pair on."""
+        self._paired_ns = stamp_ns
+        count = bisect.bisect_right(self._tips, stamp_ns - self._lateness_ns, key=lambda tip: tip.stamp_ns)
+        tips, self._tips = self._tips[:count], self._tips[count:]
+        return tips
+
+
+def _keep(kept: OrderedDict[int, Kept], stamp_ns: int, one: Kept) -> None:
+    kept[stamp_ns] = one
+    while len(kept) > PENDING_LIMIT:
+        kept.popitem(last=False)
+
+
+def _take(kept: OrderedDict[int, Kept], stamp_ns: int) -> list[Kept]:
+    """Take out all that is kept up to a stamp."""
+    taken: list[tuple[int, Kept]] = []
+    while not taken or taken[-1][0] != stamp_ns:
+        taken.append(kept.popitem(last=False))
+    return [one for _, one in taken]
 
 
 class StreamSilence:

@@ -21,7 +21,7 @@ FRICTION: Final = {
     ProductSurface.FROST: 0.15,
 }
 
-#: Contact force per excess tension [1]. By virtual work it is dL/ds: a fingertip goes four to five times the pulled
+#: Contact force per contact tension [1]. By virtual work it is dL/ds: a fingertip goes four to five times the pulled
 #: length (profiles of the three sets); friction in the finger keeps a fifth of the rest.
 FORCE_PER_CONTACT_TENSION: Final = 0.8 / 4.5
 

@@ -18,10 +18,12 @@ import psycopg
 import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.grasp.commands import Close, Open, Press
+from softgrip_cell.grasp.contact import ContactState, FingerContact
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, GraspStep, GraspTask, Open, Press
+from softgrip_cell.grasp.values import GraspTask
 from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
 
 SLOTS = ("index", "middle", "thumb")
@@ -147,6 +149,31 @@ def reference(gain: float = 1.12, noise_n: float = 0.08) -> FreeReference:
         stddev_n=noise_n,
         friction_model="synthetic",
     )
+
+
+@pytest.fixture
+def contact() -> Callable[..., FingerContact]:
+    """Make a finger's contact: 8 mm pulled, 5 N of free motion, 2 N beside it, short of its end."""
+
+    def make(
+        pulled_m: float = 0.008, free_n: float = 5.0, contact_tension_n: float = 2.0, *, is_short: bool = True
+    ) -> FingerContact:
+        return FingerContact(
+            state=ContactState.BLOCKED if is_short else ContactState.CONTACT,
+            pulled_m=pulled_m,
+            tension_n=free_n + contact_tension_n,
+            free_n=free_n,
+            contact_tension_n=contact_tension_n,
+            stddev_n=0.07,
+            threshold_n=0.35,
+            strength_n=contact_tension_n,
+            force_n=contact_tension_n,
+            log_likelihood=20.0,
+            is_touching=True,
+            is_short=is_short,
+        )
+
+    return make
 
 
 @pytest.fixture

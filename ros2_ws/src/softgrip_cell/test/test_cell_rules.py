@@ -20,7 +20,7 @@ from softgrip_cell.finger_records import FingerRecord, FingerState, read_finger_
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
-from softgrip_cell.observation import FreeMotion, ObservedPair, Pairing, TendonSample
+from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
 from softgrip_cell.products import TableMark
 from softgrip_cell.storage import CellJournal, Database, Library, MountedSlot, SlotState
 from softgrip_cell.storage.schema import FINGER_RECORD
@@ -446,12 +446,3 @@ def test_samples_that_come_twice_count_once() -> None:
     found = check.judge()["index"]
     assert found.finding is Finding.UNSEEN
     assert "found 8 samples" in found.reason
-
-
-def test_a_prediction_meets_the_sample_of_its_own_stamp() -> None:
-    pairing = Pairing()
-    for stamp in (1, 2, 3):
-        pairing.add_sample(TendonSample(stamp, (0.001 * stamp,), (1.0,)))
-    pair = pairing.add_prediction(FreeMotion(2, (0.002,), (1.0,), ((0.0, 0.0),)))
-    assert pair is not None
-    assert pair.sample.stamp_ns == 2

@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a tendon/state becomes a sample: one that lacks a slot or holds a number that is none becomes nothing."""
+"""Between messages and values: tendon samples, verdicts, and what earlier releases wrote."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
+import yaml
 from sensor_msgs.msg import JointState
 
-from softgrip_cell.nodes.convert import tendon_sample
+from softgrip_cell.former_names import with_present_names
+from softgrip_cell.grasp.contact import ContactState
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.values import FingerEvidence, GraspEvidence, GraspOutcome, GraspPhase, GraspVerdict
+from softgrip_cell.nodes.convert import grasp_result, tendon_sample
+from softgrip_cell.nodes.parameters import PARAMETERS
 
 SLOTS = ("index", "middle", "thumb")
 
@@ -52,3 +59,62 @@ def test_a_number_that_is_none_makes_no_sample(column: str, place: int, value: f
 )
 def test_a_message_that_does_not_fit_makes_no_sample(columns: dict[str, list[object]]) -> None:
     assert tendon_sample(message(**columns), SLOTS) is None
+
+
+def test_a_verdict_carries_its_numbers_typed_and_as_yaml() -> None:
+    found = FingerEvidence("index", ContactState.BLOCKED, 2.0, 0.35, 0.07, 2.5, 1.5, None)
+    seen = replace(found, finger="middle", tip_deviation_m=0.02)
+    evidence = GraspEvidence(GraspPhase.HOLD, 5_000_000_001, (found, seen))
+    result = grasp_result(GraspVerdict(GraspOutcome.SLIPPED, "lost", 0.03, evidence), None, 4.0)
+    decision = result.decision
+    assert (decision.stamp.sec, decision.stamp.nanosec, decision.phase) == (5, 1, decision.HOLD)
+    first, second = decision.fingers
+    assert (first.finger, first.state, first.contact_tension, first.threshold) == ("index", first.BLOCKED, 2.0, 0.35)
+    assert (first.contact_tension_stddev, first.peak_contact_tension, first.max_force) == (0.07, 2.5, 1.5)
+    assert math.isnan(first.tip_deviation)
+    assert second.tip_deviation == 0.02
+    text = yaml.safe_load(result.evidence)
+    assert text["decided_stamp_ns"] == 5_000_000_001
+    assert text["contact_tension_n"] == {"index": 2.0, "middle": 2.0}
+    assert text["tip_deviation_m"] == {"middle": 0.02}
+
+
+def test_a_refusal_carries_no_numbers() -> None:
+    result = grasp_result(GraspVerdict(GraspOutcome.ABORTED, "refused", 0.0), None, 0.0)
+    assert (result.decision.phase, list(result.decision.fingers)) == (result.decision.UNSET, [])
+    assert yaml.safe_load(result.evidence) == {}
+
+
+def test_evidence_of_an_earlier_release_is_read_under_the_present_names() -> None:
+    old = yaml.safe_load(
+        "phase: hold\nexcess_n: {index: 1.2}\ncontact_from_n: {index: 0.4}\npeak_excess_n: {index: 2.0}"
+    )
+    assert with_present_names(old) == {
+        "phase": "hold",
+        "contact_tension_n": {"index": 1.2},
+        "threshold_n": {"index": 0.4},
+        "peak_contact_tension_n": {"index": 2.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("former", "value", "name", "expected"),
+    [
+        ("contact_sigma", 5.0, "false_alarm_s", 0.01 * math.exp(12.5)),
+        ("decision_run", 3, "wild_share", 360_000 ** (-1 / 3)),
+        ("contact_free_fraction", 0.03, "model_error_share", 0.006),
+    ],
+)
+def test_former_settings_are_read_as_what_they_meant(former: str, value: float, name: str, expected: float) -> None:
+    row = next(row for row in PARAMETERS.rows if row.former == former)
+    assert row.name == name
+    assert row.convert is not None
+    assert row.convert(value) == pytest.approx(expected)
+    assert row.problem(row.convert(value)) is None
+
+
+def test_so_many_samples_as_a_former_run_decide() -> None:
+    row = next(row for row in PARAMETERS.rows if row.former == "decision_run")
+    assert row.convert is not None
+    for run in (1, 2, 3, 5):
+        assert replace(GraspSettings(), wild_share=row.convert(run)).decision_samples(0.01) == run

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every ros2 command line in docs/cell.md fits the interfaces: type, fields, and name as the code has it."""
+"""docs/cell.md: its command lines fit the interfaces, its table is the code's, the tests that it names are there."""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import re
 from pathlib import Path
 
@@ -40,3 +41,20 @@ def test_console_scripts_are_those_of_the_page() -> None:
     declared = (ROOT / "ros2_ws/src/softgrip_cell/setup.cfg").read_text()
     assert scripts
     assert all(f"    {script} = softgrip_cell." in declared for script in scripts)
+
+
+def test_the_table_of_the_grasp_sequence_is_the_codes() -> None:
+    spec = importlib.util.spec_from_file_location("docs_cell", ROOT / "tools/docs/cell.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.render() == PAGE.read_text(), "run: python tools/docs/cell.py"
+    assert script.table().count("\n") > 15
+
+
+def test_the_tests_that_the_page_names_are_there() -> None:
+    named = set(re.findall(r"`(test_\w+)`", PAGE.read_text()))
+    assert named
+    tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
+    assert all(f"def {name}(" in tests for name in named)

@@ -9,10 +9,11 @@ from dataclasses import replace
 
 import pytest
 
+from softgrip_cell.grasp.commands import Press
+from softgrip_cell.grasp.contact import TipTest
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.tip_deflection import TipDeflection
-from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, Press
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase
 from softgrip_cell.observation import SeenTip, TendonFault
 
 SETTINGS = GraspSettings(lift_window_s=1.0)
@@ -125,10 +126,13 @@ def test_decision_comes_within_100_ms_of_standing_and_pressing(run, task, bench)
 
 
 def test_what_creep_takes_from_the_tension_is_not_taken_from_a_touch(run, task, bench) -> None:
-    """A finger that closed a moment ago needs 0.8 N less all the way; 0.5 N/mm of contact is felt within 1 mm."""
+    """A finger that closed a moment ago needs 0.8 N less all the way; 0.5 N/mm of contact is found within 1.1 mm.
+
+    Five sigma of the bench's noise are 0.42 N, reached after 0.84 mm; the rest is the model's error and two readings.
+    """
     made = bench(contact_m=(0.008,) * 3, stiffness_n_per_m=500.0, creep_n=0.8)
     touched_m = next(min(made.pulled_m) for step in run(GraspSequence(task("orange"), SETTINGS), made) if step.contact)
-    assert 0.008 < touched_m < 0.009
+    assert 0.008 < touched_m < 0.0091
 
 
 def test_a_product_that_sits_against_fingers_at_their_stops_is_held_while_the_thumb_presses(run, task, bench) -> None:
@@ -173,7 +177,7 @@ def lift_with_a_bent_finger(task, bench, tip):  # type: ignore[no-untyped-def]  
         bias_n += 0.25 if step.phase is GraspPhase.LIFT else 0.0  # 25 N in half a second
         step = sequence.observe(replace(pair, free=replace(pair.free, tension_n=(bias_n,) * 3)) if bias_n else pair)
         for seen in tip(pair):
-            sequence.see(seen)
+            sequence.observe_tip(seen)
     return step.verdict
 
 
@@ -186,7 +190,7 @@ def test_a_finger_that_is_seen_bent_holds_whatever_its_tension(task, bench) -> N
     """Free motion has its tip on a circle; 20 mm beside it is more than a good finger's 12 mm."""
     bent = lift_with_a_bent_finger(task, bench, lambda pair: [seen(pair, 0.020)])
     assert bent.outcome is GraspOutcome.GRIPPED
-    assert bent.evidence["tip_off_m"] == {"index": pytest.approx(0.020, abs=1e-9)}
+    assert [each.tip_deviation_m for each in bent.evidence.fingers] == [pytest.approx(0.020, abs=1e-9), None, None]
 
 
 @pytest.mark.parametrize(
@@ -196,14 +200,14 @@ def test_a_finger_that_is_seen_bent_holds_whatever_its_tension(task, bench) -> N
 def test_beyond_the_checked_path_a_fingertip_has_to_be_seen_twice_as_far_off(
     task, bench, beyond_m: float, off_m: float, is_deflected: bool
 ) -> None:
-    """A good finger may be 12 mm off where it was checked and 24 mm where it was not, and the camera 3 x 0.5 mm."""
+    """A good finger may be 12 mm off where it was checked and 24 mm where it was not, beside the camera's 0.5 mm."""
     references = task().references
-    tip_deflected = TipDeflection(("index", "middle", "thumb"), references, SETTINGS)
+    tips = TipTest(("index", "middle", "thumb"), references, SETTINGS)
     pair = bench().pair()
     pair = replace(pair, sample=replace(pair.sample, pulled_m=(references[0].reach_m + beyond_m,) * 3))
-    tip_deflected.predict(pair)
-    tip_deflected.see(seen(pair, off_m))
-    assert tip_deflected.slots(pair.sample.stamp_ns) == ({0} if is_deflected else frozenset())
+    tips.predict(pair)
+    tips.observe(seen(pair, off_m))
+    assert tips.deflected(pair.sample.stamp_ns) == ({0} if is_deflected else frozenset())
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,11 @@ from typing import Any, TypeVar
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, OperatingMode
+from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, CurrentSensing, OperatingMode, ServoModel
+from softgrip_driver.dynamixel.winding import Winding
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
+from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage, stream_settings
+from softgrip_driver.rig.grbl import StageStart
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
@@ -65,11 +67,17 @@ WATCHDOG_PERIODS = 2.0
 
 @dataclass(frozen=True)
 class TendonGaugeSettings:
-    """The force gauge in a stage's tendon: kind (of GAUGES), port, and how to read a streaming one."""
+    """The force gauge in a stage's tendon.
+
+    Attributes:
+        kind: of GAUGES. port: serial. stream: how to read one that speaks in lines.
+        proof: [N] that a hand must pull before anything is wound in; 0 = none.
+    """
 
     kind: str
     port: str
     stream: StreamSettings
+    proof: float
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ class DriverConfiguration:
         servos: one for each tendon; none with a stage.
         spools: by tendon.
         gauge: in the tendon of a stage; None with servos.
+        stage_start: what to do where a stage is locked when it is opened.
         limits: by tendon.
         grippers: by tendon, the gripper it belongs to.
         policies: of the whole gripper.
@@ -99,6 +108,7 @@ class DriverConfiguration:
     servos: tuple[ServoConfiguration, ...]
     spools: Mapping[str, Spool]
     gauge: TendonGaugeSettings | None
+    stage_start: StageStart
     limits: Mapping[str, TendonLimits]
     grippers: Mapping[str, str]
     policies: Policies
@@ -116,9 +126,9 @@ class DriverConfiguration:
         """Return the backend, not connected; ``report`` is told what it is about to change in a device for good."""
         if self.gauge is not None:
             ((tendon, limits),) = self.limits.items()
-            stage = make_stage(self.kind, self.port, self.reply_margin)
+            stage = make_stage(self.kind, self.port, self.reply_margin, self.stage_start)
             gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
-            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed)
+            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof)
         bus = Bus(self.port, self.baud, self.reply_margin)
         return DynamixelBackend(
             bus,
@@ -165,6 +175,7 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         servos=_servos(values, tendons, spools, limits) if on_bus else (),
         spools=dict(zip(tendons, spools, strict=True)),
         gauge=None if on_bus else _gauge(values, tendons),
+        stage_start=StageStart(values["stage_start"]),
         limits=dict.fromkeys(tendons, limits),
         grippers=dict(zip(tendons, _per_tendon(values, "grippers", tendons), strict=True)),
         policies=Policies(
@@ -214,8 +225,7 @@ def _gauge(values: Mapping[str, Any], tendons: Sequence[str]) -> TendonGaugeSett
         raise ConfigurationError(
             f"parameter loop_rate: expected at most {STAGE_RATES[kind]:g} Hz with backend '{kind}', found {rate:g}"
         )
-    stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
-    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream)
+    return TendonGaugeSettings(values["gauge"], values["gauge_port"], stream_settings(values), values["gauge_proof_n"])
 
 
 def _servos(
@@ -242,13 +252,12 @@ def _servo(
             f"parameter {LIMIT_PARAMETERS['temperature_limit']}: expected at most the {model.temperature_limit:g} degC "
             f"at which a {name} lets go of everything, found {limits.temperature_limit:g}"
         )
-    calibrated = own("torque_per_ampere_nm_a") > 0.0
-    torque = TorqueModel(
-        own("torque_per_ampere_nm_a") if calibrated else model.torque_per_ampere,
-        own("friction_currents_a") if calibrated else model.no_load_current,
-        own("tension_stddev_share"),
-        "calibrated" if calibrated else "data sheet",
-    )
+    mode = OperatingMode(values["operating_mode"])
+    if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
+        raise ConfigurationError(
+            f"parameter operating_mode: expected 4 with a {name}, which knows no current, found {mode.value}; then the "
+            "driver alone limits the tension"
+        )
     lasting = LASTING_SHARE * model.stall_torque / spool.radius
     if limits.tension_soft > lasting:
         raise ConfigurationError(
@@ -261,11 +270,39 @@ def _servo(
         own("servo_ids"),
         model,
         spool,
-        torque,
-        OperatingMode(values["operating_mode"]),
+        _torque(own, model),
+        mode,
         limits.tension_hard,
         limits.speed,
+        _winding(own),
+        CurrentSensing(own("limited_currents")) if model.senses is CurrentSensing.SUPPLY else None,
     )
+
+
+def _torque(own: Callable[[str], Any], model: ServoModel) -> TorqueModel:
+    """Return what a tendon's own values say of its servo's torque, else what the data sheet does."""
+    if own("torque_per_ampere_nm_a") <= 0.0:
+        friction = own("friction_currents_a") or model.no_load_current
+        return TorqueModel(model.torque_per_ampere, friction, own("tension_stddev_share"))
+    return TorqueModel(
+        own("torque_per_ampere_nm_a"),
+        own("friction_currents_a"),
+        own("tension_stddev_share"),
+        "calibrated",
+        own("friction_slopes_a_s_m"),
+        own("gear_load_shares"),
+    )
+
+
+def _winding(own: Callable[[str], Any]) -> Winding | None:
+    """Return the resistance and back-EMF that were measured, or None."""
+    resistance, back_emf = own("winding_resistances_ohm"), own("back_emfs_v_s")
+    if (resistance > 0.0) != (back_emf > 0.0):
+        raise ConfigurationError(
+            "parameters winding_resistances_ohm, back_emfs_v_s: expected both of a calibration, or 0 for both, found "
+            f"{resistance:g} ohm and {back_emf:g} V s/rad"
+        )
+    return Winding(resistance, back_emf, own("winding_stddev_share")) if resistance > 0.0 else None
 
 
 def _per_tendon(values: Mapping[str, Any], name: str, tendons: Sequence[str]) -> list[Any]:

@@ -19,7 +19,7 @@ from softgrip_driver.configuration import STAGE_RATES
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
+from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, OperatingMode
 from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import DriveReading
@@ -39,6 +39,7 @@ from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.spring import SpringPlant
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.faulty import FaultyWire
+from softgrip_emulator.wire.usb_adapter import UsbAdapter
 from softgrip_model.profile import load_directory
 
 PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
@@ -128,30 +129,38 @@ class Bench(RunningLoop):
 
     def __init__(
         self, folder: Path, world, *, rate=200.0, limits=None, policies=POLICIES, seed=3, history=4096, grippers=None,
-        model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION,
+        model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION, limits_current=None,
+        latency=None, tendons=TENDONS, report=lambda _: None,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
         limits = limits or TendonLimits(no_reply=0.05 if world.quiet else 0.3)
-        chain = [ServoPlace(name, number, model) for number, name in enumerate(TENDONS, start=1)]
+        chain = [
+            ServoPlace(name, number, model, limits_winding=limits_current is CurrentSensing.WINDING)
+            for number, name in enumerate(tendons, start=1)
+        ]
         supply = Supply(load_model(model).motor.nominal_voltage_v)
         self.plant = CellPlant(load_directory(PROFILES), seed=seed, chain=chain, supply=supply)
-        self.plant.mount(list(TENDONS), ["a", "b", "c"], ["power"] * 3)
+        fingers = [name for name in tendons if name in TENDONS]
+        self.plant.mount(fingers, list("abc"), ["power"] * 3)
         self.plant.now_s = world.clock.now_s()
         self.bus_wire = FaultyWire(
             DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to), seed
         )
-        self.bus_port = world.port(folder / "servos", self.bus_wire)
+        wire = self.bus_wire if latency is None else UsbAdapter(self.bus_wire, latency)
+        self.bus_port = world.port(folder / "servos", wire)
         table = MODELS[model]
         torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
         self.servos = [
-            ServoConfiguration(name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard)
-            for i, name in enumerate(TENDONS, start=1)
+            ServoConfiguration(
+                name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard, limits=limits_current
+            )
+            for i, name in enumerate(tendons, start=1)
         ]
         self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=0.004 if world.quiet else 0.02)
-        self.backend = DynamixelBackend(self.bus, self.servos, watchdog=0.08 if world.quiet else 0.6)
+        self.backend = DynamixelBackend(self.bus, self.servos, watchdog=0.08 if world.quiet else 0.6, report=report)
         self.safety = Safety(SafetyStore(folder / "safety.yaml"))
         self.controller = GripperController(
-            dict.fromkeys(TENDONS, limits), policies, grippers, 1.0 / rate, lambda: block_of(self.safety, policies)
+            dict.fromkeys(tendons, limits), policies, grippers, 1.0 / rate, lambda: block_of(self.safety, policies)
         )
         self.loop = world.loop(self.backend, self.controller, rate, history)
 
@@ -198,7 +207,7 @@ class StageBench(RunningLoop):
         stall_time=1.0, break_confirm=0.08,
     )  # fmt: skip
 
-    def __init__(self, folder: Path, world, stage: str, gauge: str) -> None:
+    def __init__(self, folder: Path, world, stage: str, gauge: str, proof: float = 0.0) -> None:
         self.world, self.undo = world, []
         limits = replace(self.LIMITS, no_reply=0.05 if world.quiet else 0.3)
         self.plant = SpringPlant(RigTruth.from_seed(1))
@@ -211,6 +220,7 @@ class StageBench(RunningLoop):
             make_stage(stage, str(folder / "stand"), reply),
             make_gauge("gcl2" if gauge == "gcl2" else "stream", str(folder / "gauge"), stream, reply),
             1.2 * limits.speed,
+            proof,
         )
         rate = STAGE_RATES[stage]
         self.safety = Safety(SafetyStore(folder / "safety.yaml"))

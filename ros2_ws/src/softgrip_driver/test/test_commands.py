@@ -13,6 +13,7 @@ import pytest
 from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup
 from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
 from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
@@ -99,8 +100,8 @@ def test_selftest_of_an_empty_bus_says_so(chain, capsys):
 
 def measurement(**others):
     values = {
-        "servos": 4, "baud": 1_000_000, "rate": 400.0, "median": 0.0025, "p99": 0.003, "lost_share": 0.0, "corrupt": 0,
-        "return_delays": {1: 0.0}, "latency_timer": 0.001,
+        "servos": 4, "baud": 1_000_000, "rate": 400.0, "median": 0.0025, "p99": 0.003, "turnaround": 0.001,
+        "lost_share": 0.0, "corrupt": 0, "return_delays": {1: 0.0}, "latency_timer": 0.001,
     }  # fmt: skip
     return Measurement(**(values | others))
 
@@ -108,7 +109,8 @@ def measurement(**others):
 @pytest.mark.parametrize(
     ("found", "text"),
     [
-        (measurement(latency_timer=0.016), "waits 16 ms"),
+        (measurement(latency_timer=0.016), "waits 16 ms.*make udev"),
+        (measurement(latency_timer=None, turnaround=0.016), "takes 16 ms beyond its bytes.*make udev"),
         (measurement(return_delays={1: 5e-4, 2: 0.0}), r"servos \[1\] wait"),
         (measurement(baud=57600), "raise the baud rate"),
         (measurement(lost_share=0.05), "5.00% of the answers are lost"),
@@ -244,15 +246,16 @@ def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monk
 
     bench.loop.stop()
     bench.backend._live = {"index": bench.backend._live["index"]}
-    samples = calibrate_tension.measure(bench.backend, Gauge(), 8.0, 0.02, 0.006, 1)
+    samples = calibrate_tension.measure(bench.backend, Gauge(), 8.0, 0.012, 0.03, 2)
     calibrate_tension.write_csv(tmp_path / "samples.csv", samples)
-    taut = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension > 1.0]
-    model = calibrate_tension.fit_torque_model(
-        [s.current for s in taut], [s.speed for s in taut], [s.tension for s in taut], 0.010, "gauge"
-    )
+    taut = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension_n > 1.0]
+    found = calibrate_tension.calibrate(taut, MODELS["XL330-M288"], 0.010, "gauge")
     motor = bench.plant.motors[0]
     truth = motor.ratings.torque_constant_nm_per_a * 0.010 / motor.spool_radius_m
-    assert model.torque_per_ampere == pytest.approx(truth, rel=0.12)
+    assert found.torque.torque_per_ampere == pytest.approx(truth, rel=0.05)
+    assert found.winding.resistance == pytest.approx(motor.resistance_ohm(25.0), rel=0.03)
+    assert found.winding.back_emf == pytest.approx(motor.ratings.back_emf_vs_per_rad, rel=0.05)
+    assert found.scatter < 0.3
     assert bench.plant.servos[0].registers.get("torque_enable") == 0
 
 

@@ -113,6 +113,8 @@ BOTH_STAGES = [
     Row("saturated", "tension_exceeded", reason="the end of its range", recovery="reset", safe_within=SLOW),
     Row("unplugged", "port_lost", arguments=(GAUGE_PORT,), reason="plug", recovery="home", safe_within=SLOW),
     Row("tendon_break", "tendon_broken", on="holding", reason="replace the tendon", recovery="home", safe_within=0.5),
+    # The more is wound in, the less it reads: 2 N below nothing come after some millimetres.
+    Row("cell_reversed", "gauge_negative", reason="less than nothing", recovery="reset", safe_within=None),
     # 9 mm are wound in at 3 mm/s.
     Row("slack", "tendon_slack", reason="retension", recovery="command", safe_within=3.2),
 ]

@@ -37,6 +37,7 @@ E_MANUAL = {
     "profile velocity": (112, 4, False),
     "goal position": (116, 4, True),
     "realtime tick": (120, 2, False),
+    "present PWM": (124, 2, True),
     "present current": (126, 2, True),
     "present velocity": (128, 4, True),
     "present position": (132, 4, True),
@@ -62,7 +63,13 @@ def test_units_are_those_of_the_e_manual() -> None:
         ("XL330-M288", 1200, 1.0, 1750, 70.0),
         ("XC330-M288", 1240, 1.0, 2352, 70.0),
         ("XC330-T288", 1220, 1.0, 910, 70.0),
+        ("XM430-W210", 1030, 2.69, 1193, 80.0),
         ("XM430-W350", 1020, 2.69, 1193, 80.0),
+        ("XM540-W150", 1130, 2.69, 2047, 80.0),
+        ("XM540-W270", 1120, 2.69, 2047, 80.0),
+        ("XL430-W250", 1060, 0.0, 0, 72.0),
+        ("XC430-W150", 1070, 0.0, 0, 80.0),
+        ("XC430-W240", 1080, 0.0, 0, 80.0),
     ],
 )
 def test_a_model_has_the_scales_and_limits_of_its_page(

@@ -15,9 +15,9 @@ from softgrip_driver.errors import (
     PortLostError,
 )
 from softgrip_driver.rig import mark10
-from softgrip_driver.rig.amplifier import LineFormat, line_format
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
 from softgrip_driver.rig.errors import SaturatedError, UnitChangedError
+from softgrip_driver.rig.line_format import LineFormat, line_format
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON, FORMATS
 
@@ -354,15 +354,15 @@ def test_travel_in_inches_is_refused():
 @pytest.mark.parametrize(
     ("name", "line", "newtons"),
     [
-        ("raw", b"160000", 2.0),
-        ("time_raw", b"1234,160000", 2.0),
+        ("raw", b"160000", 160000.0),
+        ("time_raw", b"1234,160000", 160000.0),
         ("grams", b"Reading: 12.34 g", 12.34e-3 * 9.81),
         ("openscale", b"1200,0.5000,kg,24.5,", 0.5 * 9.81),
         ("scale", b"ST,GS,+ 12.345kg", 12.345 * 9.81),
     ],
 )
 def test_lines_of_real_devices(name, line, newtons):
-    assert line_format(name, 80000.0).parse(line) == pytest.approx(newtons)
+    assert line_format(name).parse(line) == pytest.approx(newtons)
 
 
 @pytest.mark.parametrize(
@@ -381,7 +381,7 @@ def test_what_looks_like_a_line_and_holds_no_number_is_refused(name, line):
 
 
 def test_a_line_format_of_ones_own():
-    assert line_format(r"F=(?P<value>-?\d+)", 1000.0).parse(b"F=2500") == pytest.approx(2.5)
+    assert line_format(r"F=(?P<value>-?\d+)").parse(b"F=2500") == 2500.0
     with pytest.raises(ConfigurationError, match="value"):
         line_format(r"F=\d+")
     with pytest.raises(ConfigurationError, match="regular expression"):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What differs between servo models and operating modes: bring-up of a servo in any state, units, whole moves."""
 
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -89,7 +90,8 @@ def test_units_and_limits_of_the_data_sheets(model, unit, limit, stall, hot):
     assert (table.ampere_per_unit, table.current_limit_units, table.temperature_limit) == (unit, limit, hot)
     assert table.torque_per_ampere * table.stall_current / 0.01 == pytest.approx(stall)
     servo = servo_of(model)
-    assert servo.ampere(100) == pytest.approx(100 * unit)
+    block = struct.pack("<hhi", 0, 100, 0)
+    assert servo.motor_reading(block, 5.0, 25.0).current == pytest.approx(100 * unit)
     # A limit beyond the servo's own is the servo's own, a tenth above the hard limit of 45 N; it would refuse more.
     assert servo.current_units(10_000.0) == servo.current_units(49.5) <= limit
 

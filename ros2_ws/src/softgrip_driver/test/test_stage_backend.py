@@ -145,3 +145,18 @@ def test_opened_again_it_has_neither_power_nor_the_mark_of_its_zero(rig: Rig) ->
     assert rig.backend.reconnect()
     assert rig.tell(0.005) == []
     assert (rig.reading.session_mark, rig.reading.powered) == (0, False)
+
+
+def test_a_gauge_that_is_not_believed_lets_it_out_but_not_in() -> None:
+    rig = Rig()
+    rig.backend = StageBackend("pull", rig.stage, rig.gauge, 0.01, proof=2.0)
+    rig.backend.connect()
+    rig.stage.where = 0.010
+    rig.backend.power("pull", True)
+    assert rig.tell(0.012) == [("stop", 0.010)]
+    assert rig.reading.faults == ("gauge_unproven",)
+    assert rig.tell(0.004) == [("start", 0.004)]
+    for rig.gauge.shows in (1.0, 1.0, 1.0, 1.0, 1.0, 3.5):
+        rig.tell(0.004)
+    assert rig.tell(0.012) == [("stop", 0.010), ("start", 0.012)]
+    assert rig.reading.faults == ()

@@ -147,7 +147,10 @@ def test_a_servo_that_is_set_up_again_does_not_keep_the_others_waiting(holding):
 
 
 def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
-    """At the largest tension that may be asked for; (T / 20 N)^2 (1 - e^(-t / 20 s)) crosses 1 then."""
+    """At the largest tension that may be asked for; (T / 20 N)^2 (1 - e^(-t / 20 s)) crosses 1 then.
+
+    By the driver's own estimate of T, which the data sheet gives to 15 %; here it is too high, so that it comes early.
+    """
     bench.hold_taut(0.0)
     asked, lasting = TendonLimits().tension_soft, Policies().continuous_tension
     outcome, reason = bench.run(bench.move([asked], 0.03, tendons=["index"], mode=MoveMode.TENSION))
@@ -155,8 +158,8 @@ def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
     held = float(bench.plant.bank.tension_n[0])
     began = bench.now()
     assert bench.until(lambda _: any("backed off" in text for text in bench.drive("index").warnings), 12.0)
-    expected = -20.0 * np.log(1.0 - (lasting / held) ** 2)
-    assert bench.now() - began == pytest.approx(expected, abs=2.0)
+    earliest, latest = (-20.0 * np.log(1.0 - (lasting / tension) ** 2) for tension in (1.15 * held, held))
+    assert earliest - 0.5 < bench.now() - began < latest + 0.5
     assert held > 0.9 * asked
     bench.pass_time(0.4)
     tensions = []

@@ -14,21 +14,24 @@ from types import SimpleNamespace
 
 from softgrip_driver.errors import DriverError
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.pty import Line, PtyPort
 
 #: modules of the driver that look at a clock, wait, or open a port
-CLOCKED = ("dynamixel.backend", "dynamixel.port", "dynamixel.restart", "tendon.loop", "stage.backend", "rig.line_port",
-           "rig.grbl", "commands.calibrate_tension", "commands.selftest")  # fmt: skip
+CLOCKED = (
+    "dynamixel.backend", "dynamixel.bus", "dynamixel.port", "dynamixel.restart", "tendon.loop", "stage.backend",
+    "rig.line_port", "rig.line_gauge", "rig.grbl", "commands.calibrate_tension", "commands.selftest", "commands.stage",
+)  # fmt: skip
 PORTS = ("dynamixel.port", "rig.line_port")
 PLANT_PERIOD = 0.003
 
 
-class OwnClock(CellClock):
+class OwnClock:
     """Time [s] that passes only while somebody waits."""
 
+    scale = 1.0
+
     def __init__(self):
-        super().__init__()
         self._now = 100.0
         self.living = []
         self.stopped = False
@@ -196,7 +199,7 @@ class OwnWorld:
     def __init__(self, patch):
         self.clock = OwnClock()
         self._cables = {}
-        clock = SimpleNamespace(monotonic=self.clock.now_s)
+        clock = SimpleNamespace(monotonic=self.clock.now_s, sleep=self.clock.wait)
         for module in CLOCKED:
             patch.setattr(f"softgrip_driver.{module}.time", clock)
         for module in PORTS:
@@ -243,7 +246,7 @@ class RealWorld:
 
     def __init__(self, quiet):
         self.quiet = quiet
-        self.clock = CellClock()
+        self.clock = RealTimeClock()
         self._stop = threading.Event()
         self._living = []
 

@@ -2,13 +2,11 @@
 """The emulated cell as one thing: plant, servo bus, camera and friction rig behind their wires.
 
 Wires made in the wire folder: `servos`, `stand`, `gauge` (links to pseudo-terminals), `camera.url`,
-`camera_calibration.yaml`.
+`camera_calibration.yaml`, and `time`, the socket of the cell's time (`time_server`).
 """
 
 from __future__ import annotations
 
-import logging
-import threading
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
@@ -17,34 +15,37 @@ import numpy as np
 
 from softgrip_emulator.camera.camera_process import CameraProcess
 from softgrip_emulator.camera.exposure_sample import CameraSettings, ExposureSample, Pose
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import ScaledCellClock, SetClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import FaultBoard
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.sensor import OtherLine
+from softgrip_emulator.time_server import GIVE_UP_S, TimeServer
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.folder import open_wire_folder
-from softgrip_emulator.wire.pty import PtyPort
+from softgrip_emulator.wire.pty import DrivenPort
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
+    from softgrip_emulator.camera.exposure_sample import ExposureReport
     from softgrip_emulator.plant.grasp import GraspState
+    from softgrip_emulator.wire.device import WireDevice
     from softgrip_model.profile import Profile
 
     Array = NDArray[np.float64]
 
-_log = logging.getLogger(__name__)
-
+TIME_SOCKET: Final = "time"
+"""Socket in the wire folder that participants of the cell's time connect to."""
 SEEN_SLOT: Final = "index"
 """The camera looks at this finger from the side, and at what is behind it."""
-_PLANT_PERIOD_S: Final = 0.004
 _EXPOSURE_S: Final = 0.008
+_ROUNDING_S: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Truth:
 
 
 class EmulatedCell:
-    """Owns plant, wires, camera and rig. Use as a context manager, or call `open` and `close`."""
+    """Owns plant, wires, camera, rig and their time. Use as a context manager, or call `open` and `close`."""
 
     def __init__(
         self,
@@ -79,7 +80,9 @@ class EmulatedCell:
         *,
         seed: int = 1,
         rig_time_scale: float = 1.0,
-        time_scale: float = 1.0,
+        speed: float = 1.0,
+        expected: Collection[str] = (),
+        on_tick: Callable[[], None] = lambda: None,
         chain: Sequence[ServoPlace] | None = None,
         supply: Supply | None = None,
         camera: CameraSettings | None = None,
@@ -92,7 +95,9 @@ class EmulatedCell:
             wire_dir: folder the wires are made in.
             seed: of everything that is drawn.
             rig_time_scale: how much faster than the cell's clock the friction rig lives.
-            time_scale: cell seconds per wall second for everything else.
+            speed: cell seconds a second at most; 0 = as fast as all participants keep up.
+            expected: names of participants without which it goes no faster than the computer's time.
+            on_tick: called in the thread of the cell's time when that has gone on.
             chain: servos on the bus.
             supply: of the servos.
             camera: resolution, rate, port.
@@ -103,22 +108,31 @@ class EmulatedCell:
         """
         self.wire_dir = wire_dir
         self.seed = seed
-        self.clock = CellClock(time_scale)
-        self._epoch_s = time.time()
+        self.clock = SetClock()
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
-        self.rig = EmulatedRig(seed, rig_time_scale * time_scale)
+        self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale))
         if gauge_on:
             index = self.plant.index(gauge_on)
             self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
         self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to)
         self.bus_wire = FaultyWire(self.chain, seed)
-        self.bus_port = PtyPort(wire_dir / "servos", self.bus_wire, clock=self.clock)
+        self.time_server = TimeServer(
+            wire_dir / TIME_SOCKET,
+            self.clock,
+            lambda: self._ports,
+            self._advance_to,
+            speed=speed,
+            expected=expected,
+            is_busy=self._is_exposing,
+        )
+        self.bus_port = DrivenPort(wire_dir / "servos", self.bus_wire, self.clock, wake=self.time_server.wake)
+        self._ports = [self.bus_port]
+        self._on_tick = on_tick
         self._settings = camera or CameraSettings()
-        timed = replace(self._settings, fps=self._settings.fps * time_scale)
-        self.camera = CameraProcess(timed, seed, SEEN_SLOT, self._look)
+        self.camera = CameraProcess(self._settings, seed, SEEN_SLOT, self._on_exposed)
+        self._exposed_s = self._exposure_due_s = 0.0
+        self._exposing_since = 0.0
         self.faults = FaultBoard(self)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._live, name="plant", daemon=True)
 
     def open(self) -> Self:
         """Make all wires and start living.
@@ -128,8 +142,9 @@ class EmulatedCell:
         """
         try:
             open_wire_folder(self.wire_dir)
-            self.bus_port.start()
-            self.rig.open_ports(self.wire_dir)
+            self.time_server.open()
+            self.bus_port.open(self.time_server.thread)
+            self.rig.open_ports(self.wire_dir, self._make_port)
         except OSError as error:
             self.close()
             raise EmulatorError(f"wire folder {self.wire_dir}: expected to make ports in it, found: {error}") from error
@@ -141,14 +156,18 @@ class EmulatedCell:
                 f"camera stream on port {self._settings.port}: expected a free port on 127.0.0.1 and a folder "
                 f"{self.wire_dir} to write to, found: {error}; choose another port (0 = any free one) or wire_dir"
             ) from error
-        self._thread.start()
+        self.time_server.start()
         return self
+
+    def _make_port(self, path: Path, device: WireDevice) -> DrivenPort:
+        port = DrivenPort(path, device, self.rig.clock, wake=self.time_server.wake)
+        port.open(self.time_server.thread)
+        self._ports.append(port)
+        return port
 
     def close(self) -> None:
         """Take all wires away. May be called more than once."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(2.0)
+        self.time_server.close()
         self.camera.close()
         self.bus_port.close()
         self.rig.close()
@@ -162,10 +181,8 @@ class EmulatedCell:
         self.close()
 
     def epoch_time_s(self) -> float:
-        """The cell's time in seconds since the epoch: the wall's at real time, else what /clock says."""
-        if self.clock.scale == 1.0:
-            return time.time()
-        return self._epoch_s + self.clock.now_s()
+        """The cell's time in seconds since the epoch."""
+        return self.time_server.epoch_s + self.clock.now_s()
 
     @property
     def stream_url(self) -> str:
@@ -194,7 +211,7 @@ class EmulatedCell:
             )
             return Truth(fingers, plant.grasp.state(), self.faults.active)
 
-    def _look(self) -> ExposureSample:
+    def _sample(self) -> ExposureSample:
         """The seen finger now, and where it was when the exposure began (from its joint speeds)."""
         plant, faults = self.plant, replace(self.camera.faults)
         with plant.lock:
@@ -212,11 +229,29 @@ class EmulatedCell:
             before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m, product)
             return ExposureSample(now, before, stamp_s, faults)
 
-    def _live(self) -> None:
-        while not self._stop.is_set():
-            began_s = time.monotonic()
-            now_s = self.clock.now_s()
-            self.faults.tick(now_s)
-            self.plant.advance_to(now_s)
-            spent_s = time.monotonic() - began_s
-            self._stop.wait(max(0.0005, self.clock.wall_duration_s(_PLANT_PERIOD_S) - spent_s))
+    def _advance_to(self, now_s: float) -> None:
+        """Advance faults, plant and camera to a time [s]; in the thread of the cell's time."""
+        self.faults.tick(now_s)
+        self.plant.advance_to(now_s)
+        if now_s > self._exposure_due_s - _ROUNDING_S:
+            self._expose(now_s)
+        self._on_tick()
+
+    def _expose(self, now_s: float) -> None:
+        period_s = 1.0 / self._settings.fps
+        self._exposure_due_s = max(self._exposure_due_s + period_s, now_s)
+        if self.camera.viewers and not self.camera.is_exposing:
+            self._exposed_s, self._exposing_since = now_s, time.monotonic()
+            self.time_server.participants.add_exposure(now_s)
+            self.camera.expose(self._sample())
+
+    def _is_exposing(self, target_s: float) -> bool:
+        """Whether the last exposure must be rendered first; one that takes too long is waited for no more."""
+        is_due = target_s > self._exposure_due_s - _ROUNDING_S
+        return is_due and self.camera.is_exposing and time.monotonic() - self._exposing_since < GIVE_UP_S
+
+    def _on_exposed(self, report: ExposureReport) -> None:
+        exposed_s = self._exposed_s
+        if report.is_rendered and not report.is_shown:
+            self.time_server.post(lambda: self.time_server.participants.drop_exposure(exposed_s))
+        self.time_server.wake()

@@ -5,9 +5,10 @@ import math
 import os
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
-from itertools import pairwise
+from itertools import count, pairwise
 
 import cv2
 import numpy as np
@@ -113,21 +114,25 @@ def test_another_level_of_noise_is_the_same_noise_louder():
 
 @pytest.fixture
 def stream(tmp_path):
-    board = FrameBoard()
-    scene = Scene(draw_optics(320, 240, seed=1), seed=1)
-    angle = [0.0]
-    faults = CameraFaults()
-
-    def look():
-        angle[0] += 0.5
-        return ExposureSample(pose_of((angle[0], 0, 0)), pose_of((angle[0], 0, 0)), time.time(), faults)
-
-    camera = Camera(scene, board, look, fps=60.0, random=np.random.default_rng(1).random)
+    """A camera whose cell asks for 60 frames a second while the stream has viewers."""
+    board, faults = FrameBoard(), CameraFaults()
+    camera = Camera(Scene(draw_optics(320, 240, seed=1), seed=1), board)
     server = StreamServer(board)
     server.start(tmp_path / "camera.url")
-    camera.start()
+    ended = threading.Event()
+
+    def expose():
+        angle = 0.0
+        while not ended.wait(1.0 / 60.0):
+            if board.viewers:
+                angle += 0.5
+                camera.expose(ExposureSample(pose_of((angle, 0, 0)), pose_of((angle, 0, 0)), time.time(), faults))
+
+    exposing = threading.Thread(target=expose, daemon=True)
+    exposing.start()
     yield camera, (tmp_path / "camera.url").read_text().strip(), faults
-    camera.close()
+    ended.set()
+    exposing.join()
     server.close()
 
 
@@ -156,14 +161,6 @@ def test_the_stream_has_frames_with_rising_stamps(stream):
     assert image.shape == (240, 320, 3)
 
 
-def test_it_takes_no_frames_while_nobody_looks(stream, until):
-    camera, url, _ = stream
-    list(parts(url, 2))
-    assert until(lambda: camera._board.viewers == 0)
-    taken = camera.frames_taken
-    assert not until(lambda: camera.frames_taken > taken + 1, 0.3)
-
-
 def test_a_frozen_camera_repeats_its_frame(stream):
     _, url, faults = stream
     faults.frozen = True
@@ -174,12 +171,12 @@ def test_a_frozen_camera_repeats_its_frame(stream):
 def test_a_dark_camera_and_one_that_loses_frames():
     pose, faults = pose_of((10, 0, 0)), CameraFaults(gain=0.05)
     scene = Scene(draw_optics(320, 240, seed=1), seed=1)
-    random = np.random.default_rng(1).random
-    camera = Camera(scene, FrameBoard(), lambda: ExposureSample(pose, pose, 0.0, faults), random=random)
-    assert cv2.imdecode(np.frombuffer(camera.take()[0], np.uint8), cv2.IMREAD_COLOR).mean() < 12
+    camera = Camera(scene, FrameBoard(), random=np.random.default_rng(1).random)
+    sample = ExposureSample(pose, pose, 0.0, faults)
+    assert cv2.imdecode(np.frombuffer(camera.take(sample), np.uint8), cv2.IMREAD_COLOR).mean() < 12
     faults.gain = 1.0
     faults.drop_share = 0.5
-    lost = sum(camera.take()[0] is None for _ in range(60))
+    lost = sum(camera.take(sample) is None for _ in range(60))
     assert 15 < lost < 45
 
 
@@ -260,50 +257,72 @@ def test_a_product_is_seen_behind_the_finger_and_hides_no_marker():
     assert np.array_equal(scene.render(pose, light=dark), without)
 
 
-def test_the_camera_apart_serves_what_it_is_shown_and_ends_with_the_cell(tmp_path):
-    stamps = iter(range(1, 1000))
-    apart = CameraProcess(
-        CameraSettings(320, 240, fps=60.0),
-        1,
-        "index",
-        lambda: ExposureSample(pose_of((10, 0, 0)), pose_of((10, 0, 0)), float(next(stamps))),
-    )
-    apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
-    rows = list(parts((tmp_path / "camera.url").read_text().strip(), 3))
+@pytest.fixture
+def camera_process(tmp_path):
+    """Open a camera's process that is asked for frames as a cell asks: the next one when the last is reported."""
+    opened = []
+
+    def open_process(**settings):
+        pose, stamps, reports = pose_of((10, 0, 0)), count(1), []
+
+        def on_report(report):
+            reports.append(report)
+            if report.viewers and not process.is_exposing:
+                process.expose(ExposureSample(pose, pose, float(next(stamps)), process.faults))
+
+        process = CameraProcess(CameraSettings(320, 240, **settings), 1, "index", on_report)
+        process.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
+        opened.append(process)
+        return process, (tmp_path / "camera.url").read_text().strip(), reports
+
+    yield open_process
+    for process in opened:
+        process.close()
+
+
+def test_the_camera_process_serves_what_it_is_shown_and_ends_with_the_cell(camera_process, tmp_path, until):
+    process, url, reports = camera_process()
+    rows = list(parts(url, 3))
     assert [stamp for stamp, _ in rows] == sorted({stamp for stamp, _ in rows})
     assert cv2.imdecode(np.frombuffer(rows[0][1], np.uint8), cv2.IMREAD_COLOR).shape == (240, 320, 3)
     write_calibration(tmp_path / "expected.yaml", calibrated(draw_optics(320, 240, seed=1), 1), "index", 1)
     assert (tmp_path / "calibration.yaml").read_bytes() == (tmp_path / "expected.yaml").read_bytes()
-    assert apart.running
-    process = apart._process
-    apart.close()
-    assert process.returncode == 0
-    assert not apart.running
+    assert until(lambda: reports[-1].viewers == 0)
+    assert process.running
+    child = process._process
+    process.close()
+    assert child.returncode == 0
+    assert not process.running
+
+
+def test_a_frame_that_the_sensor_loses_is_reported_as_not_shown(camera_process, until):
+    process, url, reports = camera_process()
+    list(parts(url, 1))
+    process.faults.drop_share = 1.0
+    with urllib.request.urlopen(url, timeout=5):
+        assert until(lambda: any(report.is_rendered and not report.is_shown for report in reports))
+    assert any(report.is_shown for report in reports)
 
 
 @pytest.mark.parametrize("requested", [0, 12])
-def test_the_camera_apart_takes_the_priority_it_is_given_where_it_may(tmp_path, requested):
+def test_the_camera_process_has_the_priority_it_is_given_where_it_may(camera_process, requested):
     trial = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
     allowed = subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False).returncode == 0
-    pose = pose_of((10, 0, 0))
-    apart = CameraProcess(
-        CameraSettings(320, 240, realtime_priority=requested), 1, "index", lambda: ExposureSample(pose, pose, 0.0)
-    )
-    apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
-    process = apart._process.pid
-    assert os.sched_getscheduler(process) == (os.SCHED_FIFO if requested and allowed else os.SCHED_OTHER)
-    assert os.sched_getparam(process).sched_priority == (requested if allowed else 0)
-    assert len(list(parts((tmp_path / "camera.url").read_text().strip(), 2))) == 2
-    apart.close()
+    process, url, _ = camera_process(realtime_priority=requested)
+    number = process._process.pid
+    assert os.sched_getscheduler(number) == (os.SCHED_FIFO if requested and allowed else os.SCHED_OTHER)
+    assert os.sched_getparam(number).sched_priority == (requested if allowed else 0)
+    assert len(list(parts(url, 2))) == 2
 
 
-def test_a_camera_that_is_killed_is_noticed(tmp_path, until):
-    pose = pose_of((10, 0, 0))
-    apart = CameraProcess(CameraSettings(320, 240), 1, "index", lambda: ExposureSample(pose, pose, 0.0))
-    apart.open(tmp_path / "camera.url", tmp_path / "calibration.yaml")
-    apart._process.kill()
-    assert until(lambda: not apart.running)
-    apart.close()
+def test_a_camera_that_is_killed_is_noticed_and_keeps_nobody_waiting(camera_process, until):
+    process, url, _ = camera_process()
+    list(parts(url, 1))
+    process._process.kill()
+    assert until(lambda: not process.running)
+    assert until(lambda: not process.is_exposing)
+    process.expose(ExposureSample(pose_of((10, 0, 0)), pose_of((10, 0, 0)), 0.0))
+    assert not process.is_exposing
 
 
 def test_two_viewers_and_a_wrong_path(stream):

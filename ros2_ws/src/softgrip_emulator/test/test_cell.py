@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole emulated cell over its wires: a hand closes, every fault by name shows on the wire and ends."""
 
+import random
 import socket
+import time
 import urllib.request
+from contextlib import contextmanager
 
 import dynamixel_sdk
 import numpy as np
 import pytest
+import serial
 
 from softgrip_emulator.camera.exposure_sample import CameraSettings
-from softgrip_emulator.cell import EmulatedCell
+from softgrip_emulator.cell import TIME_SOCKET, EmulatedCell
 from softgrip_emulator.dynamixel.packets import Instruction, encode
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import BUS_FAULTS, CAMERA_FAULTS, random_plan, read_plan
+from softgrip_emulator.time_server import TICK_S
 from softgrip_emulator.wire.pty import host_baud
+from softgrip_time import SimulatedClock
 
 OK, TIMEOUT = dynamixel_sdk.COMM_SUCCESS, dynamixel_sdk.COMM_RX_TIMEOUT
 SLOTS = ("index", "middle", "thumb")
@@ -36,6 +42,33 @@ def open_host(cell):
     assert port.openPort()
     assert port.setBaudRate(1_000_000)
     return port, dynamixel_sdk.PacketHandler(2.0)
+
+
+@contextmanager
+def stepping_host(cell, at_s=0.0):
+    """The servos' port as a host opens it that steps with the cell's time, from a time [s] on."""
+    clock = SimulatedClock(cell.wire_dir / TIME_SOCKET, "host")
+    with clock.stepping(), serial.Serial(str(cell.wire_dir / "servos"), 1_000_000, timeout=0) as bus:
+        clock.attach(bus.fd)
+        clock.wait(max(at_s, clock.now_s() + 0.02))
+        yield clock, bus
+        clock.detach(bus.fd)
+
+
+def exchange(clock, bus, instruction, parameters):
+    """Send an instruction to servo 1; returns its reply and the time it came."""
+    clock.count_written(bus.fd, bus.write(encode(1, instruction, parameters)))
+    assert clock.wait_readable([bus.fd], clock.now_s() + 0.1) == [bus.fd]
+    return bus.read(200), clock.now_s()
+
+
+def torque_on_and_pull(clock, bus, pulses):
+    """Current-based position control, 0.9 A, to a goal so many pulses on."""
+    for address, value in ((11, b"\x05"), (102, (900).to_bytes(2, "little")), (64, b"\x01")):
+        exchange(clock, bus, Instruction.WRITE, address.to_bytes(2, "little") + value)
+    reply, _ = exchange(clock, bus, Instruction.READ, bytes((132, 0, 4, 0)))
+    goal = int.from_bytes(reply[9:13], "little", signed=True) + pulses
+    exchange(clock, bus, Instruction.WRITE, (116).to_bytes(2, "little") + goal.to_bytes(4, "little", signed=True))
 
 
 def ping(host, number=1):
@@ -340,20 +373,39 @@ def test_a_bad_plan_is_refused(text):
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def test_the_cell_can_live_faster_than_the_wall(profiles, tmp_path, until):
-    with EmulatedCell(profiles, tmp_path / "wires", time_scale=3.0, camera=CameraSettings(320, 240)) as cell:
+def test_the_cell_can_live_faster_than_the_computer(profiles, tmp_path):
+    with EmulatedCell(profiles, tmp_path / "wires", speed=0.0, camera=CameraSettings(320, 240)) as cell:
         cell.plant.mount(SLOTS, ("a", "b", "c"), ("power",) * 3)
-        host = open_host(cell)
-        torque_on(host)
-        port, packets = host
-        packets.write4ByteTxRx(port, 1, 112, 20)
-        pull(host, 1, 600)
-        start_s, start_wall = cell.clock.now_s(), cell.epoch_time_s()
-        begin = read4(host, 1, 132)[0]
-        assert until(lambda: read4(host, 1, 132)[0] - begin > 400, 5.0)
-        # 400 pulses at 20 x 0.229 rpm take 1.28 s of the cell's time, at least.
-        assert cell.clock.now_s() - start_s > 0.9 * 400 / (20 * 0.229 / 60 * 4096)
-        assert cell.epoch_time_s() - start_wall == pytest.approx(cell.clock.now_s() - start_s, abs=0.05)
+        began = time.monotonic()
+        with stepping_host(cell) as (clock, bus):
+            start_s = clock.now_s()
+            torque_on_and_pull(clock, bus, 600)
+            clock.wait(start_s + 20.0)
+            assert clock.now_s() == start_s + 20.0
+            assert cell.truth().fingers[0].joint_angles_rad.sum() > 0.5
+        assert time.monotonic() - began < 20.0
+    assert cell.epoch_time_s() == pytest.approx(clock.epoch_ns(clock.now_s()) * 1e-9, abs=TICK_S)
+
+
+def test_the_same_questions_at_the_same_times_get_the_same_answers_however_busy_the_computer(profiles, tmp_path):
+    """The truth after a closing is the same to the bit, though one host is held up at random by its computer."""
+    ends = []
+    for number, pause_s in enumerate((0.0, 0.004)):
+        folder = tmp_path / f"wires{number}"
+        pauses = random.Random(number)
+        with EmulatedCell(profiles, folder, seed=2, speed=0.0, camera=CameraSettings(320, 240)) as cell:
+            cell.plant.mount(SLOTS, ("a", "b", "c"), ("power",) * 3)
+            with stepping_host(cell, at_s=1.0) as (clock, bus):
+                torque_on_and_pull(clock, bus, 900)
+                readings = []
+                for step in range(100):
+                    clock.wait(2.0 + 0.01 * step)
+                    time.sleep(pauses.uniform(0.0, pause_s))
+                    readings.append(exchange(clock, bus, Instruction.READ, bytes((126, 0, 10, 0))))
+                truth = cell.truth()
+        ends.append((readings, [finger.joint_angles_rad.tolist() for finger in truth.fingers]))
+    assert ends[0] == ends[1]
+    assert len(set(ends[0][0])) > 20
 
 
 def test_the_stream_of_a_cell_can_be_read(cell):

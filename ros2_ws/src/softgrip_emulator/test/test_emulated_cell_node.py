@@ -33,7 +33,7 @@ def peer(domain):
 
 
 def test_services_truth_and_clean_end(start, peer, tmp_path):
-    process = start("cell_time_scale:=1.0", "truth_rate:=50.0")
+    process = start("truth_rate:=50.0")
     placed = peer.call(PlaceObject, "emulator/place_object", product="egg", offset=0.0)
     # wires exist before the services do
     assert {path.name for path in tmp_path.iterdir()} >= {"servos", "stand", "gauge", "camera.url"}
@@ -63,7 +63,7 @@ def test_services_truth_and_clean_end(start, peer, tmp_path):
 
 
 def test_a_faster_cell_publishes_its_clock(start, peer):
-    start("cell_time_scale:=2.0")
+    start("speed:=2.0")
     ticks = peer.hear(Clock, "/clock", SENSOR)
     peer.spin_until(lambda: len(ticks) > 20)
     assert all(seconds(b.clock) > seconds(a.clock) for a, b in pairwise(ticks))

@@ -9,9 +9,10 @@ import pytest
 from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.friction.laws import FrictionLaw, Law
-from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, _Equations
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 from softgrip_model.gdfe.session import ShapeSession, Shown
+from softgrip_model.gdfe.solver import Solver
 from softgrip_model.profile import load_directory, shipped_directory
 
 COARSE = ClosingSettings(RESOLUTIONS["coarse"])
@@ -34,14 +35,14 @@ def rubbing(coefficient):
 def solved(monkeypatch):
     """Return the list of (pulled length, equilibrium) of all that is solved from here on."""
     found = []
-    solve = _Equations.solve
+    solve = Solver.solve
 
-    def noted(self, solver, max_iterations, pulled_mm, start):
-        equilibrium = solve(self, solver, max_iterations, pulled_mm, start)
-        found.append((pulled_mm, equilibrium))
+    def noted(self, **task):
+        equilibrium = solve(self, **task)
+        found.append((task["drives"][0].target, equilibrium))
         return equilibrium
 
-    monkeypatch.setattr(_Equations, "solve", noted)
+    monkeypatch.setattr(Solver, "solve", noted)
     return found
 
 
@@ -58,7 +59,7 @@ def test_a_shape_is_that_of_a_solve_from_rest_alone(profiles, pulled):
     """Keyframes, extrapolation and interpolation choose where to start, not where to end."""
     settings = ClosingSettings(RESOLUTIONS["coarse"], tolerance=1e-6, max_iterations=6000)
     closing = ClosingPath(profiles["power"], "index", settings)
-    direct = closing._equations.solve(closing.body.solver, 6000, 1e3 * pulled, closing.body.solver.rest())
+    direct = closing._solve(closing.body.solver, 1e3 * pulled, closing.body.solver.rest())
     assert direct.converged
     shape = closing.shape(pulled)
     moved = 1e3 * shape.vertices - closing.finger_mesh.mesh.nodes
@@ -79,8 +80,13 @@ def test_only_what_the_length_needs_is_solved(profiles, solved):
 
 def test_a_keyframe_may_take_half_the_iterations_of_a_shape(profiles, monkeypatch):
     allowed = []
-    solve = _Equations.solve
-    monkeypatch.setattr(_Equations, "solve", lambda self, *given: (allowed.append(given[1]), solve(self, *given))[1])
+    solve = Solver.solve
+
+    def noted(self, **task):
+        allowed.append(task["max_iterations"])
+        return solve(self, **task)
+
+    monkeypatch.setattr(Solver, "solve", noted)
     ClosingPath(profiles["pinch"], "index", ClosingSettings(RESOLUTIONS["coarse"], max_iterations=200)).shape(0.0012)
     assert allowed[-1] == 200
     assert set(allowed[:-1]) == {100}
@@ -252,12 +258,12 @@ def test_the_fine_mesh_catches_up_ever_faster_on_keyframes_that_take_no_time(pro
     def show():
         pulled = 0.004 + 0.0002 * (len(asked) % 2)
         (one,) = session.on_tendons(["index"], [TendonInput(round(1e9 * stamp), pulled, 0.0, 1.0)])
-        asked.append(keyframes.asked)
+        asked.append(keyframes.requested)
         hexahedra.append(one.hexahedra)
 
     session._fingers["index"].why = "as if it had been late"
     keyframes.advance()  # the undeformed state takes no time
-    asked[0] = keyframes.asked
+    asked[0] = keyframes.requested
     while len(asked) < 40 and not keyframes.covers(0.0042 * 1e3):
         stamp += 0.04 + (late_s if len(asked) > 1 and asked[-1] > asked[-2] else 0.0)
         show()

@@ -8,15 +8,16 @@ from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
 from softgrip_nodekit.cell_lock import claim_name
 from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import FatalError, StartupError
+from softgrip_nodekit.event_time import StampedInputs, input_stamp_ns, lateness_parameter
 from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.health import HealthMonitor, HealthWatch
+from softgrip_nodekit.node_io import NodeIo, RecordingIo
 from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim_processor, realtime_parameter
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
-from softgrip_nodekit.stamps import seconds, to_time_message
+from softgrip_nodekit.stamps import nanoseconds, seconds, to_time_message
 from softgrip_nodekit.timers import steady_timer
-from softgrip_nodekit.trace import Caller, Commander, Goal, NodeIo, RecordingIo, SentGoal
 from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [
@@ -25,11 +26,8 @@ __all__ = [
     "RELIABLE",
     "SENSOR",
     "CallbackErrors",
-    "Caller",
-    "Commander",
     "Diagnostics",
     "FatalError",
-    "Goal",
     "Health",
     "HealthMonitor",
     "HealthWatch",
@@ -38,14 +36,17 @@ __all__ = [
     "ParameterTable",
     "Rank",
     "RecordingIo",
-    "SentGoal",
+    "StampedInputs",
     "StartupError",
     "UrgentServer",
     "WhileBrief",
     "callback_errors",
     "claim_name",
     "claim_processor",
+    "input_stamp_ns",
+    "lateness_parameter",
     "make_executor",
+    "nanoseconds",
     "realtime_parameter",
     "run",
     "seconds",

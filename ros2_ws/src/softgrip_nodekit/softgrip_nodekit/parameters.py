@@ -32,6 +32,7 @@ class Parameter:
             devices and emulated ones appear when they are ready.
         former: the name it had before; a value given under it at start is taken, with a warning. Files written for an
             earlier release and recorded bags stay usable.
+        convert: from a value of the former parameter to one of this; None where only the name has changed.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Parameter:
     changeable: bool = False
     device: bool = False
     former: str = ""
+    convert: Callable[[Any], Any] | None = None
 
     def problem(self, value: Any) -> str | None:
         """Return what is wrong with a value as expected / found, or None."""
@@ -159,8 +161,10 @@ class ParameterTable:
         node.undeclare_parameter(row.former)
         if given is None:
             return row.default
-        node.get_logger().warning(f"parameter '{row.former}' is called '{row.name}' now: use that name")
-        return given
+        value = given if row.convert is None else row.convert(given)
+        said = "is called" if row.convert is None else f"= {given} is read as {value} for"
+        node.get_logger().warning(f"parameter '{row.former}' {said} '{row.name}' now: use that name")
+        return value
 
     def _validate(self, parameters: Sequence[Any]) -> SetParametersResult:
         for parameter in parameters:

@@ -37,8 +37,9 @@ STDERR = 2
 SWITCH_INTERVAL = 0.001
 #: Marks an error that has been counted.
 _COUNTED = "softgrip_is_counted"
-#: Begins the names of parameters that a publisher or subscription declares when it is made, maybe later.
-_QOS_OVERRIDES = "qos_overrides."
+#: Begin the names of values that are none of the node's parameters: what a publisher or subscription declares when it
+#: is made, maybe later; what a launch file could hand on and was not given (cell.launch.yaml).
+_NOT_PARAMETERS = ("qos_overrides.", "not_given_")
 
 
 def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
@@ -144,7 +145,7 @@ def _refuse_unknown_parameters(node: Node) -> None:
     unknown = [
         name
         for name in given
-        if not node.has_parameter(name) and not name.startswith(_QOS_OVERRIDES) and name not in former
+        if not node.has_parameter(name) and not name.startswith(_NOT_PARAMETERS) and name not in former
     ]
     if unknown:
         known = ", ".join(sorted(node.list_parameters([], 0).names))

@@ -11,7 +11,12 @@ def seconds(stamp: Time) -> float:
     return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
-def to_time_message(nanoseconds: int) -> Time:
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp as nanoseconds [ns] since its clock's epoch."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def to_time_message(since_epoch_ns: int) -> Time:
     """Return nanoseconds since the epoch as a message."""
-    whole, rest = divmod(nanoseconds, NANOSECONDS)
+    whole, rest = divmod(since_epoch_ns, NANOSECONDS)
     return Time(sec=whole, nanosec=rest)

@@ -118,6 +118,15 @@ def test_a_value_out_of_bounds_under_a_former_name_ends_the_node_with_the_presen
     node.destroy_node()
 
 
+def test_a_value_of_a_former_parameter_of_another_meaning_is_converted(context: Any) -> None:
+    node = make_node(context, "-p", "rate_hz:=4.0")
+    row = Parameter(
+        "period_s", 2.0, "of a wait", "s", 0.0, 9.0, former="rate_hz", convert=lambda rate_hz: 1.0 / rate_hz
+    )
+    assert ParameterTable(row).declare(node) == {"period_s": 0.25}
+    node.destroy_node()
+
+
 FORMER_NODE = """
 import sys
 import threading

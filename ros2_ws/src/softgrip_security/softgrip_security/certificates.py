@@ -35,6 +35,24 @@ class Credential:
     key: ec.EllipticCurvePrivateKey
 
     @property
+    def valid_from(self) -> dt.datetime:
+        """Return when the certificate begins to be good (UTC)."""
+        return self._utc("not_valid_before")
+
+    @property
+    def valid_until(self) -> dt.datetime:
+        """Return when the certificate ends (UTC)."""
+        return self._utc("not_valid_after")
+
+    def _utc(self, name: str) -> dt.datetime:
+        # cryptography has times with a zone from 42 on; Ubuntu 24.04 has 41, whose times are UTC without saying so
+        aware: dt.datetime | None = getattr(self.certificate, f"{name}_utc", None)
+        if aware is not None:
+            return aware
+        naive: dt.datetime = getattr(self.certificate, name)
+        return naive.replace(tzinfo=dt.UTC)
+
+    @property
     def certificate_pem(self) -> bytes:
         """Return the certificate as PEM."""
         return self.certificate.public_bytes(serialization.Encoding.PEM)

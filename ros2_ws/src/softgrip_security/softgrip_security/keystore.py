@@ -118,9 +118,9 @@ class Keystore:
             except SecurityError as error:
                 found.append(f"{name}: {error}")
                 continue
-            left = (credential.certificate.not_valid_after_utc - self._now).days
+            left = (credential.valid_until - self._now).days
             if left < RENEW_DAYS:
-                end = credential.certificate.not_valid_after_utc.date()
+                end = credential.valid_until.date()
                 found.append(f"{name}: the certificate ends {end}, in {left} days; renew with --rotate")
         known = self._enclaves()
         folders = sorted((self._folder / "enclaves" / "softgrip").glob("*"))
@@ -218,9 +218,9 @@ class Keystore:
         self._write(self._folder / "policy.xml", sros2.policy_xml(self._policy))
         self._write_signed(authority, self._folder / "enclaves" / "governance", sros2.governance_xml())
         for name, enclave in self._enclaves().items():
-            certificate = _read(enclave / "cert.pem", enclave / "key.pem").certificate
+            credential = _read(enclave / "cert.pem", enclave / "key.pem")
             identity = PolicyIdentity(ROUTER, ()) if name == ROUTER else self._policy.identity(name)
-            text = sros2.permissions_xml(identity, certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+            text = sros2.permissions_xml(identity, credential.valid_from, credential.valid_until)
             self._write_signed(authority, enclave / "permissions", text)
 
     def _write_signed(self, authority: Credential, stem: Path, text: bytes) -> None:

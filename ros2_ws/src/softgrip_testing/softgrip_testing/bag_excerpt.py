@@ -9,7 +9,7 @@ from pathlib import Path
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import RawMessage, attachments, facts, read, topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
 

@@ -16,8 +16,9 @@ from softgrip_driver.dynamixel.bus import BROADCAST, Bus
 from softgrip_driver.dynamixel.stuffing import unstuff
 from softgrip_driver.errors import DeviceRefusedError, DriverError, NoReplyError
 from softgrip_driver.rig import mark10
-from softgrip_driver.rig.amplifier import FORMATS, StreamAmplifier
 from softgrip_driver.rig.grbl import GrblStage
+from softgrip_driver.rig.line_format import FORMATS
+from softgrip_driver.rig.line_gauge import LineGauge
 from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
 
@@ -101,12 +102,17 @@ class ScriptedPort:
         del quiet
         return 0
 
-    def read_line(self, timeout: float | None = None) -> bytes:
-        """Return the next line."""
+    def read_next_line(self, timeout: float | None = None) -> bytes:
+        """Return the next line: each begins when it is asked for."""
+        return self.read_line(timeout)
+
+    def read_line(self, timeout: float | None = None, length: int = 0) -> bytes:
+        """Return the next line, or so many bytes of it."""
         del timeout
         if not self._lines:
             raise NoReplyError(f"expected a line, found {self._rest[:40]!r}")
-        return self._lines.pop(0).rstrip(b"\r")
+        line = self._lines.pop(0).rstrip(b"\r")
+        return line[:length] if length else line
 
 
 class DriverFuzzTarget:
@@ -174,7 +180,7 @@ def _devices(stream: bytes) -> list[Callable[[], object]]:
 
     # The fakes have the verbs of LinePort that these use.
     stage, stand, gauge = GrblStage(port(), 0.0), Mark10Stand(port()), Mark10Gauge(port())  # type: ignore[arg-type]
-    amplifiers = [StreamAmplifier(port(), one) for one in FORMATS.values()]  # type: ignore[arg-type]
+    amplifiers = [LineGauge(port(), one) for one in FORMATS.values()]  # type: ignore[arg-type]
     return [stage.travel, stand.travel, gauge.tension, *(one.tension for one in amplifiers),
             lambda: GrblStage(port(), 0.0).start(0.001, 0.001)]  # type: ignore[arg-type]  # fmt: skip
 

@@ -16,11 +16,11 @@
 #include <utility>
 #include <vector>
 
-#include "chain.hpp"
-#include "image.hpp"
-#include "looks.hpp"
-#include "plane.hpp"
-#include "spots.hpp"
+#include "softgrip/vision/chain.hpp"
+#include "softgrip/vision/image.hpp"
+#include "softgrip/vision/looks.hpp"
+#include "softgrip/vision/plane.hpp"
+#include "softgrip/vision/spots.hpp"
 
 namespace py = pybind11;
 using namespace softgrip::vision;
@@ -190,7 +190,9 @@ void require_points(const Chain& chain, const Points& points) {
   }
 }
 
-std::pair<double, double> pair_of(const Vector2& place) { return {place.x(), place.y()}; }
+std::pair<double, double> pair_of(const Vector2& place) {
+  return {place.x(), place.y()};
+}
 
 void bind_spots(py::module_& module) {
   module.def("signal", &signal, py::arg("image"), py::arg("forms"));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "chain.hpp"
+#include "softgrip/vision/chain.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -79,7 +79,9 @@ ChainFilter::ChainFilter(Chain chain) : chain_(std::move(chain)) {
   covariance = deviation.array().square().matrix().asDiagonal();
 }
 
-void ChainFilter::place(const Points& points) { joint_angles() = chain_.angles(points); }
+void ChainFilter::place(const Points& points) {
+  joint_angles() = chain_.angles(points);
+}
 
 void ChainFilter::predict(double seconds) {
   const Index n = chain_.joints();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "components.hpp"
+#include "softgrip/vision/components.hpp"
 
 #include <algorithm>
 #include <cstddef>

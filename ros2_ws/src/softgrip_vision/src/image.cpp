@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "image.hpp"
+#include "softgrip/vision/image.hpp"
 
 #include <cstring>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "looks.hpp"
+#include "softgrip/vision/looks.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "plane.hpp"
+#include "softgrip/vision/plane.hpp"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -60,7 +60,9 @@ Vector2d Lens::undistort(const Vector2d& pixel) const {
 PlaneMap::PlaneMap(const Lens& lens, const Matrix3d& homography)
     : lens_(lens), to_image_(homography), to_plane_(homography.inverse()) {}
 
-Vector2d PlaneMap::to_pixel(const Vector2d& point_m) const { return lens_.distort(apply(to_image_, point_m)); }
+Vector2d PlaneMap::to_pixel(const Vector2d& point_m) const {
+  return lens_.distort(apply(to_image_, point_m));
+}
 
 PlanePoint PlaneMap::to_plane(const Vector2d& pixel) const {
   const Vector2d undistorted_px = lens_.undistort(pixel);

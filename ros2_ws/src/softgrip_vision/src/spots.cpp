@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spots.hpp"
+#include "softgrip/vision/spots.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -60,8 +60,8 @@ std::vector<Spot> SpotFinder::find(const Image& image, const Window& window, con
   for (const Component& component : components_.all()) {
     const bool whole =
         component.left > 0 && component.top > 0 && component.right < width_ && component.bottom < height_;
-    const bool fits = std::max(kFewestPixels, 0.5 * area.smallest_px) <= component.area &&
-                      component.area <= 2.0 * area.largest_px;
+    const bool fits =
+        std::max(kFewestPixels, 0.5 * area.smallest_px) <= component.area && component.area <= 2.0 * area.largest_px;
     if (!whole || !fits) continue;
     if (!around) around = background();
     std::optional<Spot> spot = measure(component, *around);

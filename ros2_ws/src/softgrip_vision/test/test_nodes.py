@@ -300,7 +300,6 @@ def test_what_keeps_the_nodes_from_starting(watcher: Watcher, tmp_path: Path) ->
             {"calibration_file": missing, "calibration_wait_s": 0.2},
             "expected a file there within 0.2 s",
         ),
-        ("marker_tracker", {}, "expected a calibration with planes, found ''"),
         ("camera", {"source": "ftp://nowhere"}, "expected http, https or rtsp"),
         ("camera", {"jpeg_quality": 500}, "jpeg_quality"),
     ):
@@ -308,6 +307,15 @@ def test_what_keeps_the_nodes_from_starting(watcher: Watcher, tmp_path: Path) ->
         _, errors = process.communicate(timeout=DEADLINE)
         assert process.returncode == 2
         assert complaint in errors
+
+
+def test_a_bench_that_lacks_camera_or_calibration_says_so(watcher: Watcher) -> None:
+    watcher.start("camera", source="none")
+    watcher.start("marker_tracker")
+    assert watcher.until(lambda: watcher.said("this bench has no camera"))
+    assert watcher.until(lambda: watcher.said("run calibrate_camera"))
+    assert watcher.health["camera: capture"][0] == 0
+    assert watcher.health["marker_tracker: calibration"][0] == 1
 
 
 def test_no_camera_is_an_error_on_diagnostics(watcher: Watcher) -> None:

@@ -31,6 +31,7 @@ from softgrip_vision.sources import (
 from softgrip_vision.sources.mjpeg import PartReader, boundary_of, capture_time_ns
 from softgrip_vision.sources.opencv import DeviceStream
 from softgrip_vision.sources.opening import SourceKind, dereference, kind_of
+from softgrip_vision.v4l2_controls import ControlSettings
 
 Serve = Callable[..., str]
 Part = Callable[[bytes, str | None], bytes]
@@ -229,6 +230,19 @@ def test_a_device_stamps_with_the_time_of_its_buffer(
         stream.read()
     stream.close()
     assert device.released
+
+
+def test_what_came_of_a_devices_controls_is_in_the_captures_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    """/dev/null stands for a camera that knows no control: each that was asked for is a problem."""
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: FakeDevice(0.0))
+    captured = threading.Event()
+    capture = Capture("/dev/null", SourceOptions(controls=ControlSettings(gain=3)), captured.set, reconnect_delay=10.0)
+    capture.start()
+    assert captured.wait(10.0)
+    found = capture.status.controls
+    capture.stop()
+    assert found is not None
+    assert [text.partition(":")[0] for text in found.problems] == ["gain"]
 
 
 def test_a_device_that_is_no_camera_is_named() -> None:

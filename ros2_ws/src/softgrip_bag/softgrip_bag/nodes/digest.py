@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.old_messages import is_before_unset, read
-from softgrip_bag.nodes.steps import runs, stamp_of
-from softgrip_bag.nodes.types import message_class
+from softgrip_bag.nodes.messages import message_class, stamp_of
+from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.nodes.trace import runs
 from softgrip_bag.old_definitions import ENUMERATIONS, old_name
-from softgrip_bag.reader import RawMessage, topic_types
+from softgrip_bag.reader import RawMessage
 from softgrip_bag.story import (
     RecordedClosing,
     RecordedFault,
@@ -142,16 +141,15 @@ def digest(bag: Path) -> Story:
     Raises:
         BagError: no bag, or no MCAP.
     """
-    types = topic_types(bag)
-    cell = cell_namespace(types)
-    reader = _Reader(cell)
-    topics = {topic if topic in _SHARED else cell + topic: kind for topic, kind in _READ.items()}
-    for raw in read(bag, {topic for topic, kind in topics.items() if types.get(topic) == kind}):
+    recorded = RecordedBag(bag)
+    reader = _Reader(recorded.cell)
+    topics = {topic if topic in _SHARED else recorded.cell + topic: kind for topic, kind in _READ.items()}
+    for raw in recorded.read({topic for topic, kind in topics.items() if recorded.types.get(topic) == kind}):
         reader.take(raw, deserialize_message(raw.data, message_class(raw.type_name)))
     story = reader.story
     story.closings.extend(_closings(reader))
-    if types.get(cell + _TRACE) == "softgrip_interfaces/msg/NodeTrace":
-        story.grasps.extend(_grasps(bag, cell))
+    if recorded.types.get(recorded.cell + _TRACE) == "softgrip_interfaces/msg/NodeTrace":
+        story.grasps.extend(_grasps(recorded))
     return story
 
 
@@ -181,24 +179,25 @@ def _closings(reader: _Reader) -> list[RecordedClosing]:
     return found
 
 
-def _grasps(bag: Path, cell: str) -> list[RecordedGrasp]:
+def _grasps(bag: RecordedBag) -> list[RecordedGrasp]:
     found = []
-    is_old = is_before_unset(bag)
     try:
-        for steps in runs(bag, cell + _TRACE):
+        for steps in runs(bag, bag.cell + _TRACE):
             product = ""
             for step in steps:
-                if step.name == f"goal {cell}/cell/grasp":
+                if step.name == f"goal {bag.cell}/cell/grasp":
                     product = deserialize_message(step.data[_UUID:], GraspAction.Goal).product
-                elif step.name == f"finished {cell}/cell/grasp":
+                elif step.name == f"finished {bag.cell}/cell/grasp":
                     result = deserialize_message(step.data, GraspAction.Result)
                     outcome = (
                         old_name("softgrip_interfaces/Grasp_Result", "outcome", result.outcome)
-                        if is_old
+                        if bag.is_before_unset
                         else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
                     )
                     found.append(
-                        RecordedGrasp(step.wall, product, outcome, result.reason, result.latency, result.duration)
+                        RecordedGrasp(
+                            step.wall, product, outcome, result.reason, result.latency, result.duration, result.evidence
+                        )
                     )
     except BagError:
         return found  # what is there of a trace with a gap

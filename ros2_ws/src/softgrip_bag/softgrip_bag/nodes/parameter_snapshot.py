@@ -1,25 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Asks every node for its parameters, and takes along the files that they name; secrets stay out."""
+"""Parameters of nodes in a bag: every node is asked once, and the files that parameters name come along.
+
+Files are read on a thread of its own: a file may be slow, and a recording must not wait. Secrets stay out of what nodes
+answer, and of /parameter_events, where each publishes what its parameters are set to.
+"""
 
 from __future__ import annotations
 
 import re
+import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+from rclpy.serialization import deserialize_message, serialize_message
 
 from softgrip_bag.cell_namespace import is_below
-from softgrip_bag.context import FILE_PARAMETERS, parameter_attachment
+from softgrip_bag.context import FILE_PARAMETERS, parameter_attachment, parameter_files
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
-from softgrip_bag.nodes.file_reader import FileReader
-from softgrip_bag.redaction import redact
+from softgrip_bag.redaction import redact, redact_value
 
+PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
 #: [s] a node that has not answered until then is asked anew.
 ANSWER_TIMEOUT_S = 5.0
 #: [s] between two tries to read a file that is not there.
@@ -28,6 +36,61 @@ RETRY_S = 0.5
 MAX_REFUSED = 100
 #: A fully qualified name, as ROS 2 allows it (design.ros2.org, "Topic and Service name mapping").
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+
+
+class FileReader:
+    """Reads files one after the other.
+
+    Args:
+        roots: folders that files may be below, or files that they may be.
+        found: called with each file, on the reader's thread.
+    """
+
+    def __init__(self, roots: Sequence[Path], found: Callable[[Attachment], None]) -> None:
+        self._roots = roots
+        self._found = found
+        self._asked: SimpleQueue[tuple[str, str, str] | None] = SimpleQueue()
+        self._results: SimpleQueue[tuple[tuple[str, str, str], str, bool]] = SimpleQueue()
+        self._pending: set[tuple[str, str, str]] = set()
+        # a daemon: a file system that never answers must not keep the process from ending
+        self._thread = threading.Thread(target=self._run, name="file reader", daemon=True)
+        self._thread.start()
+
+    def request(self, node: str, parameter: str, path: str) -> None:
+        """Have a file or a folder's YAML files read; one that is asked for already is not asked for twice."""
+        if (node, parameter, path) not in self._pending:
+            self._pending.add((node, parameter, path))
+            self._asked.put((node, parameter, path))
+
+    def results(self) -> list[tuple[tuple[str, str, str], str, bool]]:
+        """Return what has been done since: (node, parameter, path), what is wrong or empty, whether to try again."""
+        done = []
+        while True:
+            try:
+                done.append(self._results.get_nowait())
+            except Empty:
+                break
+            self._pending.discard(done[-1][0])
+        return done
+
+    def close(self) -> None:
+        """End the thread after what it reads now."""
+        self._asked.put(None)
+
+    def _run(self) -> None:
+        while (asked := self._asked.get()) is not None:
+            node, parameter, path = asked
+            problem, is_temporary = "", False
+            try:
+                for file in parameter_files(self._roots, node, parameter, Path(path)):
+                    self._found(file)
+            except OSError as error:
+                problem, is_temporary = error.strerror or str(error), True
+            except BagError as error:
+                problem = str(error)
+            except Exception as error:  # noqa: BLE001  whatever a file causes is reported and the next one is read
+                problem = repr(error)
+            self._results.put((asked, problem, is_temporary))
 
 
 class ParameterSnapshot:
@@ -164,3 +227,26 @@ class ParameterSnapshot:
         if key not in self._refused and len(self._refused) < MAX_REFUSED:
             self._refused[key] = why
             self._node.get_logger().warning(why)
+
+
+def without_secrets(data: bytes) -> bytes:
+    """Return the event with secrets taken out; the same bytes when there are none.
+
+    Bytes that are not such a message go into the bag as they are: nobody can read a secret from them as a parameter.
+    """
+    try:
+        event = deserialize_message(data, ParameterEvent)
+    except Exception:  # noqa: BLE001  each middleware has its own for bytes that are no such message
+        return data
+    parameters = (*event.new_parameters, *event.changed_parameters)
+    hidden = [_redact(parameter) for parameter in parameters]
+    return bytes(serialize_message(event)) if any(hidden) else data
+
+
+def _redact(parameter: Any) -> bool:
+    value = parameter.value
+    text = redact_value(parameter.name, value.string_value)
+    texts = redact_value(parameter.name, list(value.string_array_value))
+    is_secret = text != value.string_value or texts != list(value.string_array_value)
+    value.string_value, value.string_array_value = text, texts
+    return bool(is_secret)

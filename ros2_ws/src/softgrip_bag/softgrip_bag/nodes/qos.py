@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.offers import OfferedQos
 
 
 def offered(profile: QoSProfile) -> OfferedQos:
@@ -29,4 +30,19 @@ def matching(qos: Sequence[OfferedQos], depth: int) -> QoSProfile:
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def recorded(qos: Sequence[Mapping[str, Any]]) -> QoSProfile:
+    """Return the QoS to play a topic with: what its first publisher offered, as the bag stores it."""
+    offer = OfferedQos.from_map(qos[0]) if qos else OfferedQos()
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if offer.history == "keep_all" else HistoryPolicy.KEEP_LAST,
+        depth=max(1, offer.depth),
+        reliability=(
+            ReliabilityPolicy.BEST_EFFORT if offer.reliability == "best_effort" else ReliabilityPolicy.RELIABLE
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if offer.durability == "transient_local" else DurabilityPolicy.VOLATILE
+        ),
     )

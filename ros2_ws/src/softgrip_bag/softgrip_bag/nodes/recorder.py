@@ -27,24 +27,21 @@ from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from softgrip_bag import facts
-from softgrip_bag.announced import publishers_type, type_conflict
+from softgrip_bag.arrivals import Drain, LossCounter
 from softgrip_bag.cell_namespace import is_below, is_of_cell, is_shared
-from softgrip_bag.draining import Drain
+from softgrip_bag.context import machine, software
 from softgrip_bag.errors import BagError, DiskError, error_text
-from softgrip_bag.faults import FaultWatch
-from softgrip_bag.losses import LossCounter
 from softgrip_bag.mcap_stream import MAX_ID
-from softgrip_bag.nodes.parameter_events import PARAMETER_EVENT, without_secrets
-from softgrip_bag.nodes.parameter_snapshot import ParameterSnapshot
+from softgrip_bag.nodes.messages import interface_text, message_class
+from softgrip_bag.nodes.parameter_snapshot import PARAMETER_EVENT, ParameterSnapshot, without_secrets
 from softgrip_bag.nodes.qos import matching, offered
-from softgrip_bag.nodes.types import interface_text, message_class
+from softgrip_bag.offers import publishers_type, type_conflict
 from softgrip_bag.pipeline import Pipeline, free_bytes
 from softgrip_bag.places import bag_folder
 from softgrip_bag.reader import RawMessage
 from softgrip_bag.repair import bags_in, repair_all
-from softgrip_bag.ring import Ring, snapshot_seconds
 from softgrip_bag.schema_text import schema_text
+from softgrip_bag.snapshot import FaultWatch, Ring, snapshot_seconds
 from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic, clamp_stamp
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
@@ -133,7 +130,7 @@ class Recorder(Node):
         self._behind = 0.0  # [s] the latest message since the last report
         self._drain: Drain | None = None
         self._drained: Future = Future()
-        self._facts = {"softgrip_machine": facts.machine(), "softgrip_software": facts.software()}
+        self._facts = {"softgrip_machine": machine(), "softgrip_software": software()}
         self._carried: dict[str, Attachment] = {}
         self._topics: dict[str, Topic] = {}
         self._unreadable: dict[str, str] = {}

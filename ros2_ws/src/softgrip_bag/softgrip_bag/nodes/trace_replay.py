@@ -1,25 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The doors (softgrip_nodekit.Doors) of a node that takes recorded steps again.
+"""A node that takes the steps of its trace again.
 
-It is asked what it was asked, in the same order, with the same clocks, and all it says is compared with what it said.
+It is asked what it was asked, in the same order, with the same clocks (`ReplayIo`), and all it says is compared with
+what it said (`TraceComparison`). The node's own `RecordingIo` stands between the two, as it stood between rclpy and the
+trace when the bag was recorded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Generator, Sequence
+from collections.abc import Callable, Coroutine, Generator, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from softgrip_bag.comparison import Divergence, first_difference
-from softgrip_bag.nodes.steps import Messages, TraceStep
-from softgrip_bag.nodes.trees import tree
-from softgrip_nodekit import Caller, Commander, Goal, SentGoal
+from softgrip_bag.nodes.messages import tree
+from softgrip_bag.nodes.trace import TracedMessages, TraceStep
+from softgrip_nodekit import NodeIo
+from softgrip_nodekit.node_io import NUMBER_BYTES, Answer, Execute, as_bytes
 
-_UUID = 16
-_NUMBER = 8
+_UUID_BYTES = 16
 
 
 class Diverged(Exception):  # noqa: N818  not an error: what the comparison found
@@ -30,122 +33,105 @@ class Diverged(Exception):  # noqa: N818  not an error: what the comparison foun
         self.divergence = divergence
 
 
-class _Pause:
-    """Gives control back once: rclpy lets nobody look at a future again that is not done yet."""
-
-    def __await__(self) -> Generator[None, None, None]:
-        yield
-
-
-class ReplayIo:
-    """Hands a node its recorded steps.
+class TraceComparison:
+    """The log of a node that takes recorded steps again; see softgrip_nodekit's StepLog.
 
     Args:
-        node: to take them.
+        name: of the node.
         steps: of one run, from its start.
-        messages: those that the steps name.
         tolerance: of the comparison, see `first_difference`.
+
+    Attributes:
+        compared: outputs that were as recorded.
     """
 
-    def __init__(self, node: Node, steps: Sequence[TraceStep], messages: Messages, tolerance: float) -> None:
-        self._node = node
+    def __init__(self, name: str, steps: Sequence[TraceStep], tolerance: float) -> None:
+        self._name = name
         self._steps = steps
-        self._messages = messages
         self._tolerance = tolerance
         self._at = 0
         self._now = steps[0]
-        self._entries: dict[str, Callable[[TraceStep], None]] = {}
-        self._answers: dict[tuple[str, int], Callable[[Any], None]] = {}
-        self._later: list[Callable[[], Any]] = []
-        self._waiting: dict[str, Any] = {}  # name -> coroutine
-        self._awaited = ""
-        self._sent = 0
-        self.to_cancel: set[bytes] = set()
         self.compared = 0
 
-    # -- what the node uses ------------------------------------------------------------------------------------
+    @property
+    def is_over(self) -> bool:
+        """Whether every step was taken."""
+        return self._at >= len(self._steps)
 
-    def now_ns(self) -> int:
-        """Return the recorded clock of the present step."""
-        return self._now.wall
+    @property
+    def next_step(self) -> TraceStep:
+        """The step that comes next."""
+        return self._steps[self._at]
 
-    def monotonic_s(self) -> float:
-        """Return the recorded monotonic clock of the present step."""
-        return self._now.monotonic * 1e-9
+    @property
+    def pending(self) -> int:
+        """How many outputs are in the steps not taken."""
+        return sum(step.is_output for step in self._steps[self._at :])
 
-    def draw_token(self) -> str:
-        """Return the secret that was drawn then."""
-        return self.value("drew").decode()
+    @property
+    def clocks_ns(self) -> tuple[int, int]:
+        """Both recorded clocks of the present step."""
+        return self._now.wall, self._now.monotonic
 
-    def state(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a running node's
+    def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a running node's
         """Give back what the node remembered."""
-        load(self._enter("start").data)
+        self.begin("start")
+        load(self._now.data)
 
-    def subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: Any) -> None:  # noqa: ARG002
-        """Note who takes a topic's messages."""
-        name = self._node.resolve_topic_name(topic)
-        self._entries[f"topic {name}"] = lambda step: callback(self._messages.get(step, name))
+    def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:  # noqa: ARG002  both are from the step
+        """Begin the recorded step."""
+        self._now = self._next_named(name)
 
-    def service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Note who answers requests."""
-        full = self._node.resolve_service_name(name)
+    def say(self, name: str, message: Any) -> None:
+        """Compare what leaves with what left then; the end of the trace cuts a step short."""
+        if self.is_over:
+            return
+        step, data = self._next_named(name), as_bytes(message)
+        if isinstance(message, bytes):
+            difference = None if step.data == data else ("data", step.data.hex(), data.hex())
+        else:
+            recorded, replayed = (deserialize_message(item, type(message)) for item in (step.data, data))
+            difference = first_difference(tree(recorded), tree(replayed), frozenset(), tolerance=self._tolerance)
+        self.compared += 1
+        if difference:
+            raise self.diverged(*difference, name)
 
-        def requested(step: TraceStep) -> None:
-            response = callback(deserialize_message(step.data, kind.Request), kind.Response())
-            self.say(f"answered {full}", response)
+    def observe(self, name: str, read: Callable[[], bytes]) -> bytes:  # noqa: ARG002  what is there now says nothing
+        """Return what the node found then."""
+        return b"\0" if self.is_over else self._next_named(name).data
 
-        self._entries[f"request {full}"] = requested
+    def diverged(self, field: str, recorded: Any, replayed: Any, name: str = "") -> Diverged:
+        """Return what to raise where the node left the trace."""
+        step = self._steps[min(self._at, len(self._steps) - 1)]
+        where = f"{self._name} step {step.number} ({name or self._now.name})"
+        return Diverged(Divergence(where, self._now.wall, field, recorded, replayed))
 
-    def timer(self, period: float, callback: Callable[[], None]) -> None:  # noqa: ARG002  the steps say when
-        """Note who is called by time."""
-        self._entries["timer"] = lambda _: callback()
+    def _next_named(self, name: str) -> TraceStep:
+        step = self.next_step
+        if step.name != name:
+            raise self.diverged("(step)", step.name, name)
+        self._at += 1
+        return step
 
-    def action_server(
-        self, kind: Any, name: str, execute: Callable[[Goal], Awaitable[Any]], cancel: Callable[[Goal], Any]
-    ) -> None:
-        """Note who takes goals."""
-        full = self._node.resolve_service_name(name)
-        goals: dict[bytes, ReplayedGoal] = {}
 
-        async def run(key: bytes, goal: ReplayedGoal) -> None:
-            result = await execute(goal)
-            self.to_cancel.discard(key)
-            self.say(f"finished {full}", result)
+class ReplayIo(NodeIo):
+    """Calls a node from its trace, and answers it from there.
 
-        def accepted(step: TraceStep) -> None:
-            key = step.data[:_UUID]
-            goals[key] = ReplayedGoal(self, full, key, deserialize_message(step.data[_UUID:], kind.Goal))
-            self._advance(run(key, goals[key]))
+    Args:
+        node: to be called.
+        log: of its steps.
+        messages: those that the steps name.
+    """
 
-        def cancelled(step: TraceStep) -> None:
-            self.to_cancel.add(step.data)
-            cancel(goals[step.data])
-
-        self._entries[f"goal {full}"] = accepted
-        self._entries[f"cancel {full}"] = cancelled
-
-    def client(self, kind: Any, name: str) -> Caller:
-        """Return what answers with the recorded responses."""
-        return _ReplayedCaller(self, kind, self._node.resolve_service_name(name))
-
-    def action_client(self, kind: Any, name: str) -> Commander:
-        """Return what answers with the recorded results."""
-        return _ReplayedCommander(self, kind, self._node.resolve_service_name(name))
-
-    def later(self, work: Callable[..., Any], *arguments: Any) -> None:
-        """Note what is to be done in a step of its own."""
-        self._later.append(lambda: work(*arguments))
-        self._entries["later"] = lambda _: self._later.pop(0)()
-
-    async def resumed(self, name: str, future: Future) -> Any:
-        """Wait until the recorded step is there."""
-        while not future.done():
-            self._awaited = name
-            await _Pause()
-        self._enter(f"resumed {name}")
-        return future.result()
-
-    # -- taking the steps --------------------------------------------------------------------------------------
+    def __init__(self, node: Node, log: TraceComparison, messages: TracedMessages) -> None:
+        super().__init__(node)
+        self._log = log
+        self._messages = messages
+        self._entries: dict[str, Callable[[TraceStep], None]] = {}
+        self._tasks: list[Callable[[], Any]] = []
+        self._waiting: dict[str, Coroutine[Any, Any, Any]] = {}
+        self._answers: dict[str, Callable[[bytes], None]] = {}
+        self._sent = 0
 
     def run(self) -> None:
         """Take every step after the first.
@@ -154,169 +140,144 @@ class ReplayIo:
             Diverged: the node says something else than it did.
             MissingMessageError: a message is not in the bag: what follows cannot be replayed.
         """
-        while self._at < len(self._steps):
-            step = self._steps[self._at]
-            word, _, what = step.name.partition(" ")
-            if word == "resumed":
-                if what not in self._waiting:
-                    raise self._diverged("(step)", step.name, "not waiting")
-                self._advance(self._waiting.pop(what))
-                if self._at < len(self._steps) and self._steps[self._at] is step:
-                    raise self._diverged("(step)", step.name, "still waiting")
-            elif step.name in self._entries:
-                self._enter(step.name)
-                self._entries[step.name](step)
-            else:
-                raise self._diverged("(step)", step.name, "nothing")
-
-    @property
-    def pending(self) -> int:
-        """How many outputs are in the steps not taken."""
-        return sum(step.is_output for step in self._steps[self._at :])
-
-    def say(self, name: str, message: Any) -> None:
-        """Compare what leaves with what left then; the end of the trace cuts a step short."""
-        if self._at >= len(self._steps):
-            return
-        step = self._take(name)
-        if isinstance(message, bytes):
-            difference = None if step.data == message else ("data", step.data.hex(), message.hex())
-        else:
-            data = serialize_message(message)
-            recorded, replayed = (deserialize_message(item, type(message)) for item in (step.data, data))
-            difference = first_difference(tree(recorded), tree(replayed), frozenset(), tolerance=self._tolerance)
-        self.compared += 1
-        if difference:
-            raise self._diverged(*difference, name)
-
-    def value(self, name: str) -> bytes:
-        """Return what the node learned from its surroundings then."""
-        return self._take(name).data if self._at < len(self._steps) else b"\0"
-
-    def number(self) -> int:
-        """Return the number of what is sent."""
-        self._sent += 1
-        return self._sent
-
-    def when(self, name: str, number: int, answered: Callable[[bytes], None]) -> None:
-        """Call back when the step ``name`` with this number comes."""
-        self._answers[name, number] = answered
-
-        def due(step: TraceStep) -> None:
-            key = (name, int.from_bytes(step.data[:_NUMBER], "little"))
-            if key not in self._answers:
-                raise self._diverged("(step)", f"{name} to number {key[1]}", "never sent")
-            self._answers.pop(key)(step.data[_NUMBER:])
-
-        self._entries[name] = due
-
-    def _enter(self, name: str) -> TraceStep:
-        self._now = self._take(name)
-        return self._now
-
-    def _take(self, name: str) -> TraceStep:
-        step = self._steps[self._at]
-        if step.name != name:
-            raise self._diverged("(step)", step.name, name)
-        self._at += 1
-        return step
-
-    def _advance(self, coroutine: Any) -> None:
-        try:
-            coroutine.send(None)
-        except StopIteration:
-            return
-        self._waiting[self._awaited] = coroutine
+        while not self._log.is_over:
+            step = self._log.next_step
+            if step.name not in self._entries:
+                raise self._log.diverged("(step)", step.name, "nothing")
+            self._entries[step.name](step)
+            if not self._log.is_over and self._log.next_step is step:
+                raise self._log.diverged("(step)", step.name, "not taken")
 
     def close(self) -> None:
         """Let go of what still waits at the end of the bag."""
         for coroutine in self._waiting.values():
             coroutine.close()
 
-    def _diverged(self, field: str, recorded: Any, replayed: Any, name: str = "") -> Diverged:
-        step = self._steps[min(self._at, len(self._steps) - 1)]
-        where = f"{self._node.get_name()} step {step.number} ({name or self._now.name})"
-        return Diverged(Divergence(where, self._now.wall, field, recorded, replayed))
+    def create_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: Any) -> None:  # noqa: ARG002
+        """Note who gets a topic's messages."""
+        name = self._node.resolve_topic_name(topic)
+        self._entries[f"topic {name}"] = lambda step: callback(self._messages.get(step, name))
+
+    def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Note who answers requests."""
+
+        def requested(step: TraceStep) -> None:
+            callback(deserialize_message(step.data, kind.Request), kind.Response())
+
+        self._entries[f"request {self._node.resolve_service_name(name)}"] = requested
+
+    def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:  # noqa: ARG002  the steps say when
+        """Note who is called by time."""
+        self._entries["timer"] = lambda _: callback()
+
+    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
+        """Note who gets goals."""
+        full = self._node.resolve_service_name(name)
+        goals: dict[bytes, _ReplayedGoal] = {}
+
+        def accepted(step: TraceStep) -> None:
+            key = step.data[:_UUID_BYTES]
+            goals[key] = _ReplayedGoal(key, deserialize_message(step.data[_UUID_BYTES:], kind.Goal))
+            self._advance(execute(goals[key]))
+
+        self._entries[f"goal {full}"] = accepted
+        self._entries[f"cancel {full}"] = lambda step: cancel(goals[step.data])
+
+    def create_client(self, kind: Any, name: str) -> Any:
+        """Return what answers with the recorded responses."""
+        full = self._node.resolve_service_name(name)
+
+        def response(data: bytes) -> Any:
+            return deserialize_message(data, kind.Response) if data else None
+
+        return SimpleNamespace(call_async=lambda _: self._answer(f"response {full}", self._next_number(), response))
+
+    def create_action_client(self, kind: Any, name: str) -> Any:
+        """Return what answers with the recorded results."""
+        full = self._node.resolve_service_name(name)
+
+        def send_goal_async(_: Any) -> Answer:
+            number = self._next_number()
+
+            def result(data: bytes) -> Any:
+                return SimpleNamespace(result=deserialize_message(data, kind.Result))
+
+            def taken(data: bytes) -> Any:
+                return SimpleNamespace(
+                    accepted=data == b"\1",
+                    cancel_goal_async=lambda: None,
+                    get_result_async=lambda: self._answer(f"result {full}", number, result),
+                )
+
+            return self._answer(f"taken {full}", number, taken)
+
+        return SimpleNamespace(send_goal_async=send_goal_async)
+
+    def create_task(self, work: Callable[..., Any], *arguments: Any) -> None:
+        """Note what is to be done in a step of its own."""
+        self._tasks.append(lambda: work(*arguments))
+        self._entries["later"] = lambda _: self._tasks.pop(0)()
+
+    async def wait_for(self, name: str, future: Future) -> Any:
+        """Wait until the step that follows the wait comes."""
+        while not future.done():
+            await _Pause(name)
+        return future.result()
+
+    def _advance(self, coroutine: Any) -> None:
+        """Run a coroutine to its end or its next wait."""
+        try:
+            name = coroutine.send(None)
+        except StopIteration:
+            return
+        entry = f"resumed {name}"
+        self._waiting[entry] = coroutine
+        self._entries[entry] = lambda _: self._advance(self._resumed(entry))
+
+    def _resumed(self, entry: str) -> Any:
+        self._entries.pop(entry)
+        return self._waiting.pop(entry)
+
+    def _next_number(self) -> int:
+        self._sent += 1
+        return self._sent
+
+    def _answer(self, name: str, number: int, read: Callable[[bytes], Any]) -> Answer:
+        """Return what is answered when the step ``name`` with this number comes."""
+        answer = Answer()
+
+        def due(step: TraceStep) -> None:
+            key = f"{name} {int.from_bytes(step.data[:NUMBER_BYTES], 'little')}"
+            if key not in self._answers:
+                raise self._log.diverged("(step)", key, "never sent")
+            self._answers.pop(key)(step.data[NUMBER_BYTES:])
+
+        self._answers[f"{name} {number}"] = lambda data: answer.set_result(read(data))
+        self._entries[name] = due
+        return answer
 
 
-class ReplayedGoal:
-    """A goal whose client is the trace."""
+class _Pause:
+    """Gives control back once, with the name of the wait: rclpy's Future may be awaited once only."""
 
-    def __init__(self, node_io: ReplayIo, name: str, key: bytes, request: Any) -> None:
-        self._node_io = node_io
+    def __init__(self, name: str) -> None:
         self._name = name
-        self._key = key
+
+    def __await__(self) -> Generator[str, None, None]:
+        yield self._name
+
+
+class _ReplayedGoal:
+    """rclpy's handle of a goal whose client is the trace."""
+
+    def __init__(self, key: bytes, request: Any) -> None:
+        self.goal_id = SimpleNamespace(uuid=key)
         self.request = request
 
-    @property
-    def is_cancel_requested(self) -> bool:
-        """Whether the client wanted it to end."""
-        return self._key in self._node_io.to_cancel
-
     def publish_feedback(self, feedback: Any) -> None:
-        """Compare."""
-        self._node_io.say(f"feedback {self._name}", feedback)
+        """Nobody listens; the log compares."""
 
     def succeed(self) -> None:
-        """Compare."""
-        self._node_io.say(f"succeeded {self._name}", b"")
+        """Nobody listens; the log compares."""
 
-    def abort(self) -> None:
-        """Compare."""
-        self._node_io.say(f"aborted {self._name}", b"")
-
-    def canceled(self) -> None:
-        """Compare."""
-        self._node_io.say(f"canceled {self._name}", b"")
-
-
-class _Replayed:
-    """What a node may ask of a service or an action that the trace speaks for."""
-
-    def __init__(self, node_io: ReplayIo, kind: Any, name: str) -> None:
-        self._node_io = node_io
-        self._kind = kind
-        self._name = name
-
-    def ready(self) -> bool:
-        return self._node_io.value(f"ready {self._name}") == b"\1"
-
-
-class _ReplayedCaller(_Replayed):
-    def call(self, request: Any, answered: Callable[[Any], None]) -> None:
-        number = self._node_io.number()
-        self._node_io.say(f"called {self._name}", request)
-
-        def responded(data: bytes) -> None:
-            answered(deserialize_message(data, self._kind.Response) if data else None)
-
-        self._node_io.when(f"response {self._name}", number, responded)
-
-
-class _ReplayedCommander(_Replayed):
-    def send(self, goal: Any, answered: Callable[[SentGoal], None]) -> None:
-        number = self._node_io.number()
-        self._node_io.say(f"sent {self._name}", goal)
-
-        def taken(data: bytes) -> None:
-            answered(_ReplayedSentGoal(self._node_io, self._kind, self._name, number, accepted=data == b"\1"))
-
-        self._node_io.when(f"taken {self._name}", number, taken)
-
-
-class _ReplayedSentGoal:
-    def __init__(self, node_io: ReplayIo, kind: Any, name: str, number: int, *, accepted: bool) -> None:
-        self._node_io = node_io
-        self._kind = kind
-        self._name = name
-        self._number = number
-        self.accepted = accepted
-
-    def cancel(self) -> None:
-        self._node_io.say(f"withdrawn {self._name}", self._number.to_bytes(_NUMBER, "little"))
-
-    def when_done(self, ended: Callable[[Any], None]) -> None:
-        def done(data: bytes) -> None:
-            ended(deserialize_message(data, self._kind.Result))
-
-        self._node_io.when(f"result {self._name}", self._number, done)
+    abort = canceled = succeed

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a grasp is asked for, what it tells the driver, and what comes of it."""
+"""What a grasp is asked for and what comes of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
+from softgrip_cell.grasp.contact import ContactState, FingerContact
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.products import Product, Recipe
 
@@ -51,37 +52,62 @@ class GraspTask:
     confirm_lift: bool
     opposed: bool = True
 
-
-@dataclass(frozen=True)
-class Open:
-    """Let the fingers go back to straight."""
-
-
-@dataclass(frozen=True)
-class Close:
-    """Pull these slots to these lengths; the others stay where they are."""
-
-    slots: tuple[int, ...]
-    targets_m: tuple[float, ...]
-    speed_m_per_s: float
-    tension_limit_n: float
+    @property
+    def paths_m(self) -> tuple[float, ...]:
+        """End of each finger's path [m]: what the recipe allows, but never beyond what was checked."""
+        return tuple(min(self.recipe.pull_limit_m, reference.reach_m) for reference in self.references)
 
 
 @dataclass(frozen=True)
-class Press:
-    """Keep a tension [N] in these slots and follow an object that gives way, at most so fast [m/s]."""
+class FingerEvidence:
+    """What a verdict knew of one finger.
 
-    slots: tuple[int, ...]
-    tensions_n: tuple[float, ...]
-    speed_m_per_s: float
+    Attributes:
+        finger: name of the slot.
+        contact_tension_n: tension beside the free motion [N]; threshold_n: from which it is a contact [N];
+            stddev_n: its standard deviation while nothing is touched [N].
+        peak_contact_tension_n: greatest one short of the finger's end [N].
+        max_force_n: greatest contact force that it can mean [N].
+        tip_deviation_m: distance of the seen from the predicted fingertip [m]; None when not seen just now.
+    """
+
+    finger: str
+    state: ContactState
+    contact_tension_n: float
+    threshold_n: float
+    stddev_n: float
+    peak_contact_tension_n: float
+    max_force_n: float
+    tip_deviation_m: float | None = None
 
 
 @dataclass(frozen=True)
-class Stop:
-    """Stop all slots and keep them where they are."""
+class GraspEvidence:
+    """The numbers behind a verdict; no fingers before the first sample.
 
+    Attributes:
+        phase: in which it was decided.
+        decided_ns: stamp of the deciding sample; 0 when no sample decided.
+    """
 
-Command = Open | Close | Press | Stop
+    phase: GraspPhase = GraspPhase.DONE
+    decided_ns: int = 0
+    fingers: tuple[FingerEvidence, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Return plain data, per slot in N and m."""
+        return {
+            "phase": self.phase.value,
+            "state": {each.finger: each.state.value for each in self.fingers},
+            "contact_tension_n": {each.finger: round(each.contact_tension_n, 3) for each in self.fingers},
+            "threshold_n": {each.finger: round(each.threshold_n, 3) for each in self.fingers},
+            "max_force_n": {each.finger: round(each.max_force_n, 3) for each in self.fingers},
+            "peak_contact_tension_n": {each.finger: round(each.peak_contact_tension_n, 3) for each in self.fingers},
+            "decided_stamp_ns": self.decided_ns,
+            "tip_deviation_m": {
+                each.finger: round(each.tip_deviation_m, 4) for each in self.fingers if each.tip_deviation_m is not None
+            },
+        }
 
 
 @dataclass(frozen=True)
@@ -91,20 +117,25 @@ class GraspVerdict:
     Attributes:
         reason: evidence in words.
         latency_s: from the first sample that showed the deciding event to the sample that decided [s].
-        evidence: the numbers behind it, plain data.
+        evidence: the numbers behind it; None when nothing was observed.
     """
 
     outcome: GraspOutcome
     reason: str
     latency_s: float
-    evidence: Mapping[str, object] = field(default_factory=dict)
+    evidence: GraspEvidence | None = None
 
 
-@dataclass(frozen=True)
-class GraspStep:
-    """What follows from one observation; usually nothing."""
+def contact_text(slots: tuple[str, ...], contacts: tuple[FingerContact, ...]) -> str:
+    """Return the contact tension of every finger in words."""
+    parts = [
+        f"{name} {contact.contact_tension_n:+.1f} (contact from {contact.threshold_n:.1f})"
+        for name, contact in zip(slots, contacts, strict=True)
+    ]
+    return "contact tension [N] " + ", ".join(parts)
 
-    phase: GraspPhase
-    commands: tuple[Command, ...] = ()
-    verdict: GraspVerdict | None = None
-    contact: bool = False
+
+def pulled_text(slots: tuple[str, ...], contacts: tuple[FingerContact, ...]) -> str:
+    """Return the pulled length of every finger in words."""
+    parts = [f"{name} {contact.pulled_m * 1e3:.1f}" for name, contact in zip(slots, contacts, strict=False)]
+    return "pulled length [mm] " + ", ".join(parts)

@@ -12,7 +12,8 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
 from softgrip_cell.gates import DriverFacts, FrictionFacts, SafetyFacts
-from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
+from softgrip_cell.grasp.contact import ContactState
+from softgrip_cell.grasp.values import GraspEvidence, GraspOutcome, GraspPhase, GraspVerdict
 from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
 from softgrip_cell.planner import PlannedOrder
 from softgrip_cell.storage.journal import MountedSlot, SlotState
@@ -20,6 +21,7 @@ from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
+    FingerEvidence,
     FingerStates,
     FrictionModel,
     MountedFinger,
@@ -28,8 +30,10 @@ from softgrip_interfaces.msg import (
     TendonStatus,
     TendonStatusArray,
 )
+from softgrip_interfaces.msg import GraspEvidence as EvidenceMessage
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.friction.errors import FrictionError
+from softgrip_nodekit import to_time_message
 
 _SLOT_STATES = {
     SlotState.UNKNOWN: MountedFinger.UNKNOWN,
@@ -43,6 +47,22 @@ _OUTCOMES = {
     GraspOutcome.SLIPPED: Grasp.Result.SLIPPED,
     GraspOutcome.TENDON_FAULT: Grasp.Result.TENDON_FAULT,
     GraspOutcome.ABORTED: Grasp.Result.ABORTED,
+}
+
+_PHASES = {
+    GraspPhase.APPROACH: EvidenceMessage.APPROACH,
+    GraspPhase.CLOSE: EvidenceMessage.CLOSE,
+    GraspPhase.HOLD: EvidenceMessage.HOLD,
+    GraspPhase.LIFT: EvidenceMessage.LIFT,
+    GraspPhase.DONE: EvidenceMessage.UNSET,
+}
+
+_CONTACT_STATES = {
+    ContactState.UNKNOWN: FingerEvidence.UNKNOWN,
+    ContactState.FREE: FingerEvidence.FREE,
+    ContactState.CONTACT: FingerEvidence.CONTACT,
+    ContactState.BLOCKED: FingerEvidence.BLOCKED,
+    ContactState.END_STOP: FingerEvidence.END_STOP,
 }
 
 #: Verdicts of friction models that may be used.
@@ -210,12 +230,34 @@ def plan_step(step: PlannedOrder) -> PlanStep:
     )
 
 
+def grasp_evidence(evidence: GraspEvidence) -> EvidenceMessage:
+    """Return the numbers behind a verdict as a message."""
+    return EvidenceMessage(
+        stamp=to_time_message(evidence.decided_ns),
+        phase=_PHASES[evidence.phase],
+        fingers=[
+            FingerEvidence(
+                finger=each.finger,
+                state=_CONTACT_STATES[each.state],
+                contact_tension=float(each.contact_tension_n),
+                contact_tension_stddev=float(each.stddev_n),
+                threshold=float(each.threshold_n),
+                peak_contact_tension=float(each.peak_contact_tension_n),
+                max_force=float(each.max_force_n),
+                tip_deviation=math.nan if each.tip_deviation_m is None else float(each.tip_deviation_m),
+            )
+            for each in evidence.fingers
+        ],
+    )
+
+
 def grasp_result(verdict: GraspVerdict, sample: TendonSample | None, duration_s: float) -> Grasp.Result:
     """Return how a grasp ended as an action result."""
     return Grasp.Result(
         outcome=_OUTCOMES[verdict.outcome],
         reason=verdict.reason,
-        evidence=yaml.safe_dump(dict(verdict.evidence), sort_keys=False),
+        evidence=yaml.safe_dump(verdict.evidence.document() if verdict.evidence else {}, sort_keys=False),
+        decision=grasp_evidence(verdict.evidence) if verdict.evidence else EvidenceMessage(),
         latency=float(verdict.latency_s),
         duration=float(duration_s),
         pulled_lengths=list(sample.pulled_m) if sample else [],

@@ -17,18 +17,18 @@ class DriveLock:
     """Asks the driver to lock and to unlock.
 
     Args:
-        doors: the node's way to others.
+        node_io: the node's way to others.
         owner: who, in words.
     """
 
     def __init__(self, node_io: NodeIo, owner: str) -> None:
         self._owner = owner
-        self._acquire = node_io.client(AcquireLock, "tendon/lock")
-        self._release = node_io.client(ReleaseLock, "tendon/unlock")
+        self._acquire = node_io.create_client(AcquireLock, "tendon/lock")
+        self._release = node_io.create_client(ReleaseLock, "tendon/unlock")
 
     def ready(self) -> bool:
         """Whether the driver serves locks."""
-        return self._acquire.ready() and self._release.ready()
+        return bool(self._acquire.service_is_ready() and self._release.service_is_ready())
 
     def lock(self, reason: str, answered: Answered) -> None:
         """Switch the torque off and have every motion refused; answers with the token that ends it."""
@@ -36,7 +36,7 @@ class DriveLock:
 
         def responded(response: Any) -> None:
             if response.token and not response.success:  # locked, but some torque could not be switched off
-                self._release.call(ReleaseLock.Request(token=response.token, reason="not safe"), lambda _response: None)
+                self._release.call_async(ReleaseLock.Request(token=response.token, reason="not safe"))
             answered(bool(response.success), str(response.token if response.success else response.message))
 
         self._call(self._acquire, request, responded, answered)
@@ -53,10 +53,11 @@ class DriveLock:
 
     @staticmethod
     def _call(client: Any, request: Any, responded: Callable[[Any], None], answered: Answered) -> None:
-        def on_response(response: Any) -> None:
+        def on_response(future: Any) -> None:
+            response = future.result()
             if response is None:
                 answered(None, "the driver went away before it answered")
             else:
                 responded(response)
 
-        client.call(request, on_response)
+        client.call_async(request).add_done_callback(on_response)

@@ -9,11 +9,10 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from softgrip_cell.grasp.values import Close, Command, Open, Press
-from softgrip_cell.nodes.plain_io import DriverIo
+from softgrip_cell.grasp.commands import Close, Command, Open, Press
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
-from softgrip_nodekit import Caller, to_time_message
+from softgrip_nodekit import NodeIo, to_time_message
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
@@ -52,29 +51,29 @@ class DriverLink:
     that was stopped or replaced by this link is not called any more.
 
     Args:
-        doors: the manager's way to other nodes.
+        node_io: the node's way to others.
         slots: tendon names, in slot order.
         lease: of these tendons; its token goes with every movement.
         limits: what no movement may exceed.
     """
 
-    def __init__(self, node_io: DriverIo, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
+    def __init__(self, node_io: NodeIo, slots: Sequence[str], lease: TendonLease, limits: MotionLimits) -> None:
         self._node_io = node_io
         #: Names of the tendons, in order.
         self.slots = tuple(slots)
         self.lease = lease
         self._limits = limits
-        self._move = node_io.action_client(MoveTendon, "tendon/move")
-        self._release = node_io.client(Trigger, "tendon/release")
-        self._home = node_io.client(Trigger, "tendon/home")
+        self._move = node_io.create_action_client(MoveTendon, "tendon/move")
+        self._release = node_io.create_client(Trigger, "tendon/release")
+        self._home = node_io.create_client(Trigger, "tendon/home")
         self._movements: list[_Movement] = []
 
     def missing(self) -> list[str]:
         """Return the driver's interfaces that nobody serves."""
         servers = {
-            "action tendon/move": self._move.ready(),
-            "service tendon/release": self._release.ready(),
-            "service tendon/home": self._home.ready(),
+            "action tendon/move": self._move.server_is_ready(),
+            "service tendon/release": self._release.service_is_ready(),
+            "service tendon/home": self._home.service_is_ready(),
         }
         return [name for name, ready in servers.items() if not ready] + self.lease.missing()
 
@@ -138,16 +137,21 @@ class DriverLink:
             deadline=to_time_message(self._node_io.now_ns() + round(self._limits.order_s * 1e9)),
         )
 
-        def on_goal(handle: Any) -> None:
+        def on_result(future: Any) -> None:
+            result = future.result().result
+            self._finish(movement, result.outcome, result.reason)
+
+        def on_goal(future: Any) -> None:
+            handle = future.result()
             if not handle.accepted:
                 self._finish(movement, MoveTendon.Result.REFUSED, "tendon/move rejected the goal; see the driver's log")
             elif movement.stopped:
-                handle.cancel()
+                handle.cancel_goal_async()
             else:
                 movement.handle = handle
-                handle.when_done(lambda result: self._finish(movement, result.outcome, result.reason))
+                handle.get_result_async().add_done_callback(on_result)
 
-        self._move.send(goal, on_goal)
+        self._move.send_goal_async(goal).add_done_callback(on_goal)
 
     def _finish(self, movement: _Movement, outcome: int, reason: str) -> None:
         if movement in self._movements:
@@ -160,7 +164,7 @@ class DriverLink:
         for movement in self._movements:
             movement.stopped = True
             if movement.handle is not None:
-                movement.handle.cancel()
+                movement.handle.cancel_goal_async()
         self._movements.clear()
 
     def release(self, answered: Answered) -> None:
@@ -174,11 +178,12 @@ class DriverLink:
         self._trigger(self._home, answered)
 
     @staticmethod
-    def _trigger(client: Caller, answered: Answered) -> None:
-        def on_response(response: Any) -> None:
+    def _trigger(client: Any, answered: Answered) -> None:
+        def on_response(future: Any) -> None:
+            response = future.result()
             if response is None:
                 answered(False, "the driver went away before it answered")
             else:
                 answered(bool(response.success), str(response.message))
 
-        client.call(Trigger.Request(), on_response)
+        client.call_async(Trigger.Request()).add_done_callback(on_response)

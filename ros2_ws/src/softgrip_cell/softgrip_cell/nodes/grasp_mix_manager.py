@@ -26,7 +26,7 @@ from softgrip_cell.nodes.grasp_server import GraspServer
 from softgrip_cell.nodes.parameters import PARAMETERS, agreements, check_settings, grasp_settings, motion_limits
 from softgrip_cell.nodes.swap_server import SwapServer
 from softgrip_cell.nodes.tendon_lease import TendonLease
-from softgrip_cell.observation import ObservedPair, Pairing, StreamSilence
+from softgrip_cell.observation import Observation, ObservationOrder, SeenTip, StreamSilence, TendonSample
 from softgrip_cell.planner import Order
 from softgrip_cell.storage import CellJournal, Database, Library
 from softgrip_interfaces.msg import (
@@ -46,7 +46,6 @@ from softgrip_nodekit import (
     SENSOR,
     Diagnostics,
     Health,
-    NodeIo,
     RecordingIo,
     StartupError,
     run,
@@ -71,7 +70,7 @@ Value = TypeVar("Value")
 class GraspMixManager(Node):
     """Knows products and fingers, plans, guides swaps, grasps, and says how it went."""
 
-    def __init__(self, node_io: Callable[[Node], NodeIo] = RecordingIo) -> None:
+    def __init__(self, node_io: Callable[[Node], RecordingIo] = RecordingIo) -> None:
         super().__init__(WHO)
         self._node_io = node_io(self)
         values = PARAMETERS.declare(self)
@@ -87,7 +86,7 @@ class GraspMixManager(Node):
         self._dropped = 0  # tendon/state messages without a number for every slot
         self._next_retry_s = 0.0
         self._friction: FrictionModel | None = None
-        self._pairing = Pairing()
+        self._order = ObservationOrder(values["allowed_lateness_s"])
         self._published: Any = None
         self._diagnostics = Diagnostics(self, watch_nodes=True)
         self._database = self._start(lambda: Database(values["database_url"], exclusive=True, deferred=True))
@@ -108,17 +107,17 @@ class GraspMixManager(Node):
             self._node_io, self._cell, self._driver, lock, check, self._slots, values["swap_limit_s"]
         )
         self._state_publisher = self.create_publisher(CellState, "cell/state", LATCHED)
-        self._node_io.service(SelectProduct, "cell/select_product", self._on_select)
-        self._node_io.service(PlanMix, "cell/plan_mix", self._on_plan)
-        self._node_io.subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
-        self._node_io.subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
-        self._node_io.subscription(SafetyState, "safety/state", self._on_safety, LATCHED)
-        self._node_io.subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
-        self._node_io.subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
-        self._node_io.subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
-        self._node_io.subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
-        self._node_io.subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
-        self._node_io.timer(LOOK_S, self._watch)
+        self._node_io.create_service(SelectProduct, "cell/select_product", self._on_select)
+        self._node_io.create_service(PlanMix, "cell/plan_mix", self._on_plan)
+        self._node_io.create_subscription(JointState, "tendon/state", self._on_tendon_state, SENSOR)
+        self._node_io.create_subscription(TendonStatusArray, "tendon/status", self._on_tendon_status, SENSOR)
+        self._node_io.create_subscription(SafetyState, "safety/state", self._on_safety, LATCHED)
+        self._node_io.create_subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
+        self._node_io.create_subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
+        self._node_io.create_subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self._node_io.create_subscription(PredictionResidual, "finger/residual", self._on_residual, SENSOR)
+        self._node_io.create_subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
+        self._node_io.create_timer(LOOK_S, self._watch)
         self._publish_state()
 
     def close(self) -> None:
@@ -149,7 +148,7 @@ class GraspMixManager(Node):
         except StorageError as error:
             self.get_logger().error(f"{error}; the cell is at fault until it can be used")
         limits = FrictionLimits(values["friction_age_limit_s"], values["friction_range_factor"])
-        self._node_io.state(self._save, self._load)
+        self._node_io.start(self._save, self._load)
         journal = CellJournal(self._database, self._slots, self._node_io.now_ns)
         clocks = Clocks(now_ns=self._node_io.now_ns, monotonic_s=self._node_io.monotonic_s)
         thumb = self._slots.index(values["thumb"])
@@ -189,25 +188,29 @@ class GraspMixManager(Node):
             self._diagnostics.set("tendons", Health.ERROR, text)
             return
         self._state_silence.hear()
-        self._cell.observe_sample(sample, 2.0 * self._grasp_settings.open_m)
-        self._grasp.observe_sample(sample)
-        self._swap.observe_sample(sample)
-        self._take(self._pairing.add_sample(sample))
+        self._observe(self._order.add_sample(sample))
 
     def _on_predicted(self, message: FingerStates) -> None:
         profiles = [slot.profile for slot in self._cell.slots()]
-        self._take(self._pairing.add_prediction(convert.free_motion(message, self._slots, profiles)))
-
-    def _take(self, pair: ObservedPair | None) -> None:
-        if pair is not None:
-            self._grasp.observe(pair)
-            self._swap.observe(pair)
-            self._publish_state()
+        self._observe(self._order.add_prediction(convert.free_motion(message, self._slots, profiles)))
 
     def _on_measured(self, message: FingerStates) -> None:
-        tips = convert.seen_tips(message)
-        self._grasp.see(tips)
-        self._swap.see(tips)
+        self._observe(self._order.add_tips(convert.seen_tips(message)))
+
+    def _observe(self, observations: Sequence[Observation]) -> None:
+        """Let the cell, a grasp and a swap see what was observed; what is urgent (a fault, a stop) is not ordered."""
+        for observation in observations:
+            if isinstance(observation, TendonSample):
+                self._cell.observe_sample(observation, 2.0 * self._grasp_settings.open_m)
+                self._grasp.observe_sample(observation)
+                self._swap.observe_sample(observation)
+            elif isinstance(observation, SeenTip):
+                self._grasp.observe_tip(observation)
+                self._swap.see([observation])
+            else:
+                self._grasp.observe(observation)
+                self._swap.observe(observation)
+                self._publish_state()
 
     def _on_residual(self, message: PredictionResidual) -> None:
         worn = message.verdict == PredictionResidual.WORN
@@ -272,7 +275,7 @@ class GraspMixManager(Node):
             text = "tendon/state is coming in"
             if self._dropped:
                 text += f"; {self._dropped} messages without a number for every slot were dropped"
-            self._diagnostics.set("tendons", Health.OK, text)
+            self._diagnostics.set("tendons", Health.OK, text, {"late_inputs": self._order.late})
         elif self._status is None and self._node_io.monotonic_s() - self._started_at_s < START_S:
             self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
         else:

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.action import CancelResponse
 from rclpy.task import Future
 
+from softgrip_cell.cell import Cell
 from softgrip_cell.errors import CellError
-from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.commands import Close
+from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import Close, GraspOutcome, GraspPhase, GraspStep, GraspTask, GraspVerdict
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspVerdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
@@ -20,28 +22,12 @@ from softgrip_interfaces.action import Grasp, MoveTendon
 from softgrip_nodekit import NodeIo
 
 
-class GraspHost(Protocol):
-    """What the action needs of the manager."""
-
-    def begin_grasp(self, product_id: str, *, confirm_lift: bool, trial: bool) -> GraspTask:
-        """Check every gate and take the cell; raises RefusedError."""
-
-    def end_grasp(self, task: GraspTask, verdict: GraspVerdict, duration_s: float) -> None:
-        """Write down what came of it and give the cell back."""
-
-    def abandon_grasp(self, reason: str) -> None:
-        """Give the cell back: the grasp never began."""
-
-    def now_s(self) -> float:
-        """Monotonic time [s]."""
-
-
 class GraspServer:
     """One grasp at a time, decided in the subscription callbacks that feed it."""
 
-    def __init__(self, node_io: NodeIo, host: GraspHost, driver: DriverLink, settings: GraspSettings) -> None:
+    def __init__(self, node_io: NodeIo, cell: Cell, driver: DriverLink, settings: GraspSettings) -> None:
         self._node_io = node_io
-        self._host = host
+        self._cell = cell
         self._driver = driver
         self._settings = settings
         self._sequence: GraspSequence | None = None
@@ -50,7 +36,7 @@ class GraspServer:
         self._sample: TendonSample | None = None
         self._is_active = False
         self._step = GraspStep(GraspPhase.DONE)
-        node_io.action_server(Grasp, "cell/grasp", self._execute, self._cancel)
+        node_io.create_action_server(Grasp, "cell/grasp", self._execute, self._cancel)
 
     @property
     def phase(self) -> GraspPhase | None:
@@ -73,11 +59,10 @@ class GraspServer:
         if self._sequence is not None:
             self._do(self._sequence.observe(pair))
 
-    def see(self, tips: Sequence[SeenTip]) -> None:
+    def observe_tip(self, tip: SeenTip) -> None:
         """Take what the camera saw; the next tendon sample is judged with it."""
         if self._sequence is not None:
-            for tip in tips:
-                self._sequence.see(tip)
+            self._sequence.observe_tip(tip)
 
     def observe_faults(self, faults: Sequence[TendonFault], stamp_ns: int) -> None:
         """Take what tendon/status says; a fault ends the grasp."""
@@ -95,24 +80,24 @@ class GraspServer:
 
     async def _execute(self, goal_handle: Any) -> Grasp.Result:
         request = goal_handle.request
-        started_s = self._host.now_s()
+        started_s = self._cell.now_s()
         try:
-            task = self._host.begin_grasp(request.product, confirm_lift=request.confirm_lift, trial=request.trial)
+            task = self._cell.begin_grasp(request.product, confirm_lift=request.confirm_lift, trial=request.trial)
         except CellError as error:
             return self._refused(goal_handle, f"refused: {error}")
         self._is_active = True
         why_not = await self._owned(goal_handle)
         if why_not:
             self._is_active = False
-            self._host.abandon_grasp(why_not)
+            self._cell.abandon_grasp(why_not)
             return self._refused(goal_handle, why_not)
         self._goal = goal_handle
         self._done = Future()
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
-        verdict: GraspVerdict = await self._node_io.resumed("grasp", self._done)
+        verdict: GraspVerdict = await self._node_io.wait_for("grasp", self._done)
         self._is_active = False
-        duration_s = self._host.now_s() - started_s
+        duration_s = self._cell.now_s() - started_s
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
         elif verdict.outcome is GraspOutcome.ABORTED:
@@ -121,14 +106,14 @@ class GraspServer:
             goal_handle.succeed()
         result = convert.grasp_result(verdict, self._sample, duration_s)
         # After the result has gone out: writing to disk must not delay it.
-        self._node_io.later(self._host.end_grasp, task, verdict, duration_s)
+        self._node_io.create_task(self._cell.end_grasp, task, verdict, duration_s)
         return result
 
     async def _owned(self, goal_handle: Any) -> str:
         """Become the owner of the tendons; returns why not."""
         owned = Future()
         self._driver.lease.acquire(owned.set_result)
-        denied: str = await self._node_io.resumed("lease", owned)
+        denied: str = await self._node_io.wait_for("lease", owned)
         if goal_handle.is_cancel_requested:
             return "cancelled by the client before anything moved"
         return f"refused: {denied}" if denied else ""
@@ -141,7 +126,7 @@ class GraspServer:
         return convert.grasp_result(GraspVerdict(GraspOutcome.ABORTED, reason, 0.0), self._sample, 0.0)
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node_io.later(self.abort, "cancelled by the client; the fingers stay where they are")
+        self._node_io.create_task(self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
     def _do(self, step: GraspStep) -> None:

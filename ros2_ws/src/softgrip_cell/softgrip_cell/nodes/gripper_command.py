@@ -26,7 +26,6 @@ from softgrip_cell.gripper.orders import GripperGoal, GripperLimits, TendonOrder
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink, MotionLimits
 from softgrip_cell.nodes.gripper_server import GoalOutcome, GripperSample, GripperServer
-from softgrip_cell.nodes.plain_io import PlainIo
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_cell.observation import StreamSilence
 from softgrip_description import Hand, HandError, load_hand, shipped_hand
@@ -40,6 +39,7 @@ from softgrip_nodekit import (
     SENSOR,
     Diagnostics,
     Health,
+    NodeIo,
     Parameter,
     ParameterTable,
     StartupError,
@@ -124,7 +124,7 @@ class GripperCommandNode(Node):
         self._silence = StreamSilence(round(values["silence_s"] / LOOK_S))
         self._pulled_m: dict[str, float] = {}
         self._streamed = _Stream()
-        io = PlainIo(self)
+        io = NodeIo(self)
         self._io = io
         heartbeats = self.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
         self._lease = TendonLease(
@@ -319,7 +319,7 @@ class GripperCommandNode(Node):
             handle.publish_feedback(feedback)
 
     def _cancel(self, _handle: Any) -> CancelResponse:
-        self._io.later(self._server.hold, "cancelled by the client; the fingers stay where they are")
+        self._io.create_task(self._server.hold, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
     def _on_joint_command(self, message: JointState) -> None:

@@ -13,8 +13,8 @@ from softgrip_cell.errors import RefusedError
 from softgrip_cell.gripper.goal_monitor import GoalEnd, GoalMonitor, GoalSettings
 from softgrip_cell.gripper.orders import GripperGoal, TendonOrder
 from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_cell.nodes.plain_io import PlainIo
 from softgrip_interfaces.action import Grasp, MoveTendon
+from softgrip_nodekit import NodeIo
 
 #: The driver's movement is over, and not because of anything that the goal has to know.
 _ENDED_WELL: Final = (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT)
@@ -65,7 +65,7 @@ class GripperServer:
 
     def __init__(
         self,
-        io: PlainIo,
+        io: NodeIo,
         driver: DriverLink,
         settings: GoalSettings,
         order_of: Callable[[GripperGoal], TendonOrder],
@@ -75,7 +75,7 @@ class GripperServer:
         self._settings = settings
         self._order_of = order_of
         self._product_of = product_of
-        self._grasp = io.action_client(Grasp, "cell/grasp")
+        self._grasp = io.create_action_client(Grasp, "cell/grasp")
         self._running: _RunningGoal | None = None
         self.sample: GripperSample | None = None
 
@@ -103,7 +103,7 @@ class GripperServer:
         if self._running is not None:
             running, self._running = self._running, None
             if running.grasp is not None:
-                running.grasp.cancel()
+                running.grasp.cancel_goal_async()
             running.finish(GoalOutcome(None, reason, self.sample))
 
     def hold(self, reason: str) -> None:
@@ -150,25 +150,28 @@ class GripperServer:
             self._fail(running, f"the driver did not move: {reason}")
 
     def _start_grasp(self, running: _RunningGoal, product: str) -> None:
-        def ended(result: Any) -> None:
+        def ended(future: Any) -> None:
+            result = future.result().result
             end = _GRASP_ENDS.get(result.outcome)
             running.finish(GoalOutcome(end, result.reason, self.sample))
 
-        def on_goal(sent: Any) -> None:
+        def on_goal(future: Any) -> None:
+            sent = future.result()
             if not sent.accepted:
                 self._fail(running, "cell/grasp rejected the goal; see the manager's log")
                 return
             running.grasp = sent
-            sent.when_done(ended)
+            sent.get_result_async().add_done_callback(ended)
             if running.done.done():  # ended meanwhile
-                sent.cancel()
+                sent.cancel_goal_async()
 
-        if not self._grasp.ready():
+        if not self._grasp.server_is_ready():
             self._fail(running, "expected action cell/grasp, found none; start grasp_mix_manager or set close_by:=move")
             return
         # The manager must own the tendons to grasp.
         self._driver.lease.release()
-        self._grasp.send(Grasp.Goal(product=product, confirm_lift=False, trial=False), on_goal)
+        goal = Grasp.Goal(product=product, confirm_lift=False, trial=False)
+        self._grasp.send_goal_async(goal).add_done_callback(on_goal)
 
     def _fail(self, running: _RunningGoal, reason: str) -> None:
         running.finish(GoalOutcome(None, reason, self.sample))

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from typing import Any
 
 from softgrip_cell.cell import Agreements
@@ -11,11 +12,25 @@ from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.nodes.driver_link import MotionLimits
 from softgrip_cell.storage import SHIPPED_URL
 from softgrip_cell.swap.check import CheckSettings
-from softgrip_nodekit import Parameter, ParameterTable
+from softgrip_nodekit import Parameter, ParameterTable, lateness_parameter
 
-_GRASP = GraspSettings()
 _CHECK = CheckSettings()
 _AGREEMENTS = Agreements()
+
+#: Setting of the grasp decision that the check after a swap has a parameter for.
+_SHARED = "tip_m"
+
+
+def _grasp_rows() -> Iterator[Parameter]:
+    """Give every setting of the grasp decision as a row."""
+    for each in fields(GraspSettings):
+        if each.name != _SHARED:
+            facts = each.metadata["facts"]
+            yield Parameter(
+                each.name, each.default, facts.text, facts.unit, facts.minimum, facts.maximum,
+                former=facts.former, convert=facts.convert,
+            )  # fmt: skip
+
 
 PARAMETERS = ParameterTable(
     Parameter("database_url", SHIPPED_URL, "SQLAlchemy URL: sqlite:///path or postgresql://user@host/name"),
@@ -28,7 +43,6 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("slots", ["index", "middle", "thumb"], "slots = tendons of the gripper, in order"),
     Parameter("thumb", "thumb", "slot that presses against the others"),
-    Parameter("lift_window_s", _GRASP.lift_window_s, "how long a hold is watched after lifting", "s", 0.05, 60.0),
     Parameter("swap_limit_s", 300.0, "longest swap; beyond it the swap fails", "s", 5.0, 3600.0),
     Parameter("friction_age_limit_s", 30 * 86400.0, "oldest friction model that is used", "s", 60.0, 1e9),
     Parameter(
@@ -44,33 +58,7 @@ PARAMETERS = ParameterTable(
         "worn_run", _AGREEMENTS.worn_residuals, "residuals in a row that call a finger worn until it counts", "", 1, 100
     ),
     Parameter("open_speed_m_per_s", 0.05, "speed of opening the fingers", "m/s", 0.001, 0.5),
-    Parameter("contact_sigma", _GRASP.contact_sigma, "contact from this many standard deviations", "", 2.0, 20.0),
-    Parameter("contact_floor_n", _GRASP.contact_floor_n, "contact from this excess tension at least", "N", 0.05, 10.0),
-    Parameter(
-        "contact_free_fraction",
-        _GRASP.contact_free_fraction,
-        "contact from this share of the free tension",
-        "",
-        0.0,
-        1.0,
-    ),
-    Parameter("contact_from_m", _GRASP.contact_from_m, "contact is looked for from this pulled length", "m", 0.0, 0.02),
-    Parameter("decision_run", _GRASP.run, "samples in a row that have to agree", "", 1, 50),
-    Parameter("slip_s", _GRASP.slip_s, "how long a hold has to be lost before it counts", "s", 0.01, 1.0),
-    Parameter(
-        "slip_share", _GRASP.slip_share, "share of the contact threshold below which a hold is lost", "", 0.1, 1.0
-    ),
-    Parameter(
-        "min_blockage_m",
-        _GRASP.min_blockage_m,
-        "a finger stopped so far short of its end is blocked by something",
-        "m",
-        0.0003,
-        0.005,
-        former="witness_m",
-    ),
-    Parameter("stale_s", _GRASP.stale_s, "longest run of samples without a prediction in a grasp", "s", 0.02, 5.0),
-    Parameter("tension_limit_n", _GRASP.tension_limit_n, "largest tension asked of the driver", "N", 1.0, 500.0),
+    lateness_parameter(0.05),
     Parameter("check_tension_limit_n", _CHECK.tension_limit_n, "a finger has closed in the check", "N", 1.0, 500.0),
     Parameter("check_length_m", _CHECK.length_m, "pulled length of the check after a swap", "m", 0.005, 0.060),
     Parameter("check_speed_m_per_s", _CHECK.speed_m_per_s, "speed of the check after a swap", "m/s", 0.001, 0.1),
@@ -86,30 +74,19 @@ PARAMETERS = ParameterTable(
     Parameter(
         "check_tip_m",
         _CHECK.tip_m,
-        "fingertip interval of the check; a tip farther off leans on something",
+        "fingertip interval of the check; a tip farther off is bent by something",
         "m",
         0.0005,
         0.05,
     ),
+    *_grasp_rows(),
 )
 
 
 def grasp_settings(values: Mapping[str, Any]) -> GraspSettings:
-    """Return the grasp thresholds that the parameters ask for."""
-    return GraspSettings(
-        contact_sigma=values["contact_sigma"],
-        contact_floor_n=values["contact_floor_n"],
-        contact_free_fraction=values["contact_free_fraction"],
-        contact_from_m=values["contact_from_m"],
-        run=values["decision_run"],
-        slip_s=values["slip_s"],
-        slip_share=values["slip_share"],
-        lift_window_s=values["lift_window_s"],
-        stale_s=values["stale_s"],
-        tension_limit_n=values["tension_limit_n"],
-        tip_m=values["check_tip_m"],
-        min_blockage_m=values["min_blockage_m"],
-    )
+    """Return the settings of the grasp decision that the parameters ask for."""
+    own = {row.name: values[row.name] for row in _grasp_rows()}
+    return GraspSettings(**own, **{_SHARED: values["check_tip_m"]})
 
 
 def check_settings(values: Mapping[str, Any]) -> CheckSettings:

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from rclpy.action import CancelResponse
 from rclpy.task import Future
 
+from softgrip_cell.cell import Cell
 from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.gates import SafetyFacts
-from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
-from softgrip_cell.storage.journal import HeldLock, MountedSlot
+from softgrip_cell.storage.journal import HeldLock
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
 from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
@@ -42,45 +42,6 @@ ASK_S: Final = 1.0
 MOVING: Final = frozenset({SwapStep.RELEASE, SwapStep.HOME, SwapStep.VERIFY})
 
 
-class SwapHost(Protocol):
-    """What the action needs of the manager."""
-
-    def begin_swap(self, finger_set: str, serials: Sequence[str]) -> SwapSequence:
-        """Check every gate and take the cell; raises RefusedError."""
-
-    def earlier_references(self, sequence: SwapSequence) -> Mapping[str, FreeReference]:
-        """What the last checks of these fingers saw, per slot."""
-
-    def persist(self, turn: SwapTransition) -> None:
-        """Write down what has to be written before a step begins."""
-
-    @property
-    def lock(self) -> HeldLock | None:
-        """The lock of the drives that this cell holds."""
-
-    def keep_lock(self, turn: SwapTransition, lock: HeldLock) -> None:
-        """Write down the lock, and that a person may touch the fingers from now on."""
-
-    def drop_lock(self, reason: str = "") -> None:
-        """Take note that the drives are not locked by this cell any more."""
-
-    def end_swap(
-        self,
-        sequence: SwapSequence,
-        outcome: SwapOutcome,
-        reason: str,
-        duration_s: float,
-        checks: Mapping[str, FingerCheck],
-    ) -> None:
-        """Write down what came of it and give the cell back, unless hands may still be inside."""
-
-    def slots(self) -> Sequence[MountedSlot]:
-        """What the slots hold now."""
-
-    def now_s(self) -> float:
-        """Monotonic time [s]."""
-
-
 class SwapEnded(Exception):  # noqa: N818  not an error: the way out of the procedure
     """The swap is over before its last step."""
 
@@ -94,8 +55,8 @@ class SwapServer:
     """One swap at a time.
 
     Args:
-        doors: the node's way to others.
-        host: the cell.
+        node_io: the node's way to others.
+        cell: its rules and what it holds.
         driver: moves the tendons.
         lock: of the drives.
         settings: of the check.
@@ -106,7 +67,7 @@ class SwapServer:
     def __init__(
         self,
         node_io: NodeIo,
-        host: SwapHost,
+        cell: Cell,
         driver: DriverLink,
         lock: DriveLock,
         settings: CheckSettings,
@@ -114,7 +75,7 @@ class SwapServer:
         limit_s: float,
     ) -> None:
         self._node_io = node_io
-        self._host = host
+        self._cell = cell
         self._driver = driver
         self._lock = lock
         self._settings = settings
@@ -134,8 +95,8 @@ class SwapServer:
         self._lock_stands = False  # the driver has said so since it was taken, or since safety/state said otherwise
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
-        node_io.action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
-        node_io.service(ConfirmStep, "cell/confirm_step", self._confirm)
+        node_io.create_action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
+        node_io.create_service(ConfirmStep, "cell/confirm_step", self._confirm)
 
     @property
     def active(self) -> bool:
@@ -188,7 +149,7 @@ class SwapServer:
 
     def watch_clock(self) -> None:
         """End what takes longer than it may; see that the lock of the drives still stands."""
-        now_s = self._host.now_s()
+        now_s = self._cell.now_s()
         if self._sequence is not None and now_s - self._started_s > self._limit_s:
             self._interrupt(SwapOutcome.FAILED, f"not done within {self._limit_s:g} s, at step '{self._sequence.step}'")
         if self._slack is not None and now_s > self._slack_until_s:
@@ -196,35 +157,35 @@ class SwapServer:
             self._interrupt(SwapOutcome.FAILED, f"tendon/release: {self._slack_said}; tendons {taut} are taut")
         if self._given_back is not None and now_s > self._given_back[1]:
             _resolve(self._given_back[0])
-        if self._host.lock is not None and not self._lock_stands and now_s >= self._next_ask_s and self._lock.ready():
+        if self._cell.lock is not None and not self._lock_stands and now_s >= self._next_ask_s and self._lock.ready():
             self._next_ask_s = now_s + ASK_S
-            self._lock.ask(self._host.lock.token, self._on_lock_asked)
+            self._lock.ask(self._cell.lock.token, self._on_lock_asked)
 
     async def _execute(self, goal_handle: Any) -> SwapFingers.Result:
         request = goal_handle.request
         try:
-            sequence = self._host.begin_swap(request.finger_set, list(request.serials))
+            sequence = self._cell.begin_swap(request.finger_set, list(request.serials))
         except CellError as error:
             goal_handle.abort()
-            return convert.swap_result(SwapOutcome.REFUSED, str(error), self._host.slots(), 0.0)
+            return convert.swap_result(SwapOutcome.REFUSED, str(error), self._cell.slots(), 0.0)
         self._sequence, self._goal, self._ended = sequence, goal_handle, None
         self._token = self._node_io.draw_token()
-        self._started_s = self._host.now_s()
+        self._started_s = self._cell.now_s()
         outcome, reason, checks = await self._swapped(sequence)
         self._goal, self._closing, self._slack = None, None, None
-        duration_s = self._host.now_s() - self._started_s
-        if self._host.lock is not None:
+        duration_s = self._cell.now_s() - self._started_s
+        if self._cell.lock is not None:
             reason = f"{reason}; {HANDS_OUT_TEXT}"
         await self._give_back()
         self._sequence = None
-        self._host.end_swap(sequence, outcome, reason, duration_s, checks)
+        self._cell.end_swap(sequence, outcome, reason, duration_s, checks)
         if outcome is SwapOutcome.SUCCEEDED:
             goal_handle.succeed()
         elif goal_handle.is_cancel_requested:
             goal_handle.canceled()
         else:
             goal_handle.abort()
-        return convert.swap_result(outcome, reason, self._host.slots(), duration_s)
+        return convert.swap_result(outcome, reason, self._cell.slots(), duration_s)
 
     async def _swapped(self, sequence: SwapSequence) -> tuple[SwapOutcome, str, Mapping[str, FingerCheck]]:
         """Return outcome, reason, and what was found of the fingers."""
@@ -250,25 +211,25 @@ class SwapServer:
         turn = sequence.released()
         if turn.step is SwapStep.LOCK:
             turn = await self._changed_by_hand(sequence, turn)
-        self._host.persist(turn)
+        self._cell.persist(turn)
         self._tell(turn)
         await self._answered(self._driver.home, "tendon/home")
 
     async def _changed_by_hand(self, sequence: SwapSequence, turn: SwapTransition) -> SwapTransition:
         """Lock the drives, have a person change the fingers, unlock; returns what follows."""
-        self._host.persist(turn)
+        self._cell.persist(turn)
         self._tell(turn)
         token = await self._locked(sequence)
         turn = sequence.locked()
         try:
-            self._host.keep_lock(turn, HeldLock(token, self._token, sequence.finger_set.id))
+            self._cell.keep_lock(turn, HeldLock(token, self._token, sequence.finger_set.id))
         except CellError:
             self._unlock_unused(token)  # nobody was told to reach in
             raise
         while turn.confirmation:
             self._tell(turn)
             turn = await self._wait(Future())
-            self._host.persist(turn)
+            self._cell.persist(turn)
         self._tell(turn)
         await self._unlocked(token)
         await self._owned()
@@ -277,9 +238,9 @@ class SwapServer:
     async def _verify(self, sequence: SwapSequence) -> Mapping[str, FingerCheck]:
         """Close on nothing, open again, and judge."""
         turn = sequence.homed()
-        self._host.persist(turn)
+        self._cell.persist(turn)
         self._tell(turn)
-        self._closing = EmptyClosing(self._slots, self._settings, self._host.earlier_references(sequence))
+        self._closing = EmptyClosing(self._slots, self._settings, self._cell.earlier_references(sequence))
         settings = self._settings
         await self._moved(settings.length_m, settings.speed_m_per_s)
         closing, self._closing = self._closing, None
@@ -313,7 +274,7 @@ class SwapServer:
 
         def answered(success: bool, message: str) -> None:
             self._slack, self._slack_said = slack, "done" if success else message
-            self._slack_until_s = self._host.now_s() + SLACK_S
+            self._slack_until_s = self._cell.now_s() + SLACK_S
 
         self._driver.release(answered)
         await self._wait(slack)
@@ -348,7 +309,7 @@ class SwapServer:
 
         def answered(success: bool | None, said: str) -> None:
             if success:
-                self._host.drop_lock()
+                self._cell.drop_lock()
                 _resolve(done)
             else:
                 self._lock_stands = False
@@ -361,11 +322,11 @@ class SwapServer:
         self._lock.unlock(token, "the swap ended before anybody reached in", lambda _success, _said: None)
 
     def _on_lock_asked(self, success: bool | None, said: str) -> None:
-        if self._host.lock is None or success is None:
+        if self._cell.lock is None or success is None:
             return
         self._lock_stands = success
         if not success:
-            self._host.drop_lock(f"the lock of the drives is gone: {said}; run cell/swap when all hands are out")
+            self._cell.drop_lock(f"the lock of the drives is gone: {said}; run cell/swap when all hands are out")
             self._interrupt(SwapOutcome.FAILED, f"the lock of the drives is gone: {said}; take your hands out")
 
     async def _answered(self, call: Any, name: str) -> None:
@@ -383,23 +344,23 @@ class SwapServer:
     async def _give_back(self) -> None:
         """Have the tendons slackened, unless the drives are locked, and give them back to whoever comes next."""
         done = Future()
-        self._given_back = (done, self._host.now_s() + GIVE_BACK_S)
+        self._given_back = (done, self._cell.now_s() + GIVE_BACK_S)
 
         def give_back(*_: object) -> None:
             self._driver.lease.release(lambda: _resolve(done))
 
-        if self._host.lock is None:
+        if self._cell.lock is None:
             self._driver.release(give_back)
         else:
             give_back()
-        await self._node_io.resumed("swap", done)
+        await self._node_io.wait_for("swap", done)
         self._given_back = None
 
     async def _wait(self, future: Future) -> Any:
         """Wait for what resolves the future, or for whoever interrupts the swap."""
         if self._ended is None:
             self._waiting = future
-            result = await self._node_io.resumed("swap", future)
+            result = await self._node_io.wait_for("swap", future)
         if self._ended is not None:
             raise self._ended
         return result
@@ -417,7 +378,7 @@ class SwapServer:
                 step=turn.step.value,
                 instruction=turn.instruction,
                 confirmation=turn.confirmation,
-                elapsed=self._host.now_s() - self._started_s,
+                elapsed=self._cell.now_s() - self._started_s,
                 token=self._token,
             )
         )
@@ -443,7 +404,7 @@ class SwapServer:
 
     def _confirm_hands_out(self, request: Any) -> str:
         """Unlock the drives that an interrupted swap left locked, in this or in an earlier run."""
-        lock = self._host.lock
+        lock = self._cell.lock
         if lock is None:
             raise RefusedError("expected a swap to be going on, found none; start one with cell/swap")
         if request.step != HANDS_OUT:
@@ -454,7 +415,7 @@ class SwapServer:
 
         def answered(success: bool | None, _said: str) -> None:
             if success:
-                self._host.drop_lock("hands are out, the drives are unlocked; run cell/swap before any grasp")
+                self._cell.drop_lock("hands are out, the drives are unlocked; run cell/swap before any grasp")
             else:
                 self._lock_stands = False  # the driver is asked what became of it
 
@@ -462,7 +423,7 @@ class SwapServer:
         return "the drives are being unlocked; run cell/swap before any grasp"
 
     def _cancel(self, _goal_handle: Any) -> CancelResponse:
-        self._node_io.later(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
+        self._node_io.create_task(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
         return CancelResponse.ACCEPT
 
 

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from softgrip_cell.nodes.plain_io import DriverIo
 from softgrip_interfaces.msg import LeaseHeartbeat, TendonOwners
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
-from softgrip_nodekit import to_time_message
+from softgrip_nodekit import NodeIo, to_time_message
 
 #: A driver that has not answered for so long does not answer [s].
 ANSWER_S: Final = 2.0
@@ -40,7 +39,7 @@ class TendonLease:
     """One owner's lease of some tendons.
 
     Args:
-        doors: the node's way to others.
+        node_io: the node's way to others.
         publish: sends a heartbeat (tendon/heartbeat).
         owner: who, in words.
         tendons: names.
@@ -51,7 +50,7 @@ class TendonLease:
 
     def __init__(
         self,
-        node_io: DriverIo,
+        node_io: NodeIo,
         publish: Callable[[LeaseHeartbeat], None],
         owner: str,
         tendons: Sequence[str],
@@ -67,8 +66,8 @@ class TendonLease:
         self._duration_s = duration_s
         self._lost = lost
         self._ask_for_hand_over = ask_for_hand_over
-        self._acquire = node_io.client(AcquireLease, "tendon/lease")
-        self._release = node_io.client(ReleaseLease, "tendon/lease_release")
+        self._acquire = node_io.create_client(AcquireLease, "tendon/lease")
+        self._release = node_io.create_client(ReleaseLease, "tendon/lease_release")
         self._owners: dict[str, tuple[str, str]] = {}
         self._request: _Request | None = None
         self._releasing: list[tuple[float, Callable[[], None]]] = []
@@ -91,14 +90,14 @@ class TendonLease:
     def missing(self) -> list[str]:
         """Return the services that nobody serves."""
         servers = {"service tendon/lease": self._acquire, "service tendon/lease_release": self._release}
-        return [name for name, client in servers.items() if not client.ready()]
+        return [name for name, client in servers.items() if not client.service_is_ready()]
 
     def acquire(self, answered: Answered) -> None:
         """Become the owner; at once where it is so already. One acquisition at a time: a new one replaces another."""
         if self.token:
             answered("")
             return
-        if not self._acquire.ready():
+        if not self._acquire.service_is_ready():
             answered("expected service tendon/lease, found none; start or check tendon_driver")
             return
         self._request = _Request(
@@ -109,12 +108,13 @@ class TendonLease:
     def release(self, released: Callable[[], None] = lambda: None) -> None:
         """Give the tendons back; what moves stops and holds. ``released`` is called in any case."""
         token, self.token = self.token, ""
-        if not token or not self._release.ready():
+        if not token or not self._release.service_is_ready():
             released()
             return
         entry = (self._node_io.monotonic_s() + ANSWER_S, released)
         self._releasing.append(entry)
-        self._release.call(ReleaseLease.Request(token=token), lambda _response: self._released(entry))
+        answer = self._release.call_async(ReleaseLease.Request(token=token))
+        answer.add_done_callback(lambda _response: self._released(entry))
 
     def hand_over(self) -> None:
         """Give the tendons to whoever asked for them, and leave them alone for a while."""
@@ -168,13 +168,14 @@ class TendonLease:
             duration=self._duration_s,
             hand_over=self._ask_for_hand_over,
         )
-        self._acquire.call(goal, lambda response: self._on_answer(request, response))
+        answer = self._acquire.call_async(goal)
+        answer.add_done_callback(lambda future: self._on_answer(request, future.result()))
 
     def _on_answer(self, request: _Request, response: Any) -> None:
         granted = response is not None and response.success
         if request is not self._request:
             if granted:  # nobody waits for it any more
-                self._release.call(ReleaseLease.Request(token=response.token), lambda _response: None)
+                self._release.call_async(ReleaseLease.Request(token=response.token))
             return
         if granted:
             self.token, self._granted_s = response.token, self._node_io.monotonic_s()

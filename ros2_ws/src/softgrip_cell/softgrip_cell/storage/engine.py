@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self
 
-from sqlalchemy import Connection, Engine, create_engine, delete, event, insert, inspect, select, text, update
-from sqlalchemy.engine import URL, make_url
+from sqlalchemy import create_engine, delete, event, insert, inspect, select, text, update
+from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from softgrip_cell.errors import OccupiedError, SchemaError, StorageError
@@ -135,8 +135,9 @@ class Database:
     def _make_engine(self) -> Engine:
         if self.url.get_backend_name() != "sqlite":
             with self._translated():
-                return create_engine(self.url, pool_pre_ping=True, connect_args={"connect_timeout": 5})
-        engine = create_engine(self.url, connect_args={"timeout": LOCK_WAIT_S, "check_same_thread": False})
+                return create_engine(self.url, future=True, pool_pre_ping=True, connect_args={"connect_timeout": 5})
+        # future: SQLAlchemy 1.4, which Ubuntu 24.04 has, behaves as 2 then
+        engine = create_engine(self.url, future=True, connect_args={"timeout": LOCK_WAIT_S, "check_same_thread": False})
 
         @event.listens_for(engine, "connect")
         def _configure(connection: Any, _record: Any) -> None:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from datetime import date
 from typing import Any
 
-from sqlalchemy import Connection, Row, func, insert, select, update
+from sqlalchemy import func, insert, select, update
+from sqlalchemy.engine import Connection, Row
 
 from softgrip_cell.catalogue_file import finger_set_document, product_document, read_finger_set, read_product
 from softgrip_cell.errors import ConflictError, RefusedError

@@ -27,7 +27,9 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from softgrip_cell.grasp.values import Close, GraspPhase, GraspStep, Open, Press, Stop
+from softgrip_cell.grasp.commands import Close, Open, Press, Stop
+from softgrip_cell.grasp.sequence import GraspStep
+from softgrip_cell.grasp.values import GraspPhase
 from softgrip_cell.nodes.controller_client import CellController
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import (

@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import yaml
-
 from softgrip_demo.record import FrictionPoint, FrictionResult, ShapeView
 from softgrip_interfaces.msg import FrictionModel
 
@@ -50,7 +48,8 @@ def outcome_latency(result: Any, received_ns: int) -> float:
         The event to the sample that decided, and that sample's stamp to the client; NaN where nothing was decided on a
         sample (a refusal).
     """
-    decided_ns = (yaml.safe_load(result.evidence) or {}).get("decided_stamp_ns")
+    stamp = result.decision.stamp
+    decided_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
     return math.nan if not decided_ns else result.latency + (received_ns - decided_ns) * 1e-9
 
 

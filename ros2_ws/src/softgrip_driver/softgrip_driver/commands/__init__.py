@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command line tools for the bench: scan, setup, selftest, calibrate_tension."""
+"""Command line tools for the bench: scan, setup, selftest, calibrate_cell, calibrate_tension, stage."""

@@ -8,40 +8,80 @@ import csv
 import math
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
-from softgrip_driver.commands.common import DONE, add_bus_options, number, parser, run
+from softgrip_driver.commands.common import (
+    DONE,
+    add_bus_options,
+    add_gauge_options,
+    number,
+    parser,
+    run,
+    stream_settings,
+)
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, ServoModel
+from softgrip_driver.dynamixel.winding import MotorReading, Winding, fit_winding
 from softgrip_driver.errors import ConfigurationError, NoReplyError
-from softgrip_driver.rig.build import GAUGES, StreamSettings, make_gauge
+from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
 
-TEXT = """Fit the torque model tension = k (current - friction sign(speed)) / radius against a force gauge.
+TEXT = """Fit the torque model of a servo, k current = tension radius + friction, against a force gauge or weights.
 
-Tie the tendon to the gauge through a spring (a few N/mm). The servo winds in and pays out slowly, several times. It
-turns round at --tension of the gauge or of its own estimate, whichever comes first, or after --travel. Ends with the
-lines for the parameters of tendon_driver. With --csv a recording (current_a,speed_m_s,tension_n) is fitted instead;
---record writes one."""
+With --gauge: tie the tendon to the gauge through a spring (a few N/mm). The servo winds in and pays out slowly, several
+times, at --speed and at a third of it. It turns round at --tension of the gauge or of its own estimate, whichever comes
+first, or after --travel. With --weights: hang one after the other on the tendon when asked; each is lifted by --travel
+and let down.
+
+XL330 and XC330 measure the current of their supply: resistance and back-EMF of the motor are fitted, too, and which
+current they limit is found out. Ends with the lines for the parameters of tendon_driver. With --csv a recording is
+fitted instead; --record writes one."""
 
 PERIOD = 0.05
 #: [s] after a turn-round in which friction still turns, and nothing is recorded
 TURNING = 0.4
+#: shares of --speed, one round after the other: at one speed alone back-EMF and friction look alike
+PACES = (1.0, 1.0 / 3.0)
+#: [m/s^2]
+GRAVITY = 9.80665
+#: [s] that a servo may take to stand at its limit, [s] that it has to stand, [m] its goal is ahead of it meanwhile
+LIMIT_TIMEOUT_S, LIMIT_STANDS_S, LIMIT_AHEAD_M = 4.0, 0.3, 0.002
+#: a current this close to the goal current, relative, is the one that is limited
+LIMIT_SHARE = 0.3
 
 
 @dataclass(frozen=True)
 class TensionSample:
-    """One reading of servo and gauge: [A], [m/s], [N]."""
+    """One reading of servo and gauge; the last three are NaN in recordings of before they were kept.
 
-    current: float
-    speed: float
-    tension: float
+    Attributes:
+        current_a: Present Current [A].
+        speed_m_s: of the tendon.
+        tension_n: of the gauge or weight.
+        duty: Present PWM, -1 .. 1.
+        voltage_v, temperature_degc: as the servo says.
+    """
+
+    current_a: float
+    speed_m_s: float
+    tension_n: float
+    duty: float = math.nan
+    voltage_v: float = math.nan
+    temperature_degc: float = math.nan
+
+    def motor(self, radius: float) -> MotorReading:
+        """Return what it says of the motor of a spool of a radius [m]."""
+        return MotorReading(self.current_a, self.duty, self.speed_m_s / radius, self.voltage_v, self.temperature_degc)
+
+
+COLUMNS = tuple(field.name for field in fields(TensionSample))
+REQUIRED_COLUMNS = COLUMNS[:3]
 
 
 def read_csv(path: Path) -> list[TensionSample]:
@@ -52,18 +92,21 @@ def read_csv(path: Path) -> list[TensionSample]:
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = [
-                TensionSample(float(row["current_a"]), float(row["speed_m_s"]), float(row["tension_n"]))
-                for row in csv.DictReader(file)
-            ]
+            rows = [_sample(row) for row in csv.DictReader(file)]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise ConfigurationError(
-            f"{path}: expected columns current_a, speed_m_s, tension_n with numbers, found: {error!r}"
+            f"{path}: expected columns {', '.join(REQUIRED_COLUMNS)} with numbers, found: {error!r}"
         ) from error
     for count, row in enumerate(rows, start=1):
-        if not all(math.isfinite(value) for value in (row.current, row.speed, row.tension)):
+        if not all(math.isfinite(getattr(row, name)) for name in REQUIRED_COLUMNS):
             raise ConfigurationError(f"{path}: expected numbers in every row, found {row} in row {count}; leave it out")
     return rows
+
+
+def _sample(row: Mapping[str, str]) -> TensionSample:
+    """Return the sample of a row; the columns of the motor are all there or none."""
+    names = COLUMNS if "duty" in row else REQUIRED_COLUMNS
+    return TensionSample(*(float(row[name]) for name in names))
 
 
 def write_csv(path: Path, samples: Sequence[TensionSample]) -> None:
@@ -71,8 +114,8 @@ def write_csv(path: Path, samples: Sequence[TensionSample]) -> None:
     try:
         with path.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(("current_a", "speed_m_s", "tension_n"))
-            writer.writerows((s.current, s.speed, s.tension) for s in samples)
+            writer.writerow(COLUMNS)
+            writer.writerows([getattr(sample, name) for name in COLUMNS] for sample in samples)
     except OSError as error:
         raise _unwritable(path, error) from error
 
@@ -89,8 +132,19 @@ def _unwritable(path: Path, error: OSError) -> ConfigurationError:
     return ConfigurationError(f"{path}: expected a file that can be written, found: {error}; choose another --record")
 
 
+class Weight:
+    """A mass that hangs on the tendon, where a gauge would be."""
+
+    def __init__(self, mass: float) -> None:
+        self._force = mass * GRAVITY
+
+    def tension(self) -> float:
+        """Return its weight [N]."""
+        return self._force
+
+
 def measure(
-    backend: DynamixelBackend, gauge: Gauge, tension: float, travel: float, speed: float, rounds: int
+    backend: DynamixelBackend, gauge: Gauge | Weight, tension: float, travel: float, speed: float, rounds: int
 ) -> list[TensionSample]:
     """Wind in and pay out ``rounds`` times and return what was seen while moving steadily.
 
@@ -101,26 +155,80 @@ def measure(
     samples: list[TensionSample] = []
     backend.power(name, True)
     try:
-        start = goal = _reading(backend).position
+        start = here = _reading(backend).position
         for turn in range(2 * rounds):
             inward = turn % 2 == 0
-            turned_at = time.monotonic()
+            pace = speed * PACES[turn // 2 % len(PACES)] * (1.0 if inward else -1.0)
+            ramp = _Ramp(here, pace, 1.2 * tension)
             while True:
-                began = time.monotonic()
-                goal += (speed if inward else -speed) * PERIOD
-                backend.write({name: Setpoint(goal, 1.2 * tension)})
-                reading, force = _reading(backend), gauge.tension()
-                if began - turned_at > TURNING and abs(reading.velocity) > 0.3 * speed:
-                    samples.append(TensionSample(reading.current, reading.velocity, force))
-                if inward and (max(force, reading.tension) >= tension or goal - start >= travel):
+                reading = ramp.follow(backend, PERIOD)
+                here, force = ramp.goal(), gauge.tension()
+                if ramp.elapsed() > TURNING and abs(reading.velocity) > 0.3 * abs(pace):
+                    samples.append(_sampled(backend.motor(name), reading.velocity, force))
+                if inward and (max(force, reading.tension) >= tension or here - start >= travel):
                     break
-                if not inward and goal <= start:
+                if not inward and here <= start:
                     break
-                _until(backend, began + PERIOD)
             print(f"round {turn // 2 + 1}/{rounds} {'in ' if inward else 'out'}: {force:.2f} N, {len(samples)} samples")
     finally:
         backend.power(name, False)
     return samples
+
+
+def _sampled(motor: MotorReading, velocity: float, force: float) -> TensionSample:
+    return TensionSample(motor.current, velocity, force, motor.duty, motor.voltage, motor.temperature)
+
+
+class _Ramp:
+    """A goal that moves evenly: steps would accelerate the motor, and its inertia would look like tension."""
+
+    def __init__(self, start: float, pace: float, tension_limit: float) -> None:
+        self._start, self._pace, self._limit = start, pace, tension_limit
+        self._began = time.monotonic()
+
+    def elapsed(self) -> float:
+        """Return the time [s] since it began."""
+        return time.monotonic() - self._began
+
+    def goal(self) -> float:
+        """Return where it is [m]."""
+        return self._start + self._pace * self.elapsed()
+
+    def follow(self, backend: DynamixelBackend, duration: float) -> DriveReading:
+        """Let the servo follow for a duration [s]; return the last reading."""
+        (name,) = backend.tendons
+        end = self.elapsed() + duration
+        reading = None
+        while reading is None or self.elapsed() < end:
+            backend.write({name: Setpoint(self.goal(), self._limit)})
+            reading = _reading(backend)
+        return reading
+
+
+def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSensing | None:
+    """Let a servo that senses its supply pull up to its limit; return which current that acts on, None if unclear.
+
+    The limit is that of the supply for a tension [N]: should it act on the winding, the servo pulls next to nothing.
+    """
+    (name,) = backend.tendons
+    backend.power(name, True)
+    try:
+        deadline = time.monotonic() + LIMIT_TIMEOUT_S
+        stood_since = began = time.monotonic()
+        while stood_since + LIMIT_STANDS_S > began < deadline:
+            reading = _reading(backend)
+            backend.write({name: Setpoint(reading.position + LIMIT_AHEAD_M, tension)})
+            began = time.monotonic()
+            if abs(reading.velocity) > TorqueModel.STANDING_SPEED:
+                stood_since = began
+        motor, goal = backend.motor(name), backend.goal_current(name)
+        winding, _ = backend.winding(name).current(motor)
+    finally:
+        backend.power(name, False)
+    seen = {CurrentSensing.SUPPLY: motor.current, CurrentSensing.WINDING: winding}
+    off = {kind: abs(current - goal) / goal for kind, current in seen.items()}
+    best = min(off, key=lambda kind: off[kind])
+    return best if off[best] <= LIMIT_SHARE < max(off.values()) else None
 
 
 def _reading(backend: DynamixelBackend) -> DriveReading:
@@ -133,16 +241,67 @@ def _reading(backend: DynamixelBackend) -> DriveReading:
     raise NoReplyError(f"tendon '{name}': expected a reading within 1 s, found none; check cable and supply")
 
 
-def _until(backend: DynamixelBackend, due: float) -> None:
-    """Keep the servo's bus watchdog fed until it is time."""
-    while time.monotonic() < due:
-        backend.read()
+@dataclass(frozen=True)
+class TorqueCalibration:
+    """What a recording shows of a servo.
+
+    Attributes:
+        torque: torque model.
+        winding: resistance and back-EMF; None where the servo senses the winding's current itself.
+        scatter: [N] root mean square of what the model leaves over.
+    """
+
+    torque: TorqueModel
+    winding: Winding | None
+    scatter: float
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines for the parameters of tendon_driver."""
+        if self.winding is not None:
+            yield f"winding_resistances_ohm: [{self.winding.resistance:.4f}]"
+            yield f"back_emfs_v_s: [{self.winding.back_emf:.5f}]"
+            yield f"winding_stddev_share: [{self.winding.relative_stddev:.4f}]"
+        yield f"torque_per_ampere_nm_a: [{self.torque.torque_per_ampere:.5f}]"
+        yield f"friction_currents_a: [{self.torque.friction_current:.5f}]"
+        yield f"friction_slopes_a_s_m: [{self.torque.friction_slope:.5f}]"
+        yield f"gear_load_shares: [{self.torque.load_share:.4f}]"
+        yield f"tension_stddev_share: [{self.torque.relative_stddev:.4f}]"
+
+
+def calibrate(samples: Sequence[TensionSample], model: ServoModel, radius: float, source: str) -> TorqueCalibration:
+    """Fit what a recording shows.
+
+    Args:
+        samples: of a servo that wound in and paid out under tensions that vary.
+        model: of the servo.
+        radius: [m] of its spool.
+        source: what to write into the model.
+
+    Raises:
+        ConfigurationError: the recording does not show it.
+    """
+    winding = None
+    currents = [sample.current_a for sample in samples]
+    if model.senses is not CurrentSensing.WINDING and not any(math.isnan(sample.duty) for sample in samples):
+        motors = [sample.motor(radius) for sample in samples]
+        winding = Winding(model.resistance, model.back_emf)
+        if model.senses is CurrentSensing.SUPPLY:
+            winding = fit_winding(motors, winding)
+        currents = [winding.current(motor)[0] for motor in motors]
+    speeds = [sample.speed_m_s for sample in samples]
+    tensions = [sample.tension_n for sample in samples]
+    torque = fit_torque_model(currents, speeds, tensions, radius, source)
+    squares = [
+        (torque.pull(current, speed, radius)[0] - tension) ** 2
+        for current, speed, tension in zip(currents, speeds, tensions, strict=True)
+    ]
+    return TorqueCalibration(torque, winding, math.sqrt(math.fsum(squares) / len(squares)))
 
 
 def _measured(options: argparse.Namespace) -> list[TensionSample]:
-    """Measure with the servo and the gauge that the options name."""
-    if not (options.port and options.gauge):
-        raise ConfigurationError("expected --port and --gauge, or --csv, found neither; see --help")
+    """Measure with the servo and the gauge or weights that the options name."""
+    if not options.port or bool(options.gauge) == bool(options.weights):
+        raise ConfigurationError("expected --port and either --gauge or --weights, or --csv; see --help")
     if options.record:
         check_writable(options.record)
     model = MODELS[options.model]
@@ -150,37 +309,74 @@ def _measured(options: argparse.Namespace) -> list[TensionSample]:
     servo = ServoConfiguration("tendon", options.id, model, Spool(options.radius, options.direction), torque)
     bus = Bus(options.port, options.baud, options.reply_margin)
     backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
-    gauge = make_gauge(options.gauge_kind, options.gauge, StreamSettings())
+    try:
+        if options.weights:
+            return _measured_with_weights(backend, options)
+        return _measured_with_gauge(backend, options)
+    finally:
+        backend.disconnect()
+
+
+def _measured_with_gauge(backend: DynamixelBackend, options: argparse.Namespace) -> list[TensionSample]:
+    gauge = make_gauge(options.gauge_kind, options.gauge, stream_settings(options))
     gauge.open()
     try:
         backend.connect()
         gauge.tare()
-        return measure(backend, gauge, options.tension, options.travel, options.speed, options.rounds)
+        samples = measure(backend, gauge, options.tension, options.travel, options.speed, options.rounds)
+        _print_limited_current(backend, options, 0.5 * options.tension)
+        return samples
     finally:
-        backend.disconnect()
         gauge.close()
+
+
+def _measured_with_weights(backend: DynamixelBackend, options: argparse.Namespace) -> list[TensionSample]:
+    backend.connect()
+    samples: list[TensionSample] = []
+    for mass in options.weights:
+        weight = Weight(mass)
+        input(f"hang {mass:g} kg on the tendon, so that it swings free, then press Enter: ")
+        # Never turned round by tension: the servo's own estimate is what is to be measured.
+        limit = 2.0 * weight.tension() + 10.0
+        samples += measure(backend, weight, limit, options.travel, options.speed, options.rounds)
+    _print_limited_current(backend, options, 0.5 * weight.tension())
+    return samples
+
+
+def _print_limited_current(backend: DynamixelBackend, options: argparse.Namespace, tension: float) -> None:
+    if MODELS[options.model].senses is not CurrentSensing.SUPPLY:
+        return
+    found = find_limited_current(backend, tension)
+    if found is None:
+        print("# which current the servo limits did not show: it did not come to stand; measure against a spring")
+    else:
+        print(f"limited_currents: [{found.value}]")
 
 
 def work(options: argparse.Namespace) -> int:
     """Measure or read, fit, print."""
     samples = read_csv(options.csv) if options.csv else _measured(options)
+    model = MODELS[options.model]
     try:
-        fitted = fit_torque_model(
-            [s.current for s in samples],
-            [s.speed for s in samples],
-            [s.tension for s in samples],
-            options.radius,
-            str(options.csv or "force gauge"),
-        )
-        print(f"# {len(samples)} samples; data sheet: {MODELS[options.model].torque_per_ampere:.4f} N m/A")
-        print(f"torque_per_ampere_nm_a: [{fitted.torque_per_ampere:.5f}]")
-        print(f"friction_currents_a: [{fitted.friction_current:.5f}]")
-        print(f"tension_stddev_share: [{fitted.relative_stddev:.4f}]")
+        found = calibrate(samples, model, options.radius, str(options.csv or "measured"))
+        print(f"# {len(samples)} samples; data sheet: {model.torque_per_ampere:.4f} N m/A, {model.resistance:.3f} ohm")
+        print(f"# the model leaves {found.scatter:.2f} N of the gauge's reading over (root mean square)")
+        if found.winding is None and model.senses is CurrentSensing.SUPPLY:
+            print(
+                f"# the recording lacks duty, voltage_v and temperature_degc: the current of an {model.name} is its "
+                "supply's, and tension does not follow it; measure again"
+            )
+        print("\n".join(found.lines()))
     finally:
         # Also what shows no model is worth a look, and a full disk costs the recording alone.
         if options.record:
             write_csv(options.record, samples)
     return DONE
+
+
+def masses(text: str) -> list[float]:
+    """Return masses [kg] of a list with commas; argparse tells what is wrong."""
+    return [number(0.01, 50.0)(one) for one in text.split(",")]
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -195,8 +391,10 @@ def main(args: Sequence[str] | None = None) -> int:
         "--radius", type=number(1e-3, 0.1), default=0.010, metavar="M", help="spool radius, default %(default)s m"
     )
     arguments.add_argument("--direction", type=int, choices=(-1, 1), default=1, help="+1: positive rotation pulls")
-    arguments.add_argument("--gauge", default="", metavar="PORT", help="serial port of the force gauge")
-    arguments.add_argument("--gauge-kind", choices=GAUGES, default="gcl2", help="default %(default)s")
+    add_gauge_options(arguments)
+    arguments.add_argument(
+        "--weights", type=masses, default=(), metavar="KG,KG,...", help="hang these instead of using a gauge"
+    )
     arguments.add_argument(
         "--tension", type=number(0.1, 500.0), default=15.0, metavar="N", help="turn round at, default %(default)s N"
     )
@@ -204,10 +402,10 @@ def main(args: Sequence[str] | None = None) -> int:
         "--travel", type=number(1e-3, 0.5), default=0.02, metavar="M", help="wind in at most, default %(default)s m"
     )
     arguments.add_argument(
-        "--speed", type=number(5e-4, 0.1), default=0.003, metavar="M/S", help="default %(default)s m/s"
+        "--speed", type=number(5e-4, 0.1), default=0.006, metavar="M/S", help="default %(default)s m/s"
     )
     arguments.add_argument(
-        "--rounds", type=number(1, 100, int), default=3, metavar="N", help="in and out, default %(default)s"
+        "--rounds", type=number(1, 100, int), default=4, metavar="N", help="in and out, default %(default)s"
     )
     arguments.add_argument("--csv", type=Path, help="fit a recording instead of measuring")
     arguments.add_argument("--record", type=Path, help="write the samples to this file")

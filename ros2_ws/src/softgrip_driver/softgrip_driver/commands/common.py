@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bench commands share: options of the bus, exit codes, reports of errors."""
+"""What the bench commands share: options of bus and gauge, exit codes, reports of errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from softgrip_driver.dynamixel.registers import BAUD_CODES
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import ConfigurationError, DriverError
+from softgrip_driver.rig.build import GAUGES, StreamSettings
+from softgrip_driver.rig.line_format import FORMATS
 
 #: exit codes
 DONE, FAILED = 0, 1
@@ -52,6 +54,47 @@ def add_bus_options(arguments: argparse.ArgumentParser, *, required: bool = True
         "--reply-margin", type=number(5e-4, 1.0), default=0.02, metavar="S",
         help="time for a reply beyond that of its bytes, default %(default)s s",
     )  # fmt: skip
+
+
+def add_line_options(arguments: argparse.ArgumentParser) -> None:
+    """Add what says how a gauge that speaks in lines is read."""
+    arguments.add_argument(
+        "--line", default="grams", metavar="FORMAT",
+        help=f"{', '.join(FORMATS)}, or a pattern with a group (?P<value>...), default %(default)s",
+    )  # fmt: skip
+    arguments.add_argument(
+        "--gauge-baud", type=number(0, 3_000_000, int), default=0, metavar="BAUD", help="default: the format's own"
+    )
+    arguments.add_argument(
+        "--request", default="", metavar="TEXT", help=r"what asks for a line, as SI\r\n, default: the format's own"
+    )
+
+
+def add_gauge_options(arguments: argparse.ArgumentParser) -> None:
+    """Add --gauge, its kind, and for one that speaks in lines how it is read and its scale."""
+    arguments.add_argument("--gauge", default="", metavar="PORT", help="serial port of the force gauge")
+    arguments.add_argument(
+        "--gauge-kind", choices=GAUGES, default="gcl2", help="stream: it speaks in lines; default %(default)s"
+    )
+    add_line_options(arguments)
+    scale = arguments.add_mutually_exclusive_group()
+    scale.add_argument(
+        "--counts-per-newton", type=number(-1e9, 1e9), default=1.0, metavar="N", help="of a format without unit"
+    )
+    scale.add_argument("--gauge-calibration", default="", metavar="FILE", help="of calibrate_cell")
+
+
+def stream_settings(options: argparse.Namespace) -> StreamSettings:
+    """Return what the options of `add_gauge_options` say of a gauge that speaks in lines.
+
+    Raises:
+        ConfigurationError: a scale of zero.
+    """
+    if options.counts_per_newton == 0.0:
+        raise ConfigurationError("--counts-per-newton: expected another number than 0; calibrate_cell finds it")
+    return StreamSettings(
+        options.gauge_baud, options.line, options.counts_per_newton, options.request, options.gauge_calibration
+    )
 
 
 def run(

@@ -9,21 +9,26 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from softgrip_driver.commands.common import DONE, FAILED, add_bus_options, number, parser, run
 from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, latency_timer
+from softgrip_driver.dynamixel.backend import FAST_BLOCK, DynamixelBackend
+from softgrip_driver.dynamixel.bringup import ServoConfiguration, identify
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.errors import DeviceNotFoundError
+from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError
+from softgrip_driver.tendon.units import Spool, TorqueModel
 
-TEXT = """Measure the servo bus with group reads of all servos: rate, jitter, lost replies, USB latency, return delay.
+TEXT = """Measure the servo bus with the driver's own cycles: rate, jitter, lost replies, USB latency, return delay.
 
-Nothing moves. Prints each cause of slowness with its fix in words; exit code 1 when the wanted rate is not reached."""
+A cycle is the group read of all servos and what else the driver asks in it. Nothing moves. Prints each cause of
+slowness with its fix in words; exit code 1 when the wanted rate is not reached."""
 
-#: bytes of a group read's instruction and of one answer to it (10 bytes of data)
-REQUEST_BYTES, ANSWER_BYTES = 14, 21
+#: bytes of a fast group read's instruction, of its answer without what the servos say, and of a read of one servo
+GROUP_BYTES, ANSWER_BYTES, SLOW_BYTES = 14, 8, 14 + 18
+#: of one servo in the answer: error, ID, data, checksum
+SERVO_BYTES = 4 + FAST_BLOCK[1]
 BITS_PER_BYTE = 10
-USB_SERIAL = Path("/sys/bus/usb-serial/devices")
 
 
 @dataclass(frozen=True)
@@ -33,8 +38,9 @@ class Measurement:
     Attributes:
         servos: how many answer.
         baud: [1/s]
-        rate: [Hz] of group reads one after the other.
-        median, p99: [s] of one group read.
+        rate: [Hz] of cycles one after the other.
+        median, p99: [s] of one cycle.
+        turnaround: [s] that a reply takes beyond its bytes.
         lost_share: share of the answers that did not come.
         corrupt: damaged packets.
         return_delays: [s] by ID.
@@ -46,6 +52,7 @@ class Measurement:
     rate: float
     median: float
     p99: float
+    turnaround: float
     lost_share: float
     corrupt: int
     return_delays: dict[int, float]
@@ -54,43 +61,55 @@ class Measurement:
     @property
     def wire_time(self) -> float:
         """[s] that the bytes alone need."""
-        return (REQUEST_BYTES + self.servos * (1 + ANSWER_BYTES)) * BITS_PER_BYTE / self.baud
+        group = GROUP_BYTES + ANSWER_BYTES + self.servos * (1 + SERVO_BYTES)
+        return (group + SLOW_BYTES) * BITS_PER_BYTE / self.baud
 
 
 def measure(bus: Bus, seconds: float) -> Measurement:
-    """Read all servos as fast as can be.
+    """Run the driver's cycles as fast as can be, without its orders.
 
     Raises:
         DeviceNotFoundError: nobody answers.
+        ConfigurationError: a servo of a model that the driver does not know.
     """
-    ids = sorted(bus.broadcast_ping(0.5))
+    found = bus.broadcast_ping(0.5)
+    ids = sorted(found)
     if not ids:
         raise DeviceNotFoundError(
             f"{bus.port.port_name}: expected servos at {bus.port.baudrate} baud, found none; run scan"
         )
+    turnaround = bus.turnaround(ids[0])
+    bus.port.reply_margin = max(bus.port.reply_margin, 2.0 * turnaround)
+    servos = [identify(bus, _servo(servo_id, number)).servo for servo_id, (number, _) in sorted(found.items())]
     delays = {i: bus.read(i, reg.RETURN_DELAY, attempts=3) * reg.RETURN_DELAY_SECONDS_PER_UNIT for i in ids}
+    backend = DynamixelBackend(bus, servos, watchdog=0.0)
+    backend.fast = all(servo.fast_sync_read for servo in servos)
     lost, corrupt = bus.counters.lost, bus.counters.corrupt
     durations: list[float] = []
     began = time.monotonic()
     while time.monotonic() - began < seconds:
         start = time.monotonic()
-        bus.sync_read(ids, reg.PRESENT_CURRENT.address, 10)
+        backend.read()
         durations.append(time.monotonic() - start)
     ordered = sorted(durations)
     return Measurement(
         len(ids), bus.port.baudrate, 1.0 / statistics.fmean(durations), statistics.median(durations),
-        ordered[int(0.99 * (len(ordered) - 1))], (bus.counters.lost - lost) / (len(durations) * len(ids)),
-        bus.counters.corrupt - corrupt, delays, latency_timer(bus.port.port_name),
+        ordered[int(0.99 * (len(ordered) - 1))], turnaround,
+        (bus.counters.lost - lost) / (len(durations) * len(ids)), bus.counters.corrupt - corrupt, delays,
+        latency_timer(bus.port.port_name),
     )  # fmt: skip
 
 
-def latency_timer(port: str, devices: Path = USB_SERIAL) -> float | None:
-    """Return the latency timer [s] of an FTDI adapter, None where the port has none."""
-    try:
-        text = (devices / Path(port).resolve().name / "latency_timer").read_text(encoding="ascii")
-        return int(text) * 1e-3
-    except (OSError, ValueError):
-        return None
+def _servo(servo_id: int, number: int) -> ServoConfiguration:
+    """Return a configuration that is good for reading."""
+    model = next((model for model in reg.MODELS.values() if model.number == number), None)
+    if model is None:
+        raise ConfigurationError(
+            f"ID {servo_id}: expected a model of {sorted(reg.MODELS)}, found "
+            f"{reg.MODEL_NAMES.get(number, 'an unknown one')} ({number})"
+        )
+    torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
+    return ServoConfiguration(f"ID {servo_id}", servo_id, model, Spool(0.01, 1), torque)
 
 
 def causes(found: Measurement, required_rate: float) -> list[str]:
@@ -98,9 +117,12 @@ def causes(found: Measurement, required_rate: float) -> list[str]:
     texts = []
     if found.latency_timer is not None and found.latency_timer > 0.001:
         texts.append(
-            f"the USB adapter waits {found.latency_timer * 1e3:.0f} ms before it hands bytes over: set its latency "
-            "timer to 1 ms, once with `echo 1 > /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`, for ever with the "
-            'udev rule KERNEL=="ttyUSB*", DRIVERS=="ftdi_sio", ATTR{device/latency_timer}="1"'
+            f"the USB adapter waits {found.latency_timer * 1e3:.0f} ms before it hands bytes over: {LATENCY_REMEDY}"
+        )
+    elif found.turnaround > SLOW_ADAPTER_S:
+        texts.append(
+            f"a reply takes {found.turnaround * 1e3:.0f} ms beyond its bytes: where the port is a USB adapter's, "
+            f"{LATENCY_REMEDY}"
         )
     slow = {i: delay for i, delay in found.return_delays.items() if delay > 0.0}
     if slow:
@@ -120,7 +142,7 @@ def causes(found: Measurement, required_rate: float) -> list[str]:
         )
     if not texts and found.rate < required_rate:
         texts.append(
-            f"a group read takes {found.median * 1e3:.2f} ms, its bytes {found.wire_time * 1e3:.2f} ms: the rest is "
+            f"a cycle takes {found.median * 1e3:.2f} ms, its bytes {found.wire_time * 1e3:.2f} ms: the rest is "
             "this computer; close other programs, allow real-time priority (rtprio in limits.conf), use a faster one"
         )
     return texts
@@ -136,10 +158,10 @@ def work(options: argparse.Namespace) -> int:
         bus.close()
     timer = "none" if found.latency_timer is None else f"{found.latency_timer * 1e3:.0f} ms"
     print(f"servos              {found.servos} at {found.baud} baud")
-    print(f"group reads         {found.rate:.0f} Hz, median {found.median * 1e3:.2f} ms, p99 {found.p99 * 1e3:.2f} ms")
+    print(f"driver's cycles     {found.rate:.0f} Hz, median {found.median * 1e3:.2f} ms, p99 {found.p99 * 1e3:.2f} ms")
     print(f"bytes alone         {found.wire_time * 1e3:.2f} ms")
     print(f"lost answers        {found.lost_share:.3%}, damaged packets {found.corrupt}")
-    print(f"USB latency timer   {timer}")
+    print(f"USB latency timer   {timer}, replies after {found.turnaround * 1e3:.1f} ms")
     print(f"return delays       {', '.join(f'{i}: {d * 1e6:.0f} us' for i, d in found.return_delays.items())}")
     for text in causes(found, options.rate):
         print(f"-> {text}")

@@ -6,13 +6,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, latency_timer
 from softgrip_driver.dynamixel.bringup import ServoConfiguration, examine, identify, is_left_holding, refuse, set_up
 from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
 from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
 from softgrip_driver.dynamixel.servo_state import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
+from softgrip_driver.dynamixel.winding import MotorReading, Winding
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 
@@ -25,8 +28,8 @@ _FAULT_NAMES = {
     HardwareError.OVERLOAD.value: "overload",
 }
 
-#: current, velocity, position in one block: 126 .. 135
-_FAST = (reg.PRESENT_CURRENT.address, 10)
+#: PWM, current, velocity, position in one block: 124 .. 135
+FAST_BLOCK = (reg.PRESENT_PWM.address, 12)
 
 
 class DynamixelBackend:
@@ -47,11 +50,15 @@ class DynamixelBackend:
     #: [s] without motion before a servo counts as holding
     REST_TIME = 0.3
 
+    #: share by which a goal current may differ from the one that is right: half of that in the tension at stall
+    LIMIT_SHARE = 0.03
     #: misses in a row after which a servo is left out of the group read
     MISSES = 3
     #: [s] between questions to a servo that is left out: often at first (a bad line), then seldom (a dead servo)
     PROBE_FIRST = 0.01
     PROBE_PERIOD = 0.25
+    #: cycles with one slow item between them where each question costs an adapter's latency
+    SLOW_EVERY = 4
     #: [s] of plain sync reads after a fast one failed
     PLAIN_PERIOD = 1.0
     #: cycles without any answer from which, and up to which, a packet that all wait for the rest of is pushed through;
@@ -79,7 +86,8 @@ class DynamixelBackend:
         self._report = report
         self._plain_until = 0.0
         self._turn = 0
-        self._last_traffic = 0.0
+        self._cycles = 0
+        self._slow_every = 1
         self._deaf = 0
         self.fast = False
 
@@ -103,6 +111,7 @@ class DynamixelBackend:
         self.bus.open()
         try:
             identities = [identify(self.bus, live.servo) for live in self._live.values()]
+            self._allow_for_adapter(identities[0].servo.servo_id)
             self._tell_differences()
             for live, identity in zip(self._live.values(), identities, strict=True):
                 if keep_torque and is_left_holding(self.bus, live.servo):
@@ -136,6 +145,22 @@ class DynamixelBackend:
     def goal_position(self, tendon: str) -> float:
         """Return the goal [m, device frame] of a servo that was left holding, NaN for others."""
         return self._live[tendon].goal
+
+    def _allow_for_adapter(self, servo_id: int) -> None:
+        """Wait for replies as long as the adapter keeps them back, and ask less, where it is slow; say so."""
+        late = self.bus.turnaround(servo_id)
+        if late <= SLOW_ADAPTER_S:
+            return
+        port = self.bus.port
+        port.reply_margin = max(port.reply_margin, 1.5 * late + SLOW_ADAPTER_S)
+        self._slow_every = self.SLOW_EVERY
+        timer = latency_timer(port.port_name)
+        known = "" if timer is None else f", its latency timer is {timer * 1e3:.0f} ms"
+        self._report(
+            f"port {port.port_name}: expected replies within {SLOW_ADAPTER_S * 1e3:.0f} ms, found {late * 1e3:.0f} ms: "
+            f"the USB adapter keeps bytes back{known}; the loop gets along with at most {0.8 / late:.0f} Hz; "
+            f"{LATENCY_REMEDY}"
+        )
 
     def _tell_differences(self) -> None:
         """Report what would be written to all servos: a wrong port or ID is noticed while nothing has been."""
@@ -200,6 +225,8 @@ class DynamixelBackend:
         live.powered = live.armed = False
         live.current_units = live.anchor = None
         live.goal = math.nan
+        # Before the first limit is written: it depends on the voltage.
+        self._take(live, SUPPLY, self.bus.read_bytes(servo_id, SUPPLY.address, SUPPLY.size, attempts).data)
 
     # --- a cycle ---------------------------------------------------------------------------------------------------
 
@@ -208,7 +235,7 @@ class DynamixelBackend:
         now = time.monotonic()
         if (
             self._watchdog_units
-            and now - self._last_traffic > 0.9 * self._watchdog_units * reg.WATCHDOG_SECONDS_PER_UNIT
+            and now - self.bus.port.last_traffic > 0.9 * self._watchdog_units * reg.WATCHDOG_SECONDS_PER_UNIT
         ):
             for live in self._live.values():
                 live.suspect = live.stalled = True
@@ -216,12 +243,11 @@ class DynamixelBackend:
         present = [live for live in self._live.values() if not live.absent] or list(self._live.values())
         ids = [live.servo.servo_id for live in present]
         if self.fast and now >= self._plain_until:
-            replies = self.bus.fast_sync_read(ids, *_FAST)
+            replies = self.bus.fast_sync_read(ids, *FAST_BLOCK)
             if not replies:
                 self._plain_until = now + self.PLAIN_PERIOD
         else:
-            replies = self.bus.sync_read(ids, *_FAST)
-        self._last_traffic = time.monotonic()
+            replies = self.bus.sync_read(ids, *FAST_BLOCK)
         self._wake(heard=bool(replies))
         readings = {}
         for live in present:
@@ -243,15 +269,21 @@ class DynamixelBackend:
             if live.absent:
                 continue
             servo = live.servo
-            units = servo.current_units(setpoint.tension_limit)
-            if units != live.current_units and servo.has_current_limit:
-                currents[servo.servo_id] = live.current_units = units
+            if servo.has_current_limit:
+                units = servo.current_units(setpoint.tension_limit, live.motor)
+                if self._is_other_limit(live, units):
+                    currents[servo.servo_id] = live.current_units = units
             if setpoint.position is not None:
                 positions[servo.servo_id] = servo.pulses(setpoint.position)
                 self._watch_motion(live, positions[servo.servo_id])
         # The tension limit first: a raised position must never meet yesterday's higher limit.
         self.bus.sync_write(reg.GOAL_CURRENT, currents)
         self.bus.sync_write(reg.GOAL_POSITION, positions)
+
+    def _is_other_limit(self, live: ServoState, units: int) -> bool:
+        """Whether a goal current is worth a packet: a limit of the supply follows the motor's speed all the time."""
+        known = live.current_units
+        return known is None or abs(units - known) > self.LIMIT_SHARE * known
 
     def _watch_motion(self, live: ServoState, goal: int) -> None:
         """Let the bus watchdog run while a servo moves; where holds are to outlive this process, only then."""
@@ -283,6 +315,19 @@ class DynamixelBackend:
         live.powered, live.current_units, live.anchor = None, None, None
         live.armed = True
 
+    def motor(self, tendon: str) -> MotorReading:
+        """Return what the last reading showed of a servo's motor."""
+        return self._live[tendon].motor
+
+    def winding(self, tendon: str) -> Winding:
+        """Return resistance and back-EMF of a servo's motor."""
+        return self._live[tendon].servo.motor
+
+    def goal_current(self, tendon: str) -> float:
+        """Return the goal current [A] that was written last; NaN where none was."""
+        live = self._live[tendon]
+        return math.nan if live.current_units is None else live.current_units * live.servo.model.ampere_per_unit
+
     def mark_session(self, tendon: str, mark: int) -> None:
         """Keep the mark in the goal PWM, up to 15 units (1.7 %) below its limit, where a restart puts it back."""
         live = self._live[tendon]
@@ -309,10 +354,14 @@ class DynamixelBackend:
             live.alert = reply.alert
             live.urgent = [ERRORS, TORQUE]
         servo = live.servo
-        current = servo.ampere(reg.PRESENT_CURRENT.decode(reply.data[0:2]))
-        velocity = servo.speed_of(reg.PRESENT_VELOCITY.decode(reply.data[2:6]))
-        position = servo.length(reg.PRESENT_POSITION.decode(reply.data[6:10]))
-        pull, stddev = servo.torque.pull(current, velocity, servo.spool.radius)
+        live.motor = servo.motor_reading(
+            reply.data,
+            live.values.get("voltage", live.motor.voltage),
+            live.values.get("temperature", live.motor.temperature),
+        )
+        position = servo.length(reg.PRESENT_POSITION.decode(reply.data[8:12]))
+        velocity = live.motor.speed * servo.spool.radius
+        current, pull, stddev = servo.pull(live.motor)
         faults = tuple(name for bit, name in _FAULT_NAMES.items() if live.hardware_error & bit)
         if live.watchdog_tripped:
             faults += ("bus_watchdog",)
@@ -327,6 +376,8 @@ class DynamixelBackend:
 
     def _missed(self, live: ServoState, now: float) -> None:
         live.misses += 1
+        # It may stand by now: a limit for a motor that turns would let it pull too hard.
+        live.motor = replace(live.motor, speed=0.0)
         if live.misses >= self.MISSES:
             live.absent = live.suspect = True
             live.probe_wait = self.PROBE_FIRST
@@ -340,7 +391,7 @@ class DynamixelBackend:
         live.probe_wait = min(2.0 * live.probe_wait, self.PROBE_PERIOD)
         live.probe_at = now + live.probe_wait
         try:
-            reply = self.bus.read_bytes(live.servo.servo_id, *_FAST)
+            reply = self.bus.read_bytes(live.servo.servo_id, *FAST_BLOCK)
         except PortLostError:
             raise
         except DriverError:
@@ -373,9 +424,12 @@ class DynamixelBackend:
         answering = [live for live in self._live.values() if live.servo.tendon in readings]
         if not answering:
             return
+        self._cycles += 1
         urgent = next((live for live in answering if live.urgent), None)
         if urgent is not None:
             live, block = urgent, urgent.urgent.pop(0)
+        elif self._cycles % self._slow_every:
+            return
         else:
             self._turn += 1
             live = answering[self._turn % len(answering)]
@@ -403,7 +457,7 @@ class DynamixelBackend:
             live.values["temperature"] = float(value(reg.PRESENT_TEMPERATURE))
         elif block is MARK:
             live.mark = live.pwm_limit - value(reg.GOAL_PWM)
-            if value(reg.GOAL_CURRENT) != live.current_units:
+            if live.servo.has_current_goal and value(reg.GOAL_CURRENT) != live.current_units:
                 # Group writes are not acknowledged; this one was lost, so it is sent again.
                 live.current_units = None
         elif block is WATCHDOG and value(reg.BUS_WATCHDOG) == -1:

@@ -12,10 +12,12 @@ from softgrip_driver.dynamixel.registers import (
     BAUD_CODES,
     MODEL_NAMES,
     ControlItem,
+    CurrentSensing,
     HardwareError,
     OperatingMode,
     ServoModel,
 )
+from softgrip_driver.dynamixel.winding import RATED_DEGC, MotorReading, Winding
 from softgrip_driver.errors import (
     ConfigurationError,
     CorruptReplyError,
@@ -40,6 +42,8 @@ class ServoConfiguration:
         mode: current-based position (5), or extended position (4), where only the software limits the tension.
         tension_hard: [N] the servo's own current limit is set a tenth above it.
         speed: [m/s] the servo's own profile velocity; a last limit above that of the setpoint.
+        winding: resistance and back-EMF where measured; None = the data sheet's.
+        limits: which current its goal and limit act on; None = the one it senses.
         fast_sync_read: the firmware has it (known after `identify`).
     """
 
@@ -51,12 +55,29 @@ class ServoConfiguration:
     mode: OperatingMode = OperatingMode.CURRENT_BASED_POSITION
     tension_hard: float = 45.0
     speed: float = 0.05
+    winding: Winding | None = None
+    limits: CurrentSensing | None = None
     fast_sync_read: bool = False
+
+    @property
+    def motor(self) -> Winding:
+        """Resistance and back-EMF."""
+        return self.winding or Winding(self.model.resistance, self.model.back_emf)
+
+    @property
+    def limits_supply(self) -> bool:
+        """Whether goal current and current limit act on the supply's current."""
+        return (self.limits or self.model.senses) is CurrentSensing.SUPPLY
 
     @property
     def has_current_limit(self) -> bool:
         """Whether the servo itself limits the tension."""
-        return self.mode is OperatingMode.CURRENT_BASED_POSITION
+        return self.has_current_goal and self.mode is OperatingMode.CURRENT_BASED_POSITION
+
+    @property
+    def has_current_goal(self) -> bool:
+        """Whether the model has a goal current and a current limit at all."""
+        return self.model.senses is not CurrentSensing.NONE
 
     def length(self, pulses: int) -> float:
         """Return the tendon wound in [m] at a position [pulses]."""
@@ -67,25 +88,49 @@ class ServoConfiguration:
         pulses = round(self.spool.angle(length) / reg.RAD_PER_PULSE)
         return max(-reg.EXTENDED_POSITION_LIMIT, min(reg.EXTENDED_POSITION_LIMIT, pulses))
 
-    def speed_of(self, units: int) -> float:
-        """Return the tendon's speed [m/s] at a velocity [0.229 rpm]."""
-        return self.spool.length(units * reg.RAD_PER_S_PER_UNIT)
-
-    def ampere(self, units: int) -> float:
-        """Return the current [A, + pulls] of a reading."""
-        return self.spool.direction * units * self.model.ampere_per_unit
+    def motor_reading(self, block: bytes, voltage: float, temperature: float) -> MotorReading:
+        """Return what the items from Present PWM to Present Velocity say, + as the tendon is pulled."""
+        sign = self.spool.direction
+        return MotorReading(
+            sign * reg.PRESENT_CURRENT.decode(block[2:4]) * self.model.ampere_per_unit,
+            sign * reg.PRESENT_PWM.decode(block[0:2]) / reg.PWM_FULL_SCALE,
+            sign * reg.PRESENT_VELOCITY.decode(block[4:8]) * reg.RAD_PER_S_PER_UNIT,
+            voltage,
+            temperature,
+        )
 
     @property
     def current_limit_units(self) -> int:
         """The servo's own current limit: a tenth above the hard tension limit, within the model's range."""
-        return min(self.model.current_limit_units, self._units(1.1 * self.tension_hard))
+        return min(self.model.current_limit_units, self._units(1.1 * self.tension_hard, self.standing()))
 
-    def current_units(self, tension: float) -> int:
-        """Return the goal current for a tension limit [N]; one above the current limit would be refused."""
-        return max(1, min(self.current_limit_units, self._units(tension)))
+    def current_units(self, tension: float, seen: MotorReading | None = None) -> int:
+        """Return the goal current for a tension limit [N]; one above the current limit would be refused.
 
-    def _units(self, tension: float) -> int:
-        return round(self.torque.current(tension, self.spool.radius) / self.model.ampere_per_unit)
+        What the supply has to give for a tension depends on the state of the motor (None: at rest): while the shaft
+        winds in, on its speed too. A motor that is stopped needs less, which is known after one cycle.
+        """
+        return max(1, min(self.current_limit_units, self._units(tension, seen or self.standing())))
+
+    def _units(self, tension: float, seen: MotorReading) -> int:
+        current = self.torque.current(tension, self.spool.radius)
+        if self.limits_supply:
+            speed = max(0.0, min(seen.speed, self.speed / self.spool.radius))
+            voltage = max(seen.voltage, self.model.voltage_range[0])
+            current = self.motor.supply_current(current, speed, voltage, seen.temperature)
+        return round(current / self.model.ampere_per_unit)
+
+    def standing(self) -> MotorReading:
+        """Return what is assumed of a motor until it has been read: at rest, on its rated supply, cool."""
+        return MotorReading(0.0, 0.0, 0.0, self.model.rated_voltage, RATED_DEGC)
+
+    def pull(self, seen: MotorReading) -> tuple[float, float, float]:
+        """Return the winding's current [A], and the force [N] on the tendon with its standard deviation [N]."""
+        current, stddev = seen.current, 0.0
+        if self.model.senses is not CurrentSensing.WINDING:
+            current, stddev = self.motor.current(seen)
+        radius = self.spool.radius
+        return current, *self.torque.pull(current, seen.speed * radius, radius, stddev)
 
 
 @dataclass(frozen=True)
@@ -143,7 +188,7 @@ def _who_answers(bus: Bus) -> str:
 
 def required_eeprom(servo: ServoConfiguration) -> dict[ControlItem, int]:
     """Return the persistent settings a tendon drive needs."""
-    return {
+    settings = {
         reg.RETURN_DELAY: 0,
         reg.DRIVE_MODE: 0,
         reg.OPERATING_MODE: int(servo.mode),
@@ -151,9 +196,9 @@ def required_eeprom(servo: ServoConfiguration) -> dict[ControlItem, int]:
         # The driver's own limit lies below it; at this one the servo lets go.
         reg.TEMPERATURE_LIMIT: round(servo.model.temperature_limit),
         reg.STARTUP_CONFIGURATION: 0,
-        reg.CURRENT_LIMIT: servo.current_limit_units,
         reg.SHUTDOWN: int(reg.SHUTDOWN_ERRORS),
     }
+    return settings | ({reg.CURRENT_LIMIT: servo.current_limit_units} if servo.has_current_goal else {})
 
 
 @dataclass(frozen=True)
@@ -229,7 +274,7 @@ def set_up(bus: Bus, servo: ServoConfiguration, *, write_eeprom: bool, attempts:
             raise WrongDeviceError(f"{difference}; it was written, but not kept")
         yield str(difference)
     # After the mode: a change of mode resets these.
-    volatile = {**_profile(servo), reg.GOAL_CURRENT: servo.current_units(0.0)}
+    volatile = _profile(servo) | ({reg.GOAL_CURRENT: servo.current_units(0.0)} if servo.has_current_goal else {})
     for item, value in volatile.items():
         bus.write(servo_id, item, value, attempts)
         yield ""

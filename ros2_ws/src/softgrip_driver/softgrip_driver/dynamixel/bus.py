@@ -8,7 +8,9 @@ throws all away when one is missing, and the error bytes always); a port that ca
 
 from __future__ import annotations
 
+import statistics
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,7 +19,7 @@ from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from softgrip_driver.dynamixel.port import BITS_PER_BYTE, PORT_ERRORS, BusPort
 from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, ControlItem
 from softgrip_driver.dynamixel.stuffing import PacketHandler
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, NoReplyError, PortLostError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters
 
 BROADCAST = 0xFE
@@ -25,6 +27,13 @@ _PING, _READ, _WRITE, _REBOOT, _CLEAR = 0x01, 0x02, 0x03, 0x08, 0x10
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 #: status packet without parameters: header 4, ID, length 2, instruction, error, CRC 2
 _STATUS_OVERHEAD = 11
+#: an instruction without parameters: the same without the error
+_INSTRUCTION_OVERHEAD = 10
+#: model number and firmware
+_PING_BYTES = 3
+#: pings of which the median counts, and [s] that each may take
+TURNAROUND_PINGS = 5
+TURNAROUND_LIMIT_S = 0.1
 _ID_AT, _LENGTH_AT, _ERROR_AT, _DATA_AT = 4, 5, 8, 9
 
 
@@ -77,8 +86,30 @@ class Bus:
 
     def ping(self, servo_id: int, attempts: int = 1) -> tuple[int, int]:
         """Return (model number, firmware version) of a servo."""
-        reply = self._exchange(servo_id, _PING, b"", 3, attempts)
+        reply = self._exchange(servo_id, _PING, b"", _PING_BYTES, attempts)
         return int.from_bytes(reply.data[:2], "little"), reply.data[2]
+
+    def turnaround(self, servo_id: int) -> float:
+        """Return how long [s] a servo's replies take beyond the time of their bytes: the median of some pings.
+
+        Raises:
+            NoReplyError, CorruptReplyError: of the last one, where fewer than half were answered.
+        """
+        waits: list[float] = []
+        failure: DriverError | None = None
+        for _ in range(TURNAROUND_PINGS):
+            began = time.monotonic()
+            try:
+                with self._lock:
+                    self._exchange_once(servo_id, _PING, b"", _PING_BYTES, TURNAROUND_LIMIT_S)
+            except (NoReplyError, CorruptReplyError) as error:
+                failure = error
+            else:
+                waits.append(time.monotonic() - began)
+        if failure is not None and 2 * len(waits) < TURNAROUND_PINGS:
+            raise failure
+        wire = (_INSTRUCTION_OVERHEAD + _STATUS_OVERHEAD + _PING_BYTES) * BITS_PER_BYTE / self.port.baudrate
+        return max(0.0, statistics.median(waits) - wire)
 
     def broadcast_ping(self, wait: float = 0.3) -> dict[int, tuple[int, int]]:
         """Return {ID: (model number, firmware)} of every servo that answers within ``wait`` [s]."""

@@ -16,6 +16,7 @@ from typing import Any
 import serial
 from dynamixel_sdk import PortHandler
 
+from softgrip_driver.dynamixel.adapter import naming_advice, request_low_latency
 from softgrip_driver.errors import ConfigurationError, PortLostError
 
 #: [s] that the system may take a packet for. An adapter that hangs with its flow stopped would hold the bus thread for
@@ -43,6 +44,8 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         self.ser: Any = None
         self.baudrate = baud
         self.reply_margin = reply_margin
+        #: [s] when something was written last
+        self.last_traffic = 0.0
         self._deadline = 0.0
 
     def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802  the SDK's name
@@ -53,6 +56,7 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
             port=self.port_name, baudrate=cflag_baud, bytesize=serial.EIGHTBITS, timeout=0, exclusive=True,
             write_timeout=WRITE_TIMEOUT_S,
         )  # fmt: skip
+        request_low_latency(self.ser)
         self.is_open = True
         self.is_using = False
         self.ser.reset_input_buffer()
@@ -62,6 +66,12 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
     def clearPort(self) -> None:  # noqa: N802  the SDK's name
         """Throw away what came in before the transaction that starts now (4.0.3 does not)."""
         self.ser.reset_input_buffer()
+
+    def writePort(self, packet: Any) -> int:  # noqa: N802  the SDK's name
+        """Send bytes; every servo on the bus hears them, and its watchdog is fed."""
+        self.last_traffic = time.monotonic()
+        written: int = self.ser.write(bytes(packet))
+        return written
 
     def readPort(self, length: int) -> bytes:  # noqa: N802  the SDK's name
         """Return up to ``length`` bytes, waiting for the first of them until the deadline."""
@@ -99,9 +109,11 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         try:
             opened = self.setBaudRate(self.baudrate)
         except PORT_ERRORS as error:
+            advice = naming_advice(self.port_name)
             raise PortLostError(
                 f"port {self.port_name}: expected a free serial port, found: {error}; "
                 "check cable, power, permissions (group dialout) and that no other program uses it"
+                + (f"; {advice}" if advice else "")
             ) from error
         if not opened:
             raise ConfigurationError(

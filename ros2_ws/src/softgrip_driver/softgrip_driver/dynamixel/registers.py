@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import Enum, IntEnum, IntFlag
 
 PULSES_PER_TURN = 4096
 RAD_PER_PULSE = 2.0 * math.pi / PULSES_PER_TURN
@@ -19,6 +19,8 @@ RAD_PER_S2_PER_UNIT = 214.577 * 2.0 * math.pi / 3600.0
 VOLT_PER_UNIT = 0.1
 WATCHDOG_SECONDS_PER_UNIT = 0.020
 RETURN_DELAY_SECONDS_PER_UNIT = 2e-6
+#: PWM items at a duty cycle of 1 (0.113 % a unit)
+PWM_FULL_SCALE = 885
 #: modes 4 and 5: +-256 turns
 EXTENDED_POSITION_LIMIT = 1_048_575
 
@@ -71,6 +73,7 @@ PROFILE_ACCELERATION = ControlItem("profile acceleration", 108, 4)
 PROFILE_VELOCITY = ControlItem("profile velocity", 112, 4)
 GOAL_POSITION = ControlItem("goal position", 116, 4, signed=True)
 REALTIME_TICK = ControlItem("realtime tick", 120, 2)
+PRESENT_PWM = ControlItem("present PWM", 124, 2, signed=True)
 PRESENT_CURRENT = ControlItem("present current", 126, 2, signed=True)
 PRESENT_VELOCITY = ControlItem("present velocity", 128, 4, signed=True)
 PRESENT_POSITION = ControlItem("present position", 132, 4, signed=True)
@@ -123,16 +126,30 @@ STATUS_ERRORS: dict[int, str] = {
 ALERT_BIT = 0x80
 
 
-@dataclass(frozen=True)
+class CurrentSensing(Enum):
+    """Where a model senses the current of Present Current (126) (e-manual, notes of items 38 and 102).
+
+    NONE: it has Present Load in its place, and neither Current Limit nor Goal Current.
+    """
+
+    WINDING = "winding"
+    SUPPLY = "supply"
+    NONE = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
 class ServoModel:
     """What differs between models.
 
     Attributes:
         ampere_per_unit: [A] of one unit of the current items.
         current_limit_units: largest value of the current limit item.
-        stall_torque, stall_current: [N m], [A] of the data sheet at its rated voltage; their ratio is the torque model
-            until `calibrate_tension` has measured one.
-        no_load_current: [A] needed to turn the gears without load; half of the dead band of the tension estimate.
+        senses: which current it measures.
+        rated_voltage: [V] at which the next three hold.
+        stall_torque, stall_current, no_load_speed: [N m], [A], [rad/s] of the data sheet. Torque constant, resistance
+            and back-EMF follow from them until `calibrate_tension` has measured them.
+        no_load_current: [A] in the winding, needed to turn the gears without load; half of the dead band of the tension
+            estimate.
         fast_sync_read_firmware: first firmware version with Fast Sync Read.
         temperature_limit: [degC] factory value of item 31.
         voltage_range: [V] of normal operation.
@@ -142,8 +159,11 @@ class ServoModel:
     number: int
     ampere_per_unit: float
     current_limit_units: int
+    senses: CurrentSensing
+    rated_voltage: float
     stall_torque: float
     stall_current: float
+    no_load_speed: float
     no_load_current: float
     fast_sync_read_firmware: int
     temperature_limit: float
@@ -151,21 +171,74 @@ class ServoModel:
 
     @property
     def torque_per_ampere(self) -> float:
-        """Torque constant seen at the horn [N m/A]."""
+        """Torque constant seen at the horn [N m/A of the winding]."""
         return self.stall_torque / self.stall_current
 
+    @property
+    def resistance(self) -> float:
+        """Resistance of the winding [ohm]."""
+        return self.rated_voltage / self.stall_current
 
-_X330_FAST = 46
-_X430_FAST = 45
+    @property
+    def back_emf(self) -> float:
+        """Back-EMF seen at the horn [V s/rad]."""
+        return (self.rated_voltage - self.resistance * self.no_load_current) / self.no_load_speed
 
-#: models a tendon may hang on, by name
+
+def _rpm(value: float) -> float:
+    """Return a speed [rad/s] of [rpm]."""
+    return value * 2.0 * math.pi / 60.0
+
+
+def _x330(
+    name: str, number: int, limit: int, volt: float, torque: float, stall: float, rpm: float, idle: float,
+    volts: tuple[float, float],
+) -> ServoModel:  # fmt: skip
+    """Return an XL330 or XC330: 1 mA a unit, of the supply; e-manual pages of xl330-* and xc330-*."""
+    return ServoModel(
+        name=name, number=number, ampere_per_unit=0.001, current_limit_units=limit, senses=CurrentSensing.SUPPLY,
+        rated_voltage=volt, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=idle,
+        fast_sync_read_firmware=46, temperature_limit=70.0, voltage_range=volts,
+    )  # fmt: skip
+
+
+def _xm(name: str, number: int, limit: int, torque: float, stall: float, rpm: float, idle: float) -> ServoModel:
+    """Return an XM430 or XM540: 2.69 mA a unit, of the winding, rated at 12 V; e-manual pages of xm430-*, xm540-*."""
+    return ServoModel(
+        name=name, number=number, ampere_per_unit=0.00269, current_limit_units=limit, senses=CurrentSensing.WINDING,
+        rated_voltage=12.0, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=idle,
+        fast_sync_read_firmware=45, temperature_limit=80.0, voltage_range=(10.0, 14.8),
+    )  # fmt: skip
+
+
+def _430(
+    name: str, number: int, hot: float, volt: float, torque: float, stall: float, rpm: float, volts: tuple[float, float]
+) -> ServoModel:
+    """Return an XL430 or XC430, which know no current; e-manual pages of xl430-w250 and xc430-*."""
+    return ServoModel(
+        name=name, number=number, ampere_per_unit=0.0, current_limit_units=0, senses=CurrentSensing.NONE,
+        rated_voltage=volt, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=0.05,
+        fast_sync_read_firmware=45, temperature_limit=hot, voltage_range=volts,
+    )  # fmt: skip
+
+
+#: models a tendon may hang on, by name. No page gives the no-load current: it is assumed
 MODELS: dict[str, ServoModel] = {
     model.name: model
     for model in (
-        ServoModel("XL330-M288", 1200, 0.001, 1750, 0.52, 1.47, 0.05, _X330_FAST, 70.0, (3.7, 6.0)),
-        ServoModel("XC330-M288", 1240, 0.001, 2352, 0.93, 1.80, 0.05, _X330_FAST, 70.0, (3.7, 6.0)),
-        ServoModel("XC330-T288", 1220, 0.001, 910, 0.92, 0.80, 0.03, _X330_FAST, 70.0, (6.5, 12.0)),
-        ServoModel("XM430-W350", 1020, 0.00269, 1193, 4.1, 2.3, 0.06, _X430_FAST, 80.0, (10.0, 14.8)),
+        # name, number, current limit, rated V, stall torque, stall current, no-load rpm, no-load current, voltage range
+        _x330("XL330-M288", 1200, 1750, 5.0, 0.52, 1.47, 103.0, 0.05, (3.7, 6.0)),
+        _x330("XC330-M288", 1240, 2352, 5.0, 0.93, 1.80, 81.0, 0.05, (3.7, 6.0)),
+        _x330("XC330-T288", 1220, 910, 11.1, 0.92, 0.80, 65.0, 0.03, (6.5, 12.0)),
+        # name, number, current limit, stall torque, stall current, no-load rpm, no-load current
+        _xm("XM430-W210", 1030, 1193, 3.0, 2.3, 77.0, 0.06),
+        _xm("XM430-W350", 1020, 1193, 4.1, 2.3, 46.0, 0.06),
+        _xm("XM540-W150", 1130, 2047, 7.3, 4.4, 53.0, 0.08),
+        _xm("XM540-W270", 1120, 2047, 10.6, 4.4, 30.0, 0.08),
+        # name, number, temperature limit, rated V, stall torque, stall current, no-load rpm, voltage range
+        _430("XL430-W250", 1060, 72.0, 11.1, 1.4, 1.3, 57.0, (6.5, 12.0)),
+        _430("XC430-W150", 1070, 80.0, 12.0, 1.6, 1.4, 106.0, (6.5, 14.8)),
+        _430("XC430-W240", 1080, 80.0, 12.0, 1.9, 1.4, 70.0, (6.5, 14.8)),
     )
 }
 
@@ -174,12 +247,6 @@ MODEL_NAMES: dict[int, str] = {model.number: model.name for model in MODELS.valu
     350: "XL320",
     1000: "XH430-W350",
     1010: "XH430-W210",
-    1030: "XM430-W210",
-    1060: "XL430-W250",
-    1070: "XC430-W150",
-    1080: "XC430-W240",
-    1120: "XM540-W270",
-    1130: "XM540-W150",
     1190: "XL330-M077",
     1210: "XC330-T181",
     1230: "XC330-M181",

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
+from softgrip_driver.dynamixel.winding import MotorReading
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class ServoState:
         goal: [m] of a servo that was left holding; NaN otherwise.
         anchor: [pulses] goal position that it has rested at; moved_at: [s] when it last left one.
         armed: its bus watchdog runs.
+        motor: the last reading of its motor; at rest on the rated supply until there was one.
     """
 
     servo: ServoConfiguration
@@ -56,3 +58,7 @@ class ServoState:
     armed: bool = False
     values: dict[str, float] = field(default_factory=dict)
     urgent: list[SlowRead] = field(default_factory=list)
+    motor: MotorReading = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.motor = self.servo.standing()

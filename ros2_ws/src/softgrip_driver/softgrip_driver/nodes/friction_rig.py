@@ -2,7 +2,7 @@
 """friction_rig: measures cable friction with a person's help, and says which friction model is active.
 
 Configured: both devices are connected and identified. Active: the stage may move. On every way out the stage is
-stopped.
+stopped. On a bench without a rig (`stage` none) it is active all the same and serves the friction models.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 
 from softgrip_driver.errors import DriverError, NoReplyError, PortLostError
 from softgrip_driver.nodes import convert_friction as convert
-from softgrip_driver.nodes.rig_parameters import PARAMETERS, make_bench, measurement_settings
+from softgrip_driver.nodes.rig_parameters import NO_STAGE, PARAMETERS, make_bench, measurement_settings
 from softgrip_driver.nodes.rig_safety import FollowedSafety, OwnSafety, RigSafety
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.clock import ScaledClock
@@ -51,6 +51,7 @@ from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, Sta
 _IDLE_PERIOD = 0.5
 #: Folder of the plans' records, within that of the models.
 _PLANS = "plans"
+_NO_RIG = "this bench has no rig (stage: none): friction models are served, nothing is measured"
 _KEPT = "accepted points are kept: resume the plan to go on"
 
 
@@ -60,7 +61,10 @@ class FrictionRig(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("friction_rig")
         self._values = PARAMETERS.declare(self)
-        self._diagnostics = Diagnostics(self, hardware_id=self.get_parameter("stage_port").value)
+        self._has_rig = self._values["stage"] != NO_STAGE
+        if not self._has_rig:
+            self.device_paths: list[str] = []  # none that `run` would wait for
+        self._diagnostics = Diagnostics(self, hardware_id=self._values["stage_port"] if self._has_rig else "")
         self._folder = Path(self._values["model_dir"]).expanduser()
         self.startup_problem = ""
         self._bench: Bench | None = None
@@ -93,7 +97,7 @@ class FrictionRig(LifecycleNode):
     def _make_safety(self, group: MutuallyExclusiveCallbackGroup) -> RigSafety:
         if self._values["safety_source"] == "topic":
             return FollowedSafety(self, group, self._stop_now)
-        text = "the cell's emergency stop does not reach this rig; rig/stop does"
+        text = "no tendon_driver here (safety_source: none): its emergency stop does not reach this rig; rig/stop does"
         self._diagnostics.set("safety", Health.WARN, text)
         return OwnSafety(self, self._folder, group, self._stop_now)
 
@@ -108,7 +112,7 @@ class FrictionRig(LifecycleNode):
         try:
             self._models = ModelStore(self._folder)
             model_id = self._models.active or self._values["initial_model"]
-            self._friction_active.publish(convert.model_message(self._models.get(model_id)))
+            self._publish_active(convert.model_message(self._models.get(model_id)))
         except (FrictionError, OSError) as error:
             raise StartupError(f"model_dir {self._folder}: {error}") from error
         self._active_id = model_id
@@ -116,7 +120,10 @@ class FrictionRig(LifecycleNode):
     # -- lifecycle ---------------------------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Connect and identify both devices."""
+        """Connect and identify both devices, where there are any."""
+        if not self._has_rig:
+            self._diagnostics.set("rig", Health.OK, _NO_RIG)
+            return super().on_configure(state)
         try:
             bench = make_bench(self._values)
             identities = bench.open(timeout=self._values["connect_timeout"])
@@ -203,6 +210,8 @@ class FrictionRig(LifecycleNode):
         return result
 
     def _measure(self, session: _Session, goal: Any) -> PlanOutcome:
+        if not self._has_rig:
+            raise DriverError(_NO_RIG)
         bench = self._bench
         if bench is None or not self._active:
             raise DriverError("expected friction_rig to be active, found it is not; configure and activate it first")
@@ -302,7 +311,11 @@ class FrictionRig(LifecycleNode):
     def _make_active(self, model_id: str) -> None:
         model = self._models.activate(model_id)
         self._active_id = model_id
-        self._friction_active.publish(convert.model_message(model))
+        self._publish_active(convert.model_message(model))
+
+    def _publish_active(self, message: FrictionModel) -> None:
+        message.activated = self.get_clock().now().to_msg()
+        self._friction_active.publish(message)
 
     def _on_activate(
         self, request: ActivateFrictionModel.Request, response: ActivateFrictionModel.Response

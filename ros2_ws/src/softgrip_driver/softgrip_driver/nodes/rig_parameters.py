@@ -5,27 +5,32 @@ from __future__ import annotations
 
 from typing import Any
 
+from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.bench import Bench
-from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
+from softgrip_driver.rig.build import GAUGES, STAGES, make_gauge, make_stage, stream_settings
+from softgrip_driver.rig.grbl import StageStart
 from softgrip_driver.rig.procedure import RigSettings
 from softgrip_driver.rig.pull import PullSettings
 from softgrip_driver.rig.slide import SlideSettings
 from softgrip_model.friction.assess import AcceptanceLimits
 from softgrip_nodekit import Parameter, ParameterTable
 
+#: the kind of stage of a bench that has none
+NO_STAGE = "none"
+
 PARAMETERS = ParameterTable(
     Parameter("autostart", False, "configure and activate at start"),
-    Parameter("stage", "mark10", "kind of stage", choices=STAGES),
+    Parameter(
+        "stage",
+        "mark10",
+        "kind of stage; none: a bench without a rig, where the node serves friction models and measures nothing",
+        choices=(*STAGES, NO_STAGE),
+    ),
     Parameter("stage_port", "/dev/softgrip/stand", "serial port of the stage", device=True),
+    stage_start_parameter(),
     Parameter("gauge", "gcl2", "kind of force gauge", choices=GAUGES),
     Parameter("gauge_port", "/dev/softgrip/gauge", "serial port of the gauge", device=True),
-    Parameter("stream_baud", 115200, "of a streaming gauge", "1/s", 1200, 3000000),
-    Parameter(
-        "stream_line", "grams", "of a streaming gauge: raw, time_raw, grams, newtons, openscale, scale or a pattern"
-    ),
-    Parameter(
-        "counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; its sign is that of pulling", "1/N"
-    ),
+    *STREAM_PARAMETERS,
     Parameter("gauge_frame", "load_cell", "frame of the gauge; tension is along its z"),
     Parameter("connect_timeout", 1.0, "to go on trying while a device is not ready when configuring", "s", 0.0, 60.0),
     Parameter(
@@ -66,9 +71,9 @@ def make_bench(values: dict[str, Any]) -> Bench:
     Raises:
         ConfigurationError: a line format that cannot be.
     """
-    stream = StreamSettings(values["stream_baud"], values["stream_line"], values["counts_per_newton"])
     return Bench(
-        make_stage(values["stage"], values["stage_port"]), make_gauge(values["gauge"], values["gauge_port"], stream)
+        make_stage(values["stage"], values["stage_port"], start=StageStart(values["stage_start"])),
+        make_gauge(values["gauge"], values["gauge_port"], stream_settings(values)),
     )
 
 

@@ -160,8 +160,12 @@ class TendonDriver(LifecycleNode):
         self._backend, self._loop = backend, loop
         self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
         if loop.wait_for(lambda seen: all(drive.time > 0.0 for drive in seen.drives), FIRST_READING) is None:
+            counters = backend.counters
             self._disconnect()
-            return self._failed("a device that answered at first gives no readings; check cable and supply")
+            return self._failed(
+                f"expected readings of every device that had answered, found {counters.lost} replies lost in "
+                f"{counters.transactions} transactions; check cable and supply, and the adapter's latency with selftest"
+            )
         self._publishing = threading.Thread(target=self._publish_cycles, args=(loop,), name="publish", daemon=True)
         self._publishing.start()
         self.get_logger().info(f"bus loop: {configuration.loop_rate:g} Hz")

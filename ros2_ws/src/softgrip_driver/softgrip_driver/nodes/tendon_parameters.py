@@ -7,6 +7,7 @@ from dataclasses import fields
 
 from softgrip_driver.configuration import BACKENDS, LIMIT_PARAMETERS
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
+from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.build import GAUGES
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_nodekit import Parameter, ParameterTable, Rank, realtime_parameter
@@ -51,13 +52,18 @@ PARAMETERS = ParameterTable(
     Parameter(
         "reply_margin_s", 0.004, "for a reply beyond the time its bytes need; for a stage's whole one", "s", 0.0005, 1.0
     ),
+    stage_start_parameter(),
     Parameter("gauge", "gcl2", "kind of the force gauge on a stage", choices=GAUGES),
     Parameter("gauge_port", "", "serial port of the gauge; needed with a stage only"),
-    Parameter("stream_baud", 115200, "of a streaming gauge", "1/s", 1200, 3000000),
+    *STREAM_PARAMETERS,
     Parameter(
-        "stream_line", "grams", "of a streaming gauge: raw, time_raw, grams, newtons, openscale, scale or a pattern"
+        "gauge_proof_n",
+        2.0,
+        "of a stage's gauge: before anything is wound in, a hand pulls the tendon until it shows so much more; 0 = off",
+        "N",
+        0.0,
+        50.0,
     ),
-    Parameter("counts_per_newton", 1.0, "of a streaming gauge that sends raw counts; sign: that of pulling", "1/N"),
     Parameter("loop_rate", 100.0, "of the control loop; a stage takes 10 to 20", "Hz", 2.0, 500.0),
     realtime_parameter(Rank.DRIVES),
     Parameter("bus_watchdog_s", 0.08, "silence after which a servo stops by itself; 0 = off", "s", 0.0, 2.54),
@@ -70,8 +76,29 @@ PARAMETERS = ParameterTable(
     Parameter("directions", [1], "+1 where a positive rotation pulls, else -1", choices=(-1, 1)),
     Parameter("spool_radii_m", [0.010], "spool radius to the middle of the tendon", "m", 1e-3, 0.1),
     Parameter("torque_per_ampere_nm_a", [0.0], "measured by calibrate_tension; 0 = data sheet", "N m/A", 0.0, 100.0),
-    Parameter("friction_currents_a", [0.0], "measured by calibrate_tension", "A", 0.0, 5.0),
+    Parameter("friction_currents_a", [0.0], "measured by calibrate_tension; 0 = assumed", "A", 0.0, 5.0),
+    Parameter(
+        "friction_slopes_a_s_m", [0.0], "growth of the friction with speed, from calibrate_tension", "A s/m", 0.0, 100.0
+    ),
+    Parameter("gear_load_shares", [0.0], "share of the load lost in the gears, from calibrate_tension", "", 0.0, 0.9),
     Parameter("tension_stddev_share", [0.15], "uncertainty of the torque constant, relative", "", 0.0, 1.0),
+    Parameter(
+        "winding_resistances_ohm",
+        [0.0],
+        "at 25 degC, measured by calibrate_tension, of servos that do not sense the winding's current; 0 = data sheet",
+        "ohm",
+        0.0,
+        1000.0,
+    ),
+    Parameter("back_emfs_v_s", [0.0], "measured by calibrate_tension with the resistance", "V s/rad", 0.0, 100.0),
+    Parameter("winding_stddev_share", [0.1], "uncertainty of resistance and back-EMF, relative", "", 0.0, 1.0),
+    Parameter(
+        "limited_currents",
+        ["supply"],
+        "which current the goal current of an XL330 or XC330 limits, as calibrate_tension finds out; their maker does "
+        "not say, and supply pulls too little where it is wrong, winding too hard",
+        choices=("supply", "winding"),
+    ),
     Parameter("continuous_tension_n", 20.0, "what a drive may hold for ever", "N", 0.1, 500.0),
     Parameter("zero_file", "", "where homed zeros are kept; empty = nowhere"),
     Parameter(

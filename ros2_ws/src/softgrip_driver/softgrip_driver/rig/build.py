@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig import grbl, mark10
-from softgrip_driver.rig.amplifier import StreamAmplifier, line_format
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.rig.grbl import GrblStage
+from softgrip_driver.rig.gauge_calibration import read_calibration
+from softgrip_driver.rig.grbl import GrblStage, StageStart
+from softgrip_driver.rig.line_format import LineFormat, line_format
+from softgrip_driver.rig.line_gauge import GaugeScale, LineGauge
 from softgrip_driver.rig.line_port import LinePort
 from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
@@ -20,8 +26,14 @@ GAUGES = ("gcl2", "stream")
 REPLY_TIME = 0.5
 
 
-def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME) -> Stage:
+def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME, start: StageStart = StageStart.REFUSE) -> Stage:
     """Return a stage, not yet connected, that is given ``reply_time`` [s] for an answer.
+
+    Args:
+        kind: of `STAGES`.
+        port: serial.
+        reply_time: [s]
+        start: what to do where it is locked when it is opened; a test stand is not.
 
     Raises:
         ConfigurationError: no such kind.
@@ -29,17 +41,76 @@ def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME) -> Stage:
     if kind == "mark10":
         return Mark10Stand(LinePort(port, mark10.BAUD, reply_time))
     if kind == "grbl":
-        return GrblStage(LinePort(port, grbl.BAUD, reply_time))
+        return GrblStage(LinePort(port, grbl.BAUD, reply_time), start=start)
     raise ConfigurationError(f"stage: expected one of {', '.join(STAGES)}, found '{kind}'")
 
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """Of a streaming amplifier: baud [1/s], line format (name or pattern), raw counts per newton (sign included)."""
+    r"""Of a gauge that speaks in lines.
 
-    baud: int = 115200
+    Attributes:
+        baud: [1/s]; 0: that of its format's documents.
+        line: name of a format, or a pattern.
+        counts_per_newton: of a format without unit; with a unit its sign alone counts, that of pulling.
+        request: what asks for a line, with \r and \n for the characters; empty: the format's own.
+        calibration: file of calibrate_cell, which takes the place of ``counts_per_newton``; empty: none.
+    """
+
+    baud: int = 0
     line: str = "grams"
     counts_per_newton: float = 1.0
+    request: str = ""
+    calibration: str = ""
+
+
+def stream_settings(values: Mapping[str, Any]) -> StreamSettings:
+    """Return the settings that a node's parameters name.
+
+    Raises:
+        ConfigurationError: a scale of zero.
+    """
+    if values["counts_per_newton"] == 0.0:
+        raise ConfigurationError("parameter counts_per_newton: expected another number than 0; calibrate_cell finds it")
+    return StreamSettings(
+        values["stream_baud"], values["stream_line"], values["counts_per_newton"], values["stream_request"],
+        values["gauge_calibration"],
+    )  # fmt: skip
+
+
+def _scale(settings: StreamSettings, line: LineFormat) -> GaugeScale:
+    """Return the scale of a line's numbers.
+
+    Raises:
+        ConfigurationError: the calibration can not be read.
+    """
+    if settings.calibration:
+        found = read_calibration(Path(settings.calibration).expanduser())
+        if found.line != settings.line:
+            raise ConfigurationError(
+                f"{settings.calibration}: expected a calibration of lines '{settings.line}', found one of "
+                f"'{found.line}'; set stream_line to that, or calibrate the cell again"
+            )
+        return GaugeScale(found.counts_per_newton, found.offset_counts)
+    if line.unit:
+        return GaugeScale(math.copysign(1.0, settings.counts_per_newton))
+    return GaugeScale(settings.counts_per_newton)
+
+
+def make_line_gauge(port: str, settings: StreamSettings, reply_time: float = REPLY_TIME) -> LineGauge:
+    """Return a gauge that speaks in lines, not yet connected.
+
+    Raises:
+        ConfigurationError: a line format, a request or a calibration that cannot be.
+    """
+    try:
+        request = settings.request.encode("ascii").decode("unicode_escape").encode("ascii")
+    except UnicodeError as error:
+        raise ConfigurationError(
+            f"stream_request: expected ASCII with \\r and \\n, found {settings.request!r}: {error}"
+        ) from error
+    line = line_format(settings.line, request)
+    return LineGauge(LinePort(port, settings.baud or line.baud, reply_time, line.end), line, _scale(settings, line))
 
 
 def make_gauge(kind: str, port: str, stream: StreamSettings | None = None, reply_time: float = REPLY_TIME) -> Gauge:
@@ -51,8 +122,5 @@ def make_gauge(kind: str, port: str, stream: StreamSettings | None = None, reply
     if kind == "gcl2":
         return Mark10Gauge(LinePort(port, mark10.BAUD, reply_time))
     if kind == "stream":
-        settings = stream or StreamSettings()
-        line = line_format(settings.line, abs(settings.counts_per_newton))
-        sign = 1.0 if settings.counts_per_newton >= 0.0 else -1.0
-        return StreamAmplifier(LinePort(port, settings.baud, reply_time), line, sign)
+        return make_line_gauge(port, stream or StreamSettings(), reply_time)
     raise ConfigurationError(f"gauge: expected one of {', '.join(GAUGES)}, found '{kind}'")

@@ -14,6 +14,10 @@ class UnitChangedError(DriverError):
     """Somebody switched the gauge's unit at its panel: its numbers mean something else."""
 
 
+class GaugeFaultError(DriverError):
+    """The gauge does not feel what is known to hang on it."""
+
+
 class NotReadyError(DeviceRefusedError):
     """The device still ends what it did before; ask again."""
 

@@ -27,14 +27,18 @@ class LinePort:
         path: device path.
         baud: [1/s], 8N1.
         reply_time: [s] to wait for an answer.
+        end: of a line.
     """
 
-    def __init__(self, path: str, baud: int, reply_time: float = 0.5) -> None:
+    def __init__(self, path: str, baud: int, reply_time: float = 0.5, end: bytes = b"\n") -> None:
         self.path = path
         self.reply_time = reply_time
         self._baud = baud
         self._serial: serial.Serial | None = None
         self._pending = b""
+        self._end = end
+        #: what was heard last is not the end of a line
+        self._is_cut = True
 
     @property
     def is_open(self) -> bool:
@@ -63,7 +67,7 @@ class LinePort:
                 f"port {self.path}: expected a free serial port, found: {error}; check permissions (group dialout) and "
                 "that no other program uses it"
             ) from error
-        self._pending = b""
+        self._pending, self._is_cut = b"", True
 
     def close(self) -> None:
         """Close the port; never raises."""
@@ -87,8 +91,20 @@ class LinePort:
         except _GONE as error:
             raise self._lost(error) from error
 
-    def read_line(self, timeout: float | None = None) -> bytes:
+    def read_next_line(self, timeout: float | None = None) -> bytes:
+        """Return the first line that begins after this call, as `read_line`; what was said before is thrown away."""
+        self.drain()
+        if self._is_cut:
+            # The rest of a line that was cut into may look like a whole one.
+            self.read_line(timeout)
+        return self.read_line(timeout)
+
+    def read_line(self, timeout: float | None = None, length: int = 0) -> bytes:
         """Return the next line without its end, waiting up to ``timeout`` [s] (default `reply_time`).
+
+        Args:
+            timeout: [s]
+            length: [byte] of an answer that has no end; 0: it has one.
 
         Raises:
             NoReplyError: no complete line in time; says what came.
@@ -96,10 +112,13 @@ class LinePort:
         """
         end = time.monotonic() + (self.reply_time if timeout is None else timeout)
         while True:
-            line, found, rest = self._pending.partition(b"\n")
-            if found:
+            if 0 < length <= len(self._pending):
+                line, self._pending = self._pending[:length], self._pending[length:]
+                return line
+            line, found, rest = self._pending.partition(self._end)
+            if found and not length:
                 self._pending = rest
-                return line.rstrip(b"\r")
+                return line.strip(b"\r\n")
             remaining = end - time.monotonic()
             if remaining <= 0.0 or not self._receive(remaining):
                 heard = f"{self._pending[:40]!r}" if self._pending else "nothing"
@@ -132,6 +151,7 @@ class LinePort:
         if ready and not data:
             raise self._lost(OSError("the device hung up"))
         self._pending = (self._pending + data)[-_LONGEST_LINE:]
+        self._is_cut = not self._pending.endswith(self._end) if data else self._is_cut
         return bool(data)
 
     def _port(self) -> serial.Serial:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import IntEnum
@@ -15,11 +16,11 @@ import numpy as np
 
 from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DriverError, NoReplyError
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.rig.errors import StoppedError, UnitChangedError
+from softgrip_driver.rig.errors import GaugeFaultError, StoppedError, UnitChangedError
 from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.plan import ADAPTIVE, PULLEY, Point, next_point, points_of
-from softgrip_driver.rig.pull import PullSettings, RigClock, RigSample, record_pull
-from softgrip_driver.rig.slide import PointVerdict, Slide, SlideSettings, analyse
+from softgrip_driver.rig.pull import PullSettings, RigClock, RigSample, Stroke, record_pull
+from softgrip_driver.rig.slide import PointVerdict, Slide, SlideSettings, analyse, check_weight_at_rest
 from softgrip_model.friction.assess import AcceptanceLimits
 from softgrip_model.friction.calibration import Calibration, SurfacePair, calibrate
 from softgrip_model.friction.laws import GRAVITY, Law
@@ -237,12 +238,20 @@ class Procedure:
         try:
             self._stage.zero()
             self._operator.tell(ProcedureStep(ProcedurePhase.PULLING, index, total, point, "pulling"))
-            trace = record_pull(self._stage, self._gauge, pull, self._clock, self._operator.sampled)
+            trace = record_pull(
+                self._stage, self._gauge, pull, self._clock, self._operator.sampled, self._weight_check(point)
+            )
+        except GaugeFaultError as error:
+            return _unmeasured(point, str(error), PointVerdict.REJECTED)
         except (UnitChangedError, CorruptReplyError, NoReplyError) as error:
             return _unmeasured(point, str(error))
         return analyse(
             trace.without(self._zero), point.angle, point.load, self._settings.slide, self._settings.pulley_ratio
         )
+
+    def _weight_check(self, point: Point) -> Callable[[Stroke], None]:
+        """Return what looks at the readings at rest before the pull of a point."""
+        return lambda rest: check_weight_at_rest(Stroke(rest.time, rest.travel, rest.tension - self._zero), point.load)
 
     def _doubt(self, journal: PlanJournal, point: Point, slide: Slide) -> str:
         """Friction grows with the angle: a point that falls clearly below a smaller angle's has the wrong angle."""
@@ -369,9 +378,9 @@ def _instruction(point: Point) -> str:
     return f"Set the wrap angle to {np.degrees(point.angle):g} deg and hang {point.load * 1e3:g} g."
 
 
-def _unmeasured(point: Point, reason: str) -> Slide:
+def _unmeasured(point: Point, reason: str, verdict: PointVerdict = PointVerdict.REPEAT) -> Slide:
     nan = math.nan
-    return Slide(point.load * GRAVITY, nan, nan, nan, nan, nan, nan, PointVerdict.REPEAT, reason)
+    return Slide(point.load * GRAVITY, nan, nan, nan, nan, nan, nan, verdict, reason)
 
 
 def _in_order(journal: PlanJournal) -> tuple[MeasuredPoint, ...]:

@@ -45,7 +45,8 @@ class PullSettings:
         stroke: [m]; the cable stretches first, then slides.
         dwell: [s] of rest before, for the static tension.
         sample_period: [s] between samples.
-        force_limit: [N] stop above it. travel_low, travel_high: [m] the stage may never leave.
+        force_limit: [N] stop above it. negative_limit: [N] stop so far below nothing: a cable can not push.
+        travel_low, travel_high: [m] the stage may never leave.
         stall_time: [s] without progress that counts as stalled.
     """
 
@@ -55,6 +56,7 @@ class PullSettings:
     dwell: float = 1.0
     sample_period: float = 0.05
     force_limit: float = 45.0
+    negative_limit: float = 1.0
     travel_low: float = -1e-3
     travel_high: float = 60e-3
     stall_time: float = 1.5
@@ -96,9 +98,22 @@ class Trace:
 
 
 def record_pull(
-    stage: Stage, gauge: Gauge, settings: PullSettings, clock: RigClock, on_sample: Callable[[RigSample], None]
+    stage: Stage,
+    gauge: Gauge,
+    settings: PullSettings,
+    clock: RigClock,
+    on_sample: Callable[[RigSample], None],
+    check_rest: Callable[[Stroke], None] = lambda _: None,
 ) -> Trace:
     """Rest, pull one stroke and come back, recording all of it.
+
+    Args:
+        stage: pulls.
+        gauge: feels.
+        settings: how to pull.
+        clock: rig time.
+        on_sample: takes each reading.
+        check_rest: looks at the readings before anything moves; what it raises ends the pull there.
 
     Raises:
         LimitError: force or travel beyond its limit, before or during motion.
@@ -110,6 +125,7 @@ def record_pull(
     try:
         start = stage.travel()
         rest = recorder.rest(start)
+        check_rest(rest)
         pull = recorder.stroke(start + settings.stroke, settings.speed)
         release = recorder.stroke(start, settings.return_speed)
     except BaseException as error:
@@ -188,6 +204,11 @@ class _Recorder:
             raise LimitError(
                 f"gauge: expected at most {settings.force_limit:g} N, found {sample.tension:.2f} N; "
                 "look for a caught cable; less weight, or raise the limit within the gauge's capacity"
+            )
+        if sample.tension < -settings.negative_limit:
+            raise LimitError(
+                f"gauge: expected at least {-settings.negative_limit:g} N, found {sample.tension:.2f} N: its cell is "
+                "reversed or its zero has drifted; change the sign of counts_per_newton, or calibrate_cell"
             )
         if not settings.travel_low <= travel <= settings.travel_high:
             raise LimitError(

@@ -12,6 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_driver.rig.errors import GaugeFaultError
 from softgrip_driver.rig.pull import Stroke, Trace
 from softgrip_model.friction.laws import GRAVITY
 
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 #: T1 may fall below T2 by the gauge's noise, not by more.
 LOWEST_RATIO = 0.97
+#: Of the hung weight that the gauge feels at rest at least: at the largest wrap angle friction hides four fifths.
+MIN_WEIGHT_SHARE = 0.1
 #: Largest share of (ln Rf)^2 by which pulling and letting back underestimate the weight: (1-n)/2, n = 0.4.
 _LOW_TENSION_BIAS = 0.3
 
@@ -168,6 +171,27 @@ def _fast_part(travel: Array, residual: Array) -> Array:
     kernel = np.ones(per_millimetre)
     mean = np.convolve(residual, kernel, "same") / np.convolve(np.ones(len(residual)), kernel, "same")
     return residual - mean
+
+
+def check_weight_at_rest(rest: Stroke, load: float) -> None:
+    """Check at rest, before anything is wound in, that the gauge feels the weight at all, and as a pull.
+
+    Args:
+        rest: readings with the zero taken out.
+        load: hung mass [kg].
+
+    Raises:
+        GaugeFaultError: it does not; says what is likely.
+    """
+    hung, static = load * GRAVITY, float(np.median(rest.tension))
+    if hung == 0.0 or static >= MIN_WEIGHT_SHARE * hung:
+        return
+    found = f"before motion: expected the {_grams(load * GRAVITY)} that were asked for, found {static:.2f} N; "
+    if static <= -MIN_WEIGHT_SHARE * hung:
+        raise GaugeFaultError(
+            f"{found}the load cell is reversed: change the sign of counts_per_newton, or swap its two signal wires"
+        )
+    raise GaugeFaultError(f"{found}hang the weight that was asked for; where it hangs, the load cell is cut")
 
 
 _Found = tuple[PointVerdict, str] | None

@@ -15,6 +15,7 @@ from typing import TypeVar
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.errors import NotReadyError, SaturatedError, UnitChangedError
+from softgrip_driver.stage.gauge_guard import GaugeGuard
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 
 Value = TypeVar("Value")
@@ -28,6 +29,7 @@ class StageBackend:
         stage: not yet open; pulls with growing travel.
         gauge: not yet open.
         speed: [m/s] towards a setpoint.
+        proof: [N] that a hand must pull before anything is wound in (`GaugeGuard`); 0 = none.
     """
 
     #: [m] a setpoint must move before the stage is told
@@ -39,11 +41,13 @@ class StageBackend:
     #: [m] of travel and [N] of tension over which no real gauge shows the same digits
     STUCK_TRAVEL, STUCK_TENSION = 2e-3, 0.1
 
-    def __init__(self, tendon: str, stage: Stage, gauge: Gauge, speed: float) -> None:
+    def __init__(self, tendon: str, stage: Stage, gauge: Gauge, speed: float, proof: float = 0.0) -> None:
         self._tendon = tendon
         self._stage = stage
         self._gauge = gauge
         self._speed = speed
+        self._proof = proof
+        self._guard = GaugeGuard(proof)
         self._counters = Counters()
         self._powered = False
         self._mark = 0
@@ -80,8 +84,8 @@ class StageBackend:
         except DriverError:
             self._stage.close()
             raise
-        self._mark, self._powered, self._target, self._before = 0, False, None, None
-        self._gauge_misses, self._fault = 0, ("", "")
+        self._forget()
+        self._guard = GaugeGuard(self._proof)
         device = f"{stage.model} {stage.serial}".strip() + f" with {gauge.model}"
         return (DriveIdentity(self._tendon, device, (*stage.warnings, *gauge.warnings)),)
 
@@ -112,13 +116,11 @@ class StageBackend:
         return True
 
     def restore(self, tendon: str) -> Iterator[None]:
-        """Leave an alarm, at a person's word, and open again."""
+        """Leave an alarm, at a person's word; the zero is gone. Opening again would lock one with switches anew."""
         del tendon
         yield
         self._stage.unlock()
-        # In one step: a port closed between two cycles would pass for one that went away.
-        self.disconnect()
-        self.connect()
+        self._forget()
 
     # --- a cycle ---------------------------------------------------------------------------------------------------
 
@@ -139,6 +141,8 @@ class StageBackend:
         if self._gauge_misses > self.GAUGE_MISSES and self._powered and not fault:
             fault, detail = self._gauge_fault
             self._halt()
+        if not fault:
+            fault, detail = self._guard.fault
         now = time.monotonic()
         before = self._before
         velocity = 0.0 if before is None or now <= before[0] else (position - before[1]) / (now - before[0])
@@ -162,6 +166,9 @@ class StageBackend:
         here, goal = self._before[1], setpoint.position
         if self._gauge_misses or (self._pull >= setpoint.tension_limit and goal > here):
             # Pulling blind, or beyond the limit; letting out goes on once the gauge can be read.
+            self._halt()
+            return
+        if goal > here and self._guard.fault[0]:
             self._halt()
             return
         if self._target is not None and abs(goal - self._target) < self.STEP:
@@ -195,6 +202,11 @@ class StageBackend:
         del tendon
         self._mark = mark
 
+    def _forget(self) -> None:
+        """Take nothing of the session before for true: neither its zero nor its power."""
+        self._mark, self._powered, self._target, self._before = 0, False, None, None
+        self._gauge_misses, self._fault = 0, ("", "")
+
     # --- helpers ---------------------------------------------------------------------------------------------------
 
     def _read_gauge(self, position: float) -> None:
@@ -208,6 +220,7 @@ class StageBackend:
                     f"{abs(position - self._same_since) * 1e3:.1f} mm: it is stuck; restart it"
                 )
             self._gauge_misses = 0
+            self._guard.observe(pull)
         except PortLostError:
             self._halt()
             raise

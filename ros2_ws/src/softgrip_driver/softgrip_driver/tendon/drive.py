@@ -385,7 +385,7 @@ class Drive:
             # The servo has let go by itself. Taking hold again at once keeps the object; twice would be a fight.
             m.restoring = m.restored_once = True
             return DriveActions(restore=True)
-        if not reading.faults and m.fault in {"input_voltage", "gauge_lost"}:
+        if not reading.faults and m.fault in {"input_voltage", "gauge_lost", "gauge_unproven"}:
             self._clear_fault()
         return None
 

@@ -286,6 +286,9 @@ class MoveToTension:
             self._profile.velocity = 0.0
         if self._since is not None and view.now - self._since >= self.SETTLED:
             ahead = min(self._profile.position, view.length + self._limits.max_following_error)
+            if self.paying_out:
+                # A setpoint that went further out than the drive would pull it along, and the tension away.
+                ahead = max(ahead, view.length)
             return MotionStep(ahead, target, MoveOutcome.REACHED, f"{view.tension:.1f} N at {view.length * 1e3:.2f} mm")
         at_end = self._profile.position in (0.0, self._limits.travel)
         standing = self._stall.step(view.now, view.length, moving=self._since is None)

@@ -8,11 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softgrip_driver.errors import ConfigurationError
 
+Array = NDArray[np.float64]
+
 #: share of the largest current over which the currents of a calibration must spread to show a slope
 MIN_SPREAD = 0.3
+#: fewest points of a calibration
+MIN_POINTS = 6
 
 
 @dataclass(frozen=True)
@@ -45,39 +50,52 @@ class Spool:
 
 @dataclass(frozen=True)
 class TorqueModel:
-    """Tension from motor current: T = k (i - i_f sign(v)) / r, with gear friction as a current i_f.
+    """Tension from the winding's current: k i = T r (1 + eta sign v) + k (i_f sign v + s v).
 
     Attributes:
         torque_per_ampere: k [N m/A] at the horn.
-        friction_current: i_f [A].
+        friction_current: i_f [A] of the gears.
         relative_stddev: uncertainty of k (1 standard deviation).
         source: "data sheet", or where it was calibrated.
+        friction_slope: s [A s/m] by which the gears' friction grows with the tendon's speed.
+        load_share: eta, the share of the load that presses the gears' teeth and is lost to friction.
     """
 
     torque_per_ampere: float
     friction_current: float
     relative_stddev: float = 0.15
     source: str = "data sheet"
+    friction_slope: float = 0.0
+    load_share: float = 0.0
 
     #: [m/s] below this the gears may stand, and friction may act either way
     STANDING_SPEED = 5e-4
 
-    def pull(self, current: float, speed: float, radius: float) -> tuple[float, float]:
+    def pull(self, current: float, speed: float, radius: float, current_stddev: float = 0.0) -> tuple[float, float]:
         """Return (force [N], standard deviation [N]) at a current [A, + pulls] and tendon speed [m/s, + pulls].
 
         A tendon cannot push: a force below zero is an error of the model, and the tension is zero then.
+        ``current_stddev`` [A] is that of a current that is estimated itself.
         """
         force_per_ampere = self.torque_per_ampere / radius
         standing = abs(speed) < self.STANDING_SPEED
-        friction = 0.0 if standing else math.copysign(self.friction_current, speed)
-        force = force_per_ampere * (current - friction)
+        direction = 0.0 if standing else math.copysign(1.0, speed)
+        friction = direction * self.friction_current + self.friction_slope * speed
+        force = force_per_ampere * (current - friction) / (1.0 + direction * self.load_share)
         # Standing gears can hide any force within +- friction: a uniform distribution of that half width.
         hidden = force_per_ampere * self.friction_current * (1.0 / math.sqrt(3.0) if standing else 0.3)
-        return force, math.hypot(self.relative_stddev * force, hidden)
+        if standing:
+            hidden += self.load_share * abs(force) / math.sqrt(3.0)
+        return force, math.hypot(self.relative_stddev * force, hidden, force_per_ampere * current_stddev)
 
     def current(self, tension: float, radius: float) -> float:
         """Return the current [A] at which a winding drive reaches a tension [N]."""
-        return tension * radius / self.torque_per_ampere + self.friction_current
+        load = tension * radius * (1.0 + self.load_share)
+        return load / self.torque_per_ampere + self.friction_current
+
+
+#: ratio of the fastest to the slowest speed from which a calibration shows friction that grows with speed
+MIN_SPEED_RATIO = 1.5
 
 
 def fit_torque_model(
@@ -85,8 +103,11 @@ def fit_torque_model(
 ) -> TorqueModel:
     """Fit a torque model to tensions of a load cell by least squares.
 
+    T = (k i - k i_f sign v - k s v - eta T r sign v) / r is linear in all four. A friction that comes out below zero is
+    none.
+
     Args:
-        currents: [A] + pulls.
+        currents: [A] of the winding, + pulls.
         speeds: [m/s] + pulls; both directions must occur.
         tensions: [N] of the load cell.
         radius: [m] of the spool.
@@ -96,29 +117,55 @@ def fit_torque_model(
         ConfigurationError: too few points, only one direction, or currents that do not vary.
     """
     i = np.asarray(currents, dtype=float)
-    direction = np.sign(np.asarray(speeds, dtype=float))
+    speed = np.asarray(speeds, dtype=float)
+    direction = np.sign(speed)
     force = np.asarray(tensions, dtype=float)
-    if len(i) < 6 or not ((direction > 0).any() and (direction < 0).any()):
-        raise ConfigurationError(
-            f"torque model: expected at least 6 points, some winding in and some paying out, found {len(i)} points "
-            f"({int((direction > 0).sum())} in, {int((direction < 0).sum())} out); repeat the calibration"
-        )
-    spread = max(float(np.ptp(i[direction == one])) for one in (1.0, -1.0))
-    if spread < MIN_SPREAD * np.abs(i).max():
-        raise ConfigurationError(
-            "torque model: expected currents from a slack to a taut tendon in each direction, found a spread of only "
-            f"{spread:.3f} A up to {np.abs(i).max():.3f} A; wind in further, or to a higher tension"
-        )
-    design = np.column_stack((i, -direction))
-    (slope, friction_force), _, rank, _ = np.linalg.lstsq(design, force, rcond=None)
-    if rank < 2 or slope <= 0.0:
+    _check_points(i, direction)
+    columns: dict[str, Array] = {"current": i, "friction": -direction, "load": -direction * force}
+    if np.abs(speed).max() >= MIN_SPEED_RATIO * np.abs(speed).min():
+        columns["slope"] = -speed
+    columns, values = _least_squares(columns, force)
+    slope = float(values[0])
+    if slope <= 0.0:
         raise ConfigurationError(
             f"torque model: expected tension that grows with current, found {slope:.3g} N/A; "
             "check the direction sign of the tendon and the sign of the load cell"
         )
-    residual = force - design @ np.array([slope, friction_force])
-    variance = float(residual @ residual) / (len(i) - 2)
+    design = np.column_stack(list(columns.values()))
+    residual = force - design @ values
+    variance = float(residual @ residual) / max(1, len(i) - len(columns))
     slope_variance = variance * float(np.linalg.inv(design.T @ design)[0, 0])
     # One number for both: scatter of single readings about the line, relative to the mean force, and the slope's own.
     relative = math.hypot(math.sqrt(variance) / max(float(force.mean()), 1e-6), math.sqrt(slope_variance) / slope)
-    return TorqueModel(float(slope) * radius, max(0.0, float(friction_force / slope)), relative, source)
+    found = dict(zip(columns, values.tolist(), strict=True))
+    return TorqueModel(
+        slope * radius, found.get("friction", 0.0) / slope, relative, source,
+        found.get("slope", 0.0) / slope, found.get("load", 0.0),
+    )  # fmt: skip
+
+
+def _least_squares(columns: dict[str, Array], force: Array) -> tuple[dict[str, Array], Array]:
+    """Return the columns that count and their values: without frictions below zero or that nothing tells apart."""
+    fitted, _, rank, _ = np.linalg.lstsq(np.column_stack(list(columns.values())), force, rcond=None)
+    values = np.asarray(fitted, dtype=float)
+    frictions = values[1:]
+    if not len(frictions) or (rank == len(values) and frictions.min() >= 0.0):
+        return columns, values
+    left_out = list(columns)[1 + int(np.argmin(frictions)) if rank == len(values) else -1]
+    return _least_squares({name: column for name, column in columns.items() if name != left_out}, force)
+
+
+def _check_points(currents: Array, direction: Array) -> None:
+    """Raise ConfigurationError where a recording can not show a torque model."""
+    if len(currents) < MIN_POINTS or not ((direction > 0).any() and (direction < 0).any()):
+        raise ConfigurationError(
+            f"torque model: expected at least {MIN_POINTS} points, some winding in and some paying out, found "
+            f"{len(currents)} points ({int((direction > 0).sum())} in, {int((direction < 0).sum())} out); repeat the "
+            "calibration"
+        )
+    spread = max(float(np.ptp(currents[direction == one])) for one in (1.0, -1.0))
+    if spread < MIN_SPREAD * np.abs(currents).max():
+        raise ConfigurationError(
+            "torque model: expected currents from a slack to a taut tendon in each direction, found a spread of only "
+            f"{spread:.3f} A up to {np.abs(currents).max():.3f} A; wind in further, or to a higher tension"
+        )

@@ -29,7 +29,7 @@ from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel, FrictionSample, SafetyState
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.published import published_ids
-from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, nanoseconds
 
 pytestmark = pytest.mark.ros
 DOMAINS = itertools.count()
@@ -190,6 +190,9 @@ def test_a_guided_calibration_gives_an_active_model(person: Person, tmp_path: Pa
     answer = person.call(ActivateFrictionModel, "friction/activate", ActivateFrictionModel.Request(id="twine-pla"))
     assert answer.success
     person.until(lambda: person.active[-1].id == "twine-pla", "the chosen model to become active")
+    since_ns = [nanoseconds(model.activated) for model in person.active]
+    assert since_ns[0] > 0
+    assert since_ns == sorted(set(since_ns))
     answer = person.call(ActivateFrictionModel, "friction/activate", ActivateFrictionModel.Request(id="nothing"))
     assert not answer.success
     assert "available" in answer.message

@@ -2,8 +2,8 @@
 """The camera in a process of its own, so that rendering holds up neither the servos' bus nor the plant.
 
 This is the cell's end; `process` is the other. The cell speaks with it over a socket: first the set-up, answered by the
-stream's address or by what went wrong; then the process asks at each exposure (with the number of frames so far) and
-gets a `ExposureSample`. It ends when its standard input does, however the cell ended.
+stream's address or by what went wrong; then the cell sends an `ExposureSample` for each exposure and gets an
+`ExposureReport` back. The process ends when its standard input does, however the cell ended.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ import threading
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Final
 
-from softgrip_emulator.camera.exposure_sample import CameraFaults, CameraSettings, ExposureSample, SetUp
+from softgrip_emulator.camera.exposure_sample import CameraFaults, CameraSettings, ExposureReport, SetUp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from softgrip_emulator.camera.exposure_sample import ExposureSample
 
 _PROCESS: Final = "softgrip_emulator.camera.process"
 _START_S: Final = 20.0
@@ -27,24 +29,30 @@ _END_S: Final = 2.0
 
 
 class CameraProcess:
-    """The cell's end: starts the process, answers its looks, ends it.
+    """The cell's end: starts the process, asks for exposures, ends it.
 
     Args:
         settings: resolution, rate, port.
         seed: of everything that is drawn.
         finger: that the camera looks at.
-        look: gives what the exposure just over has seen; called in a thread of this object.
+        on_report: called in a thread of this object with each report of the process.
     """
 
-    def __init__(self, settings: CameraSettings, seed: int, finger: str, look: Callable[[], ExposureSample]) -> None:
+    def __init__(
+        self, settings: CameraSettings, seed: int, finger: str, on_report: Callable[[ExposureReport], None]
+    ) -> None:
         self.faults = CameraFaults()
         self.frames_taken = 0
+        #: of the stream
+        self.viewers = 0
+        #: an exposure is being rendered
+        self.is_exposing = False
         self.stream_url = ""
         self._settings, self._seed, self._finger = settings, seed, finger
-        self._look = look
+        self._on_report = on_report
         self._process: subprocess.Popen[bytes] | None = None
         self._link: Connection[Any, Any] | None = None
-        self._thread = threading.Thread(target=self._answer, name="camera", daemon=True)
+        self._thread = threading.Thread(target=self._listen, name="camera", daemon=True)
 
     def open(self, url_file: Path, calibration_file: Path) -> None:
         """Start the process; returns when the stream is there and its address and its calibration are in these files.
@@ -93,12 +101,25 @@ class CameraProcess:
             self._link.close()
             self._link = None
 
-    def _answer(self) -> None:
+    def expose(self, sample: ExposureSample) -> None:
+        """Ask for a frame; `is_exposing` until the process has reported it. One at a time."""
+        link = self._link
+        if link is None or not self.running:
+            return
+        self.is_exposing = True
+        try:
+            link.send(sample)
+        except OSError:
+            self.is_exposing = False
+
+    def _listen(self) -> None:
         link = self._link
         assert link is not None
         try:
             while True:
-                self.frames_taken = link.recv()
-                link.send(self._look())
+                report: ExposureReport = link.recv()
+                self.frames_taken, self.viewers = report.frames_taken, report.viewers
+                self.is_exposing = self.is_exposing and not report.is_rendered
+                self._on_report(report)
         except (EOFError, OSError):
-            return
+            self.is_exposing, self.viewers = False, 0

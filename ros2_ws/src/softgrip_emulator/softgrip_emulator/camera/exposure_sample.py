@@ -31,6 +31,23 @@ class CameraSettings:
 
 
 @dataclass(frozen=True)
+class ExposureReport:
+    """What the camera reports after each exposure, and when the number of viewers changes.
+
+    Attributes:
+        frames_taken: since the start.
+        viewers: of the stream.
+        is_rendered: an exposure has ended; False where only the viewers changed.
+        is_shown: its frame went to the stream: the sensor did not lose it.
+    """
+
+    frames_taken: int
+    viewers: int
+    is_rendered: bool = False
+    is_shown: bool = False
+
+
+@dataclass(frozen=True)
 class SetUp:
     """What a camera begins with.
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process that is the camera: `python -m softgrip_emulator.camera.process FD`, started by `apart`."""
+"""The process that is the camera: `python -m softgrip_emulator.camera.process FD`, started by `camera_process`."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
+import threading
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Final
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 
 from softgrip_emulator.camera.camera import Camera
+from softgrip_emulator.camera.exposure_sample import ExposureReport
 from softgrip_emulator.camera.optics import calibrated, draw_optics, write_calibration
 from softgrip_emulator.camera.scene import Scene
 from softgrip_emulator.camera.stream import FrameBoard, StreamServer
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 _NICE: Final = 5
 """A late frame is a late frame; a late servo stops the cell."""
+_VIEWERS_POLL_S: Final = 0.02
+"""How often to look whether the stream has viewers."""
 
 
 def main() -> None:
@@ -48,24 +52,28 @@ def main() -> None:
         link.send(error)
         return
     link.send(server.url)
-
-    def look() -> ExposureSample:
-        link.send(camera.frames_taken)
-        seen: ExposureSample = link.recv()
-        return seen
-
-    camera = Camera(
-        Scene(optics, set_up.seed),
-        board,
-        look,
-        fps=settings.fps,
-        jpeg_quality=settings.jpeg_quality,
-        random=np.random.default_rng([set_up.seed, 0x4652]).random,
-    )
-    camera.start()
+    random = np.random.default_rng([set_up.seed, 0x4652]).random
+    camera = Camera(Scene(optics, set_up.seed), board, jpeg_quality=settings.jpeg_quality, random=random)
+    threading.Thread(target=_serve, args=(link, camera, board), name="camera", daemon=True).start()
     sys.stdin.buffer.read()
-    camera.close()
     server.close()
+
+
+def _serve(link: Connection[Any, Any], camera: Camera, board: FrameBoard) -> None:
+    """Expose whenever the cell asks; report the frames and the viewers."""
+    viewers = 0
+    with suppress(OSError, EOFError):  # the cell has ended
+        while True:
+            if link.poll(_VIEWERS_POLL_S):
+                sample: ExposureSample = link.recv()
+                is_shown = camera.expose(sample)
+                viewers = board.viewers
+                link.send(ExposureReport(camera.frames_taken, viewers, is_rendered=True, is_shown=is_shown))
+                # what can be done ahead is done when the frame just taken is on its way
+                camera.prepare()
+            elif viewers != board.viewers:
+                viewers = board.viewers
+                link.send(ExposureReport(camera.frames_taken, viewers))
 
 
 if __name__ == "__main__":

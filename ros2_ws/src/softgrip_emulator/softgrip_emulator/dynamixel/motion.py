@@ -41,10 +41,14 @@ POSITION_MODES: Final = frozenset({ServoMode.POSITION, ServoMode.EXTENDED_POSITI
 
 
 class ServoDrive(NamedTuple):
-    """What the power stage is told: duty cycle -1..1 and the largest current [A] it may let through."""
+    """What the power stage is told: duty cycle -1..1 and the largest current [A] it may let through.
+
+    The limit is one of the supply's current where `limits_supply` is set, else of the winding's.
+    """
 
     duty: float = 0.0
     current_limit_a: float = 0.0
+    limits_supply: bool = False
 
 
 class _Settings(NamedTuple):

@@ -64,7 +64,8 @@ class EmulatedHardwareError:
 class Shaft:
     """Where servo and plant meet: the plant writes what is, the servo reads it as its sensors would.
 
-    Angle counts all turns and grows as the spool winds; the servo's encoder knows it only within one turn.
+    Angle counts all turns and grows as the spool winds; the servo's encoder knows it only within one turn. `current_a`
+    is the winding's; `temperature_c` is the case's, where the servo's sensor is.
     """
 
     angle_rad: float = 0.0
@@ -73,6 +74,12 @@ class Shaft:
     duty: float = 0.0
     supply_v: float = 5.0
     temperature_c: float = 25.0
+    winding_c: float = 25.0
+
+    @property
+    def supply_current_a(self) -> float:
+        """What the power stage takes from the supply: the winding's current, for the duty cycle's share of the time."""
+        return abs(self.duty) * self.current_a
 
 
 class _Settings(NamedTuple):
@@ -113,9 +120,26 @@ class EmulatedServo:
     """
 
     def __init__(
-        self, model: EmulatedServoModel, device_id: int, *, baud: int = 57_600, return_delay_us: int = 500
+        self,
+        model: EmulatedServoModel,
+        device_id: int,
+        *,
+        baud: int = 57_600,
+        return_delay_us: int = 500,
+        limits_winding: bool = False,
     ) -> None:
+        """Make a servo as delivered.
+
+        Args:
+            model: its control table and motor.
+            device_id: on the bus.
+            baud: speed it listens at [bit/s].
+            return_delay_us: pause before a status packet [us].
+            limits_winding: Goal Current limits the winding's current also where it is the supply's that it reports.
+                Which of them an XL330 or XC330 limits, the e-manual ("Goal Current(102)") does not say.
+        """
         self.model = model
+        self._limits_supply = model.senses_supply_current and not limits_winding
         self.registers = Registers(model)
         self.shaft = Shaft(supply_v=model.motor.nominal_voltage_v)
         self.registers.put("id", device_id)
@@ -287,10 +311,8 @@ class EmulatedServo:
         self._watch_bus(settings.watchdog, now_s)
         settings = self._settings
         velocity = settings.direction * self.shaft.velocity_rad_s / _RAD_PER_PULSE
-        duty, current_limit_a = self._motion.drive(
-            self._present_pulses(), velocity, dt_s, follow=settings.watchdog != _TRIPPED
-        )
-        return ServoDrive(settings.direction * duty, current_limit_a)
+        asked = self._motion.drive(self._present_pulses(), velocity, dt_s, follow=settings.watchdog != _TRIPPED)
+        return ServoDrive(settings.direction * asked.duty, asked.current_limit_a, self._limits_supply)
 
     def _watch_bus(self, timeout: int, now_s: float) -> None:
         if timeout > 0 and now_s - self._last_packet_s > timeout * _WATCHDOG_UNIT_S:
@@ -343,6 +365,7 @@ class EmulatedServo:
     def _refresh(self, now_s: float) -> None:
         """Bring the read-only items up to date."""
         registers, shaft, sign = self.registers, self.shaft, self._settings.direction
+        current_a = shaft.supply_current_a if self.model.senses_supply_current else shaft.current_a
         position = math.floor(self._present_pulses() + 0.5) + self.position_glitch_pulses
         in_position = registers.get("operating_mode") in POSITION_MODES and (
             abs(registers.get("goal_position") - position) <= registers.get("moving_threshold")
@@ -355,7 +378,7 @@ class EmulatedServo:
                 moving=int(self.moving()),
                 moving_status=int(in_position) | (profile if self._motion.profile_active else 0),
                 pwm=_within(round(sign * shaft.duty * PWM_FULL_SCALE), 16),
-                current=_within(round(sign * shaft.current_a / self.model.motor.current_unit_a), 16),
+                current=_within(round(sign * current_a / self.model.motor.current_unit_a), 16),
                 velocity=_within(velocity, 32),
                 position=_within(position, 32),
                 velocity_trajectory=_within(round(self._motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT), 32),

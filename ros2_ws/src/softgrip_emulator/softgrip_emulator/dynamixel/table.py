@@ -6,11 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
 from softgrip_emulator.errors import EmulatorError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
 
 _FOLDER: Final = Path(__file__).parent / "models"
 EEPROM_END: Final = 64
@@ -79,6 +82,8 @@ class MotorRatings:
     inertia_kgm2: float
     heat_capacity_j_per_k: float
     thermal_resistance_k_per_w: float
+    winding_to_case_k_per_w: float
+    winding_capacity_j_per_k: float
     brown_out_v: float
 
     @property
@@ -102,7 +107,10 @@ class MotorRatings:
 
 @dataclass(frozen=True, slots=True)
 class EmulatedServoModel:
-    """A servo model: its control table and its motor."""
+    """A servo model: its control table and its motor.
+
+    `senses_supply_current`: Present Current is that of the power input, not of the winding.
+    """
 
     name: str
     number: int
@@ -112,6 +120,7 @@ class EmulatedServoModel:
     indirect: tuple[IndirectBlock, ...]
     operating_modes: frozenset[int]
     motor: MotorRatings
+    senses_supply_current: bool
     size: int = field(init=False)
     """First address behind the table; every access asks for it."""
 
@@ -131,8 +140,8 @@ def available_models() -> list[str]:
 
 
 @cache
-def load_model(name: str) -> EmulatedServoModel:
-    """Read a model by name ("XL330-M288") or file name ("xl330_m288").
+def load_model(name: str, firmware: int | None = None) -> EmulatedServoModel:
+    """Read a model by name ("XL330-M288") or file name ("xl330_m288"), as of a firmware version (None: that described).
 
     Raises:
         EmulatorError: no such model.
@@ -142,24 +151,26 @@ def load_model(name: str) -> EmulatedServoModel:
         raise EmulatorError(f"servo model: expected one of {available_models()}, found '{name}'")
     own = yaml.safe_load((_FOLDER / f"{stem}.yaml").read_text())
     series = yaml.safe_load((_FOLDER / "x_series.yaml").read_text())
-    defaults = {**own["defaults"], "model_number": own["number"], "firmware_version": own["firmware"]}
+    firmware = own["firmware"] if firmware is None else firmware
+    defaults = {**own["defaults"], "model_number": own["number"], "firmware_version": firmware}
     defaults.setdefault("status_return_level", 2)
     # Goals start at their limits (e-manual, "Goal PWM(100)", "Goal Current(102)").
     defaults["goal_pwm"] = own["defaults"]["pwm_limit"]
     defaults["goal_current"] = own["defaults"]["current_limit"]
     absent = set(own.get("absent", []))
     items = [_item(row, defaults, own.get("ranges", {})) for row in series["items"] if row[2] not in absent]
-    blocks = tuple(IndirectBlock(**block) for block in own["indirect"])
+    blocks = tuple(_indirect_blocks(own["indirect"], firmware))
     items += [_indirect_address(block, index) for block in blocks for index in range(block.count)]
     return EmulatedServoModel(
         name=own["name"],
         number=own["number"],
-        firmware=own["firmware"],
+        firmware=firmware,
         fast_sync_read_firmware=own["fast_sync_read_firmware"],
         items=tuple(sorted(items, key=lambda item: item.address)),
         indirect=blocks,
         operating_modes=frozenset(own["operating_modes"]),
         motor=MotorRatings(**own["motor"]),
+        senses_supply_current=own["senses_supply_current"],
     )
 
 
@@ -178,6 +189,13 @@ def _item(row: list[Any], defaults: dict[str, int], ranges: dict[str, list[int]]
         high=high if high is not None else ((1 << (bits - 1)) - 1 if signed else (1 << bits) - 1),
         default=defaults.get(name, 0),
     )
+
+
+def _indirect_blocks(rows: Sequence[Mapping[str, int]], firmware: int) -> Iterator[IndirectBlock]:
+    """Yield the blocks of a firmware version: `from_firmware`, `to_firmware` bound a row where versions differ."""
+    for row in rows:
+        if row.get("from_firmware", 0) <= firmware <= row.get("to_firmware", firmware):
+            yield IndirectBlock(row["addresses"], row["data"], row["count"])
 
 
 def _indirect_address(block: IndirectBlock, index: int) -> TableItem:

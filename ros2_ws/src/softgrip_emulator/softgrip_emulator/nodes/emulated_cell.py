@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -47,15 +48,19 @@ PARAMETERS = ParameterTable(
     Parameter(
         "seed", 1, "of everything the emulated cell draws: fingers, friction, products, camera", "", 0, 2**31 - 1
     ),
-    Parameter("time_scale", 1.0, "how much faster than real time the friction rig lives", "", 0.1, 1000.0),
+    Parameter("time_scale", 1.0, "how much faster than the cell's time the friction rig lives", "", 0.1, 1000.0),
     Parameter(
-        "cell_time_scale",
+        "speed",
         1.0,
-        "how much faster than real time everything else lives; other than 1: its time is published on /clock, and the "
-        "other nodes need use_sim_time",
+        "cell seconds a second at most; 0 = as fast as all participants keep up (docs/emulator.md)",
         "",
-        0.05,
-        4.0,
+        0.0,
+        1000.0,
+    ),
+    Parameter(
+        "expected",
+        [""],
+        "nodes that take part in the cell's time; without one of them it goes no faster than the computer's",
     ),
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index", "middle", "thumb"], "slots, each with a servo"),
@@ -67,6 +72,12 @@ PARAMETERS = ParameterTable(
     Parameter("servo_model", "xl330_m288", "model of all servos", choices=tuple(available_models())),
     Parameter("servo_baud", 1_000_000, "speed the servos listen at", "bit/s", choices=tuple(BAUD_OF_REGISTER.values())),
     Parameter("servo_return_delay_us", 500, "return delay set in the servos", "us", 0, 508),
+    Parameter(
+        "servo_current_limit",
+        "supply",
+        "which current Goal Current limits in XL330 and XC330, whose maker does not say",
+        choices=("supply", "winding"),
+    ),
     Parameter("spool_radius_m", 0.010, "of every spool as designed; the true ones scatter by 0.3 %", "m", 0.002, 0.05),
     Parameter("supply_v", 0.0, "supply of the servos; 0 = nominal for the model", "V", 0.0, 24.0),
     Parameter("camera_width", 640, "of the camera's frames", "px", 160, 1920),
@@ -85,7 +96,9 @@ PARAMETERS = ParameterTable(
 
 
 _CLOCK_PERIOD_S: Final = 0.005
-"""Wall time between two messages on /clock."""
+"""Least time of the cell between two messages on /clock."""
+_CLOCK_REPEATED_S: Final = 0.1
+"""A time that stands is published again after this, by the computer's clock, for nodes that have just started."""
 _SWITCH_INTERVAL_S: Final = 0.0005
 
 
@@ -97,7 +110,9 @@ class EmulatedCellNode(Node):
         values = PARAMETERS.declare(self)
         self._cell: EmulatedCell | None = None
         self._name_lock = claim_name(self)  # before the wires of another cell are touched
-        self._cell = cell = _open_cell(values)
+        self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR)
+        self._published_s = self._published_at = -1.0
+        self._cell = cell = _open_cell(values, self._on_tick)
         self._diagnostics = Diagnostics(self, "emulated")
         self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
         # The wires exist by now: whoever waits for these services may open them at once.
@@ -107,9 +122,6 @@ class EmulatedCellNode(Node):
         self.create_service(SetRig, "emulator/set_rig", self._on_rig)
         self.create_timer(1.0 / values["truth_rate"], self._publish_truth)
         self.create_timer(1.0, self._report)
-        if values["cell_time_scale"] != 1.0:
-            self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR)
-            self.create_timer(_CLOCK_PERIOD_S, self._publish_clock)
         self.get_logger().info(f"wires in {cell.wire_dir}, camera at {cell.stream_url}")
 
     @property
@@ -153,32 +165,45 @@ class EmulatedCellNode(Node):
     def _publish_truth(self) -> None:
         self._truth.publish(convert.to_truth_message(self.cell.truth(), self._stamp()))
 
-    def _publish_clock(self) -> None:
-        self._clock_publisher.publish(Clock(clock=self._stamp()))
+    def _on_tick(self) -> None:
+        """Publish the time; in the thread that drives it."""
+        cell = self._cell
+        if cell is None or not self.context.ok():
+            return
+        now_s, computer_s = cell.clock.now_s(), time.monotonic()
+        if now_s - self._published_s > 0.999 * _CLOCK_PERIOD_S or computer_s - self._published_at > _CLOCK_REPEATED_S:
+            self._published_s, self._published_at = now_s, computer_s
+            self._clock_publisher.publish(Clock(clock=self._stamp()))
 
     def _stamp(self) -> Time:
         return to_time_message(round(self.cell.epoch_time_s() * 1e9))
 
     def _report(self) -> None:
-        plant = self.cell.plant
         values = {
             "packets": self.cell.chain.packets_seen,
             "frames": self.cell.camera.frames_taken,
-            "lost_time_s": f"{plant.lost_time_s:.3f}",
             "faults": ", ".join(self.cell.faults.active) or "none",
         }
-        if plant.lost_time_s > 1.0:
-            message = (
-                "the plant lost time: expected a free share of a processor, found none; emulated motion was skipped"
-            )
-            self._diagnostics.set("plant", Health.WARN, message, values)
-        else:
-            self._diagnostics.set("plant", Health.OK, "keeps up with its clock", values)
+        self._diagnostics.set("plant", Health.OK, "lives", values)
+        self._report_time()
         if self.cell.camera.running:
             self._diagnostics.set("camera", Health.OK, "takes frames while somebody looks")
         else:
             message = "the camera's process ended: expected it to run as long as the cell; start the cell again"
             self._diagnostics.set("camera", Health.ERROR, message)
+
+    def _report_time(self) -> None:
+        server = self.cell.time_server
+        participants = list(server.participants.all)
+        given_up = sorted({one.join.name for one in participants if one.is_given_up})
+        values = {"now_s": f"{self.cell.clock.now_s():.1f}"}
+        values |= {f"held_by_{name}_s": f"{duration_s:.1f}" for name, duration_s in dict(server.held_s).items()}
+        if given_up:
+            message = f"goes on without {', '.join(given_up)}: silent for {server.participants.give_up_s:g} s"
+            self._diagnostics.set("time", Health.WARN, message, values)
+        else:
+            names = ", ".join(sorted({one.join.name for one in participants}))
+            self._diagnostics.set("time", Health.OK, f"waits for {names}" if names else "the computer's", values)
 
     def close(self) -> None:
         """Take the wires away."""
@@ -195,14 +220,16 @@ def _answer(response: Any, act: Callable[[], str]) -> Any:
     return response
 
 
-def _open_cell(values: dict[str, Any]) -> EmulatedCell:
+def _open_cell(values: dict[str, Any], on_tick: Callable[[], None]) -> EmulatedCell:
     try:
         cell = EmulatedCell(
             _profiles(values["profiles_directory"]),
             Path(values["wire_dir"]) if values["wire_dir"] else default_wire_folder(),
             seed=values["seed"],
             rig_time_scale=values["time_scale"],
-            time_scale=values["cell_time_scale"],
+            speed=values["speed"],
+            expected=[name for name in values["expected"] if name],
+            on_tick=on_tick,
             chain=_chain(values),
             supply=_supply(values),
             camera=CameraSettings(
@@ -243,6 +270,7 @@ def _chain(values: dict[str, Any]) -> list[ServoPlace]:
             values["servo_baud"],
             values["servo_return_delay_us"],
             values["spool_radius_m"],
+            limits_winding=values["servo_current_limit"] == "winding",
         )
         for slot, device_id in zip(slots, ids, strict=True)
     ]

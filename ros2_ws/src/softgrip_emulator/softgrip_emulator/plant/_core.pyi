@@ -41,18 +41,21 @@ class Motor:
     def spool_radius_m(self) -> float: ...
     @property
     def friction_factor(self) -> float: ...
+    def resistance_ohm(self, winding_c: float) -> float: ...
     def turned(
         self,
         angle_rad: float,
         velocity_rad_s: float,
         temperature_c: float,
+        winding_c: float,
         duty: float,
         current_limit_a: float,
+        limits_supply: bool,
         tension_n: float,
         supply_v: float,
         dt_s: float,
         /,
-    ) -> tuple[float, float, float, float]: ...
+    ) -> tuple[float, float, float, float, float, float]: ...
 
 class Grasp:
     lifts_itself: bool

@@ -65,6 +65,8 @@ class ServoPlace:
     baud: int = 1_000_000
     return_delay_us: int = 500
     spool_radius_m: float = 0.010
+    limits_winding: bool = False
+    """Which current an XL330 or XC330 limits: the winding's, or the supply's (see `EmulatedServo`)."""
 
 
 def default_chain() -> tuple[ServoPlace, ...]:
@@ -111,7 +113,11 @@ class CellPlant:
         self.motors: list[Motor] = []
         for place in self.places:
             servo = EmulatedServo(
-                load_model(place.model), place.device_id, baud=place.baud, return_delay_us=place.return_delay_us
+                load_model(place.model),
+                place.device_id,
+                baud=place.baud,
+                return_delay_us=place.return_delay_us,
+                limits_winding=place.limits_winding,
             )
             # Nobody knows how the spool stood when the power came on; the spool is turned to a few hundredths.
             servo.shaft.angle_rad = rng.uniform(-12.0, 12.0)
@@ -270,7 +276,7 @@ class CellPlant:
         return self.bank.slack_m
 
     def _supply_v(self) -> float:
-        drawn_a = sum(abs(servo.shaft.duty * servo.shaft.current_a) for servo in self.servos)
+        drawn_a = sum(abs(servo.shaft.supply_current_a) for servo in self.servos)
         source_v = self.supply.voltage_v if self.disturbances.supply_v is None else self.disturbances.supply_v
         return max(0.0, source_v - self.supply.resistance_ohm * drawn_a)
 

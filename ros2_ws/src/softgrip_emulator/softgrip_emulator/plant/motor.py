@@ -34,7 +34,7 @@ class Motor(_core.Motor):
         self.shaft = shaft
 
     def step(self, drive: ServoDrive, tension_n: float, supply_v: float, dt_s: float) -> None:
-        """Advance shaft, current and temperature by one step.
+        """Advance shaft, currents and temperatures by one step.
 
         Args:
             drive: duty and current limit from the servo's firmware.
@@ -42,9 +42,22 @@ class Motor(_core.Motor):
             supply_v: voltage at the servo's terminals [V].
             dt_s: step [s].
         """
-        shaft, (duty, current_limit_a) = self.shaft, drive
-        shaft.angle_rad, shaft.velocity_rad_s, shaft.current_a, shaft.temperature_c = self.turned(
-            shaft.angle_rad, shaft.velocity_rad_s, shaft.temperature_c, duty, current_limit_a, tension_n, supply_v, dt_s
+        shaft = self.shaft
+        (
+            shaft.angle_rad,
+            shaft.velocity_rad_s,
+            shaft.temperature_c,
+            shaft.winding_c,
+            shaft.current_a,
+            shaft.duty,
+        ) = self.turned(
+            shaft.angle_rad,
+            shaft.velocity_rad_s,
+            shaft.temperature_c,
+            shaft.winding_c,
+            *drive,
+            tension_n,
+            supply_v,
+            dt_s,
         )
-        shaft.duty = duty
         shaft.supply_v = supply_v

@@ -5,21 +5,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Self
 
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import RealTimeClock, ScaledCellClock
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.rig.amplifier import EmulatedAmplifier
 from softgrip_emulator.rig.grbl import EmulatedGrblStage
 from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
+from softgrip_emulator.rig.polled import PROTOCOLS, EmulatedPolledGauge
 from softgrip_emulator.rig.sensor import LoadCell
+from softgrip_emulator.rig.sketches import SKETCHES, EmulatedBoard
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.pty import PtyPort
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from softgrip_emulator.clock import CellClock
     from softgrip_emulator.wire.device import Port, WireDevice
 
 #: [N] of the emulated gauge (Mark-10 M5-10).
@@ -41,8 +44,11 @@ class EmulatedRig:
         truth: what is so, instead of what the seed draws.
         plant: what the stage pulls, instead of the friction rig's cable.
         clock: shared cell time, instead of an own one.
-        stage: "mark10" (test stand) or "grbl" (linear stage).
-        gauge: "gcl2" (Mark-10), or a format of `softgrip_emulator.rig.amplifier.FORMATS` for a streaming amplifier.
+        stage: "mark10" (test stand), "grbl" (linear stage) or "grblhal" (the same with that firmware).
+        stage_settings: of a GRBL stage that differ from a new controller's, by their number.
+        stage_resets: times that opening a GRBL stage's port resets it.
+        gauge: "gcl2" (Mark-10); in `softgrip_emulator.rig` a format of `amplifier.FORMATS` for a streaming amplifier, a
+            sketch of `sketches.SKETCHES` for a board, or a protocol of `polled.PROTOCOLS`.
     """
 
     def __init__(
@@ -55,17 +61,19 @@ class EmulatedRig:
         clock: CellClock | None = None,
         stage: str = "mark10",
         gauge: str = "gcl2",
+        stage_settings: Mapping[int, float] | None = None,
+        stage_resets: int = 1,
     ) -> None:
-        self.clock = clock or CellClock(time_scale)
+        self.clock = clock or ScaledCellClock(RealTimeClock(), time_scale)
         self.truth = truth or RigTruth.from_seed(seed)
         self.plant = plant or RigPlant(self.truth, seed)
         self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
         self.stand: EmulatedMark10Stand | EmulatedGrblStage = (
-            EmulatedGrblStage(self.plant) if stage == "grbl" else EmulatedMark10Stand(self.plant, self.cell)
+            EmulatedGrblStage(self.plant, settings=stage_settings, is_hal=stage == "grblhal", resets=stage_resets)
+            if stage in {"grbl", "grblhal"}
+            else EmulatedMark10Stand(self.plant, self.cell)
         )
-        self.gauge: EmulatedMark10Gauge | EmulatedAmplifier = (
-            EmulatedMark10Gauge(self.cell) if gauge == "gcl2" else EmulatedAmplifier(self.cell, gauge)
-        )
+        self.gauge = _gauge(gauge, self.cell)
         self._ports: dict[str, Port] = {}
         self._misplaced: dict[str, float] = {}
         self._active: dict[str, Callable[[], None]] = {}
@@ -152,6 +160,8 @@ class EmulatedRig:
             "stand_reply_cut": lambda: _flag(self.stand, "reply_cut"),
             "gauge_reply_cut": lambda: _flag(self.gauge, "reply_cut"),
             "cell_stuck": lambda: _flag(self.cell, "stuck"),
+            "cell_cut": lambda: _flag(self.cell, "cut"),
+            "cell_reversed": lambda: _flag(self.cell, "reversed"),
             "saturated": self._saturated,
             "drift": self._drift,
             "stage_jammed": self._jammed,
@@ -174,7 +184,7 @@ class EmulatedRig:
 
     def _gauge_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
         gauge = self.gauge
-        if isinstance(gauge, EmulatedAmplifier):
+        if not isinstance(gauge, EmulatedMark10Gauge):
             return {"contaminated_stream": lambda: _flag(gauge, "noisy")}
 
         def unit_switched(unit: str = "LB") -> Callable[[], None]:
@@ -229,6 +239,15 @@ class EmulatedRig:
             self._misplaced.pop(what, None)
 
         return undo
+
+
+def _gauge(kind: str, cell: LoadCell) -> EmulatedMark10Gauge | EmulatedAmplifier | EmulatedBoard | EmulatedPolledGauge:
+    """Return the electronics that read the cell."""
+    if kind == "gcl2":
+        return EmulatedMark10Gauge(cell)
+    if kind in SKETCHES:
+        return EmulatedBoard(cell, kind)
+    return EmulatedPolledGauge(cell, kind) if kind in PROTOCOLS else EmulatedAmplifier(cell, kind)
 
 
 def _flag(device: object, name: str) -> Callable[[], None]:

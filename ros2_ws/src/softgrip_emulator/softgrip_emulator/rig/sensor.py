@@ -60,8 +60,10 @@ class LoadCell:
 
     def __init__(self, line: ForceSource, capacity: float, seed: int) -> None:
         self.capacity = capacity
-        #: Set to stick at the last value.
+        #: Set to stick at the last value. cut: noise instead of the force. reversed: its signal wires are swapped.
         self.stuck = False
+        self.cut = False
+        self.reversed = False
         #: Zero drift [N/s], from the moment it is set.
         self.drift_rate = 0.0
         self._line = line
@@ -86,7 +88,8 @@ class LoadCell:
             if not self.stuck:
                 truth = self._line.truth
                 noise = float(self._rng.normal(0.0, truth.gauge_noise))
-                self._last = self._line.force * truth.gauge_gain + noise + self._offset
+                sensed = 0.0 if self.cut else -self._line.force if self.reversed else self._line.force
+                self._last = sensed * truth.gauge_gain + noise + self._offset
             return (
                 self._last - self._tare if abs(self._last) < self.capacity else float(np.copysign(np.inf, self._last))
             )

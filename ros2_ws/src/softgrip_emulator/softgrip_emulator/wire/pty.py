@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A serial port on a raw pseudo-terminal: paced by baud rate, can be unplugged and plugged in again.
 
-The host opens a stable path (a symbolic link), as it would open a udev name; behind it stands one `WireDevice`.
+`DrivenPort` is served by whoever drives the time of its cell, `PtyPort` by a thread of its own. The host opens a stable
+path (a symbolic link), as it would open a udev name; behind it stands one `WireDevice`.
 Facts about Linux pseudo-terminals used here: the master can read the baud rate the host has set; the master sees
 POLLHUP while no host has the port open; closing the master gives the host EIO, as pulling the USB plug does.
 """
@@ -19,12 +20,14 @@ import tty
 from collections import deque
 from typing import TYPE_CHECKING, Final, Self
 
-from softgrip_emulator.clock import CellClock
+from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, WireDevice
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
+
+    from softgrip_emulator.clock import CellClock
 
 _log = logging.getLogger(__name__)
 
@@ -41,40 +44,44 @@ _TCGETS2: Final = 0x802C542A
 """Linux ioctl that reads custom speeds too (asm-generic/ioctls.h); termios.tcgetattr knows the standard ones only."""
 
 
-class PtyPort:
-    """One emulated serial port: link path outside, device inside, a thread between.
+class DrivenPort:
+    """One emulated serial port: link path outside, device inside; somebody calls `serve` again and again.
 
-    Use as a context manager, or call `start` and `close`. `unplug` and `plug` are what a hand does to the cable.
+    `unplug` and `plug` are what a hand does to the cable. All other methods belong to the thread that serves.
+
+    Args:
+        link: path the host opens; its folder is made when missing, an old link is replaced.
+        device: what answers.
+        clock: cell time for the device and for pacing.
+        paced: False hands bytes over at once (tests of behaviour, not of timing).
+        wake: called when there is something to serve that no file tells of.
     """
 
-    def __init__(self, link: Path, device: WireDevice, *, clock: CellClock | None = None, paced: bool = True) -> None:
-        """Prepare a port; nothing exists before `start`.
-
-        Args:
-            link: path the host opens; its folder is made when missing, an old link is replaced.
-            device: what answers.
-            clock: cell time for the device and for pacing; a real-time clock when not given.
-            paced: False hands bytes over at once (tests of behaviour, not of timing).
-        """
+    def __init__(
+        self,
+        link: Path,
+        device: WireDevice,
+        clock: CellClock,
+        *,
+        paced: bool = True,
+        wake: Callable[[], None] = lambda: None,
+    ) -> None:
         self.link = link
-        self.clock = clock or CellClock()
+        self.clock = clock
+        #: path of the terminal that the link leads to; "" while there is none
+        self.terminal = ""
+        #: bytes received from the host since it opened the port
+        self.received = 0
         self._device = device
-        self._paced = paced
-        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._line = Line(paced)
+        self._wake = wake
         self._master: int | None = None
         self._attached = False
         self._requested = True
         self._settled = threading.Event()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"pty-{link.name}", daemon=True)
+        self._server: threading.Thread | None = None
 
     # -- what a hand does ------------------------------------------------------------------------------------------
-
-    def start(self) -> PtyPort:
-        """Plug in and serve; the link exists when this returns."""
-        self._appear()
-        self._thread.start()
-        return self
 
     def plug(self) -> None:
         """Make the port appear (again) under its link; no effect when it is there."""
@@ -94,24 +101,35 @@ class PtyPort:
         """True while a host has the port open."""
         return self._attached
 
+    # -- for who serves --------------------------------------------------------------------------------------------
+
+    def open(self, server: threading.Thread) -> None:
+        """Make the port appear; from now on this thread alone serves it."""
+        self._server = server
+        self._appear()
+
     def close(self) -> None:
-        """Stop serving and remove the link. May be called more than once."""
-        if self._stop.is_set():
-            return
-        self._stop.set()
-        self._wake()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_S)
+        """Take the port and its link away; the thread that served has ended."""
+        self._server = None
         self._vanish()
-        os.close(self._wake_read)
-        os.close(self._wake_write)
 
-    def __enter__(self) -> Self:
-        self.start()
-        return self
+    def files(self) -> list[int]:
+        """What to wait for: readable when the host has sent something, or has gone."""
+        return [self._master] if self._master is not None and self._attached else []
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def next_due_s(self) -> float | None:
+        """When the next bytes reach the host, or the device next does something [s]; None when nothing is to come."""
+        due = [t for t in (self._line.next_s(), self._device.due_s()) if t is not None]
+        return min(due) if due and self._attached else None
+
+    def serve(self) -> bool:
+        """Take what the host has sent and hand over what has reached it by now; return whether it got something."""
+        try:
+            return self._serve()
+        except Exception:  # noqa: BLE001  a device must never take its port down: the host would wait without a word
+            _log.exception("%s: the emulated device failed on this exchange", self.link.name)
+            self._line.reset()
+            return False
 
     # -- the wire --------------------------------------------------------------------------------------------------
 
@@ -120,7 +138,7 @@ class PtyPort:
         self._settled.clear()
         self._requested = requested
         self._wake()
-        if threading.current_thread() is not self._thread and self._thread.is_alive():
+        if self._server is not None and threading.current_thread() is not self._server and self._server.is_alive():
             self._settled.wait(_JOIN_S)
 
     def _appear(self) -> None:
@@ -130,7 +148,7 @@ class PtyPort:
         name = os.ttyname(slave)
         # The host alone holds the slave side, so that the master sees it come and go.
         os.close(slave)
-        self._master = master
+        self._master, self.terminal = master, name
         self.link.parent.mkdir(parents=True, exist_ok=True)
         fresh = self.link.with_name(f".{self.link.name}.{os.getpid()}")
         fresh.unlink(missing_ok=True)
@@ -141,66 +159,43 @@ class PtyPort:
         if self._master is not None:
             self.link.unlink(missing_ok=True)
             os.close(self._master)
-            self._master = None
+            self._master, self.terminal = None, ""
             self._attached = False
 
-    def _wake(self) -> None:
-        with contextlib.suppress(BlockingIOError, OSError):
-            os.write(self._wake_write, b"\0")
-
-    def _run(self) -> None:
-        line = Line(self._paced)
-        while not self._stop.is_set():
-            try:
-                self._serve_once(line)
-            except Exception:  # noqa: BLE001  a device must never take its port down: the host would wait without a word
-                _log.exception("%s: the emulated device failed on this exchange", self.link.name)
-                line.reset()
-
-    def _serve_once(self, line: Line) -> None:
+    def _serve(self) -> bool:
         if self._requested != self.plugged:
             if self._requested:
                 self._appear()
             else:
                 self._vanish()
-            line.reset()
+            self._line.reset()
         self._settled.set()
         master = self._master
-        if master is None:
-            self._wait([], None)
-            return
-        if not self._host_present(master):
-            self._attached = False
-            line.reset()
-            self._wait([], _ABSENT_HOST_POLL_S)
-            return
-        if not self._attached:
-            self._attached = True
-            line.queue(self._device.opened(self.clock.now_s()))
-        ready = self._wait([master], self._pause_s(line))
-        data = self._read(master) if master in ready else b""
+        if master is None or not self._is_host_there(master):
+            return False
+        line = self._line
+        data = self._read(master)
+        self.received += len(data)
         now_s = self.clock.now_s()
         due_s = self._device.due_s()
         if data or (due_s is not None and due_s <= now_s):
             line.baud = host_baud(master) or line.baud
             line.queue(self._device.exchange(data, line.arrival_s(len(data), now_s), line.baud))
-        if piece := line.take(self.clock.now_s()):
+        piece = line.take(self.clock.now_s())
+        if piece:
             self._write(master, piece)
+        return bool(piece)
 
-    def _pause_s(self, line: Line) -> float:
-        due = [t for t in (line.next_s(), self._device.due_s()) if t is not None]
-        if not due:
-            # Closing by the host makes the master readable; that a device has something to say again, nothing tells.
-            return _QUIET_DEVICE_POLL_S
-        return self.clock.wall_duration_s(min(due) - self.clock.now_s())
-
-    def _wait(self, fds: list[int], timeout_s: float | None) -> list[int]:
-        # select, not poll: its time-out is in microseconds, and a reply at 3 Mbaud is due within 50.
-        ready, _, _ = select.select([*fds, self._wake_read], [], [], None if timeout_s is None else max(0.0, timeout_s))
-        if self._wake_read in ready:
-            with contextlib.suppress(BlockingIOError):
-                os.read(self._wake_read, _READ_BYTES)
-        return ready
+    def _is_host_there(self, master: int) -> bool:
+        """Return whether a host has the port open; greet one that has just opened it."""
+        if not self._host_present(master):
+            self._attached = False
+            self._line.reset()
+            return False
+        if not self._attached:
+            self._attached, self.received = True, 0
+            self._line.queue(self._device.opened(self.clock.now_s()))
+        return True
 
     @staticmethod
     def _host_present(master: int) -> bool:
@@ -223,6 +218,75 @@ class PtyPort:
             os.write(master, data)
 
 
+class PtyPort(DrivenPort):
+    """A port with a thread of its own that serves it at the computer's pace.
+
+    Use as a context manager, or call `start` and `close`.
+
+    Args:
+        link, device, paced: as for `DrivenPort`.
+        clock: real time, maybe scaled; real time when not given.
+    """
+
+    def __init__(self, link: Path, device: WireDevice, *, clock: CellClock | None = None, paced: bool = True) -> None:
+        super().__init__(link, device, clock or RealTimeClock(), paced=paced, wake=self._ring)
+        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"pty-{link.name}", daemon=True)
+
+    def start(self) -> PtyPort:
+        """Plug in and serve; the link exists when this returns."""
+        self.open(self._thread)
+        self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """Stop serving and remove the link. May be called more than once."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._ring()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
+        super().close()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self.serve()
+            self._wait(self.files(), self._pause_s())
+
+    def _pause_s(self) -> float | None:
+        if not self.plugged:
+            return None
+        if not self.attached:
+            return _ABSENT_HOST_POLL_S
+        due_s = self.next_due_s()
+        if due_s is None:
+            # Closing by the host makes the master readable; that a device has something to say again, nothing tells.
+            return _QUIET_DEVICE_POLL_S
+        return (due_s - self.clock.now_s()) / self.clock.scale
+
+    def _ring(self) -> None:
+        with contextlib.suppress(BlockingIOError, OSError):
+            os.write(self._wake_write, b"\0")
+
+    def _wait(self, fds: list[int], timeout_s: float | None) -> None:
+        # select, not poll: its time-out is in microseconds, and a reply at 3 Mbaud is due within 50.
+        ready, _, _ = select.select([*fds, self._wake_read], [], [], None if timeout_s is None else max(0.0, timeout_s))
+        if self._wake_read in ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._wake_read, _READ_BYTES)
+
+
 class Line:
     """Both directions of the cable: when bytes arrive, and which may be handed to the host by when."""
 
@@ -243,7 +307,7 @@ class Line:
         return n_bytes * BITS_PER_BYTE / self.baud if self._paced else 0.0
 
     def arrival_s(self, n_bytes: int, now_s: float) -> float:
-        """When the device has heard the last of `n_bytes` the host handed over just now."""
+        """When the device has received the last of `n_bytes` the host handed over just now."""
         self._rx_busy_until_s = max(self._rx_busy_until_s, now_s) + self._duration_s(n_bytes)
         return self._rx_busy_until_s if n_bytes else now_s
 

@@ -10,9 +10,9 @@
 #include <stdexcept>
 #include <vector>
 
-#include "bank.hpp"
-#include "grasp.hpp"
-#include "motor.hpp"
+#include "softgrip/plant/bank.hpp"
+#include "softgrip/plant/grasp.hpp"
+#include "softgrip/plant/motor.hpp"
 
 namespace py = pybind11;
 using namespace softgrip::plant;
@@ -137,12 +137,20 @@ py::tuple chain(const FingerBank& bank, const Array& q) {
 
 Ratings ratings_of(const py::object& ratings) {
   const auto value = [&](const char* name) { return ratings.attr(name).cast<double>(); };
-  return {value("resistance_ohm"),   value("back_emf_vs_per_rad"), value("torque_constant_nm_per_a"),
-          value("inertia_kgm2"),     value("gear_viscous_nms"),    value("gear_friction_nm"),
-          value("thermal_resistance_k_per_w"), value("heat_capacity_j_per_k")};
+  return {value("resistance_ohm"),
+          value("back_emf_vs_per_rad"),
+          value("torque_constant_nm_per_a"),
+          value("inertia_kgm2"),
+          value("gear_viscous_nms"),
+          value("gear_friction_nm"),
+          value("thermal_resistance_k_per_w"),
+          value("heat_capacity_j_per_k"),
+          value("winding_to_case_k_per_w"),
+          value("winding_capacity_j_per_k")};
 }
 
-std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m, double palm_m) {
+std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places, double finger_width_m,
+                                  double palm_m) {
   std::vector<SlotPlace> slots;
   for (const auto& place : places) {
     if (place.size() != 5) throw std::invalid_argument("place: expected along, out, side, rest angle, across");
@@ -153,9 +161,14 @@ std::unique_ptr<Grasp> make_grasp(const std::vector<std::vector<double>>& places
 
 void place_product(Grasp& grasp, const py::object& item, double along_m, double out_m) {
   const auto value = [&](const char* name) { return item.attr(name).cast<double>(); };
-  const Product product{value("width_m"),  value("height_m"), value("length_m"),
-                        value("corner_m"), item.attr("round_in_length").cast<bool>(),
-                        value("mass_kg"),  value("friction"), value("stiffness_n_per_m"),
+  const Product product{value("width_m"),
+                        value("height_m"),
+                        value("length_m"),
+                        value("corner_m"),
+                        item.attr("round_in_length").cast<bool>(),
+                        value("mass_kg"),
+                        value("friction"),
+                        value("stiffness_n_per_m"),
                         value("crush_n")};
   grasp.place(product, along_m, out_m);
 }
@@ -203,12 +216,16 @@ void bind_motor(py::module_& module) {
       .def_readonly("friction_factor", &Motor::friction_factor)
       .def_readwrite("extra_heat_w", &Motor::extra_heat_w)
       .def_readwrite("jammed", &Motor::jammed)
+      .def("resistance_ohm", &Motor::resistance_ohm, py::arg("winding_c"))
       // Values in, values out: the shaft's attributes are read more often than it turns.
-      .def("turned", [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c, double duty,
-                        double current_limit_a, double tension_n, double supply_v, double dt_s) {
-        const Shaft before{angle_rad, velocity_rad_s, 0.0, temperature_c};
-        const Shaft shaft = motor.turned(before, duty, current_limit_a, tension_n, supply_v, dt_s);
-        return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.current_a, shaft.temperature_c);
+      .def("turned", [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c,
+                        double winding_c, double duty, double current_limit_a, bool limits_supply, double tension_n,
+                        double supply_v, double dt_s) {
+        const Shaft before{angle_rad, velocity_rad_s, temperature_c, winding_c};
+        const Drive drive{duty, current_limit_a, limits_supply};
+        const Shaft shaft = motor.turned(before, drive, tension_n, supply_v, dt_s);
+        return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.temperature_c, shaft.winding_c,
+                              shaft.current_a, shaft.duty);
       });
 }
 
@@ -225,14 +242,14 @@ void bind_grasp(py::module_& module) {
       .def_property_readonly("slipped", &Grasp::slipped)
       .def_property_readonly("crushed", &Grasp::crushed)
       .def_property_readonly("palm_push_n", &Grasp::palm_push_n)
-      .def_property_readonly("centre_m", [](const Grasp& grasp) {
-        return py::make_tuple(grasp.centre_m().x(), grasp.centre_m().y());
-      })
+      .def_property_readonly(
+          "centre_m", [](const Grasp& grasp) { return py::make_tuple(grasp.centre_m().x(), grasp.centre_m().y()); })
       .def_readwrite("lifts_itself", &Grasp::lifts_itself)
-      .def("on_fingers_n", [](const py::object& self) {
-        auto& grasp = self.cast<Grasp&>();
-        return view(grasp.on_fingers_n, {py::ssize_t(grasp.forces_n.size()), 2}, self);
-      })
+      .def("on_fingers_n",
+           [](const py::object& self) {
+             auto& grasp = self.cast<Grasp&>();
+             return view(grasp.on_fingers_n, {py::ssize_t(grasp.forces_n.size()), 2}, self);
+           })
       .def("forces_n", [](const py::object& self) {
         auto& forces_n = self.cast<Grasp&>().forces_n;
         return view(forces_n, {py::ssize_t(forces_n.size())}, self);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "finger.hpp"
+#include "softgrip/plant/finger.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -19,7 +19,9 @@ constexpr double kLeastStiffnessShare = 0.2;
 constexpr double kLargestTurn_rad = 0.05;
 constexpr double kSpeedFilter = 0.1;
 
-double sign(double value) { return static_cast<double>((value > 0.0) - (value < 0.0)); }
+double sign(double value) {
+  return static_cast<double>((value > 0.0) - (value < 0.0));
+}
 
 }  // namespace
 

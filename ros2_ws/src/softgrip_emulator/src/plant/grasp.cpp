@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "grasp.hpp"
+#include "softgrip/plant/grasp.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -31,7 +31,9 @@ constexpr double kSetDownPayout_m = 0.002;
 constexpr double kFar_m = 0.006;
 constexpr int kNapSteps = 4;
 
-double sum(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
+double sum(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0);
+}
 
 }  // namespace
 
@@ -73,9 +75,13 @@ void Grasp::place(const Product& product, double along_m, double out_m) {
   start_out_m_ = out_m;
 }
 
-void Grasp::take_away() { clear(); }
+void Grasp::take_away() {
+  clear();
+}
 
-void Grasp::lift() { lifted_ = present(); }
+void Grasp::lift() {
+  lifted_ = present();
+}
 
 bool Grasp::held() const {
   return lifted_ && sum(forces_n) > kSettledForce_n && velocity_m_s_.cwiseAbs().maxCoeff() < kHeldSpeed_m_s;

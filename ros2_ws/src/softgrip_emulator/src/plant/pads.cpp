@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "pads.hpp"
+#include "softgrip/plant/pads.hpp"
 
 #include <cmath>
 

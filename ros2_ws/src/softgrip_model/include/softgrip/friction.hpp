@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // How a cable slides over a printed surface: Rf = T1/T2 in closed form, with exact derivatives.
 //
-// T2 is the low (holding) tension [N], T1 >= T2 the high (pulling) tension, theta the wrap angle [rad], r = r_cable + r_surface [mm].
-// Source: C.-D. Matte, "Toward Predictable Tendon Driven Soft Robots" (2025), Eqs 3.7-3.9; docs/friction.md settles its ambiguities.
+// T2 is the low (holding) tension [N], T1 >= T2 the high (pulling) tension, theta the wrap angle [rad], r = r_cable +
+// r_surface [mm]. Source: C.-D. Matte, "Toward Predictable Tendon Driven Soft Robots" (2025), Eqs 3.7-3.9;
+// docs/friction.md settles its ambiguities.
 #pragma once
 
 #include <array>
@@ -50,24 +51,26 @@ struct Range {
 inline constexpr int kMaxCoefficients = 4;
 using Coefficients = std::array<double, kMaxCoefficients>;
 
-constexpr int coefficient_count(Law law) { return law == Law::Capstan ? 1 : law == Law::Heap ? 2 : 4; }
+constexpr int coefficient_count(Law law) {
+  return law == Law::Capstan ? 1 : law == Law::Heap ? 2 : 4;
+}
 
 struct Model {
   Law law = Law::Matte;
   KReading k_reading = KReading::Printed;
   Coefficients coefficients{};
   double radius_mm = 0.0;
-  Range angle_rad;   // calibrated
-  Range tension_N;   // calibrated, of T2
+  Range angle_rad;  // calibrated
+  Range tension_N;  // calibrated, of T2
 };
 
 // Lanes have no status: one without a value is NaN or infinite.
 template <typename Real>
 struct EvaluationOf {
-  Real log_ratio;              // ln Rf
-  Real d_angle;                // d ln Rf / d theta [1/rad]
-  Real d_log_tension;          // d ln Rf / d ln T2
-  Coefficients d_coefficients; // d ln Rf / d coefficient, zero where the law has none
+  Real log_ratio;               // ln Rf
+  Real d_angle;                 // d ln Rf / d theta [1/rad]
+  Real d_log_tension;           // d ln Rf / d ln T2
+  Coefficients d_coefficients;  // d ln Rf / d coefficient, zero where the law has none
   std::uint8_t status;
   Real power_ratio = Real{} + 1.0;  // Rf^-(1-n); takes (r/T)^(1-n) past the bend
 
@@ -79,7 +82,8 @@ using Evaluation = EvaluationOf<double>;
 // ln(1+K)/K to full precision, regular at K = 0: the rounding of 1+K cancels (Kahan), and log is quicker than log1p.
 inline double log1p_over(double k) {
   const double rounded = 1.0 + k;
-  return rounded == 1.0 ? 1.0 - 0.5 * k : std::log(rounded) * (1.0 / (rounded - 1.0));  // both at once, unlike a quotient
+  return rounded == 1.0 ? 1.0 - 0.5 * k
+                        : std::log(rounded) * (1.0 / (rounded - 1.0));  // both at once, unlike a quotient
 }
 
 template <typename Real>
@@ -88,7 +92,8 @@ inline Real log1p_over(Real k) {
   return k;
 }
 
-// Bends have small K and small surface terms; for these, short series are as exact as the library's functions and quicker.
+// Bends have small K and small surface terms; for these, short series are as exact as the library's functions and
+// quicker.
 inline constexpr double kSmall = 0.125;
 
 // log1p_over by 2/(2+K) (1 + z/3 + z^2/5 + ...), z = (K/(2+K))^2.
@@ -155,12 +160,14 @@ struct Prepared {
   bool sound;
 
   explicit Prepared(const Model& m)
-      : model(m), log_radius(std::log(m.radius_mm)), exponent(m.law == Law::Capstan ? 0.0 : 1.0 - m.coefficients[1]),
+      : model(m),
+        log_radius(std::log(m.radius_mm)),
+        exponent(m.law == Law::Capstan ? 0.0 : 1.0 - m.coefficients[1]),
         sound(detail::sound(m)) {}
 };
 
-// A tension as kernels carry it past one bend after another: ln T and (r/T)^(1-n), each led on without the other, so that
-// the logarithm and the exponential of a bend are worked out side by side.
+// A tension as kernels carry it past one bend after another: ln T and (r/T)^(1-n), each led on without the other, so
+// that the logarithm and the exponential of a bend are worked out side by side.
 template <typename Real>
 struct TensionOf {
   Real log;

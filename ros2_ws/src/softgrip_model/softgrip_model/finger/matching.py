@@ -11,9 +11,13 @@ import dataclasses
 import math
 from bisect import bisect_left
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 Measured = TypeVar("Measured")
+
+#: [ns] how long samples and measurements are kept, and how far apart samples may be to be interpolated between.
+SPAN_NS: Final = 2_000_000_000
+MAX_GAP_NS: Final = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class TendonInput:
 class Matcher(Generic[Measured]):
     """Pairs of one finger. Keeps `span` nanoseconds of tendon samples."""
 
-    def __init__(self, span: int = 2_000_000_000, largest_gap: int = 100_000_000) -> None:
+    def __init__(self, span: int = SPAN_NS, largest_gap: int = MAX_GAP_NS) -> None:
         """Make an empty one.
 
         Args:

@@ -60,10 +60,16 @@ class Session:
         self._profiles = dict(profiles)
         self._wear = wear
         self._frictions: dict[str, ActiveFriction] = {}
+        self._learned: ActiveFriction | None = None
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
         self._free = True
         self._timeline = Timeline()
         self._adopt(Configuration(self._profiles, mounted, None))
+
+    def learn(self, friction: ActiveFriction) -> None:
+        """Note a friction model: what is asked for without naming one is computed with the last."""
+        self._frictions[friction.id] = friction
+        self._learned = friction
 
     def set_friction(self, friction: ActiveFriction) -> None:
         """Use another friction model from now on."""
@@ -120,7 +126,7 @@ class Session:
         Args:
             profile: id.
             slot: empty = every finger of the profile.
-            friction: id; empty = the one in use.
+            friction: id; empty = the last one noted, or else the one in use.
             pulled_lengths: [m].
 
         Raises:
@@ -129,7 +135,7 @@ class Session:
         if profile not in self._profiles:
             raise FingerError(f"unknown profile {profile!r}; loaded: {', '.join(sorted(self._profiles))}")
         slots = (slot,) if slot else self._profiles[profile].slots
-        law = self.configuration.friction
+        law = self._learned or self.configuration.friction
         if friction:
             law = self._known_friction(profile, friction)
         requested = Configuration(self._profiles, dict.fromkeys(slots, profile), law)
@@ -160,7 +166,8 @@ class Session:
 
     def _residuals(self, pairs: Sequence[tuple[TendonInput, MeasuredFinger]]) -> list[Residual]:
         residuals = []
-        for tendon, measured in pairs:
+        # one by one in the order of their stamps, whichever stream completed them
+        for tendon, measured in sorted(pairs, key=lambda pair: (pair[0].stamp, pair[1].finger)):
             in_use = self._timeline.at(tendon.stamp)
             if in_use is not None and in_use.holds(measured.finger, measured.profile):
                 residuals.append(self._residual(in_use, tendon, measured))

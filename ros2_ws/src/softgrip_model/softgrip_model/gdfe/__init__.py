@@ -2,7 +2,7 @@
 """GDFE: hyperelastic equilibria of hexahedral meshes with a matrix that never changes (docs/gdfe.md).
 
 Start with `Solver(bar(...), [ninjaflex()], supports)`, or, for a finger, with
-`softgrip_model.gdfe.closing.Closing(profile, "index").shape(0.01)`.
+`softgrip_model.gdfe.closing.ClosingPath(profile, "index").shape(0.01)`.
 """
 
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable, RoutingPoint

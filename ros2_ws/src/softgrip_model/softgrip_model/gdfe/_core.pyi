@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Private core of softgrip_model.gdfe; src/gdfe/binding.cpp.
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,19 +66,71 @@ class Touch:
     force: _Array
     sliding: bool
 
+class Law:
+    __members__: ClassVar[Mapping[str, Law]]
+
+class VolumeShape:
+    __members__: ClassVar[Mapping[str, VolumeShape]]
+
+class Metric:
+    __members__: ClassVar[Mapping[str, Metric]]
+
+class Ordering:
+    __members__: ClassVar[Mapping[str, Ordering]]
+
+class Method:
+    __members__: ClassVar[Mapping[str, Method]]
+
 class Settings:
     def __init__(
         self,
-        law: int,
-        shape: int,
-        metric: int,
-        single_precision_factor: bool,
-        ordering: int,
-        method: int,
-        window: int,
-        threads: int,
-        step_limit: float,
-        sections_after: int,
+        *,
+        law: Law = ...,
+        shape: VolumeShape = ...,
+        metric: Metric = ...,
+        single_precision_factor: bool = ...,
+        ordering: Ordering = ...,
+        method: Method = ...,
+        window: int = ...,
+        threads: int = ...,
+        step_limit: float = ...,
+        sections_after: int = ...,
+    ) -> None: ...
+
+class Problem:
+    def __init__(
+        self,
+        *,
+        rest: _Array,
+        hexes: _Index,
+        materials: _Index,
+        tables: SecantTables,
+        matrix_weight: _Array,
+        maps: Sequence[_Index],
+        cables: Sequence[Cable] = ...,
+        ogden: Sequence[OgdenMaterial] = ...,
+        surroundings: Surroundings = ...,
+    ) -> None: ...
+
+class CableDrive:
+    def __init__(self, *, by_length: bool, target: float) -> None: ...
+
+class Task:
+    def __init__(
+        self,
+        *,
+        prescribed: _Array,
+        load: _Array,
+        drives: Sequence[CableDrive] = ...,
+        pressures: Sequence[float] = ...,
+        follower_forces: Sequence[Sequence[float]] = ...,
+        motions: Sequence[Sequence[float]] = ...,
+        motions_before: Sequence[Sequence[float]] = ...,
+        before: _Array = ...,
+        tolerance: float = ...,
+        force_floor: float = ...,
+        length_tolerance: float = ...,
+        max_iterations: int = ...,
     ) -> None: ...
 
 class Outcome:
@@ -96,36 +148,8 @@ class Outcome:
     history: list[float]
 
 class Solver:
-    def __init__(
-        self,
-        rest: _Array,
-        hexes: _Index,
-        materials: _Index,
-        tables: SecantTables,
-        matrix_weight: _Array,
-        maps: Sequence[_Index],
-        cables: Sequence[Cable],
-        ogden: Sequence[OgdenMaterial],
-        surroundings: Surroundings,
-        settings: Settings,
-    ) -> None: ...
-    def solve(
-        self,
-        prescribed: _Array,
-        load: _Array,
-        drives: Sequence[tuple[bool, float]],
-        tolerance: float,
-        force_floor: float,
-        length_tolerance: float,
-        max_iterations: int,
-        start: _Array,
-        start_tension: Sequence[float],
-        pressures: Sequence[float],
-        follower_forces: Sequence[_Array],
-        motions: Sequence[_Array],
-        motions_before: Sequence[_Array],
-        before: _Array,
-    ) -> Outcome: ...
+    def __init__(self, problem: Problem, settings: Settings) -> None: ...
+    def solve(self, task: Task, start: _Array, start_tension: Sequence[float]) -> Outcome: ...
     def set_friction(
         self, cable: int, law: int, k_reading: int, coefficients: Sequence[float], radius_mm: float
     ) -> None: ...

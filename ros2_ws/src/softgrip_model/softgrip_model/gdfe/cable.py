@@ -65,6 +65,10 @@ class CableDrive:
     target: float
     by_length: bool = True
 
+    def core(self) -> _core.CableDrive:
+        """Return it as the core takes it."""
+        return _core.CableDrive(by_length=self.by_length, target=self.target)
+
 
 def guide(position: tuple[float, float, float]) -> RoutingPoint:
     """Return a point that is fixed in space."""

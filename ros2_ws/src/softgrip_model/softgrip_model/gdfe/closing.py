@@ -9,7 +9,10 @@ was before. Mesh and factored matrix know nothing of friction: closings of one f
 
 from __future__ import annotations
 
+import threading
 import time
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -21,7 +24,6 @@ from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
-from softgrip_model.gdfe.keyframes import Keyframes
 from softgrip_model.gdfe.materials import SolidMaterial, StressPolynomial
 from softgrip_model.gdfe.solver import ConstitutiveLaw, Equilibrium, Solver, SolverSettings, State, Supports
 from softgrip_model.gdfe.validity import warnings_of
@@ -43,6 +45,13 @@ WINDOW, SECTIONS_AFTER = 20, 6
 NEAR_RANGE = 0.5
 #: [N] Below it the convergence of a hardly pulled finger is measured against this force.
 FORCE_FLOOR_N = 0.5
+#: Shares of the keyframes' distance between rest and the first of them: from slack to taut a shape changes fastest.
+FIRST_STEPS = (0.05, 0.2, 0.5)
+#: Keyframes that the next one is extrapolated from, and that the one halfway is interpolated from.
+EXTRAPOLATED_FROM, INTERPOLATED_FROM = 3, 4
+
+#: How an equilibrium is found: pulled length [mm], state to start from.
+Solve = Callable[[float, State], Equilibrium]
 
 
 @dataclass(frozen=True)
@@ -155,35 +164,227 @@ class Body:
         return self._make_solver()
 
 
-@dataclass(frozen=True)
-class _Equations:
-    """What is solved, with a solver of the body."""
+def solve_closing(
+    settings: ClosingSettings,
+    friction: ActiveFriction,
+    solver: Solver,
+    pulled_mm: float,
+    start: State,
+    *,
+    is_keyframe: bool = False,
+) -> Equilibrium:
+    """Find the equilibrium at a pulled length.
 
-    settings: ClosingSettings
-    friction: ActiveFriction
+    Args:
+        settings: how closings are computed.
+        friction: the cable's.
+        solver: of the body; closings with other friction use it as well.
+        pulled_mm: pulled length.
+        start: where to start.
+        is_keyframe: take half the iterations at most, and keep what other solves start from only.
+    """
+    solver.set_friction(0, friction.law)
+    found = solver.solve(
+        start=start,
+        drives=[CableDrive(pulled_mm)],
+        tolerance=settings.tolerance,
+        force_floor=FORCE_FLOOR_N,
+        length_tolerance=LENGTH_TOLERANCE_MM,
+        max_iterations=settings.max_iterations // 2 if is_keyframe else settings.max_iterations,
+    )
+    if not is_keyframe:
+        return found
+    # a copy, as the core's own array keeps all that it found: reactions, which nobody looks at, are half of that
+    return replace(found, displacement=found.displacement.copy(), reaction=np.zeros((0, 3)))
 
-    def shape(self, solver: Solver, pulled_mm: float, start: State) -> Equilibrium:
-        return self.solve(solver, self.settings.max_iterations, pulled_mm, start)
 
-    def keyframe(self, solver: Solver, pulled_mm: float, start: State) -> Equilibrium:
-        found = self.solve(solver, self.settings.max_iterations // 2, pulled_mm, start)
-        # a copy, as the core's own array keeps all that it found: reactions, which nobody looks at, are half of that
-        return replace(found, displacement=found.displacement.copy(), reaction=np.zeros((0, 3)))
+class Keyframes:
+    """Equilibria along a closing that shapes are started from, each computed when a shape first needs it or before.
 
-    def solve(self, solver: Solver, max_iterations: int, pulled_mm: float, start: State) -> Equilibrium:
-        solver.set_friction(0, self.friction.law)  # another closing may have used it in between
-        return solver.solve(
-            start=start,
-            drives=[CableDrive(pulled_mm)],
-            tolerance=self.settings.tolerance,
-            force_floor=FORCE_FLOOR_N,
-            length_tolerance=LENGTH_TOLERANCE_MM,
-            max_iterations=max_iterations,
-        )
+    Keyframes of the chain are extrapolated from those before and lie far apart; halfway between two of them another one
+    is interpolated where a shape falls in between. All follow from the chain, not from the order of requests. One
+    thread requests them; one more may `prefetch`: what it has computed is there at once when it is requested, and
+    leaves no other trace.
+
+    Args:
+        spacing_mm: pulled length between them.
+        travel_mm: longest pulled length.
+        tolerance_mm: of a pulled length.
+        solve: finds an equilibrium.
+        rest: the undeformed state.
+    """
+
+    def __init__(
+        self,
+        spacing_mm: float,
+        travel_mm: float,
+        tolerance_mm: float,
+        solve: Solve,
+        rest: State,
+    ) -> None:
+        count = round(travel_mm / spacing_mm)
+        self._lengths = [0.0, *(spacing_mm * share for share in FIRST_STEPS), *(spacing_mm * np.arange(1, count + 1))]
+        self._tolerance, self._solve, self._rest = tolerance_mm, solve, rest
+        self._known: list[Equilibrium] = []
+        self._halfway: dict[int, Equilibrium] = {}
+        self._requested = 0
+        self._end: int | None = None  # how many there are, once that is known
+        self._condition = threading.Condition()
+        self._busy = False
+
+    @property
+    def reach_mm(self) -> float:
+        """Longest pulled length that a requested keyframe is known at."""
+        return float(self._lengths[max(0, self._usable - 1)])
+
+    @property
+    def last(self) -> Equilibrium:
+        """The one at the reach."""
+        return self._known[self._usable - 1]
+
+    @property
+    def requested(self) -> int:
+        """How many were requested, whoever computed them."""
+        return self._requested
+
+    @property
+    def complete(self) -> bool:
+        """Whether all that there are have been computed."""
+        return self._end is not None
+
+    def missing(self, pulled_mm: float) -> int:
+        """Return how many are left to request for a shape at a length."""
+        return 0 if self._ended else max(0, self._above(pulled_mm) + 1 - self._requested)
+
+    def covers(self, pulled_mm: float) -> bool:
+        """Return whether nothing is left to request for a shape at a length."""
+        return self.missing(pulled_mm) == 0
+
+    def advance(self) -> None:
+        """Request one more; none beyond the travel or beyond one that does not converge."""
+        if self._ended:
+            return
+        self._requested += 1
+        while not self._tried(self._requested):
+            self._compute_once(lambda: self._tried(self._requested), lambda: self._compute(self._solve))
+
+    def prefetch(self, solve: Solve) -> bool:
+        """Compute one that nobody has requested yet, and the one halfway to it; False where none is left.
+
+        Args:
+            solve: must give the same bits as the one that these keyframes were made with; it is called on this thread.
+        """
+        if self._end is not None:
+            return False
+        count = len(self._known)
+        self._compute_once(lambda: self._tried(count + 1), lambda: self._compute(solve))
+        if self._end is None and count > 0:
+            self._halve(count, solve)
+        return True
+
+    def cover(self, pulled_mm: float) -> None:
+        """Compute what a shape at a length needs."""
+        while not self.covers(pulled_mm):
+            self.advance()
+
+    def within_reach(self, pulled_mm: float) -> bool:
+        """Return whether a length lies within the reach; `cover` it first."""
+        return pulled_mm <= self.reach_mm + self._tolerance
+
+    def start(self, pulled_mm: float) -> State:
+        """Return the interpolated state at a length that is covered."""
+        above = min(self._above(pulled_mm), self._usable - 1)
+        near = []
+        for k in range(max(0, above - 2), above + 1):
+            if k > max(0, above - 2):
+                near += self._between(k)
+            near.append(self._at(k))
+        return _interpolate(near, pulled_mm)
+
+    def nearest(self, pulled_mm: float) -> Equilibrium:
+        """Return the known one nearest to a length."""
+        lengths = np.asarray(self._lengths[: self._usable])
+        return self._known[int(np.argmin(np.abs(lengths - pulled_mm)))]
+
+    def _above(self, pulled_mm: float) -> int:
+        """Return the number of the first at or beyond a length."""
+        return bisect_left(self._lengths, pulled_mm - self._tolerance)
+
+    def _at(self, number: int) -> tuple[float, Equilibrium]:
+        return float(self._lengths[number]), self._known[number]
+
+    def _between(self, number: int) -> list[tuple[float, Equilibrium]]:
+        """Return the one halfway to the keyframe before; none where that does not converge."""
+        self._halve(number, self._solve)
+        found = self._halfway[number]
+        return [(self._middle(number), found)] if found.converged else []
+
+    def _middle(self, number: int) -> float:
+        return 0.5 * float(self._lengths[number - 1] + self._lengths[number])
+
+    def _halve(self, number: int, solve: Solve) -> None:
+        def compute() -> None:
+            length = self._middle(number)
+            near = [self._at(k) for k in range(max(0, number + 1 - INTERPOLATED_FROM), number + 1)]
+            self._halfway[number] = solve(length, _interpolate(near, length))
+
+        while number not in self._halfway:
+            self._compute_once(lambda: number in self._halfway, compute)
+
+    @property
+    def _ended(self) -> bool:
+        return self._end is not None and self._requested > self._end
+
+    @property
+    def _usable(self) -> int:
+        """How many of those requested there are."""
+        return self._requested if self._end is None else min(self._requested, self._end)
+
+    def _tried(self, count: int) -> bool:
+        return self._end is not None or len(self._known) >= count
+
+    def _compute(self, solve: Solve) -> None:
+        """Compute the next of the chain, or find that there is none."""
+        count = len(self._known)
+        if count == len(self._lengths):
+            self._end = count
+            return
+        length = float(self._lengths[count])
+        before = range(max(0, count - EXTRAPOLATED_FROM), count)
+        found = solve(length, _interpolate([self._at(k) for k in before], length) if count > 1 else self._rest)
+        if found.converged or not self._known:
+            self._known.append(found)
+        else:
+            self._end = count
+
+    def _compute_once(self, done: Callable[[], bool], compute: Callable[[], None]) -> None:
+        """Compute when the other thread does not, unless it has done it by then."""
+        with self._condition:
+            self._condition.wait_for(lambda: done() or not self._busy)
+            if done():
+                return
+            self._busy = True
+        try:
+            compute()
+        finally:
+            with self._condition:
+                self._busy = False
+                self._condition.notify_all()
 
 
-def _own_keyframe(equations: _Equations, body: Body, pulled_mm: float, start: State) -> Equilibrium:
-    return equations.keyframe(body.solver, pulled_mm, start)
+def _interpolate(near: Sequence[tuple[float, Equilibrium]], pulled_mm: float) -> State:
+    """Return Lagrange's polynomial through equilibria at lengths, at another length [mm]."""
+    at = [length for length, _ in near]
+    weights = [np.prod([(pulled_mm - other) / (own - other) for other in at if other != own]) for own in at]
+    known = [equilibrium for _, equilibrium in near]
+    displacement = sum(w * one.displacement for w, one in zip(weights, known, strict=True))
+    tension = sum(w * one.anchor_tension[0] for w, one in zip(weights, known, strict=True))
+    return State(np.asarray(displacement), (max(0.0, float(tension)),))
+
+
+def _solve_keyframe(solve: Callable[..., Equilibrium], body: Body, pulled_mm: float, start: State) -> Equilibrium:
+    """Solve on the thread that shows shapes: the body makes its solver with the first of them."""
+    return solve(body.solver, pulled_mm, start, is_keyframe=True)
 
 
 class ClosingPath:
@@ -228,12 +429,12 @@ class ClosingPath:
         text += self.body.changes
         self.digest = text_digest(self.finger_mesh.mesh.digest + text)
         # nothing that keyframes hold leads back to this closing: they are large, and go with it
-        self._equations = _Equations(self.settings, self.friction)
+        self._solve = partial(solve_closing, self.settings, self.friction)
         self.keyframes = Keyframes(
             self.settings.keyframe_mm,
             self.settings.travel_mm,
             LENGTH_TOLERANCE_MM,
-            partial(_own_keyframe, self._equations, self.body),
+            partial(_solve_keyframe, self._solve, self.body),
             State(np.zeros_like(self.finger_mesh.mesh.nodes), (0.0,)),
         )
         self._last: tuple[float, Equilibrium] | None = None
@@ -262,15 +463,15 @@ class ClosingPath:
         self.keyframes.cover(pulled_mm)
         return State(self.keyframes.start(pulled_mm).displacement)
 
-    def work_ahead(self, solver: Solver) -> bool:
-        """Compute a keyframe that no shape asked for, by a solver of this thread's own; False where none is left."""
-        return self.keyframes.ahead(partial(self._equations.keyframe, solver))
+    def prefetch(self, solver: Solver) -> bool:
+        """Compute a keyframe that no shape has requested, by this thread's own solver; False where none is left."""
+        return self.keyframes.prefetch(partial(self._solve, solver, is_keyframe=True))
 
     def _found(self, pulled_mm: float) -> Equilibrium:
         """Return the equilibrium at a length that is covered; at once where the tendon stands still."""
         if self._last is None or self._last[0] != pulled_mm:
             start = self.keyframes.start(pulled_mm)
-            self._last = pulled_mm, self._equations.shape(self.body.solver, pulled_mm, start)
+            self._last = pulled_mm, self._solve(self.body.solver, pulled_mm, start)
         return self._last[1]
 
     def _shape(

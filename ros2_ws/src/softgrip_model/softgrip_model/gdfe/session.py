@@ -4,7 +4,7 @@
 Only the newest state waits while one is solved, so the distance of the stamps that come through says how long solving
 took, on any machine and in a replay alike. Where it took too long, or what a shape needs would at that pace, the
 coarser mesh serves for a while, and says so; the fine one gets its keyframes one by one when the tendon stands still.
-What another thread computes `ahead` of that makes shapes come sooner; decisions know it by the stamps alone.
+Keyframes that a worker prefetches make shapes come sooner; decisions know them by the stamps alone.
 """
 
 from __future__ import annotations
@@ -23,31 +23,30 @@ from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings, ClosingSha
 from softgrip_model.gdfe.closing_cache import ClosingCache, ClosingKey
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
-from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.profile import Profile
 
 #: Share of the last interval in the stated rate.
 _RATE_SMOOTHING = 0.2
 #: Below this share of the rate asked for, the shapes are said to be coarser in time.
-_COARSER = 0.8
+_COARSER_SHARE = 0.8
 #: [s] Shapes that come further apart than this are too slow to look at.
-_TOO_SLOW = 0.4
+_TOO_SLOW_S = 0.4
 #: [s] Keyframes that would take longer, as those before did, are left for later.
-_TOO_LONG = 0.25
+_TOO_LONG_S = 0.25
 #: [mm] A tendon that moves less from shape to shape stands still: time to catch up. [s] One that never does gets at
 #: least one keyframe in so long.
 _STILL_MM, _SILENCE_LIMIT_S = 0.1, 0.5
 #: The coarser mesh serves so many times as long as a shape was late, [s] at most so long.
-_RELIEF, _LONGEST_RELIEF = 2.0, 5.0
+_RELIEF_FACTOR, _MAX_RELIEF_S = 2.0, 5.0
 #: Mesh that serves where the one asked for is too slow, and the tolerance that goes with it at least: it halves the
 #: iterations and moves the tip by 0.2 mm at most, the mesh by more.
 _COARSE, _COARSE_TOLERANCE = RESOLUTIONS["coarse"], 1e-3
 #: So many fingers that are not mounted are made ready (4 MB each).
-_NEXT = 6
+_MAX_PREFETCHED_OTHERS = 6
 #: Share of the time between shapes that a shape may come late by and keyframes still be said to have taken no time.
-_NO_TIME = 0.5
+_NO_TIME_SHARE = 0.5
 #: Keyframes that the fine mesh is given with one shape at most, where they take no time.
-_AT_ONCE = 16
+_MAX_AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,71 +67,82 @@ class Shown:
     """Digest of profile, friction and settings, whichever mesh serves."""
 
 
-class _Slots:
-    """Takes the first stamp in every period of a rate."""
+class _RateLimit:
+    """Accepts the first stamp in every period of a rate."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._rate = rate_hz
-        self._slot: int | None = None
+        self._rate_hz = rate_hz
+        self._period: int | None = None
 
-    def takes(self, stamp_ns: int) -> bool:
-        if self._rate <= 0.0:
+    def accepts(self, stamp_ns: int) -> bool:
+        if self._rate_hz <= 0.0:
             return False
-        slot = math.floor(stamp_ns * 1e-9 * self._rate)
-        if slot == self._slot:
+        period = math.floor(stamp_ns * 1e-9 * self._rate_hz)
+        if period == self._period:
             return False
-        self._slot = slot
+        self._period = period
         return True
 
 
-class _Relief:
-    """Says from when to when shapes are too slow."""
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-        self._until = 0
-        self.gap = 0.0
-        """[s] between the two shapes that were last too far apart."""
-
-    def note(self, stamp_ns: int) -> None:
-        gap = 0.0 if self._last is None else 1e-9 * (stamp_ns - self._last)
-        self._last = stamp_ns
-        if gap > _TOO_SLOW:
-            self.gap = gap
-            self._until = stamp_ns + round(1e9 * min(_RELIEF * gap, _LONGEST_RELIEF))
-
-    def forget(self) -> None:
-        """Leave out the time to the next shape: another finger was made ready meanwhile."""
-        self._last = None
-
-    def due(self, stamp_ns: int) -> bool:
-        return stamp_ns < self._until
-
-
 class _Pace:
-    """Says how much longer than usual a shape takes for every keyframe of the fine mesh that it asks for."""
+    """How fast shapes come by their stamps: their rate, until when they are too slow, what a keyframe costs.
 
-    def __init__(self, usual: float) -> None:
-        self._usual = usual  # [s] between shapes
-        self._asked = 0
-        self._each = 0.0
-        self.free = False
+    Args:
+        rate_hz: shapes per second that are asked for.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._required_hz = rate_hz
+        self._last_stamp: int | None = None
+        self._has_new_finger = False
+        self._requested = 0
+        self._keyframe_s = 0.0
+        self._late_gap_s = 0.0
+        self._late_until = 0
+        self.rate_hz = math.nan
+        """At which shapes come; NaN until there are two."""
+        self.has_free_keyframes = False
         """The last ones took no time."""
 
-    def note(self, gap: float, asked: int) -> None:
-        """Note the time [s] since the shape before, and the keyframes that shapes have asked for in all."""
-        late = max(0.0, gap - self._usual)
-        if asked > self._asked:
-            self._each = late / (asked - self._asked)
-            self.free = late < _NO_TIME * self._usual
-        self._asked = asked
+    def record_shape(self, stamp_ns: int, requested: int) -> None:
+        """Record a shape's stamp, and the keyframes that shapes have requested in all."""
+        gap_s = 0.0 if self._last_stamp is None else 1e-9 * (stamp_ns - self._last_stamp)
+        if gap_s > 0.0:
+            now = 1.0 / gap_s
+            is_restart = math.isnan(self.rate_hz) or gap_s > _TOO_SLOW_S
+            self.rate_hz = now if is_restart else self.rate_hz + _RATE_SMOOTHING * (now - self.rate_hz)
+        late_s = max(0.0, gap_s - 1.0 / self._required_hz)
+        if requested > self._requested:
+            self._keyframe_s = late_s / (requested - self._requested)
+            self.has_free_keyframes = late_s < _NO_TIME_SHARE / self._required_hz
+        self._requested = requested
+        if gap_s > _TOO_SLOW_S and not self._has_new_finger:
+            self._late_gap_s = gap_s
+            self._late_until = stamp_ns + round(1e9 * min(_RELIEF_FACTOR * gap_s, _MAX_RELIEF_S))
+        self._has_new_finger = False
+        self._last_stamp = stamp_ns
 
-    def seconds(self, keyframes: int) -> float:
-        return keyframes * self._each
+    def record_new_finger(self) -> None:
+        """Leave the time to the next shape out of what is too slow: another finger was made ready meanwhile."""
+        self._has_new_finger = True
+
+    def keyframes_s(self, count: int) -> float:
+        """Return how much longer a shape takes that requests so many keyframes of the fine mesh [s]."""
+        return count * self._keyframe_s
+
+    def why_too_slow(self, stamp_ns: int) -> str:
+        """Return why shapes are too slow at a stamp; empty: they are not."""
+        return f"shapes came {self._late_gap_s:.1f} s apart" if stamp_ns < self._late_until else ""
+
+    def why_fewer(self) -> str:
+        """Return that shapes come at a lower rate than asked for; empty: they do not."""
+        if not self.rate_hz < _COARSER_SHARE * self._required_hz:
+            return ""
+        return f"{self.rate_hz:.1f} Hz instead of {self._required_hz:g} Hz: states come, or are solved, more slowly"
 
 
 @dataclass
-class _Slot:
+class _ShownFinger:
     """One shown finger: as asked for, and, once it is needed, on the coarser mesh."""
 
     fine: ClosingPath
@@ -151,21 +161,21 @@ class _Slot:
     _given: int = 0
     """How many the fine one was given after the shape before."""
 
-    def closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace, too_slow: str) -> ClosingPath:
+    def choose_closing(self, pulled_mm: float, stamp_ns: int, pace: _Pace) -> ClosingPath:
         """Return the one that serves at a length; the fine one comes back only when it has nothing to catch up on."""
         length, keyframes = max(0.0, pulled_mm), self.fine.keyframes
         still = abs(length - self._last[0]) < _STILL_MM
         self._last = length, stamp_ns
-        taking = pace.seconds(keyframes.missing(length))
+        taking_s, too_slow = pace.keyframes_s(keyframes.missing(length)), pace.why_too_slow(stamp_ns)
         if too_slow:
             self.why = too_slow
         elif self.why and keyframes.covers(length):
             self.why = ""
-        elif not self.why and taking > _TOO_LONG:
-            self.why = f"its next shape would take {taking:.1f} s"
+        elif not self.why and taking_s > _TOO_LONG_S:
+            self.why = f"its next shape would take {taking_s:.1f} s"
         waited = 1e-9 * (stamp_ns - self._advanced) > _SILENCE_LIMIT_S
-        self._has_time = still or (bool(self.why) and (waited or pace.free))
-        self._at_once = min(2 * self._given, _AT_ONCE) if pace.free and self._given else 1
+        self._has_time = still or (bool(self.why) and (waited or pace.has_free_keyframes))
+        self._at_once = min(2 * self._given, _MAX_AT_ONCE) if pace.has_free_keyframes and self._given else 1
         if not self.why:
             return self.fine
         self._owed_mm = max(self._owed_mm, length)
@@ -190,8 +200,8 @@ class ShapeSession:
         settings: of every closing.
         rate_hz: shapes per second of stamp time at most.
         marker_rate_hz: markers likewise; 0 = none.
-        ahead: computes keyframes from the first tendon state on, of the mounted fingers and then of others that may
-            be; None = all wait for the shape that needs them.
+        prefetch: compute keyframes on a worker from the first tendon state on, of the mounted fingers and then of
+            others that may be; False = all wait for the shape that needs them.
 
     Raises:
         GdfeError, FingerError, ProfileError: a finger that cannot be simulated.
@@ -205,21 +215,18 @@ class ShapeSession:
         *,
         rate_hz: float,
         marker_rate_hz: float,
-        ahead: KeyframePrefetcher | None = None,
+        prefetch: bool = False,
     ) -> None:
         self._profiles, self._closings = profiles, ClosingCache(profiles)
         tolerance = max(settings.tolerance, _COARSE_TOLERANCE)
         self._settings, self._coarse_settings = settings, replace(settings, resolution=_COARSE, tolerance=tolerance)
-        self._required_rate = rate_hz
-        self._ahead = ahead
-        self._slots, self._marker_slots = _Slots(rate_hz), _Slots(marker_rate_hz)
+        self._prefetches = prefetch
+        self._shape_rate, self._marker_rate = _RateLimit(rate_hz), _RateLimit(marker_rate_hz)
         self._shown = tuple(mounted)
         self._friction: ActiveFriction | None = None
-        self._made: dict[ClosingKey, _Slot] = {}
-        self._fingers: dict[str, _Slot] = {}
-        self._relief, self._pace = _Relief(), _Pace(1.0 / rate_hz)
-        self._last_stamp: int | None = None
-        self._rate = math.nan
+        self._made: dict[ClosingKey, _ShownFinger] = {}
+        self._fingers: dict[str, _ShownFinger] = {}
+        self._pace = _Pace(rate_hz)
         self.mounted: dict[str, str] = {}
         self.set_mounted(mounted)
         self._planned = self._plan()
@@ -230,7 +237,7 @@ class ShapeSession:
         return ", ".join(f"{slot} {finger.fine.hexahedra} hexahedra" for slot, finger in self._fingers.items())
 
     def set_mounted(self, mounted: Mapping[str, str]) -> None:
-        """Say which profile sits in which slot; slots that are not shown are left out.
+        """Set which profile sits in which slot; slots that are not shown are left out.
 
         Raises:
             GdfeError, FingerError, ProfileError: unknown profile, or a finger that cannot be simulated; all stays.
@@ -241,7 +248,7 @@ class ShapeSession:
         self._fingers = {slot: self._finger(profile_id, slot) for slot, profile_id in requested.items()}
         self.mounted = requested
         self._planned = self._plan()
-        self._relief.forget()
+        self._pace.record_new_finger()
 
     @property
     def friction_id(self) -> str:
@@ -263,42 +270,45 @@ class ShapeSession:
         except GdfeError:
             self._friction = before
             raise
-        self._closings.keep(friction)
-        self._made = {requested: slot for requested, slot in self._made.items() if requested.friction is friction}
+        self._closings.forget_friction_but(friction)
+        self._made = {key: finger for key, finger in self._made.items() if key.friction is friction}
         self._planned = self._plan()
+
+    def close(self) -> None:
+        """End the worker with the keyframe that is being computed."""
+        self._closings.close()
 
     def on_tendons(self, names: Sequence[str], samples: Sequence[TendonInput]) -> Iterator[Shown]:
         """Yield the shapes of a tendon state; none when its stamp falls into a period that has been served.
 
         What there is to catch up on is done when the last has been taken: it makes no shape late.
         """
-        if self._ahead is not None:
-            self._ahead.want(self._planned, self._closings)
+        if self._prefetches:
+            self._closings.prefetch(self._planned)
         if not samples or self._fingers.keys().isdisjoint(names):
             # What shows nothing leaves no trace: a replay knows only of the states that were shown.
             return
-        if not self._slots.takes(samples[0].stamp):
-            return
         stamp = samples[0].stamp
-        self._pace.note(self._note_rate(stamp), self._keyframes_asked())
-        self._relief.note(stamp)
-        marker_due = self._marker_slots.takes(stamp)
+        if not self._shape_rate.accepts(stamp):
+            return
+        self._pace.record_shape(stamp, self._requested_keyframes())
+        marker_due = self._marker_rate.accepts(stamp)
         for name, sample in zip(names, samples, strict=True):
             finger = self._fingers.get(name)
             if finger is None:
                 continue
             closing = finger.fine
             if self._settings.resolution != _COARSE:
-                closing = finger.closing(1e3 * sample.pulled_length, stamp, self._pace, self._too_slow(stamp))
+                closing = finger.choose_closing(1e3 * sample.pulled_length, stamp, self._pace)
             shape = closing.shape(sample.pulled_length)
-            reason = "; ".join(filter(None, (shape.reason, self._fewer(), self._coarser(finger))))
+            reason = "; ".join(filter(None, (shape.reason, self._pace.why_fewer(), self._coarser(finger))))
             yield Shown(
                 finger=name,
                 mesh=closing.digest,
                 faces=closing.faces,
                 hexahedra=closing.hexahedra,
                 shape=shape,
-                rate_hz=self._rate,
+                rate_hz=self._pace.rate_hz,
                 marker_due=marker_due,
                 reason=reason,
                 configuration=finger.fine.digest,
@@ -307,45 +317,27 @@ class ShapeSession:
             if name in self._fingers:
                 self._fingers[name].catch_up()
 
-    def _keyframes_asked(self) -> int:
-        """Return how many shapes have asked for, without the undeformed states, which take no time."""
-        return sum(max(0, slot.fine.keyframes.asked - 1) for slot in self._made.values())
+    def _requested_keyframes(self) -> int:
+        """Return how many shapes have requested, without the undeformed states, which take no time."""
+        return sum(max(0, finger.fine.keyframes.requested - 1) for finger in self._made.values())
 
-    def _fewer(self) -> str:
-        if not self._rate < _COARSER * self._required_rate:
-            return ""
-        return f"{self._rate:.1f} Hz instead of {self._required_rate:g} Hz: states come, or are solved, more slowly"
-
-    def _too_slow(self, stamp: int) -> str:
-        return f"shapes came {self._relief.gap:.1f} s apart" if self._relief.due(stamp) else ""
-
-    def _coarser(self, finger: _Slot) -> str:
+    def _coarser(self, finger: _ShownFinger) -> str:
         if not finger.why or finger.coarse is None:
             return ""
         return f"coarser mesh ({finger.coarse.hexahedra} instead of {finger.fine.hexahedra} hexahedra): {finger.why}"
 
-    def _note_rate(self, stamp: int) -> float:
-        """Return the time [s] since the shape before."""
-        gap = 0.0 if self._last_stamp is None else 1e-9 * (stamp - self._last_stamp)
-        if gap > 0.0:
-            now = 1.0 / gap
-            is_restart = math.isnan(self._rate) or gap > _TOO_SLOW
-            self._rate = now if is_restart else self._rate + _RATE_SMOOTHING * (now - self._rate)
-        self._last_stamp = stamp
-        return gap
-
-    def _finger(self, profile_id: str, slot: str) -> _Slot:
-        requested = ClosingKey(profile_id, slot, self._settings, self._friction)
-        if requested not in self._made:
-            coarse = replace(requested, settings=self._coarse_settings)
-            self._made[requested] = _Slot(self._closings.get(requested), partial(self._closings.get, coarse))
-        return self._made[requested]
+    def _finger(self, profile_id: str, slot: str) -> _ShownFinger:
+        key = ClosingKey(profile_id, slot, self._settings, self._friction)
+        if key not in self._made:
+            coarse = replace(key, settings=self._coarse_settings)
+            self._made[key] = _ShownFinger(self._closings.get(key), partial(self._closings.get, coarse))
+        return self._made[key]
 
     def _plan(self) -> tuple[ClosingKey, ...]:
-        """Return what to work on ahead: what is mounted, first what serves when time is short; then what may be."""
+        """Return what to prefetch: what is mounted, first what serves when time is short; then what may be."""
         mounted = list(self.mounted.items())
         others = [(slot, profile) for slot in self._shown for profile in sorted(self._profiles)]
-        others = [other for other in others if other not in mounted][:_NEXT]
+        others = [other for other in others if other not in mounted][:_MAX_PREFETCHED_OTHERS]
         short = [] if self._settings.resolution == _COARSE else [(*finger, self._coarse_settings) for finger in mounted]
         asked = [(*finger, self._settings) for finger in mounted + others]
         return tuple(ClosingKey(profile, slot, settings, self._friction) for slot, profile, settings in short + asked)

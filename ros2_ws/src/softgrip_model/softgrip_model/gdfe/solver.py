@@ -61,13 +61,6 @@ class Method(StrEnum):
     MULTIGRID = "multigrid"
 
 
-_LAW = {law: index for index, law in enumerate(ConstitutiveLaw)}
-_SHAPE = {shape: index for index, shape in enumerate(VolumeShape)}
-_METRIC = {metric: index for index, metric in enumerate(Metric)}
-_ORDERING = {ordering: index for index, ordering in enumerate(Ordering)}
-_METHOD = {method: index for index, method in enumerate(Method)}
-
-
 @dataclass(frozen=True, eq=False)
 class Supports:
     """Which unknowns are not free.
@@ -140,6 +133,21 @@ class SolverSettings:
     threads: int = 1
     step_limit: float = 0.0
     sections_after: int = -1
+
+    def core(self) -> _core.Settings:
+        """Return them as the core takes them."""
+        return _core.Settings(
+            law=_core.Law.__members__[self.law],
+            shape=_core.VolumeShape.__members__[self.volume_shape],
+            metric=_core.Metric.__members__[self.metric],
+            single_precision_factor=self.single_precision_factor,
+            ordering=_core.Ordering.__members__[self.ordering],
+            method=_core.Method.__members__[self.method],
+            window=self.window,
+            threads=self.threads,
+            step_limit=self.step_limit,
+            sections_after=self.sections_after,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,30 +226,20 @@ class Solver:
         tables = np.vstack([secant_table(partial(shear_secant, m)) for m in materials])
         lame_per_mu = [2.0 * m.poisson / (1.0 - 2.0 * m.poisson) for m in materials]
         weights = self._matrix_weights(tables, lame_per_mu)
-        s = self.settings
         try:
             self._core = _core.Solver(
-                mesh.nodes,
-                mesh.hexes,
-                mesh.materials,
-                _core.SecantTables(tables, TABLE_CELLS, TABLE_END, lame_per_mu),
-                weights[mesh.materials],
-                supports.maps(),
-                [cable.core() for cable in self.cables],
-                self._ogden(),
-                self.surroundings.core(),
-                _core.Settings(
-                    _LAW[s.law],
-                    _SHAPE[s.volume_shape],
-                    _METRIC[s.metric],
-                    s.single_precision_factor,
-                    _ORDERING[s.ordering],
-                    _METHOD[s.method],
-                    s.window,
-                    s.threads,
-                    s.step_limit,
-                    s.sections_after,
+                _core.Problem(
+                    rest=mesh.nodes,
+                    hexes=mesh.hexes,
+                    materials=mesh.materials,
+                    tables=_core.SecantTables(tables, TABLE_CELLS, TABLE_END, lame_per_mu),
+                    matrix_weight=weights[mesh.materials],
+                    maps=supports.maps(),
+                    cables=[cable.core() for cable in self.cables],
+                    ogden=self._ogden(),
+                    surroundings=self.surroundings.core(),
                 ),
+                self.settings.core(),
             )
         except ValueError as error:
             raise GdfeError(str(error)) from error
@@ -349,22 +347,21 @@ class Solver:
         start = start or self.rest()
         acts = acts or Acts.nothing(self.surroundings)
         acts.check(self.surroundings)
-        out = self._core.solve(
-            zero if prescribed is None else prescribed,
-            zero if load is None else load,
-            [(drive.by_length, drive.target) for drive in drives],
-            tolerance,
-            force_floor,
-            length_tolerance,
-            max_iterations,
-            start.displacement,
-            list(start.anchor_tension),
-            list(acts.pressures),
-            [np.array(force) for force in acts.follower_forces],
-            [np.array(motion) for motion in acts.motions],
-            [np.array(motion) for motion in (since.motions if since else Acts.nothing(self.surroundings).motions)],
-            since.displacement if since else zero,
+        task = _core.Task(
+            prescribed=zero if prescribed is None else prescribed,
+            load=zero if load is None else load,
+            drives=[drive.core() for drive in drives],
+            pressures=acts.pressures,
+            follower_forces=acts.follower_forces,
+            motions=acts.motions,
+            motions_before=since.motions if since else Acts.nothing(self.surroundings).motions,
+            before=since.displacement if since else zero,
+            tolerance=tolerance,
+            force_floor=force_floor,
+            length_tolerance=length_tolerance,
+            max_iterations=max_iterations,
         )
+        out = self._core.solve(task, start.displacement, start.anchor_tension)
         return Equilibrium(
             converged=out.converged,
             iterations=out.iterations,

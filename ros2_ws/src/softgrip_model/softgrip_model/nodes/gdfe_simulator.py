@@ -31,11 +31,21 @@ from softgrip_model.friction.errors import FrictionError
 from softgrip_model.gdfe.closing import ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
-from softgrip_model.gdfe.prefetcher import KeyframePrefetcher
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.nodes import convert
 from softgrip_model.profile import Profile, ProfileError, load_directory
-from softgrip_nodekit import LATCHED, SENSOR, Diagnostics, Health, Parameter, ParameterTable, StartupError, run
+from softgrip_nodekit import (
+    LATCHED,
+    SENSOR,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    StampedInputs,
+    StartupError,
+    lateness_parameter,
+    run,
+)
 
 _SETTINGS = ClosingSettings()
 
@@ -49,6 +59,7 @@ PARAMETERS = ParameterTable(
         "resolution", "fine", "mesh: coarse is about 430 hexahedra, fine about 2,100", "", choices=tuple(RESOLUTIONS)
     ),
     Parameter("tolerance", _SETTINGS.tolerance, "out-of-balance force relative to reactions", "", 1e-8, 1e-2),
+    lateness_parameter(0.2),
     Parameter("travel_m", 1e-3 * _SETTINGS.travel_mm, "longest pulled length shown", "m", 0.001, 0.1),
 )
 
@@ -75,9 +86,9 @@ class GdfeSimulator(Node):
     def __init__(self) -> None:
         super().__init__("gdfe_simulator")
         values = PARAMETERS.declare(self)
-        self._ahead = KeyframePrefetcher()
-        self._session = self._start(values, self._ahead)
+        self._session = self._start(values)
         self._diagnostics = Diagnostics(self)
+        self._inputs = StampedInputs(self, "tendon/state", values["allowed_lateness_s"], self._diagnostics)
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
         self._markers = self.create_publisher(Marker, "shape/marker", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
@@ -88,7 +99,7 @@ class GdfeSimulator(Node):
         self.get_logger().info(f"simulating {self._session.mounted}: {self._session.description}")
 
     @staticmethod
-    def _start(values: dict[str, Any], ahead: KeyframePrefetcher) -> ShapeSession:
+    def _start(values: dict[str, Any]) -> ShapeSession:
         fingers, profiles = values["fingers"], values["profiles"]
         each = profiles * len(fingers) if len(profiles) == 1 else profiles
         if len(each) != len(fingers):
@@ -105,16 +116,17 @@ class GdfeSimulator(Node):
                 settings,
                 rate_hz=values["rate_hz"],
                 marker_rate_hz=values["marker_rate_hz"],
-                ahead=ahead,
+                prefetch=True,
             )
         except (GdfeError, FingerError, ProfileError) as error:
             raise StartupError(str(error)) from error
 
     def close(self) -> None:
-        """Let the thread of the keyframes end."""
-        self._ahead.close()
+        """End the worker of the keyframes."""
+        self._session.close()
 
     def _on_tendons(self, message: JointState) -> None:
+        self._inputs.drive(message)
         try:
             names, samples = convert.tendon_samples(message)
         except FingerError as error:
@@ -131,6 +143,9 @@ class GdfeSimulator(Node):
             self._report(f"finger {shown.finger}", health, text, values)
 
     def _on_friction(self, message: FrictionModel) -> None:
+        self._inputs.latch("friction/active", message, lambda: self._use_friction(message))
+
+    def _use_friction(self, message: FrictionModel) -> None:
         try:
             self._session.set_friction(convert.active_friction(message))
         except (GdfeError, FingerError, FrictionError) as error:
@@ -141,6 +156,9 @@ class GdfeSimulator(Node):
         self.get_logger().info(f"friction model {self._session.friction_id}")
 
     def _on_cell(self, message: CellState) -> None:
+        self._inputs.latch("cell/state", message, lambda: self._use_cell(message))
+
+    def _use_cell(self, message: CellState) -> None:
         try:
             self._session.set_mounted(convert.mounted_profiles(message))
         except (GdfeError, FingerError, ProfileError) as error:

@@ -2,8 +2,9 @@
 """Predicts the mounted fingers from the pulled tendon lengths, and compares with what the camera sees.
 
 Subscribes tendon/state, friction/active, cell/state, finger/measured; publishes finger/predicted and finger/residual;
-serves finger/predict. Results leave from subscription callbacks only and depend on the messages and their stamps alone;
-each names the friction model and the configuration it was computed with, so that a bag replays to the same numbers.
+serves finger/predict. Results leave from subscription callbacks only and depend on the messages and their stamps alone
+(softgrip_nodekit/event_time.py); each names the friction model and the configuration it was computed with, so that a
+bag replays to the same numbers.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from sensor_msgs.msg import JointState
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
 from softgrip_interfaces.srv import PredictFinger
 from softgrip_model.finger import FingerError
+from softgrip_model.finger.matching import MAX_GAP_NS, SPAN_NS
+from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.finger.session import Residual, Session
 from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.friction.errors import FrictionError
@@ -33,7 +36,9 @@ from softgrip_nodekit import (
     Parameter,
     ParameterTable,
     Rank,
+    StampedInputs,
     StartupError,
+    lateness_parameter,
     realtime_parameter,
     run,
 )
@@ -51,6 +56,7 @@ PARAMETERS = ParameterTable(
         "cusum_allowance", _WEAR.allowance, "shift per closing that is let pass (standard deviations)", "", 0.0, 5.0
     ),
     Parameter("cusum_limit", _WEAR.limit, "decision limit (standard deviations)", "", 1.0, 50.0),
+    lateness_parameter(0.2),
     realtime_parameter(Rank.PREDICTION),
 )
 
@@ -85,6 +91,7 @@ class KinematicsPredictor(Node):
         values = PARAMETERS.declare(self)
         self._session = self._start(values)
         self._diagnostics = Diagnostics(self)
+        self._inputs = StampedInputs(self, "tendon/state", values["allowed_lateness_s"], self._diagnostics)
         self._predicted = self.create_publisher(FingerStates, "finger/predicted", SENSOR)
         self._residual = self.create_publisher(PredictionResidual, "finger/residual", SENSOR)
         self.create_subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
@@ -112,6 +119,7 @@ class KinematicsPredictor(Node):
             raise StartupError(str(error)) from error
 
     def _on_tendons(self, message: JointState) -> None:
+        self._inputs.drive(message)
         try:
             names, samples = convert.tendon_samples(message)
         except FingerError as error:
@@ -124,6 +132,7 @@ class KinematicsPredictor(Node):
         self._publish_residuals(self._session.on_tendons(samples, names))
 
     def _on_measured(self, message: FingerStates) -> None:
+        self._inputs.pair("finger/measured", message, SPAN_NS - MAX_GAP_NS)
         stamp = convert.nanoseconds(message.header.stamp)
         self._publish_residuals(self._session.on_measured(stamp, convert.measured_fingers(message)))
 
@@ -139,11 +148,18 @@ class KinematicsPredictor(Node):
             kept = self._session.configuration.friction_id
             self._report("friction", Health.WARN, f"{error}; still using {kept}")
             return
+        self._session.learn(friction)
+        self._inputs.latch("friction/active", message, lambda: self._use_friction(friction))
+
+    def _use_friction(self, friction: ActiveFriction) -> None:
         self._session.set_friction(friction)
         self._report("friction", Health.OK, f"using {friction.id}", {"digest": friction.digest})
         self.get_logger().info(f"friction model {friction.id}")
 
     def _on_cell(self, message: CellState) -> None:
+        self._inputs.latch("cell/state", message, lambda: self._use_cell(message))
+
+    def _use_cell(self, message: CellState) -> None:
         self._session.set_free(convert.is_free(message))
         mounted = convert.mounted_profiles(message)
         try:

@@ -23,14 +23,19 @@ Model make_model(int law, int k_reading, const std::vector<double>& coefficients
   return model;
 }
 
-Range make_range(const std::pair<double, double>& ends) { return {ends.first, ends.second}; }
+Range make_range(const std::pair<double, double>& ends) {
+  return {ends.first, ends.second};
+}
 
-Eigen::Map<const Eigen::VectorXd> vector_of(const Array& array) { return {array.data(), array.size()}; }
+Eigen::Map<const Eigen::VectorXd> vector_of(const Array& array) {
+  return {array.data(), array.size()};
+}
 
 py::tuple evaluate_many(int law, int k_reading, const std::vector<double>& coefficients, double radius_mm,
                         const std::pair<double, double>& angle_range, const std::pair<double, double>& tension_range,
                         const Array& angle, const Array& tension) {
-  const Model model = make_model(law, k_reading, coefficients, radius_mm, make_range(angle_range), make_range(tension_range));
+  const Model model =
+      make_model(law, k_reading, coefficients, radius_mm, make_range(angle_range), make_range(tension_range));
   const py::ssize_t count = angle.size();
   if (tension.size() != count) throw std::invalid_argument("angle and tension differ in length");
   py::array_t<double> log_ratio(count), d_angle(count), d_log_tension(count);
@@ -52,9 +57,9 @@ double blow_up(int law, int k_reading, const std::vector<double>& coefficients, 
   return blow_up_angle(make_model(law, k_reading, coefficients, radius_mm, {}, {}), tension_N);
 }
 
-py::tuple fit_law(int law, int k_reading, double radius_mm, const Array& angle, const Array& tension, const Array& ratio,
-                  const Array& weight, int loss, const Coefficients& lower, const Coefficients& upper,
-                  const std::optional<Coefficients>& start) {
+py::tuple fit_law(int law, int k_reading, double radius_mm, const Array& angle, const Array& tension,
+                  const Array& ratio, const Array& weight, int loss, const Coefficients& lower,
+                  const Coefficients& upper, const std::optional<Coefficients>& start) {
   if (tension.size() != angle.size() || ratio.size() != angle.size() || weight.size() != angle.size()) {
     throw std::invalid_argument("angle, tension, ratio and weight differ in length");
   }

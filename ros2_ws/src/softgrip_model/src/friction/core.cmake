@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-softgrip_core(friction src/friction/binding.cpp src/friction/fit.cpp)
+softgrip_core(friction SUBPACKAGE friction BINDING src/friction/binding.cpp SOURCES src/friction/fit.cpp)

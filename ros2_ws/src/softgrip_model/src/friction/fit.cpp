@@ -178,7 +178,8 @@ Fit fit_from(const Model& model, const Data& data, Loss loss, const Bounds& boun
 Fit fit(const Model& model, const Data& data, Loss loss, const Bounds& bounds) {
   if (model.law == Law::Capstan) return fit_from(model, data, loss, bounds, capstan_start(data));
   Fit best;
-  for (const double n : kLadderOfN) keep_better(best, fit_from(model, data, loss, bounds, linear_start(model, data, n)));
+  for (const double n : kLadderOfN)
+    keep_better(best, fit_from(model, data, loss, bounds, linear_start(model, data, n)));
   if (model.law == Law::Matte && std::isfinite(best.cost)) search_kinks(model, data, loss, bounds, best);
   return best;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/gdfe/aggregation.hpp"
+#include "softgrip/gdfe/aggregation.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +8,8 @@
 namespace softgrip::gdfe {
 namespace {
 
-// Neighbours within this many times the squared distance of the nearest one are near: all 26 of a brick whose edges differ
-// by up to 1.5, the nearest layers only of flatter ones.
+// Neighbours within this many times the squared distance of the nearest one are near: all 26 of a brick whose edges
+// differ by up to 1.5, the nearest layers only of flatter ones.
 constexpr double kNear = 6.0;
 
 // A row with this many times the average entries is one of tied nodes: an aggregate of its own.
@@ -32,7 +32,8 @@ Graph near_neighbours(const SparseMatrix& matrix, const Eigen::MatrixX3d& places
   std::vector<double> nearest(static_cast<std::size_t>(n), std::numeric_limits<double>::infinity());
   for (int i = 0; i < n; ++i) {
     for (Entry it(matrix, i); it; ++it) {
-      if (it.row() != i && !is_tied(static_cast<int>(it.row()))) nearest[i] = std::min(nearest[i], square(i, static_cast<int>(it.row())));
+      if (it.row() != i && !is_tied(static_cast<int>(it.row())))
+        nearest[i] = std::min(nearest[i], square(i, static_cast<int>(it.row())));
     }
   }
   Graph graph;
@@ -40,14 +41,16 @@ Graph near_neighbours(const SparseMatrix& matrix, const Eigen::MatrixX3d& places
   for (int i = 0; i < n; ++i) {
     for (Entry it(matrix, i); it && !is_tied(i); ++it) {
       const int j = static_cast<int>(it.row());
-      if (j != i && !is_tied(j) && square(i, j) <= kNear * std::max(nearest[i], nearest[j])) graph.neighbour.push_back(j);
+      if (j != i && !is_tied(j) && square(i, j) <= kNear * std::max(nearest[i], nearest[j]))
+        graph.neighbour.push_back(j);
     }
     graph.start.push_back(static_cast<int>(graph.neighbour.size()));
   }
   return graph;
 }
 
-// Node -> aggregate, numbered from 0: a root and all its near neighbours, then what is left joins the nearest aggregate.
+// Node -> aggregate, numbered from 0: a root and all its near neighbours, then what is left joins the nearest
+// aggregate.
 std::vector<int> aggregates(const Graph& graph, const Eigen::MatrixX3d& places, int& count) {
   const int n = static_cast<int>(graph.start.size()) - 1;
   std::vector<int> of(static_cast<std::size_t>(n), -1);

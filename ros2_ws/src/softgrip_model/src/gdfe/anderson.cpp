@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "src/gdfe/anderson_passes.hpp"
+#include "softgrip/gdfe/anderson_passes.hpp"
 
 namespace softgrip::gdfe {
 namespace {
@@ -43,7 +43,8 @@ void Anderson::each_part(int thread, const Pass& pass) const {
   }
 }
 
-void Anderson::advance(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take) {
+void Anderson::advance(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step,
+                       bool take) {
   step.resize(size_);
   if (has_last_ && accelerated(point, residual, step, take)) return;
   begin_history(point, residual);
@@ -51,7 +52,8 @@ void Anderson::advance(std::vector<double>& point, const std::vector<double>& re
   for (std::size_t i = 0; take && i < size_; ++i) point[i] += step[i];
 }
 
-bool Anderson::accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take) {
+bool Anderson::accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step,
+                           bool take) {
   stored_ = std::max(stored_, next_ + 1);
   std::vector<const float*> changes, steps;
   for (int k = 0; k < stored_; ++k) {
@@ -65,8 +67,16 @@ bool Anderson::accelerated(std::vector<double>& point, const std::vector<double>
 #pragma omp for schedule(static, 1)
     for (int t = 0; t < threads_; ++t) {
       double* sums = &sums_[static_cast<std::size_t>(t) * width];
-      const StorePass pass{point.data(),      residual.data(), last_point_.data(), last_residual_.data(), column(residual_changes_, next_),
-                           column(steps_, next_), changes.data(),  stored_,            sums,                  sums + window,
+      const StorePass pass{point.data(),
+                           residual.data(),
+                           last_point_.data(),
+                           last_residual_.data(),
+                           column(residual_changes_, next_),
+                           column(steps_, next_),
+                           changes.data(),
+                           stored_,
+                           sums,
+                           sums + window,
                            sums + 2 * window};
       each_part(t, [&](std::size_t first, std::size_t last) { store_pass(pass, first, last); });
     }
@@ -75,7 +85,8 @@ bool Anderson::accelerated(std::vector<double>& point, const std::vector<double>
       System& system = systems_[static_cast<std::size_t>(t)];
       complete(system);
       if (!system.fits) continue;
-      const CombinePass pass{residual.data(), steps.data(), system.weight.data(), stored_, step.data(), take ? point.data() : nullptr};
+      const CombinePass pass{residual.data(), steps.data(), system.weight.data(),
+                             stored_,         step.data(),  take ? point.data() : nullptr};
       each_part(t, [&](std::size_t first, std::size_t last) { combine_pass(pass, first, last); });
     }
   }
@@ -89,7 +100,8 @@ void Anderson::complete(System& system) const {
   const std::size_t window = static_cast<std::size_t>(window_), width = 2 * window + 1;
   const auto total = [&](std::size_t k) {
     double sum = 0.0;
-    for (std::size_t at = k; at < sums_.size(); at += width) sum += sums_[at];  // in order: sums do not depend on timing
+    for (std::size_t at = k; at < sums_.size(); at += width)
+      sum += sums_[at];  // in order: sums do not depend on timing
     return sum;
   };
   Eigen::VectorXd projection(stored_);  // of the residual on the columns of its changes

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compiled once per instruction set by Highway and chosen at run time.
-#include "src/gdfe/anderson_passes.hpp"
+#include "softgrip/gdfe/anderson_passes.hpp"
 
 #include <algorithm>
 
@@ -23,8 +23,8 @@ using V = hn::Vec<Wide>;
 
 // change and residual of one chunk times `columns` columns.
 template <int columns>
-HWY_INLINE void chunk_products(const double* change, const double* residual, const float* const* column, std::size_t from,
-                               std::size_t count, double* with_change, double* with_residual) {
+HWY_INLINE void chunk_products(const double* change, const double* residual, const float* const* column,
+                               std::size_t from, std::size_t count, double* with_change, double* with_residual) {
   const Wide d;
   const Narrow narrow;
   const std::size_t lanes = hn::Lanes(d);
@@ -91,7 +91,8 @@ void Store(const StorePass& pass, std::size_t first, std::size_t last) {
 }
 
 template <int columns>
-HWY_INLINE void chunk_combine(const float* const* column, const double* weight, std::size_t from, std::size_t count, double* step) {
+HWY_INLINE void chunk_combine(const float* const* column, const double* weight, std::size_t from, std::size_t count,
+                              double* step) {
   const Wide d;
   const Narrow narrow;
   const std::size_t lanes = hn::Lanes(d);
@@ -129,7 +130,9 @@ namespace softgrip::gdfe {
 HWY_EXPORT(Store);
 HWY_EXPORT(Combine);
 
-void store_pass(const StorePass& pass, std::size_t first, std::size_t last) { HWY_DYNAMIC_DISPATCH(Store)(pass, first, last); }
+void store_pass(const StorePass& pass, std::size_t first, std::size_t last) {
+  HWY_DYNAMIC_DISPATCH(Store)(pass, first, last);
+}
 
 void combine_pass(const CombinePass& pass, std::size_t first, std::size_t last) {
   HWY_DYNAMIC_DISPATCH(Combine)(pass, first, last);

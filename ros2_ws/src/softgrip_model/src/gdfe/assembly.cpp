@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/gdfe/assembly.hpp"
+#include "softgrip/gdfe/assembly.hpp"
 
 #include <algorithm>
 

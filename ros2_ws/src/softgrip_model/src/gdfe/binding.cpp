@@ -22,13 +22,15 @@ gdfe::SecantTables make_tables(const Eigen::Ref<const Eigen::MatrixXd>& coeffici
   tables.lame_per_mu = lame_per_mu;
   for (Eigen::Index material = 0; 4 * material < coefficients.rows(); ++material) {  // [material * 4 + order][cell]
     for (Eigen::Index cell = 0; cell < coefficients.cols(); ++cell) {
-      for (Eigen::Index order = 0; order < 4; ++order) tables.coefficients.push_back(coefficients(4 * material + order, cell));
+      for (Eigen::Index order = 0; order < 4; ++order)
+        tables.coefficients.push_back(coefficients(4 * material + order, cell));
     }
   }
   return tables;
 }
 
-softgrip::friction::Model make_friction(int law, int k_reading, const std::vector<double>& coefficients, double radius_mm) {
+softgrip::friction::Model make_friction(int law, int k_reading, const std::vector<double>& coefficients,
+                                        double radius_mm) {
   softgrip::friction::Model friction;
   friction.law = static_cast<softgrip::friction::Law>(law);
   friction.k_reading = static_cast<softgrip::friction::KReading>(k_reading);
@@ -47,6 +49,20 @@ std::vector<T> as_vector(const Array<T>& array) {
 
 Array<double> as_array(const std::vector<double>& values) {
   return Array<double>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+// A value with these fields, the others as they are by default.
+template <class Value>
+Value from_fields(const py::kwargs& fields) {
+  py::object value = py::cast(Value());
+  for (const auto& [name, field] : fields) py::setattr(value, name, field);
+  return std::move(value.cast<Value&>());
+}
+
+template <class Enum>
+void bind_enum(py::module_& module, const char* name, std::initializer_list<std::pair<const char*, Enum>> values) {
+  py::enum_<Enum> bound(module, name);
+  for (const auto& [key, value] : values) bound.value(key, value);
 }
 
 }  // namespace
@@ -106,11 +122,13 @@ PYBIND11_MODULE(_core, module) {
            }),
            py::arg("nodes"), py::arg("shares"));
   py::class_<gdfe::Obstacle>(module, "Obstacle")
-      .def(py::init([](int kind, const Eigen::Vector3d& point, const Eigen::Vector3d& axis, double radius, double friction,
-                       std::vector<std::int32_t> nodes) {
-             return gdfe::Obstacle{static_cast<gdfe::ObstacleKind>(kind), point, axis, radius, friction, std::move(nodes)};
+      .def(py::init([](int kind, const Eigen::Vector3d& point, const Eigen::Vector3d& axis, double radius,
+                       double friction, std::vector<std::int32_t> nodes) {
+             return gdfe::Obstacle{
+                 static_cast<gdfe::ObstacleKind>(kind), point, axis, radius, friction, std::move(nodes)};
            }),
-           py::arg("kind"), py::arg("point"), py::arg("axis"), py::arg("radius"), py::arg("friction"), py::arg("nodes"));
+           py::arg("kind"), py::arg("point"), py::arg("axis"), py::arg("radius"), py::arg("friction"),
+           py::arg("nodes"));
   py::class_<gdfe::Surroundings>(module, "Surroundings")
       .def(py::init([](std::vector<gdfe::PressedSurface> pressed, std::vector<gdfe::FollowerPatch> followers,
                        std::vector<gdfe::Obstacle> obstacles) {
@@ -124,16 +142,71 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("force", &gdfe::Touch::force)
       .def_readonly("sliding", &gdfe::Touch::sliding);
 
+  bind_enum<gdfe::Law>(
+      module, "Law",
+      {{"calibrated", gdfe::Law::Calibrated}, {"thesis", gdfe::Law::Thesis}, {"rigorous", gdfe::Law::Rigorous}});
+  bind_enum<gdfe::VolumeShape>(module, "VolumeShape",
+                               {{"proj", gdfe::VolumeShape::Proj}, {"scale", gdfe::VolumeShape::Scale}});
+  bind_enum<gdfe::Metric>(module, "Metric",
+                          {{"laplacian", gdfe::Metric::Laplacian}, {"centring", gdfe::Metric::Centring}});
+  bind_enum<gdfe::Ordering>(
+      module, "Ordering",
+      {{"automatic", gdfe::Ordering::Automatic}, {"amd", gdfe::Ordering::Amd}, {"metis", gdfe::Ordering::Metis}});
+  bind_enum<gdfe::Method>(module, "Method",
+                          {{"automatic", gdfe::Method::Automatic},
+                           {"direct", gdfe::Method::Direct},
+                           {"multigrid", gdfe::Method::Multigrid}});
+
   py::class_<gdfe::Settings>(module, "Settings")
-      .def(py::init([](int law, int shape, int metric, bool single_precision_factor, int ordering, int method, int window,
-                       int threads, double step_limit, int sections_after) {
-             return gdfe::Settings{static_cast<gdfe::Law>(law), static_cast<gdfe::VolumeShape>(shape),
-                                   static_cast<gdfe::Metric>(metric), single_precision_factor,
-                                   static_cast<gdfe::Ordering>(ordering), static_cast<gdfe::Method>(method), window, threads,
-                                   step_limit, sections_after};
-           }),
-           py::arg("law"), py::arg("shape"), py::arg("metric"), py::arg("single_precision_factor"), py::arg("ordering"),
-           py::arg("method"), py::arg("window"), py::arg("threads"), py::arg("step_limit"), py::arg("sections_after"));
+      .def(py::init(&from_fields<gdfe::Settings>))
+      .def_readwrite("law", &gdfe::Settings::law)
+      .def_readwrite("shape", &gdfe::Settings::shape)
+      .def_readwrite("metric", &gdfe::Settings::metric)
+      .def_readwrite("single_precision_factor", &gdfe::Settings::single_precision_factor)
+      .def_readwrite("ordering", &gdfe::Settings::ordering)
+      .def_readwrite("method", &gdfe::Settings::method)
+      .def_readwrite("window", &gdfe::Settings::window)
+      .def_readwrite("threads", &gdfe::Settings::threads)
+      .def_readwrite("step_limit", &gdfe::Settings::step_limit)
+      .def_readwrite("sections_after", &gdfe::Settings::sections_after);
+
+  py::class_<gdfe::Problem>(module, "Problem")
+      .def(py::init(&from_fields<gdfe::Problem>))
+      .def_readwrite("rest", &gdfe::Problem::rest)
+      .def_readwrite("hexes", &gdfe::Problem::hexes)
+      .def_readwrite("tables", &gdfe::Problem::tables)
+      .def_readwrite("cables", &gdfe::Problem::cables)
+      .def_readwrite("ogden", &gdfe::Problem::ogden)
+      .def_readwrite("surroundings", &gdfe::Problem::surroundings)
+      .def_property(
+          "materials", nullptr,
+          [](gdfe::Problem& problem, const Array<int>& materials) { problem.materials = as_vector(materials); })
+      .def_property(
+          "matrix_weight", nullptr,
+          [](gdfe::Problem& problem, const Array<double>& weight) { problem.matrix_weight = as_vector(weight); })
+      .def_property("maps", nullptr, [](gdfe::Problem& problem, const std::array<Array<std::int32_t>, 3>& maps) {
+        for (std::size_t axis = 0; axis < 3; ++axis) problem.maps[axis] = as_vector(maps[axis]);
+      });
+
+  py::class_<gdfe::CableDrive>(module, "CableDrive")
+      .def(py::init(&from_fields<gdfe::CableDrive>))
+      .def_readwrite("by_length", &gdfe::CableDrive::by_length)
+      .def_readwrite("target", &gdfe::CableDrive::target);
+
+  py::class_<gdfe::Task>(module, "Task")
+      .def(py::init(&from_fields<gdfe::Task>))
+      .def_readwrite("prescribed", &gdfe::Task::prescribed)
+      .def_readwrite("load", &gdfe::Task::load)
+      .def_readwrite("drives", &gdfe::Task::drives)
+      .def_readwrite("pressures", &gdfe::Task::pressures)
+      .def_readwrite("follower_forces", &gdfe::Task::follower_forces)
+      .def_readwrite("motions", &gdfe::Task::motions)
+      .def_readwrite("motions_before", &gdfe::Task::motions_before)
+      .def_readwrite("before", &gdfe::Task::before)
+      .def_readwrite("tolerance", &gdfe::Task::tolerance)
+      .def_readwrite("force_floor", &gdfe::Task::force_floor)
+      .def_readwrite("length_tolerance", &gdfe::Task::length_tolerance)
+      .def_readwrite("max_iterations", &gdfe::Task::max_iterations);
 
   py::class_<gdfe::Outcome>(module, "Outcome")
       .def_readonly("converged", &gdfe::Outcome::converged)
@@ -150,62 +223,40 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("history", &gdfe::Outcome::history);
 
   py::class_<gdfe::Solver>(module, "Solver")
-      .def(py::init([](const gdfe::Nodes& rest, const gdfe::Hexes& hexes, const Array<int>& materials,
-                       const gdfe::SecantTables& tables, const Array<double>& matrix_weight,
-                       const std::array<Array<std::int32_t>, 3>& maps, const std::vector<gdfe::Cable>& cables,
-                       const std::vector<gdfe::OgdenMaterial>& ogden, const gdfe::Surroundings& surroundings,
-                       const gdfe::Settings& settings) {
-             const std::vector<int> material = as_vector(materials);
-             const std::vector<double> weight = as_vector(matrix_weight);
-             const std::array dofs{as_vector(maps[0]), as_vector(maps[1]), as_vector(maps[2])};
-             const py::gil_scoped_release release;
-             return std::make_unique<gdfe::Solver>(rest, hexes, material, tables, weight, dofs, cables, ogden, surroundings, settings);
-           }),
-           py::arg("rest"), py::arg("hexes"), py::arg("materials"), py::arg("tables"), py::arg("matrix_weight"),
-           py::arg("maps"), py::arg("cables"), py::arg("ogden"), py::arg("surroundings"), py::arg("settings"))
-      .def(
-          "solve",
-          [](gdfe::Solver& solver, const gdfe::Nodes& prescribed, const gdfe::Nodes& load,
-             const std::vector<std::pair<bool, double>>& drives, double tolerance, double force_floor,
-             double length_tolerance, int max_iterations, const gdfe::Nodes& start, const std::vector<double>& start_tension,
-             const std::vector<double>& pressures, const std::vector<Eigen::Vector3d>& follower_forces,
-             const std::vector<Eigen::Vector3d>& motions, const std::vector<Eigen::Vector3d>& motions_before,
-             const gdfe::Nodes& before) {
-            gdfe::Task task;
-            task.pressures = pressures;
-            task.follower_forces = follower_forces;
-            task.motions = motions;
-            task.motions_before = motions_before;
-            task.before = before;
-            task.prescribed = prescribed;
-            task.load = load;
-            for (const auto& [by_length, target] : drives) task.drives.push_back({by_length, target});
-            task.tolerance = tolerance;
-            task.force_floor = force_floor;
-            task.length_tolerance = length_tolerance;
-            task.max_iterations = max_iterations;
-            const py::gil_scoped_release release;
-            return solver.solve(task, start, start_tension);
-          },
-          py::arg("prescribed"), py::arg("load"), py::arg("drives"), py::arg("tolerance"), py::arg("force_floor"),
-          py::arg("length_tolerance"), py::arg("max_iterations"), py::arg("start"), py::arg("start_tension"),
-          py::arg("pressures"), py::arg("follower_forces"), py::arg("motions"), py::arg("motions_before"), py::arg("before"))
+      .def(py::init<const gdfe::Problem&, const gdfe::Settings&>(), py::arg("problem"), py::arg("settings"),
+           py::call_guard<py::gil_scoped_release>())
+      .def("solve", &gdfe::Solver::solve, py::arg("task"), py::arg("start"), py::arg("start_tension"),
+           py::call_guard<py::gil_scoped_release>())
       .def(
           "set_friction",
           [](gdfe::Solver& solver, std::size_t cable, int law, int k_reading, const std::vector<double>& coefficients,
-             double radius_mm) { solver.set_friction(cable, make_friction(law, k_reading, coefficients, radius_mm)); },
+             double radius_mm) {
+            solver.cables().set_friction(cable, make_friction(law, k_reading, coefficients, radius_mm));
+          },
           py::arg("cable"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"), py::arg("radius_mm"))
-      .def("energy", &gdfe::Solver::energy, py::arg("displacement"))
-      .def("internal_force", &gdfe::Solver::internal_force, py::arg("displacement"))
-      .def("strain", [](const gdfe::Solver& solver) { return as_array(solver.strain()); })
+      .def(
+          "energy",
+          [](gdfe::Solver& solver, const gdfe::Nodes& displacement) { return solver.forces().energy(displacement); },
+          py::arg("displacement"))
+      .def(
+          "internal_force",
+          [](gdfe::Solver& solver, const gdfe::Nodes& displacement) {
+            return solver.forces().internal_force(displacement);
+          },
+          py::arg("displacement"))
+      .def("strain", [](const gdfe::Solver& solver) { return as_array(solver.forces().strain()); })
       .def(
           "set_thesis_state",
           [](gdfe::Solver& solver, const Array<double>& omega, const Array<double>& last_strain) {
-            solver.set_thesis_state(as_vector(omega), as_vector(last_strain));
+            solver.forces().set_thesis_state(as_vector(omega), as_vector(last_strain));
           },
           py::arg("omega"), py::arg("last_strain"))
-      .def_property_readonly("unknowns", &gdfe::Solver::unknowns)
-      .def_property_readonly("element_bytes", &gdfe::Solver::element_bytes)
-      .def("inverse_nonzeros", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).nonzeros(); })
-      .def("inverse_bytes", [](const gdfe::Solver& solver, int axis) { return solver.inverse(axis).bytes(); });
+      .def_property_readonly("unknowns",
+                             [](const gdfe::Solver& solver) { return solver.preconditioner().unknowns().count; })
+      .def_property_readonly("element_bytes",
+                             [](const gdfe::Solver& solver) { return solver.forces().element_bytes(); })
+      .def("inverse_nonzeros", [](const gdfe::Solver& solver,
+                                  std::size_t axis) { return solver.preconditioner().inverse(axis).nonzeros(); })
+      .def("inverse_bytes",
+           [](const gdfe::Solver& solver, std::size_t axis) { return solver.preconditioner().inverse(axis).bytes(); });
 }

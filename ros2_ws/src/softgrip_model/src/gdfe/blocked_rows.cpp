@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/gdfe/blocked_rows.hpp"
+#include "softgrip/gdfe/blocked_rows.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -57,7 +57,8 @@ BlockedRows<T> blocked_rows(const SparseMatrix& matrix) {
       for (int i = first; i < std::min(first + kRowsAbreast, rows); ++i) {
         for (SparseMatrix::InnerIterator it(matrix, i); it; ++it) {  // column i is row i
           const double beside = std::sqrt(diagonal(i) * diagonal(it.row()));
-          if (std::abs(it.value()) > std::numeric_limits<T>::epsilon() * beside) act(i - first, static_cast<int>(it.row()) - i, it.value());
+          if (std::abs(it.value()) > std::numeric_limits<T>::epsilon() * beside)
+            act(i - first, static_cast<int>(it.row()) - i, it.value());
         }
       }
     };

@@ -39,8 +39,8 @@ CableState pull_from_anchor(const Cable& cable, const std::vector<Eigen::Vector3
     state.force[k + 1] -= tension * direction[k];
     if (k == 0 && !entry) break;
     const Eigen::Vector3d before = k > 0 ? direction[k - 1] : Eigen::Vector3d(-cable.entry);
-    const auto value =
-        friction::evaluate(cable.friction, angle_between(before, direction[k]), std::max(tension, friction::kTensionFloor_N));
+    const auto value = friction::evaluate(cable.friction, angle_between(before, direction[k]),
+                                          std::max(tension, friction::kTensionFloor_N));
     if (!value.has_value()) {
       state.sound = false;
       return state;

@@ -28,8 +28,12 @@ Gap gap_to(const Obstacle& obstacle, const Eigen::Vector3d& motion, const Eigen:
   return {distance - obstacle.radius, normal};
 }
 
-Contact::Contact(std::vector<Obstacle> obstacles, std::size_t nodes, UnknownsView view)
-    : obstacles_(std::move(obstacles)), view_(std::move(view)), place_(nodes, -1) {
+Contact::Contact(std::vector<Obstacle> obstacles, const Nodes& rest, Preconditioner& preconditioner)
+    : obstacles_(std::move(obstacles)),
+      rest_(rest),
+      preconditioner_(preconditioner),
+      unknowns_(preconditioner.unknowns()),
+      place_(static_cast<std::size_t>(rest.rows()), -1) {
   for (const Obstacle& obstacle : obstacles_) {
     for (const std::int32_t node : obstacle.nodes) {
       std::int32_t& place = place_[static_cast<std::size_t>(node)];
@@ -41,30 +45,31 @@ Contact::Contact(std::vector<Obstacle> obstacles, std::size_t nodes, UnknownsVie
   for (auto& columns : columns_) columns.resize(candidates_.size());
 }
 
-void Contact::begin(const std::vector<Eigen::Vector3d>& motions, const std::vector<Eigen::Vector3d>& motions_before,
-                    const Nodes& positions_before) {
-  motions_ = motions;
-  motions_before_ = motions_before;
-  before_ = positions_before;
+void Contact::set_task(const Task& task) {
+  motions_ = task.motions;
+  motions_before_ = task.motions_before;
+  before_ = rest_ + task.before;
   pairs_.clear();
   touches_.clear();
   last_force_.clear();
   for (const Obstacle& obstacle : obstacles_) last_force_.emplace_back(obstacle.nodes.size(), Eigen::Vector3d::Zero());
 }
 
-Eigen::Vector3d Contact::step_of(const std::vector<double>& step, std::int32_t node) const {
+Eigen::Vector3d Contact::motion_of(const std::vector<double>& step, std::int32_t node) const {
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::int32_t dof = (*view_.dof[axis])[static_cast<std::size_t>(node)];
-    if (dof >= 0) moved[static_cast<Eigen::Index>(axis)] = step[view_.offset[axis] + static_cast<std::size_t>(dof)];
+    const std::int32_t dof = unknowns_.axes[axis].dof[static_cast<std::size_t>(node)];
+    if (dof >= 0)
+      moved[static_cast<Eigen::Index>(axis)] = step[unknowns_.axes[axis].offset + static_cast<std::size_t>(dof)];
   }
   return moved;
 }
 
 void Contact::add_force(std::int32_t node, const Eigen::Vector3d& force, std::vector<double>& residual) const {
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::int32_t dof = (*view_.dof[axis])[static_cast<std::size_t>(node)];
-    if (dof >= 0) residual[view_.offset[axis] + static_cast<std::size_t>(dof)] += force[static_cast<Eigen::Index>(axis)];
+    const std::int32_t dof = unknowns_.axes[axis].dof[static_cast<std::size_t>(node)];
+    if (dof >= 0)
+      residual[unknowns_.axes[axis].offset + static_cast<std::size_t>(dof)] += force[static_cast<Eigen::Index>(axis)];
   }
 }
 
@@ -73,15 +78,15 @@ void Contact::add_last_forces(std::vector<double>& residual) const {
 }
 
 double Contact::compliance(std::size_t axis, std::int32_t pushed, std::int32_t moved) {
-  const std::size_t first = view_.same_as[axis];
-  const auto& dof = *view_.dof[axis];
+  const std::size_t first = preconditioner_.first_alike(axis);
+  const auto& dof = unknowns_.axes[axis].dof;
   const std::int32_t at = dof[static_cast<std::size_t>(pushed)];
   if (at < 0) return 0.0;
   auto& column = columns_[first][static_cast<std::size_t>(place_[static_cast<std::size_t>(pushed)])];
   if (column.empty()) {
-    std::vector<double> full(view_.size[axis], 0.0);
+    std::vector<double> full(unknowns_.axes[axis].size, 0.0);
     full[static_cast<std::size_t>(at)] = 1.0;
-    view_.apply_inverse(axis, full.data());
+    preconditioner_.solve(axis, full.data());
     column.resize(candidates_.size());
     for (std::size_t c = 0; c < candidates_.size(); ++c) {
       const std::int32_t other = dof[static_cast<std::size_t>(candidates_[c])];
@@ -92,7 +97,7 @@ double Contact::compliance(std::size_t axis, std::int32_t pushed, std::int32_t m
 }
 
 // Pairs that touch, would after the step, or did in the last iteration.
-void Contact::gather(const double* position, const std::vector<double>& step) {
+void Contact::find_pairs(const double* position, const std::vector<double>& step) {
   pairs_.clear();
   gap_error_ = 0.0;
   for (std::size_t o = 0; o < obstacles_.size(); ++o) {
@@ -102,12 +107,13 @@ void Contact::gather(const double* position, const std::vector<double>& step) {
       const double* p = position + kStride * static_cast<std::size_t>(node);
       const Eigen::Vector3d here(p[0], p[1], p[2]);
       const Gap gap = gap_to(obstacle, motions_[o], here);
-      const Eigen::Vector3d free_step = step_of(step, node);
+      const Eigen::Vector3d free_step = motion_of(step, node);
       const Eigen::Vector3d& last = last_force_[o][k];
       const bool pushed = last.squaredNorm() > 0.0;
       gap_error_ = std::max(gap_error_, pushed ? std::abs(gap.distance) : -gap.distance);
       if (!pushed && gap.distance + gap.normal.dot(free_step) >= 0.0) continue;
-      const Eigen::Vector3d moved = here - before_.row(node).transpose() - (motions_[o] - motions_before_[o]) + free_step;
+      const Eigen::Vector3d moved =
+          here - before_.row(node).transpose() - (motions_[o] - motions_before_[o]) + free_step;
       const double normal_force = std::max(0.0, gap.normal.dot(last));
       Eigen::Vector3d friction = tangential(last, gap.normal);
       const double most = obstacle.friction * normal_force, size = friction.norm();
@@ -118,21 +124,25 @@ void Contact::gather(const double* position, const std::vector<double>& step) {
   }
 }
 
-void Contact::sweep() {
+void Contact::solve_forces() {
   const std::size_t count = pairs_.size();
-  std::vector<Eigen::Matrix<double, 3, Eigen::Dynamic>> answer(count);  // of every pair to a unit force on one, per axis
+  std::vector<Eigen::Matrix<double, 3, Eigen::Dynamic>> answer(
+      count);  // of every pair to a unit force on one, per axis
   std::vector<Eigen::Vector3d> moved(count, Eigen::Vector3d::Zero());
   for (std::size_t j = 0; j < count; ++j) {
     answer[j].resize(3, static_cast<Eigen::Index>(count));
     for (std::size_t i = 0; i < count; ++i) {
       for (std::size_t axis = 0; axis < 3; ++axis) {
         answer[j](static_cast<Eigen::Index>(axis), static_cast<Eigen::Index>(i)) =
-            (*view_.dof[axis])[static_cast<std::size_t>(pairs_[i].node)] < 0 ? 0.0 : compliance(axis, pairs_[j].node, pairs_[i].node);
+            unknowns_.axes[axis].dof[static_cast<std::size_t>(pairs_[i].node)] < 0
+                ? 0.0
+                : compliance(axis, pairs_[j].node, pairs_[i].node);
       }
     }
   }
   const auto push = [&](std::size_t j, const Eigen::Vector3d& change) {
-    for (std::size_t i = 0; i < count; ++i) moved[i] += answer[j].col(static_cast<Eigen::Index>(i)).cwiseProduct(change);
+    for (std::size_t i = 0; i < count; ++i)
+      moved[i] += answer[j].col(static_cast<Eigen::Index>(i)).cwiseProduct(change);
   };
   for (std::size_t j = 0; j < count; ++j) {
     if (pairs_[j].force != pairs_[j].last) push(j, pairs_[j].force - pairs_[j].last);
@@ -167,8 +177,8 @@ void Contact::sweep() {
 }
 
 void Contact::resolve(const double* position, std::vector<double>& residual, std::vector<double>& step) {
-  gather(position, step);
-  sweep();
+  find_pairs(position, step);
+  solve_forces();
   std::vector<double> push(residual.size(), 0.0);
   touches_.clear();
   std::size_t next = 0;
@@ -176,7 +186,9 @@ void Contact::resolve(const double* position, std::vector<double>& residual, std
     for (std::size_t k = 0; k < obstacles_[o].nodes.size(); ++k) {
       Eigen::Vector3d& kept = last_force_[o][k];
       kept.setZero();
-      if (next == pairs_.size() || pairs_[next].obstacle != static_cast<std::int32_t>(o) || pairs_[next].node != obstacles_[o].nodes[k]) continue;
+      if (next == pairs_.size() || pairs_[next].obstacle != static_cast<std::int32_t>(o) ||
+          pairs_[next].node != obstacles_[o].nodes[k])
+        continue;
       const Pair& pair = pairs_[next++];
       add_force(pair.node, pair.force - pair.last, push);
       if (pair.force.squaredNorm() == 0.0) continue;
@@ -186,7 +198,7 @@ void Contact::resolve(const double* position, std::vector<double>& residual, std
   }
   if (next == 0) return;
   for (std::size_t i = 0; i < push.size(); ++i) residual[i] += push[i];
-  for (std::size_t axis = 0; axis < 3; ++axis) view_.apply_inverse(axis, push.data() + view_.offset[axis]);
+  for (std::size_t axis = 0; axis < 3; ++axis) preconditioner_.solve(axis, push.data() + unknowns_.axes[axis].offset);
   for (std::size_t i = 0; i < push.size(); ++i) step[i] += push[i];
 }
 

@@ -4,25 +4,28 @@ find_path(HWY_INCLUDE_DIR hwy/highway.h)
 if(NOT HWY_LIBRARY OR NOT HWY_INCLUDE_DIR)
   message(FATAL_ERROR "softgrip_model needs Highway, SIMD with dispatch at run time. Type: sudo apt-get install libhwy-dev")
 endif()
-softgrip_core(gdfe src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/anderson_passes.cpp src/gdfe/assembly.cpp src/gdfe/binding.cpp
-  src/gdfe/blocked_rows.cpp src/gdfe/cable.cpp src/gdfe/contact.cpp src/gdfe/element_blocks.cpp src/gdfe/factor.cpp
-  src/gdfe/follower.cpp src/gdfe/inverted.cpp src/gdfe/local_step.cpp src/gdfe/mesh.cpp src/gdfe/multigrid.cpp
-  src/gdfe/multigrid_cycle.cpp src/gdfe/node_rows.cpp src/gdfe/ogden.cpp src/gdfe/ordering.cpp src/gdfe/panel_factor.cpp
-  src/gdfe/panel_solve.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/solver_cables.cpp
-  src/gdfe/solver_sections.cpp src/gdfe/solver_setup.cpp src/gdfe/stream.cpp)
-target_include_directories(gdfe_core PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
-target_link_libraries(gdfe_core PRIVATE ${HWY_LIBRARY})
+softgrip_core(gdfe SUBPACKAGE gdfe BINDING src/gdfe/binding.cpp
+  SOURCES src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/anderson_passes.cpp src/gdfe/assembly.cpp
+  src/gdfe/blocked_rows.cpp src/gdfe/cable.cpp src/gdfe/cable_system.cpp src/gdfe/contact.cpp src/gdfe/element_blocks.cpp
+  src/gdfe/factor.cpp src/gdfe/follower.cpp src/gdfe/force_assembly.cpp src/gdfe/inverted.cpp src/gdfe/local_step.cpp
+  src/gdfe/mesh.cpp src/gdfe/multigrid.cpp src/gdfe/multigrid_cycle.cpp src/gdfe/node_rows.cpp src/gdfe/ogden.cpp
+  src/gdfe/ordering.cpp src/gdfe/panel_factor.cpp src/gdfe/panel_solve.cpp src/gdfe/preconditioner.cpp
+  src/gdfe/section_level.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/stream.cpp
+  src/gdfe/unknowns.cpp)
+# Highway compiles a file again for every instruction set: it includes it by its path in the package
+target_include_directories(gdfe_needs INTERFACE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
+target_link_libraries(gdfe_needs INTERFACE ${HWY_LIBRARY})
 
 # Vectors are kept in arrays: not possible with the sizeless types of SVE and RVV, which run NEON or scalar code.
-target_compile_definitions(gdfe_core PRIVATE
+target_compile_definitions(gdfe_needs INTERFACE
   "HWY_DISABLED_TARGETS=(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128|HWY_RVV)")
 
 # Eigen's own threads would keep every processor busy in the set-up, whatever Settings.threads says.
-target_compile_definitions(gdfe_core PRIVATE EIGEN_DONT_PARALLELIZE)
+target_compile_definitions(gdfe_needs INTERFACE EIGEN_DONT_PARALLELIZE)
 
 find_package(OpenMP COMPONENTS CXX)
 if(OpenMP_CXX_FOUND)
-  target_link_libraries(gdfe_core PRIVATE OpenMP::OpenMP_CXX)
+  target_link_libraries(gdfe_needs INTERFACE OpenMP::OpenMP_CXX)
 else()
   message(STATUS "OpenMP not found: the GDFE core runs on one thread")
 endif()
@@ -31,9 +34,17 @@ endif()
 find_library(METIS_LIBRARY metis)
 find_path(METIS_INCLUDE_DIR metis.h)
 if(METIS_LIBRARY AND METIS_INCLUDE_DIR)
-  target_compile_definitions(gdfe_core PRIVATE SOFTGRIP_HAVE_METIS)
-  target_include_directories(gdfe_core PRIVATE ${METIS_INCLUDE_DIR})
-  target_link_libraries(gdfe_core PRIVATE ${METIS_LIBRARY})
+  target_compile_definitions(gdfe_needs INTERFACE SOFTGRIP_HAVE_METIS)
+  target_include_directories(gdfe_needs INTERFACE ${METIS_INCLUDE_DIR})
+  target_link_libraries(gdfe_needs INTERFACE ${METIS_LIBRARY})
 else()
   message(STATUS "METIS not found (apt-get install libmetis-dev): large GDFE meshes are ordered by AMD")
+endif()
+
+softgrip_core_tests(gdfe test/cpp/gdfe/test_anderson.cpp test/cpp/gdfe/test_cable.cpp test/cpp/gdfe/test_contact.cpp
+  test/cpp/gdfe/test_factor.cpp test/cpp/gdfe/test_local_step.cpp test/cpp/gdfe/test_multigrid.cpp
+  test/cpp/gdfe/test_sections.cpp test/cpp/gdfe/test_solver.cpp)
+if(TARGET gdfe_tests)
+  # one instruction set: test/test_gdfe_simd.py compares all
+  target_compile_definitions(gdfe_tests PRIVATE HWY_COMPILE_ONLY_STATIC)
 endif()

@@ -45,7 +45,8 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
   std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
     return place[static_cast<std::size_t>(a)] < place[static_cast<std::size_t>(b)];
   });
-  const auto others = std::stable_partition(order.begin(), order.end(), [&](std::int32_t e) { return box[static_cast<std::size_t>(e)] != 0; });
+  const auto others = std::stable_partition(order.begin(), order.end(),
+                                            [&](std::int32_t e) { return box[static_cast<std::size_t>(e)] != 0; });
   const auto boxes = static_cast<std::size_t>(others - order.begin());
   box_blocks = boxes == elements ? blocks : boxes / kBlock;
   const std::size_t slots = blocks * kBlock, other_blocks = blocks - box_blocks;
@@ -67,9 +68,8 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
     const std::size_t block = slot / kBlock, lane = slot % kBlock;
     const Element& from = all[e];
     const double weight = slot < elements ? 1.0 : 0.0;
-    const auto put = [&](std::vector<double>& to, std::size_t of_block, std::size_t rows, std::size_t row, double value) {
-      to[(of_block * rows + row) * kBlock + lane] = value;
-    };
+    const auto put = [&](std::vector<double>& to, std::size_t of_block, std::size_t rows, std::size_t row,
+                         double value) { to[(of_block * rows + row) * kBlock + lane] = value; };
     element[slot] = static_cast<std::int32_t>(e);
     for (int c = 0; c < 8; ++c) {
       corner[(block * 8 + static_cast<std::size_t>(c)) * kBlock + lane] = hexes(static_cast<Eigen::Index>(e), c);
@@ -95,7 +95,8 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
   }
 }
 
-std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlocks& elements, std::size_t share, std::size_t shares) {
+std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlocks& elements, std::size_t share,
+                                                                std::size_t shares) {
   const std::size_t boxes = elements.box_blocks, others = elements.blocks - boxes;
   return {{{share * boxes / shares, (share + 1) * boxes / shares},
            {boxes + share * others / shares, boxes + (share + 1) * others / shares}}};
@@ -103,7 +104,8 @@ std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlo
 
 std::size_t ElementBlocks::bytes() const {
   const std::size_t constants = linear.size() + box_stiffness.size() + bent.size() + hourglass_rest.size() +
-                                hourglass_stiffness.size() + volume.size() + material.size() + lame_per_mu.size() + strain.size();
+                                hourglass_stiffness.size() + volume.size() + material.size() + lame_per_mu.size() +
+                                strain.size();
   return sizeof(double) * constants + sizeof(std::int32_t) * corner.size();
 }
 

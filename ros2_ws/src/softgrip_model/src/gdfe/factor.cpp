@@ -8,17 +8,20 @@
 #include <stdexcept>
 #include <utility>
 
-#include "src/gdfe/ordering.hpp"
-#include "src/gdfe/panel_factor.hpp"
-#include "src/gdfe/panel_solve.hpp"
+#include "softgrip/gdfe/ordering.hpp"
+#include "softgrip/gdfe/panel_factor.hpp"
+#include "softgrip/gdfe/panel_solve.hpp"
 
 namespace softgrip::gdfe {
 namespace {
 
-double own_work(const Panel& panel) { return static_cast<double>(panel.width) * (panel.padded + panel.width); }
+double own_work(const Panel& panel) {
+  return static_cast<double>(panel.width) * (panel.padded + panel.width);
+}
 
 // Subtrees, heaviest first, each to the thread that has least so far.
-std::vector<int> dealt(const std::vector<int>& subtrees, const std::vector<double>& work, int threads, std::vector<double>& load) {
+std::vector<int> dealt(const std::vector<int>& subtrees, const std::vector<double>& work, int threads,
+                       std::vector<double>& load) {
   load.assign(static_cast<std::size_t>(threads), 0.0);
   std::vector<int> owner;
   for (const int p : subtrees) {
@@ -30,7 +33,8 @@ std::vector<int> dealt(const std::vector<int>& subtrees, const std::vector<doubl
 }
 
 // Threads numbered by where their subtrees are on average: elsewhere the first thread has the first unknowns, too.
-void number_by_place(std::vector<int>& owner, const std::vector<int>& subtrees, const std::vector<double>& work, int threads) {
+void number_by_place(std::vector<int>& owner, const std::vector<int>& subtrees, const std::vector<double>& work,
+                     int threads) {
   std::vector<double> place(static_cast<std::size_t>(threads), 0.0), load(place);
   for (std::size_t k = 0; k < subtrees.size(); ++k) {
     place[owner[k]] += work[subtrees[k]] * subtrees[k];
@@ -76,7 +80,8 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
     dealt(candidates, work, threads, load);
     const double longest = above + *std::max_element(load.begin(), load.end());
     if (longest < least) least = longest, best = candidates;
-    const auto parent_at = std::find_if(candidates.begin(), candidates.end(), [&](int p) { return !children[p].empty(); });
+    const auto parent_at =
+        std::find_if(candidates.begin(), candidates.end(), [&](int p) { return !children[p].empty(); });
     if (threads == 1 || parent_at == candidates.end()) break;
     const int p = *parent_at;
     candidates.erase(parent_at);
@@ -110,7 +115,8 @@ std::size_t line_begin(std::size_t at) {
   return (at + step - 1) / step * step;
 }
 
-// Where the passes find the panels' values: memory is read ahead where they follow one another in the order of the pass.
+// Where the passes find the panels' values: memory is read ahead where they follow one another in the order of the
+// pass.
 template <class T>
 void lay_out(PanelStore<T>& store) {
   std::size_t up = 0, down = 0;
@@ -121,7 +127,8 @@ void lay_out(PanelStore<T>& store) {
   for (std::size_t p = store.panels.size(); p-- > 0;) {
     Panel& panel = store.panels[p];
     panel.down = line_begin<T>(down);
-    down = panel.down + static_cast<std::size_t>(padded(panel.width)) * static_cast<std::size_t>(panel.width + panel.below);
+    down = panel.down +
+           static_cast<std::size_t>(padded(panel.width)) * static_cast<std::size_t>(panel.width + panel.below);
   }
   store.up.resize(up, T(0));
   store.down.resize(down, T(0));
@@ -154,7 +161,8 @@ Factor::Factor(const SparseMatrix& matrix, bool single_precision, Ordering order
     : size_(static_cast<int>(matrix.rows())), threads_(threads), single_(single_precision) {
   if (size_ == 0) return;
   // AMD leaves a long trunk of the elimination tree to one thread
-  bool metis = ordering == Ordering::Metis || (ordering == Ordering::Automatic && (size_ > kMetisAbove || threads_ > 1));
+  bool metis =
+      ordering == Ordering::Metis || (ordering == Ordering::Automatic && (size_ > kMetisAbove || threads_ > 1));
 #ifndef SOFTGRIP_HAVE_METIS
   if (ordering == Ordering::Metis) throw std::runtime_error("this build has no METIS; choose the ordering 'amd'");
   metis = false;
@@ -189,7 +197,8 @@ void Factor::pack(const std::vector<DensePanel>& panels, PanelStore<T>& store) {
 }
 
 std::size_t Factor::bytes() const {
-  return sizeof(float) * (float_.up.size() + float_.down.size()) + sizeof(double) * (double_.up.size() + double_.down.size());
+  return sizeof(float) * (float_.up.size() + float_.down.size()) +
+         sizeof(double) * (double_.up.size() + double_.down.size());
 }
 
 void Factor::solve(double* const* columns, int count, std::vector<double>& scratch) const {

@@ -42,8 +42,8 @@ void add_pressure(const PressedSurface& surface, double pressure, const double* 
   }
 }
 
-void add_follower_force(const FollowerPatch& patch, const Eigen::Vector3d& force, const Nodes& rest, const double* position,
-                        double* load) {
+void add_follower_force(const FollowerPatch& patch, const Eigen::Vector3d& force, const Nodes& rest,
+                        const double* position, double* load) {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero(), rest_centre = Eigen::Vector3d::Zero();
   for (std::size_t k = 0; k < patch.nodes.size(); ++k) {
     centre += patch.shares[k] * at(position, patch.nodes[k]);
@@ -56,11 +56,13 @@ void add_follower_force(const FollowerPatch& patch, const Eigen::Vector3d& force
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(spread, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Matrix3d u = svd.matrixU();
-  if ((u * svd.matrixV().transpose()).determinant() < 0.0) u.col(2) *= -1.0;  // a flat patch leaves the third column open
+  if ((u * svd.matrixV().transpose()).determinant() < 0.0)
+    u.col(2) *= -1.0;  // a flat patch leaves the third column open
   const Eigen::Vector3d turned = u * svd.matrixV().transpose() * force;
   for (std::size_t k = 0; k < patch.nodes.size(); ++k) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      load[kStride * static_cast<std::size_t>(patch.nodes[k]) + axis] += patch.shares[k] * turned[static_cast<Eigen::Index>(axis)];
+      load[kStride * static_cast<std::size_t>(patch.nodes[k]) + axis] +=
+          patch.shares[k] * turned[static_cast<Eigen::Index>(axis)];
     }
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/gdfe/inverted.hpp"
+#include "softgrip/gdfe/inverted.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

@@ -4,15 +4,15 @@
 
 #include <cmath>
 
-#include "src/gdfe/inverted.hpp"
+#include "softgrip/gdfe/inverted.hpp"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "src/gdfe/local_step.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "src/gdfe/collect_rows-inl.hpp"
-#include "src/gdfe/rotation_volume-inl.hpp"
+#include "softgrip/gdfe/collect_rows-inl.hpp"
+#include "softgrip/gdfe/rotation_volume-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
@@ -31,8 +31,9 @@ HWY_INLINE V secant_modulus(D d, const SecantTables& tables, V strain, V materia
   HWY_ALIGN double rows[kStride * kBlock];
   hn::Store(hn::DemoteTo(di, hn::MulAdd(material, cells, cell)), di, row);
   const double* coefficients = tables.coefficients.data();
-  const auto coefficients_of = [&](std::size_t lane, std::size_t p)
-                                   HWY_ATTR { return hn::LoadU(RowPart(), coefficients + kStride * static_cast<std::size_t>(row[lane]) + p); };
+  const auto coefficients_of = [&](std::size_t lane, std::size_t p) HWY_ATTR {
+    return hn::LoadU(RowPart(), coefficients + kStride * static_cast<std::size_t>(row[lane]) + p);
+  };
   collect_rows(hn::Lanes(d), coefficients_of, rows);
   V c0, c1, c2, c3;
   hn::LoadInterleaved4(d, rows, c0, c1, c2, c3);
@@ -121,12 +122,14 @@ HWY_INLINE void lanes_step(D d, ElementBlocks& e, const SecantTables& tables, st
   const double* linear = &e.linear[block * 9 * kBlock + lane];
   const double* bent = box ? nullptr : &e.bent[other * 12 * kBlock + lane];
   const double* rest = box ? nullptr : &e.hourglass_rest[other * 12 * kBlock + lane];
-  const double* stiffness = box ? &e.box_stiffness[block * 4 * kBlock + lane] : &e.hourglass_stiffness[other * 10 * kBlock + lane];
+  const double* stiffness =
+      box ? &e.box_stiffness[block * 4 * kBlock + lane] : &e.hourglass_stiffness[other * 10 * kBlock + lane];
 
   V x[3][8], l[3][3], h[3][4];
   for (int c = 0; c < 8; ++c) {
     V unused;
-    hn::LoadInterleaved4(d, corners + (static_cast<std::size_t>(c) * kBlock + lane) * kStride, x[0][c], x[1][c], x[2][c], unused);
+    hn::LoadInterleaved4(d, corners + (static_cast<std::size_t>(c) * kBlock + lane) * kStride, x[0][c], x[1][c],
+                         x[2][c], unused);
   }
   for (int i = 0; i < 3; ++i) patterns_of(x[i], l[i], h[i]);
   Matrix3<V> f;
@@ -247,8 +250,9 @@ void step_of(ElementBlocks& e, const SecantTables& tables, const double* positio
   HWY_ALIGN double corners[8 * kBlock * kStride], forces[8 * kBlock * kStride];
   for (std::size_t block = first; block < last; ++block) {
     const std::int32_t* corner = &e.corner[block * 8 * kBlock];
-    const auto position_of = [&](std::size_t k, std::size_t p)
-                                 HWY_ATTR { return hn::LoadU(quad, position + kStride * static_cast<std::size_t>(corner[k]) + p); };
+    const auto position_of = [&](std::size_t k, std::size_t p) HWY_ATTR {
+      return hn::LoadU(quad, position + kStride * static_cast<std::size_t>(corner[k]) + p);
+    };
     collect_rows(8 * kBlock, position_of, corners);
     for (std::size_t lane = 0; lane < kBlock; lane += hn::Lanes(d)) {
       lanes_step<law, shape, box>(d, e, tables, block, lane, corners, forces);

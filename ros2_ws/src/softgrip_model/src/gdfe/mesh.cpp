@@ -54,7 +54,8 @@ const std::array<Corners, 8>& corner_slopes() {
 double min_jacobian(const Corners& rest) {
   double least = std::numeric_limits<double>::infinity();
   for (const auto* points : {&gauss_slopes(), &corner_slopes()}) {
-    for (const Corners& slopes : *points) least = std::min(least, Eigen::Matrix3d(rest.transpose() * slopes).determinant());
+    for (const Corners& slopes : *points)
+      least = std::min(least, Eigen::Matrix3d(rest.transpose() * slopes).determinant());
   }
   return least;
 }
@@ -80,7 +81,8 @@ Element make_element(const Corners& rest, Metric metric) {
   const Matrix8 beyond_affine = element.laplacian - element.volume * element.gradient * element.gradient.transpose();
   element.hourglass_stiffness = inverse * (gamma.transpose() * beyond_affine * gamma) * inverse;
   if (metric == Metric::Centring) {
-    // Omega (I - 1 1^T / 8) on the patterns; Omega = V0 tr(G^T G) / 3 makes both metrics agree on a cube's affine motions
+    // Omega (I - 1 1^T / 8) on the patterns; Omega = V0 tr(G^T G) / 3 makes both metrics agree on a cube's affine
+    // motions
     const double omega = element.volume * element.gradient.squaredNorm() / 3.0;
     element.hourglass_stiffness = omega * inverse;
     element.laplacian = element.volume * element.gradient * element.gradient.transpose() +

@@ -6,9 +6,9 @@
 #include <numeric>
 #include <stdexcept>
 
-#include "src/gdfe/aggregation.hpp"
-#include "src/gdfe/blocked_rows.hpp"
-#include "src/gdfe/multigrid_cycle.hpp"
+#include "softgrip/gdfe/aggregation.hpp"
+#include "softgrip/gdfe/blocked_rows.hpp"
+#include "softgrip/gdfe/multigrid_cycle.hpp"
 
 namespace softgrip::gdfe {
 namespace {
@@ -61,7 +61,8 @@ MultigridStore<T> build(SparseMatrix matrix, Eigen::MatrixX3d places, std::vecto
     level.prolongation = shared_columns<T>(RowMajor(p));
     level.restriction = pack<T>(RowMajor(p.transpose()));
     level.inverse_diagonal.resize(static_cast<std::size_t>(whole_blocks(level.rows)));
-    for (Eigen::Index i = 0; i < diagonal.size(); ++i) level.inverse_diagonal[static_cast<std::size_t>(i)] = static_cast<T>(1.0 / diagonal(i));
+    for (Eigen::Index i = 0; i < diagonal.size(); ++i)
+      level.inverse_diagonal[static_cast<std::size_t>(i)] = static_cast<T>(1.0 / diagonal(i));
     level.largest_eigenvalue = kEigenvalueMargin * eigenvalue;
     store.levels.push_back(std::move(level));
     const SparseMatrix product = matrix * p;
@@ -86,7 +87,8 @@ template <class T>
 std::size_t bytes_of(const MultigridStore<T>& store) {
   std::size_t bytes = store.coarsest_inverse.size() * sizeof(T);
   for (const MultigridLevel<T>& level : store.levels) {
-    bytes += kProducts * (level.matrix.bytes() + level.blocked.bytes()) + level.prolongation.bytes() + level.restriction.bytes();
+    bytes += kProducts * (level.matrix.bytes() + level.blocked.bytes()) + level.prolongation.bytes() +
+             level.restriction.bytes();
   }
   return bytes;
 }
@@ -94,7 +96,10 @@ std::size_t bytes_of(const MultigridStore<T>& store) {
 }  // namespace
 
 Multigrid::Multigrid(const SparseMatrix& matrix, const Eigen::MatrixX3d& places, bool single_precision, int threads)
-    : matrix_(matrix), threads_(threads), single_(single_precision), position_(static_cast<std::size_t>(matrix.rows())) {
+    : matrix_(matrix),
+      threads_(threads),
+      single_(single_precision),
+      position_(static_cast<std::size_t>(matrix.rows())) {
   std::iota(position_.begin(), position_.end(), 0);
   if (single_) {
     float_ = build<float>(matrix, places, level_sizes_);
@@ -141,7 +146,8 @@ int Multigrid::solve_steps(Eigen::Ref<Eigen::VectorXd> column, std::vector<doubl
     x += length * direction;
     residual -= length * product;
   }
-  throw std::runtime_error("conjugate gradients with multigrid did not converge: elements of the mesh are very distorted");
+  throw std::runtime_error(
+      "conjugate gradients with multigrid did not converge: elements of the mesh are very distorted");
 }
 
 }  // namespace softgrip::gdfe

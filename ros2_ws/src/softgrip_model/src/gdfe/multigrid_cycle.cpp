@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compiled once per instruction set by Highway and chosen at run time.
-#include "src/gdfe/multigrid_cycle.hpp"
+#include "softgrip/gdfe/multigrid_cycle.hpp"
 
 #include <algorithm>
 #include <cstdint>
@@ -14,7 +14,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "src/gdfe/multigrid_rows-inl.hpp"
+#include "softgrip/gdfe/multigrid_rows-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
@@ -28,7 +28,8 @@ constexpr int kSharedFrom = 4000;
 template <class T>
 class Worker {
  public:
-  Worker(const MultigridStore<T>& store, T* work, int thread, int threads) : store_(store), thread_(thread), threads_(threads) {
+  Worker(const MultigridStore<T>& store, T* work, int thread, int threads)
+      : store_(store), thread_(thread), threads_(threads) {
     for (const MultigridLevel<T>& level : store.levels) {
       place(work, level.rows);
     }
@@ -37,8 +38,12 @@ class Worker {
 
   T* right_hand_side() { return vectors_.front().b; }
   const T* solution() const { return vectors_.front().x; }
-  int first(int rows) const { return alone_ ? 0 : static_cast<int>(static_cast<std::int64_t>(rows) * thread_ / threads_); }
-  int last(int rows) const { return alone_ ? rows : static_cast<int>(static_cast<std::int64_t>(rows) * (thread_ + 1) / threads_); }
+  int first(int rows) const {
+    return alone_ ? 0 : static_cast<int>(static_cast<std::int64_t>(rows) * thread_ / threads_);
+  }
+  int last(int rows) const {
+    return alone_ ? rows : static_cast<int>(static_cast<std::int64_t>(rows) * (thread_ + 1) / threads_);
+  }
 
   void barrier() const {
     if (alone_) return;
@@ -58,7 +63,8 @@ class Worker {
     }
     barrier();
     const int coarse = level.restriction.rows();
-    for (int i = first(coarse); i < last(coarse); ++i) row_product(level.restriction, i, at.y).store(next.b + kAbreast * i);
+    for (int i = first(coarse); i < last(coarse); ++i)
+      row_product(level.restriction, i, at.y).store(next.b + kAbreast * i);
     barrier();
     descend(index + 1);
     const T* correction = vectors_[index + 1].x;
@@ -118,14 +124,16 @@ class Worker {
 
   // One step of a smoothing: y = x + d, d = keep d + take D^-1 (b - A x)
   template <int rows>
-  void smooth_once(const MultigridLevel<T>& level, const Vectors& at, int groups, T keep, T take, bool from_zero) const {
+  void smooth_once(const MultigridLevel<T>& level, const Vectors& at, int groups, T keep, T take,
+                   bool from_zero) const {
     using Group = Rows<T, rows>;
     for (int i = first(groups); i < last(groups); ++i) {
       const std::size_t slot = static_cast<std::size_t>(kAbreast * rows) * static_cast<std::size_t>(i);
       Group residual = Group::load(at.b + slot);
       if (!from_zero) residual = residual.minus(product<rows>(level, i, at.x));
       Group d = keep == T(0) ? Group::zero() : Group::load(at.d + slot).times(keep);
-      d.add(Group::spread(level.inverse_diagonal.data() + static_cast<std::size_t>(rows) * static_cast<std::size_t>(i)), residual.times(take));
+      d.add(Group::spread(level.inverse_diagonal.data() + static_cast<std::size_t>(rows) * static_cast<std::size_t>(i)),
+            residual.times(take));
       if constexpr (kSmoothingDegree > 1) d.store(at.d + slot);
       (from_zero ? d : d.plus(Group::load(at.x + slot))).store(at.y + slot);
     }
@@ -148,7 +156,8 @@ class Worker {
       if (level.blocked.empty()) {
         smooth_once<1>(level, at, level.rows, static_cast<T>(keep), static_cast<T>(take), begins && from_zero);
       } else {
-        smooth_once<kRowsAbreast>(level, at, level.blocked.blocks(), static_cast<T>(keep), static_cast<T>(take), begins && from_zero);
+        smooth_once<kRowsAbreast>(level, at, level.blocked.blocks(), static_cast<T>(keep), static_cast<T>(take),
+                                  begins && from_zero);
       }
       std::swap(at.x, at.y);  // every thread keeps its own pair of pointers; a cycle swaps it an even number of times
       barrier();
@@ -198,10 +207,12 @@ void interleave(const double* const* columns, int count, double scale, int first
   const int lanes = static_cast<int>(hn::Lanes(wide));
   int i = first;
   for (; i + lanes <= last; i += lanes) {
-    hn::StoreInterleaved4(part(0, i), count > 1 ? part(1, i) : zero, count > 2 ? part(2, i) : zero, zero, d, values + kAbreast * i);
+    hn::StoreInterleaved4(part(0, i), count > 1 ? part(1, i) : zero, count > 2 ? part(2, i) : zero, zero, d,
+                          values + kAbreast * i);
   }
   for (; i < last; ++i) {
-    for (int k = 0; k < kAbreast; ++k) values[kAbreast * i + k] = k < count ? static_cast<T>(columns[k][i] * scale) : T(0);
+    for (int k = 0; k < kAbreast; ++k)
+      values[kAbreast * i + k] = k < count ? static_cast<T>(columns[k][i] * scale) : T(0);
   }
 }
 
@@ -268,11 +279,13 @@ namespace softgrip::gdfe {
 HWY_EXPORT(CycleFloat);
 HWY_EXPORT(CycleDouble);
 
-void multigrid_cycle_float(const MultigridStore<float>& store, double* const* columns, int count, int threads, float* work) {
+void multigrid_cycle_float(const MultigridStore<float>& store, double* const* columns, int count, int threads,
+                           float* work) {
   HWY_DYNAMIC_DISPATCH(CycleFloat)(store, columns, count, threads, work);
 }
 
-void multigrid_cycle_double(const MultigridStore<double>& store, double* const* columns, int count, int threads, double* work) {
+void multigrid_cycle_double(const MultigridStore<double>& store, double* const* columns, int count, int threads,
+                            double* work) {
   HWY_DYNAMIC_DISPATCH(CycleDouble)(store, columns, count, threads, work);
 }
 

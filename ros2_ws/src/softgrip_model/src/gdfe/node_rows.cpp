@@ -9,7 +9,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "src/gdfe/collect_rows-inl.hpp"
+#include "softgrip/gdfe/collect_rows-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
@@ -25,7 +25,8 @@ void Expand(const std::int32_t* nodes, const std::array<const double*, 3>& colum
   HWY_ALIGN double rows[kStride * hn::MaxLanes(Wide())];
   std::size_t u = first;
   for (; u + hn::Lanes(d) <= last; u += hn::Lanes(d)) {
-    hn::StoreInterleaved4(hn::LoadU(d, columns[0] + u), hn::LoadU(d, columns[1] + u), hn::LoadU(d, columns[2] + u), hn::Zero(d), d, rows);
+    hn::StoreInterleaved4(hn::LoadU(d, columns[0] + u), hn::LoadU(d, columns[1] + u), hn::LoadU(d, columns[2] + u),
+                          hn::Zero(d), d, rows);
     for (std::size_t k = 0; k < hn::Lanes(d); ++k) {
       const std::size_t at = kStride * static_cast<std::size_t>(nodes[u + k]);
       for (std::size_t p = 0; p < kStride; p += hn::Lanes(part)) {
@@ -87,13 +88,13 @@ namespace softgrip::gdfe {
 HWY_EXPORT(Expand);
 HWY_EXPORT(Gather);
 
-void expand_rows(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first, std::size_t last,
-                 const double* base, double* position) {
+void expand_rows(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first,
+                 std::size_t last, const double* base, double* position) {
   HWY_DYNAMIC_DISPATCH(Expand)(nodes, columns, first, last, base, position);
 }
 
-double gather_rows(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first, std::size_t last,
-                   const double* load, const std::vector<ForceShare>& shares) {
+double gather_rows(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first,
+                   std::size_t last, const double* load, const std::vector<ForceShare>& shares) {
   return HWY_DYNAMIC_DISPATCH(Gather)(nodes, columns, first, last, load, shares);
 }
 

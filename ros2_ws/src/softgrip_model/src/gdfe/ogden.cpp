@@ -97,8 +97,8 @@ void OgdenElements::add_forces(const double* position, double* force, double* st
       const Eigen::Vector3d log_stretch = spectrum.stretch.array().log() - std::log(det) / 3.0;
       const Eigen::Vector3d factor =
           isochoric_stress(material, log_stretch).cwiseQuotient(spectrum.stretch.cwiseAbs2());
-      const Matrix3 stress = f[q] * spectrum.direction * factor.asDiagonal() * spectrum.direction.transpose() +
-                             pressure * cofactor(f[q]);
+      const Matrix3 stress =
+          f[q] * spectrum.direction * factor.asDiagonal() * spectrum.direction.transpose() + pressure * cofactor(f[q]);
       total += point.weight * point.gradient * stress.transpose();
     }
     for (int a = 0; a < 8; ++a) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/gdfe/ordering.hpp"
+#include "softgrip/gdfe/ordering.hpp"
 
 #include <Eigen/OrderingMethods>
 #include <algorithm>
@@ -18,8 +18,8 @@ namespace {
 using Indices = std::vector<int>;  // unknowns, in the order of elimination where they have one
 using Entry = SparseMatrix::InnerIterator;
 
-// Levels, counted as if full, may have this many times the entries of another order: their panels are wide, and two threads
-// share them evenly.
+// Levels, counted as if full, may have this many times the entries of another order: their panels are wide, and two
+// threads share them evenly.
 constexpr double kLevelsWorth = 1.3;
 
 template <class Ordering>
@@ -69,7 +69,8 @@ Indices towards_middle(const std::vector<Indices>& levels, std::size_t size) {
 double entries_by_levels(const std::vector<Indices>& levels) {
   double entries = 0.0;
   for (std::size_t k = 0; k < levels.size(); ++k) {
-    const auto own = static_cast<double>(levels[k].size()), next = k + 1 < levels.size() ? static_cast<double>(levels[k + 1].size()) : 0.0;
+    const auto own = static_cast<double>(levels[k].size()),
+               next = k + 1 < levels.size() ? static_cast<double>(levels[k + 1].size()) : 0.0;
     entries += own * (0.5 * own + next);
   }
   return entries;
@@ -113,12 +114,13 @@ Tree elimination_tree(const SparseMatrix& matrix, const Indices& order) {
   return tree;
 }
 
-// Places in a tree, in another order of the same fill: each subtree in one piece, and before every column the child that has most
-// rows in common with it.
+// Places in a tree, in another order of the same fill: each subtree in one piece, and before every column the child
+// that has most rows in common with it.
 Indices postorder(const Tree& tree) {
   const std::size_t n = tree.parent.size();
   std::vector<Indices> children(n + 1);
-  for (std::size_t k = 0; k < n; ++k) children[tree.parent[k] < 0 ? n : static_cast<std::size_t>(tree.parent[k])].push_back(static_cast<int>(k));
+  for (std::size_t k = 0; k < n; ++k)
+    children[tree.parent[k] < 0 ? n : static_cast<std::size_t>(tree.parent[k])].push_back(static_cast<int>(k));
   for (Indices& all : children) {
     std::stable_sort(all.begin(), all.end(), [&](int a, int b) {
       return tree.count[static_cast<std::size_t>(a)] > tree.count[static_cast<std::size_t>(b)];
@@ -159,7 +161,8 @@ Elimination eliminate(const SparseMatrix& matrix, bool metis) {
   const auto size = static_cast<std::size_t>(matrix.cols());
   Indices order;
   Tree tree;
-  // with more levels than a level has unknowns no order fills in much less, and to ask for one takes longer than to factor
+  // with more levels than a level has unknowns no order fills in much less, and to ask for one takes longer than to
+  // factor
   bool slender = levels.size() * levels.size() >= size;
   if (!slender) {
     order = least_fill(matrix, metis);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/gdfe/panel_factor.hpp"
+#include "softgrip/gdfe/panel_factor.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -65,7 +65,8 @@ LowerRows lower_rows(const SparseMatrix& matrix, const std::vector<int>& positio
     for (int j = 0; j < matrix.outerSize(); ++j) {
       for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) {
         if (it.row() < j) continue;
-        const auto [low, high] = std::minmax(position[static_cast<std::size_t>(it.row())], position[static_cast<std::size_t>(j)]);
+        const auto [low, high] =
+            std::minmax(position[static_cast<std::size_t>(it.row())], position[static_cast<std::size_t>(j)]);
         visit(low, high, it.value());
       }
     }
@@ -95,8 +96,8 @@ void subtract(const double* columns, Eigen::Index tall, const double* y, int fro
   }
 }
 
-// Solves C z = x with a panel's columns begin .. end - 1, in place, and takes them off the other x up to `rows`; C's rows as the
-// panel has them. Returns z^T z off `square`.
+// Solves C z = x with a panel's columns begin .. end - 1, in place, and takes them off the other x up to `rows`; C's
+// rows as the panel has them. Returns z^T z off `square`.
 double substitute(const Eigen::MatrixXd& panel, int begin, int end, int rows, double square, double* x) {
   constexpr int kStep = 4;
   const Eigen::Index tall = panel.rows();
@@ -119,8 +120,9 @@ double substitute(const Eigen::MatrixXd& panel, int begin, int end, int rows, do
 
 }  // namespace
 
-// Row by row: with C the rows so far and a the matrix' next row, that of the factor solves C z = a, and its diagonal entry is
-// sqrt(a_kk - z^T z) (up-looking: Davis 2006, section 4.7). Columns that follow one another in a panel are taken at once.
+// Row by row: with C the rows so far and a the matrix' next row, that of the factor solves C z = a, and its diagonal
+// entry is sqrt(a_kk - z^T z) (up-looking: Davis 2006, section 4.7). Columns that follow one another in a panel are
+// taken at once.
 std::vector<DensePanel> factor_panels(const SparseMatrix& matrix, double scale, const Elimination& elimination) {
   std::vector<DensePanel> panels = empty_panels(elimination);
   const int n = static_cast<int>(elimination.count.size());
@@ -158,7 +160,8 @@ std::vector<DensePanel> factor_panels(const SparseMatrix& matrix, double scale, 
       DensePanel& panel = panels[p];
       const int first = panel.first, width = static_cast<int>(panel.values.cols());
       const bool own = k < first + width;
-      const int mine = own ? k - first : width, below = static_cast<int>(panel.rows.size()), rows = mine + (own ? 0 : below);
+      const int mine = own ? k - first : width, below = static_cast<int>(panel.rows.size()),
+                rows = mine + (own ? 0 : below);
       std::copy(row.begin() + first + begin, row.begin() + first + mine, x.begin() + begin);
       for (int i = mine; i < rows; ++i) x[i] = row[panel.rows[i - mine]];
       diagonal = substitute(panel.values, begin, end, rows, diagonal, x.data());

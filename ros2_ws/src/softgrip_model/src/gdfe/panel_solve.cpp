@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compiled once per instruction set by Highway and chosen at run time.
-#include "src/gdfe/panel_solve.hpp"
+#include "softgrip/gdfe/panel_solve.hpp"
 
 #include <algorithm>
 #include <type_traits>
@@ -22,8 +22,8 @@ using Rows = const std::int32_t*;
 template <class T>
 using Wide = hn::CappedTag<T, 2 * kPad>;
 
-// Rows i .. i + kParts * lanes - 1 of a product, see product(). kTurns sets of sums take columns in turn where few rows leave
-// the arithmetic waiting.
+// Rows i .. i + kParts * lanes - 1 of a product, see product(). kTurns sets of sums take columns in turn where few rows
+// leave the arithmetic waiting.
 template <int count, int kParts, int kTurns, class D, class T = hn::TFromD<D>, class V = hn::Vec<D>>
 HWY_INLINE void product_rows(D d, const T* matrix, int tall, int i, int width, const T* in, T* out) {
   const int lanes = static_cast<int>(hn::Lanes(d));
@@ -75,7 +75,8 @@ template <class T>
 struct Work {
   T *x, *y, *z;
 
-  Work(T* base, std::size_t size, std::size_t max_rows) : x(base), y(x + kAbreast * (size + kPad)), z(y + kAbreast * (max_rows + kPad)) {}
+  Work(T* base, std::size_t size, std::size_t max_rows)
+      : x(base), y(x + kAbreast * (size + kPad)), z(y + kAbreast * (max_rows + kPad)) {}
 };
 
 // A row of kAbreast values.
@@ -89,7 +90,8 @@ HWY_INLINE void copy_row(const T* from, T* to) {
 template <class T>
 HWY_INLINE void add_row(const T* from, T* to) {
   const hn::CappedTag<T, kAbreast> quad;
-  for (std::size_t p = 0; p < kAbreast; p += hn::Lanes(quad)) hn::StoreU(hn::LoadU(quad, to + p) + hn::LoadU(quad, from + p), quad, to + p);
+  for (std::size_t p = 0; p < kAbreast; p += hn::Lanes(quad))
+    hn::StoreU(hn::LoadU(quad, to + p) + hn::LoadU(quad, from + p), quad, to + p);
 }
 
 // Columns of the right-hand side, scaled, to rows; those beyond `count` are zero.
@@ -113,7 +115,8 @@ HWY_INLINE void load_rows(double* const* columns, const Span& span, double scale
     hn::StoreInterleaved4(x, y, z, hn::Zero(narrow), narrow, rows + kAbreast * i);
   }
   for (; i < span.last; ++i) {
-    for (int k = 0; k < kAbreast; ++k) rows[kAbreast * i + k] = k < count ? static_cast<T>(scale * columns[k][i]) : T(0);
+    for (int k = 0; k < kAbreast; ++k)
+      rows[kAbreast * i + k] = k < count ? static_cast<T>(scale * columns[k][i]) : T(0);
   }
 }
 
@@ -143,9 +146,11 @@ void forward(const PanelStore<T>& store, const std::vector<std::int32_t>& panels
   const Wide<T> d;
   for (const std::int32_t index : panels) {
     const Panel& panel = store.panels[index];
-    product<count>(d, &store.up[panel.up], panel.padded, panel.width, work.x + kAbreast * static_cast<std::size_t>(panel.first), work.y);
+    product<count>(d, &store.up[panel.up], panel.padded, panel.width,
+                   work.x + kAbreast * static_cast<std::size_t>(panel.first), work.y);
     const Rows rows = &store.rows[panel.rows];
-    for (int i = 0; i < panel.below; ++i) add_row(work.y + kAbreast * i, work.x + kAbreast * static_cast<std::size_t>(rows[i]));
+    for (int i = 0; i < panel.below; ++i)
+      add_row(work.y + kAbreast * i, work.x + kAbreast * static_cast<std::size_t>(rows[i]));
   }
 }
 
@@ -158,7 +163,8 @@ void backward(const PanelStore<T>& store, const std::vector<std::int32_t>& panel
     T* below = work.z + kAbreast * panel.width;
     for (int i = 0; i < panel.width; ++i) copy_row(own + kAbreast * i, work.z + kAbreast * i);
     const Rows rows = &store.rows[panel.rows];
-    for (int i = 0; i < panel.below; ++i) copy_row(work.x + kAbreast * static_cast<std::size_t>(rows[i]), below + kAbreast * i);
+    for (int i = 0; i < panel.below; ++i)
+      copy_row(work.x + kAbreast * static_cast<std::size_t>(rows[i]), below + kAbreast * i);
     product<count>(d, &store.down[panel.down], padded(panel.width), panel.width + panel.below, work.z, work.y);
     for (int i = 0; i < panel.width; ++i) copy_row(work.y + kAbreast * i, own + kAbreast * i);
   }
@@ -198,7 +204,8 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
     for (int t = 0; t < threads; ++t) {
       Work<T> work(base + static_cast<std::size_t>(t) * stride, size, max_rows);
       for (const Span& span : schedule.top_columns) {
-        if (t > 0) std::copy(first.x + kAbreast * span.first, first.x + kAbreast * span.last, work.x + kAbreast * span.first);
+        if (t > 0)
+          std::copy(first.x + kAbreast * span.first, first.x + kAbreast * span.last, work.x + kAbreast * span.first);
         if (t == 0) store_rows<count>(first.x, span, columns);
       }
       backward<count>(store, schedule.panels[t], work);
@@ -208,7 +215,8 @@ void substitute(const PanelStore<T>& store, double* const* columns, std::size_t 
 }
 
 template <class T>
-void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_rows, T* work) {
+void solve(const PanelStore<T>& store, double* const* columns, int count, std::size_t size, std::size_t max_rows,
+           T* work) {
   if (count == 3) substitute<3>(store, columns, size, max_rows, work);
   if (count == 2) substitute<2>(store, columns, size, max_rows, work);
   if (count == 1) substitute<1>(store, columns, size, max_rows, work);

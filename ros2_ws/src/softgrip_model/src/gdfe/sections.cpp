@@ -32,7 +32,8 @@ void spread(const Hexes& hexes, std::vector<std::int32_t>& level) {
 
 }  // namespace
 
-Sections::Sections(const Hexes& hexes, std::size_t nodes, std::vector<std::int32_t> node_of) : node_of_(std::move(node_of)) {
+Sections::Sections(const Hexes& hexes, std::size_t nodes, std::vector<std::int32_t> node_of)
+    : node_of_(std::move(node_of)) {
   std::vector<std::int32_t> level(nodes, 0);
   for (const std::int32_t node : node_of_) level[static_cast<std::size_t>(node)] = -1;
   spread(hexes, level);
@@ -71,19 +72,23 @@ bool Sections::measure(const std::vector<double>& position, double step, const F
   for (std::size_t colour = 0; colour < 3; ++colour) {
     for (int motion = 0; motion < 6; ++motion) {
       moved = position;
-      const Eigen::Vector3d along = motion < 3 ? Eigen::Vector3d(step * Eigen::Vector3d::Unit(motion)) : Eigen::Vector3d::Zero();
-      const Eigen::Vector3d about = motion < 3 ? Eigen::Vector3d::Zero() : Eigen::Vector3d(step * Eigen::Vector3d::Unit(motion - 3));
+      const Eigen::Vector3d along =
+          motion < 3 ? Eigen::Vector3d(step * Eigen::Vector3d::Unit(motion)) : Eigen::Vector3d::Zero();
+      const Eigen::Vector3d about =
+          motion < 3 ? Eigen::Vector3d::Zero() : Eigen::Vector3d(step * Eigen::Vector3d::Unit(motion - 3));
       for (std::size_t u = 0; u < size; ++u) {
         if (static_cast<std::size_t>(section_[u]) % 3 != colour) continue;
-        Eigen::Map<Eigen::Vector3d>(moved.data() + kStride * static_cast<std::size_t>(node_of_[u])) += along + about.cross(arm_[u]);
+        Eigen::Map<Eigen::Vector3d>(moved.data() + kStride * static_cast<std::size_t>(node_of_[u])) +=
+            along + about.cross(arm_[u]);
       }
       forces(moved, there);
       for (std::size_t u = 0; u < size; ++u) {
         const std::size_t beside = neighbour(u, colour);
         const auto own = static_cast<std::size_t>(section_[u]);
         if (own + beside < 1 || own + beside > count_) continue;
-        const Eigen::Vector3d stiffness =
-            Eigen::Vector3d(here[u] - there[u], here[size + u] - there[size + u], here[2 * size + u] - there[2 * size + u]) / step;
+        const Eigen::Vector3d stiffness = Eigen::Vector3d(here[u] - there[u], here[size + u] - there[size + u],
+                                                          here[2 * size + u] - there[2 * size + u]) /
+                                          step;
         float* row = tangent_.data() + (u * kReach + 6 * beside + static_cast<std::size_t>(motion)) * kLanes;
         for (int axis = 0; axis < 3; ++axis) row[axis] = static_cast<float>(stiffness[axis]);
         blocks[own][beside].col(motion).head<3>() += stiffness;
@@ -100,7 +105,8 @@ bool Sections::couple(const Eigen::MatrixXd& reach, const Eigen::MatrixXd& stiff
   reach_ = reach;
   Eigen::MatrixXd blocks = reach;
   solve_blocks(blocks);
-  const Eigen::MatrixXd small = Eigen::MatrixXd::Identity(reach.cols(), reach.cols()) + reach.transpose() * blocks * stiffness;
+  const Eigen::MatrixXd small =
+      Eigen::MatrixXd::Identity(reach.cols(), reach.cols()) + reach.transpose() * blocks * stiffness;
   answer_ = blocks * stiffness * small.inverse();
   return answer_.allFinite();
 }
@@ -147,7 +153,8 @@ void Sections::solve_blocks(Eigen::MatrixXd& right) const {
 
 double Sections::largest_turn(const Eigen::VectorXd& amounts) const {
   double largest = 0.0;
-  for (std::size_t s = 0; s < count_; ++s) largest = std::max(largest, amounts.segment<3>(static_cast<Eigen::Index>(6 * s + 3)).norm());
+  for (std::size_t s = 0; s < count_; ++s)
+    largest = std::max(largest, amounts.segment<3>(static_cast<Eigen::Index>(6 * s + 3)).norm());
   return largest;
 }
 
@@ -155,7 +162,8 @@ void Sections::move(const Eigen::VectorXd& amounts, std::vector<double>& motion,
   const std::size_t size = node_of_.size();
   // an empty section before the first and after the last
   std::vector<float> near(6 * (count_ + 2), 0.0F);
-  std::transform(amounts.data(), amounts.data() + amounts.size(), near.begin() + 6, [](double a) { return static_cast<float>(a); });
+  std::transform(amounts.data(), amounts.data() + amounts.size(), near.begin() + 6,
+                 [](double a) { return static_cast<float>(a); });
   for (std::size_t u = 0; u < size; ++u) {
     const auto own = static_cast<std::size_t>(section_[u]);
     const Eigen::Vector3d turn = amounts.segment<3>(static_cast<Eigen::Index>(6 * own) + 3);

@@ -13,7 +13,9 @@ HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
 namespace HWY_NAMESPACE {
 
-const char* TargetName() { return hwy::TargetName(HWY_TARGET); }
+const char* TargetName() {
+  return hwy::TargetName(HWY_TARGET);
+}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace softgrip::gdfe
@@ -24,7 +26,9 @@ namespace softgrip::gdfe {
 
 HWY_EXPORT(TargetName);
 
-std::string simd_target() { return HWY_DYNAMIC_DISPATCH(TargetName)(); }
+std::string simd_target() {
+  return HWY_DYNAMIC_DISPATCH(TargetName)();
+}
 
 std::vector<std::string> simd_targets() {
   std::vector<std::string> names;

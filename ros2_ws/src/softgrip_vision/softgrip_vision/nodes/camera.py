@@ -38,6 +38,7 @@ from softgrip_vision.errors import CalibrationError, FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
 from softgrip_vision.sources import CameraFrame, Capture, CaptureState, CaptureStatus, SourceOptions
+from softgrip_vision.v4l2_controls import LEAVE, POWER_LINE, ControlSettings
 from softgrip_vision.waiting import file_when_there
 
 PARAMETERS = ParameterTable(
@@ -45,7 +46,7 @@ PARAMETERS = ParameterTable(
         "source",
         "0",
         "device number or path, video file, image folder, http(s) motion-JPEG or rtsp URL, or @FILE: the source is "
-        "named in FILE, which may appear later",
+        "named in FILE, which may appear later; none: a bench without camera",
     ),
     Parameter("frame_id", "camera_optical", "optical frame of the images (z forward, x right, y down)"),
     Parameter("calibration_file", "", "camera calibration (YAML); empty: camera_info says uncalibrated"),
@@ -61,6 +62,17 @@ PARAMETERS = ParameterTable(
     Parameter("width", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("height", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("fps", 0.0, "asked of a device, or of an image folder; 0: their choice", "Hz", 0.0, 1000.0),
+    Parameter("exposure_s", 0.0, "of a V4L2 device; 0: the camera chooses it anew with the light", "s", 0.0, 1.0),
+    Parameter("gain", LEAVE, "of a V4L2 device, in its own unit (v4l2-ctl -l); -1: as it is", "", LEAVE, 2**31 - 1),
+    Parameter("focus", LEAVE, "likewise; -1: as it is, automatic where it can", "", LEAVE, 2**31 - 1),
+    Parameter("white_balance_k", 0, "of a V4L2 device; 0: the camera chooses it", "K", 0, 20000),
+    Parameter(
+        "power_line_hz",
+        LEAVE,
+        "of the lamps, which flicker at twice that; 0: none, -1: as it is",
+        "Hz",
+        choices=(LEAVE, *POWER_LINE),
+    ),
     Parameter(
         "wait_for",
         "",
@@ -76,6 +88,8 @@ PARAMETERS = ParameterTable(
     realtime_parameter(Rank.ORDINARY),
 )
 
+#: The source of a bench that has none.
+NO_CAMERA = "none"
 #: OpenCV's log level of errors.
 OPENCV_ERRORS = 2
 #: [s] between looks at the health of the capture.
@@ -92,6 +106,10 @@ class CameraNode(Node):
         super().__init__("camera")
         self._values = PARAMETERS.declare(self)
         PARAMETERS.on_change(self, self._values.update)
+        if self._values["source"] == NO_CAMERA:
+            self._diagnostics = Diagnostics(self)
+            self._diagnostics.set("capture", Health.OK, "this bench has no camera (source: none)")
+            return
         self._calibration = self._load_calibration()
         self._diagnostics = Diagnostics(self, self._calibration.camera_serial if self._calibration else "")
         self._compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
@@ -123,7 +141,10 @@ class CameraNode(Node):
 
     def _make_capture(self) -> Capture:
         value = self._values
-        options = SourceOptions(value["width"], value["height"], value["fps"], value["timeout_s"])
+        controls = ControlSettings(
+            value["exposure_s"], value["gain"], value["focus"], value["white_balance_k"], value["power_line_hz"]
+        )
+        options = SourceOptions(value["width"], value["height"], value["fps"], value["timeout_s"], controls)
         try:
             return Capture(
                 value["source"],
@@ -231,6 +252,7 @@ class CameraNode(Node):
             "connections": status.connections,
         }
         self._diagnostics.set("capture", health, message, values)
+        self._report_controls(status)
         problem = self._watch.problem()
         self._diagnostics.set("picture", Health.ERROR if problem else Health.OK, problem or "alive and lit")
         if self._size_problem:
@@ -239,6 +261,21 @@ class CameraNode(Node):
             self._diagnostics.set(
                 "frames", Health.OK, "of the calibrated size" if self._calibration else "uncalibrated"
             )
+
+    def _report_controls(self, status: CaptureStatus) -> None:
+        """Say what a device could not be set to, and what it still chooses by itself."""
+        found = status.controls
+        if found is None:
+            return
+        texts = list(found.problems)
+        if found.automatic:
+            texts.append(
+                f"the camera chooses {', '.join(found.automatic)} by itself: markers move with the light; set "
+                "exposure_s, white_balance_k, focus"
+            )
+        self._diagnostics.set(
+            "controls", Health.WARN if texts else Health.OK, "; ".join(texts) or "set by hand", found.values
+        )
 
     def _judge(self, status: CaptureStatus, age: float) -> tuple[Health, str]:
         if status.state in {CaptureState.WAITING, CaptureState.CONNECTING}:
@@ -253,7 +290,8 @@ class CameraNode(Node):
 
     def close(self) -> None:
         """Stop capturing and let go of the device."""
-        self._capture.stop()
+        if self._values["source"] != NO_CAMERA:
+            self._capture.stop()
 
 
 def main(args: Sequence[str] | None = None) -> None:

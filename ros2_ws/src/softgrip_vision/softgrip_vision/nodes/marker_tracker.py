@@ -3,7 +3,8 @@
 
 Subscribes camera/image_raw/compressed (or camera/image_raw, parameter transport) and cell/state (which profile sits in
 which slot); publishes finger/measured, finger/markers and, on request, finger/overlay/compressed. Results leave from
-the image callback only and depend on the messages and their stamps alone, so that a bag replays to the same numbers.
+the image callback only and depend on the messages and their stamps alone (softgrip_nodekit/event_time.py), so
+that a bag replays to the same numbers.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from softgrip_nodekit import (
     Parameter,
     ParameterTable,
     Rank,
+    StampedInputs,
     StartupError,
     WhileBrief,
+    lateness_parameter,
     realtime_parameter,
     run,
     seconds,
@@ -48,7 +51,11 @@ from softgrip_vision.tracker import Tracker
 from softgrip_vision.waiting import file_when_there
 
 PARAMETERS = ParameterTable(
-    Parameter("calibration_file", "", "camera calibration with the fingers' planes (YAML, see calibrate_camera)"),
+    Parameter(
+        "calibration_file",
+        "",
+        "camera calibration with the fingers' planes (YAML, see calibrate_camera); empty: nothing is measured",
+    ),
     Parameter("calibration_wait_s", 8.0, "how long the calibration file may take to appear at start", "s", 0.0, 60.0),
     Parameter("transport", "compressed", "image topic to take", choices=("compressed", "raw")),
     Parameter("fingers", ["index"], "fingers to follow; each has a plane in the calibration"),
@@ -100,6 +107,7 @@ PARAMETERS = ParameterTable(
         former="patience_s",
     ),
     Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
+    lateness_parameter(0.2),
     realtime_parameter(Rank.ORDINARY),
 )
 
@@ -111,6 +119,10 @@ class MarkerTrackerNode(Node):
         super().__init__("marker_tracker")
         self._values = PARAMETERS.declare(self)
         self._diagnostics = Diagnostics(self)
+        if not self._values["calibration_file"]:
+            text = "no finger is measured: expected a calibration with planes in 'calibration_file', found ''; "
+            self._diagnostics.set("calibration", Health.WARN, text + "run calibrate_camera (docs/bench.md)")
+            return
         try:
             self._tracker = self._make_tracker()
         except VisionError as error:
@@ -121,10 +133,12 @@ class MarkerTrackerNode(Node):
         self._markers = self.create_publisher(FingerMarkers, "finger/markers", SENSOR)
         self._overlay = self.create_publisher(CompressedImage, "finger/overlay/compressed", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell_state, LATCHED)
+        driver = "camera/image_raw" if self._values["transport"] == "raw" else "camera/image_raw/compressed"
+        self._inputs = StampedInputs(self, driver, self._values["allowed_lateness_s"], self._diagnostics)
         if self._values["transport"] == "raw":
-            self.create_subscription(Image, "camera/image_raw", self._on_raw, SENSOR)
+            self.create_subscription(Image, driver, self._on_raw, SENSOR)
         else:
-            self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_compressed, SENSOR)
+            self.create_subscription(CompressedImage, driver, self._on_compressed, SENSOR)
         self._frames = 0
         # a search of a large picture is long
         self._while_brief = WhileBrief(self._values[REALTIME_PRIORITY])
@@ -132,10 +146,6 @@ class MarkerTrackerNode(Node):
 
     def _make_tracker(self) -> Tracker:
         value = self._values
-        if not value["calibration_file"]:
-            raise VisionError(
-                "parameter 'calibration_file': expected a calibration with planes, found ''; run calibrate_camera"
-            )
         known = calibration.load(file_when_there(Path(value["calibration_file"]), value["calibration_wait_s"]))
         names, hues, regions = value["fingers"], value["hues_deg"], value["regions"]
         for what, entries in (("hues_deg", hues), ("regions", regions)):
@@ -166,6 +176,9 @@ class MarkerTrackerNode(Node):
         self._configuration = self._tracker.configuration
 
     def _on_cell_state(self, message: CellState) -> None:
+        self._inputs.latch("cell/state", message, lambda: self._use_cell_state(message))
+
+    def _use_cell_state(self, message: CellState) -> None:
         problems = []
         for mounted in message.mounted:
             if mounted.state in {MountedFinger.TO_BE_VERIFIED, MountedFinger.VERIFIED}:
@@ -184,14 +197,15 @@ class MarkerTrackerNode(Node):
             self._tracker.calibration.require_size(*image_size(data))
             return decode(data)
 
-        self._on_frame(message.header, pixels)
+        self._on_frame(message, pixels)
 
     def _on_raw(self, message: Image) -> None:
-        self._on_frame(message.header, lambda: convert.from_image_message(message))
+        self._on_frame(message, lambda: convert.from_image_message(message))
 
-    def _on_frame(self, header: Header, pixels: Any) -> None:
+    def _on_frame(self, message: Image | CompressedImage, pixels: Any) -> None:
         start = time.thread_time()
-        self._measure(header, pixels)
+        self._inputs.drive(message)
+        self._measure(message.header, pixels)
         self._while_brief.note(time.thread_time() - start)
 
     def _measure(self, header: Header, pixels: Any) -> None:

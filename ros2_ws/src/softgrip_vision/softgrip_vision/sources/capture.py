@@ -13,6 +13,7 @@ from enum import Enum
 from softgrip_vision.errors import SourceError
 from softgrip_vision.frame import CameraFrame, FrameSource
 from softgrip_vision.sources.opening import SourceKind, SourceOptions, dereference, kind_of, open_source
+from softgrip_vision.v4l2_controls import ControlReport
 
 #: [s] how often a file that is to appear is looked for.
 REFERENCE_PERIOD = 0.05
@@ -38,6 +39,7 @@ class CaptureStatus:
         frames: captured since the start.
         dropped: of these, those that nobody took in time.
         connections: made since the start.
+        controls: what came of the controls of a device; None for any other source.
     """
 
     state: CaptureState = CaptureState.CONNECTING
@@ -45,6 +47,7 @@ class CaptureStatus:
     frames: int = 0
     dropped: int = 0
     connections: int = 0
+    controls: ControlReport | None = None
 
 
 class Capture:
@@ -131,6 +134,8 @@ class Capture:
         finite = kind_of(target) in {SourceKind.VIDEO, SourceKind.FOLDER}
         try:
             self._note(CaptureState.STREAMING, target)
+            with self._lock:
+                self._status = replace(self._status, controls=getattr(opened, "controls", None))
             self._pump(opened, paced=finite and self._live_pace)
         finally:
             opened.close()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import time
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import numpy as np
 
 from softgrip_vision.errors import SourceError
 from softgrip_vision.frame import CameraFrame
+from softgrip_vision.v4l2_controls import ControlReport, ControlSettings, apply_controls
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 DEFAULT_FILE_FPS = 30.0
@@ -33,6 +35,10 @@ class DeviceStream:
         fps: [Hz] asked for; 0 = the device's choice.
         now_ns: clock of the stamps.
         monotonic_ns: clock of the buffers.
+        controls: to set before the first frame.
+
+    Attributes:
+        controls: what came of them.
     """
 
     def __init__(
@@ -43,6 +49,7 @@ class DeviceStream:
         fps: float,
         now_ns: Callable[[], int] = time.time_ns,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        controls: ControlSettings | None = None,
     ) -> None:
         _require_access(path)
         self._path, self._now_ns, self._monotonic_ns = path, now_ns, monotonic_ns
@@ -58,6 +65,7 @@ class DeviceStream:
         ):
             if value:
                 self._capture.set(key, value)
+        self.controls = _apply_controls(path, controls or ControlSettings())
 
     def read(self) -> CameraFrame | None:
         """Return the next frame."""
@@ -166,6 +174,24 @@ class FolderStream:
 
     def close(self) -> None:
         """Nothing is open between images."""
+
+
+def _apply_controls(path: Path, settings: ControlSettings) -> ControlReport:
+    """Set the controls through a descriptor of their own: V4L2 lets several have a device open, one of them stream."""
+
+    def ioctl(request: int, data: bytes) -> bytes:
+        buffer = bytearray(data)
+        fcntl.ioctl(descriptor, request, buffer)
+        return bytes(buffer)
+
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        return ControlReport({}, (f"{path}: expected to set its controls, found: {error}",), ())
+    try:
+        return apply_controls(settings, ioctl)
+    finally:
+        os.close(descriptor)
 
 
 def _require_access(path: Path) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -13,6 +13,7 @@ from softgrip_vision.errors import SourceError
 from softgrip_vision.frame import FrameSource
 from softgrip_vision.sources.mjpeg import MjpegStream
 from softgrip_vision.sources.opencv import DeviceStream, FolderStream, VideoStream
+from softgrip_vision.v4l2_controls import ControlSettings
 
 
 class SourceKind(Enum):
@@ -34,12 +35,14 @@ class SourceOptions:
         width, height: [px] asked of a device; 0 = its choice.
         fps: [Hz] asked of a device, or of a folder's time line; 0 = their choice.
         timeout: [s] without data after which a stream counts as dead.
+        controls: to set of a device.
     """
 
     width: int = 0
     height: int = 0
     fps: float = 0.0
     timeout: float = 2.0
+    controls: ControlSettings = field(default_factory=ControlSettings)
 
 
 def kind_of(source: str) -> SourceKind:
@@ -94,7 +97,7 @@ def open_source(source: str, options: SourceOptions | None = None, start_ns: int
     match kind_of(source):
         case SourceKind.DEVICE:
             path = Path(f"/dev/video{source}") if source.isdigit() else Path(source)
-            return DeviceStream(path, options.width, options.height, options.fps)
+            return DeviceStream(path, options.width, options.height, options.fps, controls=options.controls)
         case SourceKind.FOLDER:
             return FolderStream(Path(source), options.fps, start)
         case SourceKind.MJPEG:

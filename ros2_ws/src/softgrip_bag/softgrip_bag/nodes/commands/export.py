@@ -13,10 +13,8 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.old_messages import is_older, read
-from softgrip_bag.nodes.trees import flat, tree
-from softgrip_bag.nodes.types import check_definition, message_class
-from softgrip_bag.reader import topic_summaries
+from softgrip_bag.nodes.messages import flat, message_class, tree
+from softgrip_bag.nodes.recorded_bag import RecordedBag
 
 Row = dict[str, Any]
 
@@ -38,11 +36,11 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     folder = options.output or options.bag.with_name(f"{options.bag.stem}-tables")
     try:
-        for topic in topic_summaries(options.bag):
+        bag = RecordedBag(options.bag)
+        for topic in bag.topics:
             if topic.messages and (options.topics is None or topic.name in options.topics):
-                if not is_older(topic):
-                    check_definition(topic)
-                print(write(options.bag, topic.name, folder, parquet=options.parquet))
+                bag.check_definition(topic)
+                print(write(bag, topic.name, folder, parquet=options.parquet))
     except BagError as error:
         print(error, file=sys.stderr)
         return 2
@@ -52,14 +50,14 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def rows(bag: Path, topic: str) -> list[Row]:
+def rows(bag: RecordedBag, topic: str) -> list[Row]:
     """Return the messages of a topic as flat rows; times in ns since the epoch.
 
     Raises:
         BagError: when the type is not installed or a message is no such type.
     """
     found = []
-    for raw in read(bag, {topic}):
+    for raw in bag.read({topic}):
         try:
             message = deserialize_message(raw.data, message_class(raw.type_name))
         except Exception as error:
@@ -68,7 +66,7 @@ def rows(bag: Path, topic: str) -> list[Row]:
     return found
 
 
-def write(bag: Path, topic: str, folder: Path, *, parquet: bool) -> Path:
+def write(bag: RecordedBag, topic: str, folder: Path, *, parquet: bool) -> Path:
     """Write the table of one topic; returns its file."""
     table = rows(bag, topic)
     columns = list(dict.fromkeys(name for row in table for name in row))

@@ -7,22 +7,21 @@ import argparse
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.old_messages import read
-from softgrip_bag.nodes.types import message_class
-from softgrip_bag.pace import Pace
-from softgrip_bag.qos_text import OfferedQos
+from softgrip_bag.nodes.messages import message_class
+from softgrip_bag.nodes.qos import recorded
+from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
 
 #: Topics that every node publishes by itself.
@@ -30,6 +29,61 @@ _NOT_PLAYED = {"/rosout", "/parameter_events"}
 _CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: [Hz] looks at the time when nobody asked for /clock.
 _POLL_RATE_HZ = 50.0
+#: [s] no sleep is shorter.
+_ARRIVED_S = 1e-6
+
+
+class Pace:
+    """The time of a bag that is played: faster or slower than the wall's, and standing while it is paused.
+
+    Args:
+        rate: bag seconds per wall second; 0 = as fast as possible.
+        tick: told the position [s] at least every ``period`` while time passes, and at every position waited for.
+        period: [s] of the wall.
+        paused: stand until `toggle`.
+    """
+
+    def __init__(self, rate: float, tick: Callable[[float], None], period: float, *, paused: bool = False) -> None:
+        self._rate = rate
+        self._tick = tick
+        self._period = period
+        self._lock = threading.Lock()
+        self._going = threading.Event()
+        self._anchor = 0.0
+        self._since = time.monotonic()
+        if not paused:
+            self._going.set()
+
+    @property
+    def paused(self) -> bool:
+        """Whether the bag's time stands."""
+        return not self._going.is_set()
+
+    def toggle(self) -> None:
+        """Pause, or go on."""
+        with self._lock:
+            if self._going.is_set():
+                self._anchor = self._position()
+                self._going.clear()
+            else:
+                self._since = time.monotonic()
+                self._going.set()
+
+    def wait_for(self, position: float) -> None:
+        """Return when the bag's time has come to a position [s]; the first one starts it."""
+        while True:
+            while not self._going.wait(self._period):
+                self._tick(self._anchor)
+            with self._lock:
+                rest = 0.0 if self._rate == 0.0 else (position - self._position()) / self._rate
+            if rest <= _ARRIVED_S and not self.paused:
+                self._tick(position)
+                return
+            self._tick(position - max(0.0, rest) * self._rate)
+            time.sleep(max(0.0, min(rest, self._period)))
+
+    def _position(self) -> float:
+        return self._anchor + (time.monotonic() - self._since) * self._rate if self._going.is_set() else self._anchor
 
 
 class Player(Node):
@@ -46,7 +100,7 @@ class Player(Node):
             except BagError as error:
                 self.not_played[topic.name] = str(error)
                 continue
-            self._outputs[topic.name] = self.create_publisher(cls, topic.name, profile(topic))
+            self._outputs[topic.name] = self.create_publisher(cls, topic.name, recorded(topic.qos))
 
     @property
     def topics(self) -> set[str]:
@@ -67,21 +121,6 @@ class Player(Node):
     def play(self, message: RawMessage) -> None:
         """Publish one message."""
         self._outputs[message.topic].publish(bytes(message.data))
-
-
-def profile(topic: TopicSummary) -> QoSProfile:
-    """Return the QoS to offer: what the first publisher offered."""
-    offer = OfferedQos.from_map(topic.qos[0]) if topic.qos else OfferedQos()
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_ALL if offer.history == "keep_all" else HistoryPolicy.KEEP_LAST,
-        depth=max(1, offer.depth),
-        reliability=(
-            ReliabilityPolicy.BEST_EFFORT if offer.reliability == "best_effort" else ReliabilityPolicy.RELIABLE
-        ),
-        durability=(
-            DurabilityPolicy.TRANSIENT_LOCAL if offer.durability == "transient_local" else DurabilityPolicy.VOLATILE
-        ),
-    )
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -128,7 +167,7 @@ def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
     pace: Pace | None = None
     count = 0
     try:
-        for message in read(options.bag, player.topics - {"/clock"} if options.clock else player.topics):
+        for message in RecordedBag(options.bag).read(player.topics - {"/clock"} if options.clock else player.topics):
             if pace is None:
                 start = message.received + round(options.start_offset * 1e9)
                 pace = _pace(options, player, start)

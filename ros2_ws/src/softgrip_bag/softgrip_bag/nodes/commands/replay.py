@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.node_replay import NODES, check
+from softgrip_bag.nodes.replay import NODES, check
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -12,18 +12,20 @@ namespace softgrip::gdfe {
 
 class Anderson {
  public:
-  // parts: how many values of each kind follow one another in a vector. A thread's share of a vector is its share of every part,
-  // as wherever else threads share parts: values then stay in its cache.
+  // parts: how many values of each kind follow one another in a vector. A thread's share of a vector is its share of
+  // every part, as wherever else threads share parts: values then stay in its cache.
   Anderson(std::vector<std::size_t> parts, int window, int threads);
 
   void forget() { stored_ = 0, next_ = 0, has_last_ = false; }
 
-  // residual = f(point); writes the accelerated step into `step` and, where told to, adds it to the point. Where the residual has
-  // grown a lot the history no longer fits and is forgotten. Bits depend on the number of threads, not on their timing.
+  // residual = f(point); writes the accelerated step into `step` and, where told to, adds it to the point. Where the
+  // residual has grown a lot the history no longer fits and is forgotten. Bits depend on the number of threads, not on
+  // their timing.
   void advance(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take);
 
  private:
-  // The small system of the weights of the history. Every thread keeps and solves its own, of the same values: they meet once less.
+  // The small system of the weights of the history. Every thread keeps and solves its own, of the same values: they
+  // meet once less.
   struct System {
     Eigen::MatrixXd gram;
     Eigen::VectorXd weight;
@@ -36,13 +38,14 @@ class Anderson {
   void each_part(int thread, const Pass& pass) const;
   void complete(System& system) const;
   void begin_history(const std::vector<double>& point, const std::vector<double>& residual);
-  bool accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step, bool take);
+  bool accelerated(std::vector<double>& point, const std::vector<double>& residual, std::vector<double>& step,
+                   bool take);
 
   std::vector<std::size_t> parts_;
   std::size_t size_;
   int window_, threads_, stored_ = 0, next_ = 0;
   bool has_last_ = false;
-  double last_squared_ = 0.0;  // |last residual|^2
+  double last_squared_ = 0.0;    // |last residual|^2
   std::vector<System> systems_;  // per thread
   std::vector<float> residual_changes_, steps_;
   std::vector<double> last_residual_, last_point_;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // L = P^T C C^T P of the constant matrix, and its solves for one to three right-hand sides at once.
 //
-// Supernodal: columns of C with (nearly) the same rows form a panel. With S the Schur complement of a panel's block and R the
-// rows below it, W = R S^-1: the forward pass is x_below -= W x_own, the backward pass x_own = S^-1 x_own - W^T x_below, one
-// small dense product each, without a chain of divisions. The backward pass has W transposed, so that both are products of
-// columns: none ends in sums over lanes. Panels may be kept in float: the factor only preconditions a residual that is computed
-// in double.
+// Supernodal: columns of C with (nearly) the same rows form a panel. With S the Schur complement of a panel's block and
+// R the rows below it, W = R S^-1: the forward pass is x_below -= W x_own, the backward pass x_own = S^-1 x_own - W^T
+// x_below, one small dense product each, without a chain of divisions. The backward pass has W transposed, so that both
+// are products of columns: none ends in sums over lanes. Panels may be kept in float: the factor only preconditions a
+// residual that is computed in double.
 #pragma once
 
 #include <cstdint>
@@ -31,18 +31,20 @@ struct Panel {
 
 inline constexpr int kPad = 8;
 
-constexpr int padded(int count) { return (count + kPad - 1) / kPad * kPad; }
+constexpr int padded(int count) {
+  return (count + kPad - 1) / kPad * kPad;
+}
 
 // Columns first .. last - 1.
 struct Span {
   std::int32_t first, last;
 };
 
-// Which panels each thread works on. Panels of different threads share no columns and meet only in the top panels, which
-// come after them in the forward pass and before them in the backward pass: results do not depend on timing.
+// Which panels each thread works on. Panels of different threads share no columns and meet only in the top panels,
+// which come after them in the forward pass and before them in the backward pass: results do not depend on timing.
 struct Schedule {
-  std::vector<std::vector<std::int32_t>> panels;   // per thread, ascending
-  std::vector<std::vector<Span>> columns;          // per thread, ascending
+  std::vector<std::vector<std::int32_t>> panels;  // per thread, ascending
+  std::vector<std::vector<Span>> columns;         // per thread, ascending
   std::vector<std::int32_t> top_panels;
   std::vector<Span> top_columns;
 };
@@ -78,14 +80,17 @@ struct DensePanel;
 
 class Factor final : public ConstantInverse {
  public:
-  // matrix: symmetric positive definite, both triangles; values of the lower one count. Throws std::runtime_error when it is not.
+  // matrix: symmetric positive definite, both triangles; values of the lower one count. Throws std::runtime_error when
+  // it is not.
   Factor(const SparseMatrix& matrix, bool single_precision, Ordering ordering = Ordering::Automatic, int threads = 1);
 
   int size() const override { return size_; }
   std::size_t nonzeros() const override { return nonzeros_; }
   std::size_t bytes() const override;
   const std::vector<int>& position() const override { return position_; }
-  void apply(double* const* columns, int count, std::vector<double>& scratch) const override { solve(columns, count, scratch); }
+  void apply(double* const* columns, int count, std::vector<double>& scratch) const override {
+    solve(columns, count, scratch);
+  }
   void solve(double* const* columns, int count, std::vector<double>& scratch) const override;
 
   bool uses_metis() const { return uses_metis_; }

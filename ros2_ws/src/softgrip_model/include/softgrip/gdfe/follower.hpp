@@ -25,7 +25,7 @@ struct FollowerPatch {
 void add_pressure(const PressedSurface& surface, double pressure, const double* position, double* load);
 
 // Adds R force; R = rotation nearest to sum_i share_i (x_i - x)(X_i - X)^T.
-void add_follower_force(const FollowerPatch& patch, const Eigen::Vector3d& force, const Nodes& rest, const double* position,
-                        double* load);
+void add_follower_force(const FollowerPatch& patch, const Eigen::Vector3d& force, const Nodes& rest,
+                        const double* position, double* load);
 
 }  // namespace softgrip::gdfe

@@ -36,19 +36,19 @@ struct SecantTables {
 // Blocks of kBlock elements, boxes first; the last block is filled up with copies of its last element at zero weight.
 struct ElementBlocks {
   std::size_t elements = 0, blocks = 0, box_blocks = 0;
-  std::vector<std::int32_t> element;   // [block][lane] its number in the mesh
-  std::vector<std::int32_t> corner;    // [block][8][lane] node index
-  std::vector<double> linear;          // [block][9][lane] A
-  std::vector<double> box_stiffness;   // [box block][4][lane] diagonal of S
-  std::vector<double> bent;            // [other block][12][lane] B
-  std::vector<double> hourglass_rest;  // [other block][12][lane] H^T X
+  std::vector<std::int32_t> element;        // [block][lane] its number in the mesh
+  std::vector<std::int32_t> corner;         // [block][8][lane] node index
+  std::vector<double> linear;               // [block][9][lane] A
+  std::vector<double> box_stiffness;        // [box block][4][lane] diagonal of S
+  std::vector<double> bent;                 // [other block][12][lane] B
+  std::vector<double> hourglass_rest;       // [other block][12][lane] H^T X
   std::vector<double> hourglass_stiffness;  // [other block][10][lane], upper triangle row by row
-  std::vector<double> volume;          // [block][lane], zero in the filling
-  std::vector<double> material;        // [block][lane] index, as a number
-  std::vector<double> lame_per_mu;     // [block][lane] of the material
-  std::vector<double> omega;           // [block][lane] thesis law: shape factor
-  std::vector<double> last_strain;     // [block][lane] thesis law: eps_eq at the last converged increment
-  std::vector<double> strain;          // out: eps_eq, nu = 0.5
+  std::vector<double> volume;               // [block][lane], zero in the filling
+  std::vector<double> material;             // [block][lane] index, as a number
+  std::vector<double> lame_per_mu;          // [block][lane] of the material
+  std::vector<double> omega;                // [block][lane] thesis law: shape factor
+  std::vector<double> last_strain;          // [block][lane] thesis law: eps_eq at the last converged increment
+  std::vector<double> strain;               // out: eps_eq, nu = 0.5
 
   ElementBlocks() = default;
   // Elements are worked on by ascending `place`.
@@ -60,7 +60,8 @@ struct ElementBlocks {
 };
 
 // Blocks of one of `shares` equal shares: of the boxes and of the others, from the first to beyond the last.
-std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlocks& elements, std::size_t share, std::size_t shares);
+std::array<std::pair<std::size_t, std::size_t>, 2> block_shares(const ElementBlocks& elements, std::size_t share,
+                                                                std::size_t shares);
 
 // position, force: [node][kStride]; force is added to. One of `threads` equal shares of the elements.
 void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// One V-cycle of smoothed aggregation (Vanek, Mandel, Brezina 1996) in place of a factor: bytes and time per application grow
-// with the mesh, not faster.
+// One V-cycle of smoothed aggregation (Vanek, Mandel, Brezina 1996) in place of a factor: bytes and time per
+// application grow with the mesh, not faster.
 //
-// L is a weighted scalar Laplacian on every axis, so its near kernel is the constant alone, and the columns of the three axes
-// go through one hierarchy together. Aggregates follow distances between nodes, not entries of L: those of trilinear
-// hexahedra say little about what is strongly coupled (face neighbours of a cube have none at all). Smoothing is by
-// Chebyshev polynomials of D^-1 L, the same before and after, so that the cycle is symmetric and does not depend on the
-// number of threads.
+// L is a weighted scalar Laplacian on every axis, so its near kernel is the constant alone, and the columns of the
+// three axes go through one hierarchy together. Aggregates follow distances between nodes, not entries of L: those of
+// trilinear hexahedra say little about what is strongly coupled (face neighbours of a cube have none at all). Smoothing
+// is by Chebyshev polynomials of D^-1 L, the same before and after, so that the cycle is symmetric and does not depend
+// on the number of threads.
 #pragma once
 
 #include <cstdint>
@@ -22,17 +22,21 @@ struct SparseRows {
   std::vector<T> value;
 
   int rows() const { return static_cast<int>(start.size()) - 1; }
-  std::size_t bytes() const { return value.size() * (sizeof(T) + sizeof(std::int32_t)) + start.size() * sizeof(std::int32_t); }
+  std::size_t bytes() const {
+    return value.size() * (sizeof(T) + sizeof(std::int32_t)) + start.size() * sizeof(std::int32_t);
+  }
 };
 
 // Consecutive rows that are worked on together.
 inline constexpr int kRowsAbreast = 4;
 
-constexpr int whole_blocks(int rows) { return (rows + kRowsAbreast - 1) / kRowsAbreast * kRowsAbreast; }
+constexpr int whole_blocks(int rows) {
+  return (rows + kRowsAbreast - 1) / kRowsAbreast * kRowsAbreast;
+}
 
-// Blocks of kRowsAbreast rows that share how far their columns are from the row, as along the lines of a grid: an entry is one
-// distance and a value for each row, zero where a row has none. Equal blocks are kept once: in a regular grid all that is left
-// of the matrix stays in the cache.
+// Blocks of kRowsAbreast rows that share how far their columns are from the row, as along the lines of a grid: an entry
+// is one distance and a value for each row, zero where a row has none. Equal blocks are kept once: in a regular grid
+// all that is left of the matrix stays in the cache.
 template <class T>
 struct BlockedRows {
   std::vector<std::int32_t> start;     // of each distinct block's entries
@@ -42,7 +46,9 @@ struct BlockedRows {
 
   bool empty() const { return distinct.empty(); }
   int blocks() const { return static_cast<int>(distinct.size()); }
-  std::size_t bytes() const { return value.size() * sizeof(T) + (start.size() + distinct.size() + distance.size()) * sizeof(std::int32_t); }
+  std::size_t bytes() const {
+    return value.size() * sizeof(T) + (start.size() + distinct.size() + distance.size()) * sizeof(std::int32_t);
+  }
 };
 
 // Blocks of kRowsAbreast rows that share columns: an entry is one column and a value for each row.
@@ -72,7 +78,7 @@ struct MultigridStore {
   std::vector<MultigridLevel<T>> levels;  // finest first, without the coarsest
   std::vector<T> coarsest_inverse;        // dense, row by row
   int coarsest_size = 0;
-  double scale = 1.0;                     // of a right-hand side
+  double scale = 1.0;  // of a right-hand side
 };
 
 // Matrix-vector products of one smoothing with the finest matrix, plus one: the degree of the polynomial.

@@ -27,11 +27,11 @@ inline double total_force(const std::vector<ForceShare>& shares, std::size_t nod
 // Unknowns first .. last - 1 of columns x, y, z; nodes[u]: that of unknown u.
 
 // position = base + column
-void expand_rows(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first, std::size_t last,
-                 const double* base, double* position);
+void expand_rows(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first,
+                 std::size_t last, const double* base, double* position);
 
 // column = load - force; returns its square
-double gather_rows(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first, std::size_t last,
-                   const double* load, const std::vector<ForceShare>& shares);
+double gather_rows(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first,
+                   std::size_t last, const double* load, const std::vector<ForceShare>& shares);
 
 }  // namespace softgrip::gdfe

@@ -20,10 +20,11 @@ struct OgdenMaterial {
 
 class OgdenElements {
  public:
-  OgdenElements(const Nodes& rest, const Hexes& hexes, const std::vector<int>& materials, std::vector<OgdenMaterial> table);
+  OgdenElements(const Nodes& rest, const Hexes& hexes, const std::vector<int>& materials,
+                std::vector<OgdenMaterial> table);
 
-  // position, force: [node][kStride]; force is added to, strain[e] = eps_eq (nu = 0.5) of the mean deformation gradient.
-  // Elements first .. last-1. A Gauss point turned inside out makes forces NaN: the caller steps back.
+  // position, force: [node][kStride]; force is added to, strain[e] = eps_eq (nu = 0.5) of the mean deformation
+  // gradient. Elements first .. last-1. A Gauss point turned inside out makes forces NaN: the caller steps back.
   void add_forces(const double* position, double* force, double* strain, std::size_t first, std::size_t last) const;
 
   // Strain energy at a state.

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A second level for slender meshes: cross-sections that move as rigid bodies.
 //
-// The constant matrix answers the turning of all that lies beyond a hinge as if it stretched the material, and that by orders
-// of magnitude too stiffly: such motions need many iterations. Nodes equally far from the support, in elements, are a section.
-// Sections have six motions each, Z; the elements' tangent K on them is measured at one state by differences of forces. Only
-// neighbours meet in an element, so three colours of sections times six motions measure it all, and Z^T K Z is block
-// tridiagonal. With r the out-of-balance force and L the constant matrix a step is
+// The constant matrix answers the turning of all that lies beyond a hinge as if it stretched the material, and that by
+// orders of magnitude too stiffly: such motions need many iterations. Nodes equally far from the support, in elements,
+// are a section. Sections have six motions each, Z; the elements' tangent K on them is measured at one state by
+// differences of forces. Only neighbours meet in an element, so three colours of sections times six motions measure it
+// all, and Z^T K Z is block tridiagonal. With r the out-of-balance force and L the constant matrix a step is
 //   a = (Z^T K Z)^-1 Z^T r,   Z a + L^-1 (r - K Z a),
 // the operator A-DEF1 of Tang, Nabben, Vuik and Erlangga, J. Sci. Comput. 39 (2009) 340.
 #pragma once
@@ -61,11 +61,11 @@ class Sections {
   std::vector<std::int32_t> node_of_;
   std::vector<std::int32_t> section_;  // of every unknown
   std::size_t count_ = 0;
-  std::vector<Eigen::Vector3d> arm_;   // from the middle of its section to every unknown's node, where measured
-  std::vector<float> tangent_;         // K Z: [unknown][kReach][kLanes]
+  std::vector<Eigen::Vector3d> arm_;  // from the middle of its section to every unknown's node, where measured
+  std::vector<float> tangent_;        // K Z: [unknown][kReach][kLanes]
   std::vector<Eigen::PartialPivLU<Matrix6>> diagonal_;  // of the eliminated blocks
-  std::vector<Matrix6> lower_, upper_;  // below the diagonal; above it, divided by it
-  Eigen::MatrixXd reach_, answer_;      // Z^T W; what the blocks answer to it, times what the coupling makes of W^T Z a
+  std::vector<Matrix6> lower_, upper_;                  // below the diagonal; above it, divided by it
+  Eigen::MatrixXd reach_, answer_;  // Z^T W; what the blocks answer to it, times what the coupling makes of W^T Z a
 };
 
 }  // namespace softgrip::gdfe

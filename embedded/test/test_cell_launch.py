@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the cell's launch file comes to on real hardware: which nodes, and whose word each of their parameters has."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from embedded_ros import workspace
+from embedded_ros.arguments import parse
+from embedded_ros.launch_description import Description
+from embedded_ros.launch_file import LaunchReader
+
+BRINGUP = workspace.package("softgrip_bringup").folder
+LAUNCH = Path(BRINGUP) / "launch" / "cell.launch.yaml"
+#: nodes that a bench has without any device
+ALWAYS = {"recorder", "friction_rig", "kinematics_predictor", "hand_description", "gdfe_simulator", "camera"}
+
+
+def described(**arguments: str) -> Description:
+    """Read the launch file with arguments."""
+    return LaunchReader({"hardware": "real", "out": "/tmp/out", **arguments}).read(LAUNCH)
+
+
+def values_of(node: str, **arguments: str) -> dict[str, Any]:
+    """Return the parameters that a node is started with: all layers, the strongest last."""
+    (process,) = [one for one in described(**arguments).processes if one.label.rpartition("-")[0] == node]
+    given = parse(process.command).parameters_of(f"/{node}")
+    return {name: value for name, (value, _) in given.items() if not name.startswith("not_given_")}
+
+
+def nodes(**arguments: str) -> set[str]:
+    """Return the names of the nodes that are started."""
+    return {one.label.rpartition("-")[0] for one in described(**arguments).processes}
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> str:
+    """A configuration of a bench that differs in everything."""
+    path = tmp_path / "bench.yaml"
+    path.write_text(
+        """
+/**/tendon_driver:
+  ros__parameters:
+    port: /dev/ttyACM7
+    servo_ids: [11, 12, 13]
+    directions: [1, -1, 1]
+    homing_speed_m_s: 0.003
+    release_speed_m_s: 0.02
+    break_confirm_s: 0.1
+    no_reply_s: 0.07
+    bus_watchdog_s: 0.1
+    reply_margin_s: 0.006
+    zero_file: /var/lib/softgrip/zero.yaml
+/**/friction_rig:
+  ros__parameters: {stage: grbl, stage_port: /dev/grbl, gauge: stream, stream_line: raw, time_scale: 60.0}
+/**/camera:
+  ros__parameters: {source: /dev/video4, calibration_file: /etc/camera.yaml}
+/**/grasp_mix_manager:
+  ros__parameters: {lift_window_s: 2.0, database_url: "sqlite:////srv/cell.db", stale_s: 0.4}
+/**/recorder:
+  ros__parameters: {root: /srv/bags, record_on_start: false}
+"""
+    )
+    return str(path)
+
+
+@pytest.mark.parametrize(("servos", "rig", "camera"), list(itertools.product(("true", "false"), repeat=3)))
+def test_each_device_may_be_absent_and_the_nodes_that_remain_know_it(servos: str, rig: str, camera: str) -> None:
+    devices = {"servos": servos, "rig": rig, "camera": camera}
+    of_servos = {"tendon_driver", "grasp_mix_manager", "gripper_command"}
+    expected = ALWAYS | (of_servos if servos == "true" else set()) | ({"marker_tracker"} if camera == "true" else set())
+    assert nodes(**devices) == expected
+    measured = values_of("friction_rig", **devices)
+    assert measured["stage"] == ("mark10" if rig == "true" else "none")
+    assert measured.get("safety_source", "topic") == ("topic" if servos == "true" else "none")
+    assert values_of("camera", **devices)["source"] == ("0" if camera == "true" else "none")
+
+
+def test_no_argument_is_handed_on_that_was_not_given() -> None:
+    driver = values_of("tendon_driver")
+    assert (driver["port"], driver["servo_ids"], driver["directions"]) == ("/dev/ttyUSB0", [1, 2, 3], [1])
+    assert values_of("friction_rig")["stage_port"] == "/dev/softgrip/stand"
+    assert values_of("grasp_mix_manager")["database_url"] == "sqlite:////tmp/out/cell.db"
+    assert values_of("recorder")["root"] == "/tmp/out/bags"
+
+
+def test_the_users_file_wins_over_everything_that_is_shipped(bench: str) -> None:
+    for section, body in yaml.safe_load(Path(bench).read_text()).items():
+        found = values_of(section.removeprefix("/**/"), config=bench)
+        own = {name: value for name, value in body["ros__parameters"].items() if name != "time_scale"}
+        assert {name: found[name] for name in own} == own
+
+
+@pytest.mark.parametrize(
+    ("node", "argument", "given", "parameter", "value"),
+    [
+        ("tendon_driver", "servo_port", "/dev/ttyUSB3", "port", "/dev/ttyUSB3"),
+        ("tendon_driver", "servo_ids", "[4, 5, 6]", "servo_ids", [4, 5, 6]),
+        ("tendon_driver", "servo_models", "[XM430-W350]", "servo_models", ["XM430-W350"]),
+        ("tendon_driver", "directions", "[-1]", "directions", [-1]),
+        ("tendon_driver", "spool_radii", "[0.012]", "spool_radii_m", [0.012]),
+        ("friction_rig", "stage", "mark10", "stage", "mark10"),
+        ("friction_rig", "stage_port", "/dev/ttyUSB1", "stage_port", "/dev/ttyUSB1"),
+        ("friction_rig", "gauge", "gcl2", "gauge", "gcl2"),
+        ("friction_rig", "gauge_port", "/dev/ttyUSB2", "gauge_port", "/dev/ttyUSB2"),
+        ("friction_rig", "stream_baud", "9600", "stream_baud", 9600),
+        ("friction_rig", "stream_line", r"F=(?P<value>-?\d+)", "stream_line", r"F=(?P<value>-?\d+)"),
+        ("friction_rig", "counts_per_newton", "-2280.0", "counts_per_newton", -2280.0),
+        ("friction_rig", "gauge_calibration", "/etc/cell.yaml", "gauge_calibration", "/etc/cell.yaml"),
+        ("camera", "camera_source", "2", "source", "2"),
+        ("camera", "calibration", "/etc/c.yaml", "calibration_file", "/etc/c.yaml"),
+        ("marker_tracker", "calibration", "/etc/c.yaml", "calibration_file", "/etc/c.yaml"),
+        ("marker_tracker", "frames_priority", "10", "realtime_priority", 10),
+        ("grasp_mix_manager", "lift_window_s", "1.5", "lift_window_s", 1.5),
+        ("grasp_mix_manager", "database", "/x/cell.db", "database_url", "sqlite:////x/cell.db"),
+        ("recorder", "bags", "/x/bags", "root", "/x/bags"),
+        ("recorder", "record", "true", "record_on_start", True),
+    ],
+)
+def test_an_argument_wins_over_the_users_file(
+    bench: str, node: str, argument: str, given: str, parameter: str, value: Any
+) -> None:
+    assert values_of(node, config=bench, **{argument: given})[parameter] == value
+
+
+def test_real_hardware_lives_in_real_time_whatever_anybody_says(bench: str) -> None:
+    assert values_of("friction_rig")["time_scale"] == 1.0
+    assert values_of("friction_rig", config=bench, rig_time_scale="60.0")["time_scale"] == 1.0
+    assert values_of("friction_rig", hardware="emulated", rig_time_scale="20.0")["time_scale"] == 20.0
+
+
+def test_the_emulated_cell_never_touches_the_devices_of_the_users_file(bench: str) -> None:
+    emulated = {"hardware": "emulated", "config": bench, "wire_dir": "/run/wires"}
+    assert values_of("tendon_driver", **emulated)["port"] == "/run/wires/servos"
+    assert values_of("friction_rig", **emulated)["stage_port"] == "/run/wires/stand"
+    assert values_of("friction_rig", **emulated)["gauge_port"] == "/run/wires/gauge"
+    assert values_of("camera", **emulated)["source"] == "@/run/wires/camera.url"
+
+
+def test_the_file_to_copy_says_what_holds_without_it(tmp_path: Path) -> None:
+    template = yaml.safe_load((BRINGUP / "settings" / "bench.yaml").read_text())
+    for section, body in template.items():
+        node = section.removeprefix("/**/")
+        shipped = yaml.safe_load((BRINGUP / "config" / f"{node}.yaml").read_text())[section]["ros__parameters"]
+        assert {name: shipped[name] for name in body["ros__parameters"]} == body["ros__parameters"]
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/bench.md"])
+def test_the_launch_lines_of_the_documents_are_read(document: str) -> None:
+    lines = [line.split("#")[0].split() for line in (BRINGUP.parents[2] / document).read_text().splitlines()]
+    launches = [words[4:] for words in lines if words[:4] == ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml"]]
+    assert launches
+    for words in launches:
+        given = dict(word.split(":=", 1) for word in words if not word.endswith("..."))
+        given.pop("config", None)  # the reader's own
+        assert LaunchReader(given).read(LAUNCH).processes

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The trace of a node (softgrip_interfaces/NodeTrace) in a bag: its steps, and the messages that they name."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+
+from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.messages import message_class, stamp_of
+from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.reader import RawMessage
+
+#: [ns] how much later, or earlier, than the node the recorder may have received a message.
+_SLACK_NS = 5_000_000_000
+#: Steps that are what the node said, not what it was told.
+_SAID = ("answered ", "feedback ", "finished ", "succeeded ", "aborted ", "canceled ", "called ", "sent ", "withdrawn ")
+
+
+class MissingMessageError(BagError):
+    """The recorder did not get a message that the node worked on."""
+
+
+@dataclass(frozen=True)
+class TraceStep:
+    """One entry of a trace: ``name`` is "<word> <what>", times in ns."""
+
+    number: int
+    name: str
+    stamp: int
+    wall: int
+    monotonic: int
+    data: bytes
+
+    @property
+    def is_output(self) -> bool:
+        """Whether the node said it."""
+        return self.name.startswith(_SAID)
+
+
+def runs(bag: RecordedBag, topic: str) -> Iterator[list[TraceStep]]:
+    """Yield the steps of each run of the node: it may have been restarted while the bag was recorded.
+
+    Raises:
+        BagError: when the beginning or a part is missing.
+    """
+    steps: list[TraceStep] = []
+    for raw in bag.read({topic}):
+        batch = deserialize_message(raw.data, message_class(raw.type_name))
+        if batch.first == 0 and steps:
+            yield steps
+            steps = []
+        if batch.first < len(steps):
+            continue  # a latched message that was recorded twice
+        if batch.first > len(steps):
+            raise BagError(
+                f"{bag.path}: expected step {len(steps)} of {topic}, found {batch.first}: "
+                + ("messages are missing" if steps else "the recording began too long after the node did")
+            )
+        steps += _steps(batch)
+    if steps:
+        yield steps
+
+
+def _steps(batch: Any) -> Iterator[TraceStep]:
+    data = bytes(batch.data)
+    ends = [0, *itertools.accumulate(batch.size)]
+    for index, name in enumerate(batch.name):
+        yield TraceStep(
+            int(batch.first) + index,
+            str(batch.names[name]),
+            int(batch.stamp[index]),
+            int(batch.wall[index]),
+            int(batch.monotonic[index]),
+            data[ends[index] : ends[index + 1]],
+        )
+
+
+class TracedMessages:
+    """The messages that the steps of a trace name by topic and stamp, read on the way.
+
+    Args:
+        bag: to read.
+        steps: of one run.
+    """
+
+    def __init__(self, bag: RecordedBag, steps: list[TraceStep]) -> None:
+        self._bag = bag
+        self._source = bag.read({s.name.removeprefix("topic ") for s in steps if s.name.startswith("topic ")})
+        self._found: dict[tuple[str, int], Any] = {}
+        self._received: list[tuple[int, tuple[str, int]]] = []
+        self._read_until = 0
+
+    def get(self, step: TraceStep, topic: str) -> Any:
+        """Return the message that a step worked on.
+
+        Raises:
+            MissingMessageError: when the recorder did not get it.
+        """
+        key = (topic, step.stamp)
+        while key not in self._found and self._read_until < step.wall + _SLACK_NS:
+            raw = next(self._source, None)
+            if raw is None:
+                break
+            self._add(raw)
+        if key not in self._found:
+            raise MissingMessageError(
+                f"{self._bag.path}: step {step.number}: expected a message of {topic} with stamp "
+                f"{step.stamp * 1e-9:.9f} s, found none: the recorder did not get it (see `ros2 bag info`)"
+            )
+        self._forget(step.wall - _SLACK_NS)
+        return self._found[key]
+
+    def _add(self, raw: RawMessage) -> None:
+        message = deserialize_message(raw.data, message_class(raw.type_name))
+        key = (raw.topic, stamp_of(message))
+        self._found[key] = message
+        self._read_until = raw.received
+        if raw.topic not in self._bag.latched:
+            self._received.append((raw.received, key))
+
+    def _forget(self, before: int) -> None:
+        old = sum(1 for _ in itertools.takewhile(lambda item: item[0] < before, self._received))
+        for _, key in self._received[:old]:
+            self._found.pop(key, None)
+        del self._received[:old]

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motor's winding behind what a servo measures.
+
+XL330 and XC330 sense the current of their power input, XL430 and XC430 none (ROBOTIS e-manual, notes of Current
+Limit(38) and Goal Current(102)). Torque is made by the winding's current, which follows from what the power stage puts
+out: duty V = R i + k_e w. What it takes in follows from the balance of power: V i_supply = R i^2 + k_e w i.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softgrip_driver.errors import ConfigurationError
+
+#: copper: share of its resistance at 25 degC that a kelvin adds (IEC 60028)
+COPPER_PER_K = 0.00393
+RATED_DEGC = 25.0
+#: [K] by which nobody knows how much warmer the winding is than the servo's sensor
+WINDING_ABOVE_SENSOR_STDDEV_K = 10.0
+#: [V] a count of Present Input Voltage, and what the supply may have sagged since it was read
+VOLTAGE_STDDEV = 0.05
+#: [rad/s] a count of Present Velocity: a uniform distribution of that width
+SPEED_STDDEV = 0.024 / math.sqrt(12.0)
+#: resistance and back-EMF of one servo beside the data sheet's, relative
+DATA_SHEET_STDDEV = 0.1
+#: fewest readings for a fit, and the largest share of the resistance that its standard deviation may be
+MIN_READINGS = 20
+MAX_FIT_STDDEV = 0.2
+
+
+@dataclass(frozen=True)
+class MotorReading:
+    """What a servo shows of its motor, + as the tendon is pulled.
+
+    Attributes:
+        current: [A] Present Current, of the winding or of the supply, as the model senses it.
+        duty: -1 .. 1 Present PWM.
+        speed: [rad/s] of the shaft.
+        voltage: [V] Present Input Voltage.
+        temperature: [degC] of the servo's sensor.
+    """
+
+    current: float
+    duty: float
+    speed: float
+    voltage: float
+    temperature: float
+
+
+@dataclass(frozen=True)
+class Winding:
+    """Resistance and back-EMF of a motor, seen at the horn.
+
+    Attributes:
+        resistance: R [ohm] at 25 degC.
+        back_emf: k_e [V s/rad].
+        relative_stddev: of both, this servo's from the values here.
+    """
+
+    resistance: float
+    back_emf: float
+    relative_stddev: float = DATA_SHEET_STDDEV
+
+    def resistance_at(self, temperature: float) -> float:
+        """Return the resistance [ohm] at a temperature [degC]."""
+        return self.resistance * (1.0 + COPPER_PER_K * (temperature - RATED_DEGC))
+
+    def current(self, seen: MotorReading) -> tuple[float, float]:
+        """Return the winding's current [A] and its standard deviation; none where the power stage is off."""
+        if seen.duty == 0.0:
+            return 0.0, 0.0
+        ohm = self.resistance_at(seen.temperature)
+        emf = self.back_emf * seen.speed
+        current = (seen.duty * seen.voltage - emf) / ohm
+        warmth = COPPER_PER_K * WINDING_ABOVE_SENSOR_STDDEV_K
+        stddev = math.hypot(
+            math.hypot(warmth, self.relative_stddev) * current,
+            self.relative_stddev * emf / ohm,
+            seen.duty * VOLTAGE_STDDEV / ohm,
+            self.back_emf * SPEED_STDDEV / ohm,
+        )
+        return current, stddev
+
+    def supply_current(self, current: float, speed: float, voltage: float, temperature: float) -> float:
+        """Return the supply's current [A] while the winding carries ``current`` [A] at a shaft speed [rad/s]."""
+        return current * (self.resistance_at(temperature) * current + self.back_emf * speed) / voltage
+
+
+def fit_winding(readings: Sequence[MotorReading], nominal: Winding) -> Winding:
+    """Fit resistance and back-EMF to readings of a servo that senses its supply.
+
+    i_supply = duty i = (duty^2 V - k_e duty w) / R is linear in 1/R and k_e/R. A gain that the servo's own sensor is
+    off by goes into R and, the other way round, into the torque constant, and cancels in tensions and limits.
+
+    Args:
+        readings: while moving, in both directions and against a tension that varies.
+        nominal: what the data sheet says; kept where the readings do not show it.
+
+    Raises:
+        ConfigurationError: too few readings, or none that show the two.
+    """
+    if len(readings) < MIN_READINGS:
+        raise ConfigurationError(f"winding: expected at least {MIN_READINGS} readings, found {len(readings)}")
+    rows = np.array([(r.current, r.duty, r.speed, r.voltage, r.temperature) for r in readings])
+    supply, duty, speed, voltage, temperature = rows.T
+    warmth = 1.0 + COPPER_PER_K * (temperature - RATED_DEGC)
+    design = np.column_stack((duty * np.abs(duty) * voltage, -np.abs(duty) * speed)) / warmth[:, None]
+    values, _, rank, _ = np.linalg.lstsq(design, supply, rcond=None)
+    if rank < 2 or values[0] <= 0.0:
+        raise ConfigurationError(
+            f"winding: expected a supply current that grows with the duty cycle, found {values[0]:.3g} 1/ohm; wind in "
+            "further, or to a higher tension"
+        )
+    residual = supply - design @ values
+    covariance = float(residual @ residual) / (len(readings) - 2) * np.linalg.inv(design.T @ design)
+    share = math.sqrt(covariance[0, 0]) / values[0]
+    if share > MAX_FIT_STDDEV:
+        raise ConfigurationError(
+            f"winding: expected its resistance to better than {MAX_FIT_STDDEV:.0%}, found {share:.0%}; wind in to a "
+            "higher tension"
+        )
+    return replace(
+        nominal, resistance=float(1.0 / values[0]), back_emf=float(values[1] / values[0]), relative_stddev=share
+    )

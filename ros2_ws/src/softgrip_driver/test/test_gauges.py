@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Load cells as people have them: boards that boot, lines of every maker, gauges that must be asked, known weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from softgrip_driver.commands.calibrate_cell import weigh
+from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceRefusedError, DriverError
+from softgrip_driver.rig.build import StreamSettings, make_line_gauge
+from softgrip_driver.rig.errors import SaturatedError
+from softgrip_driver.rig.gauge_calibration import (
+    WeighedPoint,
+    fit_calibration,
+    read_calibration,
+    write_calibration,
+)
+from softgrip_driver.rig.line_format import FORMATS, line_format
+from softgrip_emulator.rig import EmulatedRig
+from softgrip_emulator.rig.polled import PROTOCOLS, TECSIS_COUNTS_PER_NEWTON
+from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON, OFFSET_COUNTS, SKETCHES
+
+G = 9.81
+#: Sketch -> format that reads it, and counts per newton of what it shows: grams where people calibrate in grams.
+READ_AS = {
+    "bogde_basic": ("hx711", COUNTS_PER_NEWTON),
+    "bogde_retry": ("hx711", COUNTS_PER_NEWTON),
+    "bogde_timeout": ("hx711", COUNTS_PER_NEWTON),
+    "olkal_read": ("hx711_adc", 1e3 / G),
+    "olkal_zero": ("hx711_adc", 1e3 / G),
+    "tillaart_plotter": ("raw", 1e3 / G),
+    "sparkfun": ("pounds", 1.0),
+    "sparkfun_zero": ("pounds", 1.0),
+    "sparkfun_calibration": ("pounds", 1.0),
+}
+
+
+@pytest.fixture
+def make_rig(tmp_path, world):
+    """Make a rig whose ports stand in the folder of the test."""
+    rigs = []
+
+    def make(**settings):
+        rigs.append(EmulatedRig(clock=world.clock, **settings).open_ports(tmp_path, world.port))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+    world.close()
+
+
+def gauge_at(folder: Path, line: str, counts: float = 1.0, **settings):
+    return make_line_gauge(str(folder / "gauge"), StreamSettings(line=line, counts_per_newton=counts, **settings))
+
+
+# -- boards ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [10.0, 80.0])
+@pytest.mark.parametrize("sketch", READ_AS)
+def test_a_board_with_a_published_sketch_opens_and_weighs(tmp_path, make_rig, sketch, rate):
+    rig = make_rig(gauge=sketch)
+    rig.gauge._rate_hz = rate
+    name, counts = READ_AS[sketch]
+    gauge = gauge_at(tmp_path, name, counts)
+    gauge.open()
+    assert rig.gauge.resets == 1, "each opening would reset it again"
+    gauge.tare()
+    before = gauge.tension()
+    rig.set(1.0, 0.6)
+    # SparkFun's sketch shows tenths of a pound.
+    step = 0.45 if name == "pounds" else 0.05
+    assert before == pytest.approx(0.0, abs=step)
+    assert gauge.tension() == pytest.approx(rig.plant.force * rig.truth.gauge_gain, abs=step)
+    gauge.close()
+
+
+def test_a_sketch_that_waits_for_seconds_is_refused_with_the_reason(tmp_path, make_rig):
+    """bogde's full example: delay(5000) between two lines."""
+    assert set(SKETCHES) - set(READ_AS) == {"bogde_full"}
+    make_rig(gauge="bogde_full")
+    with pytest.raises(DeviceRefusedError, match="take the delay out of the sketch"):
+        gauge_at(tmp_path, "hx711_full").open()
+
+
+def test_the_wrong_format_is_named_with_the_right_one(tmp_path, make_rig):
+    make_rig(gauge="olkal_read")
+    with pytest.raises(CorruptReplyError, match="set stream_line to hx711_adc"):
+        gauge_at(tmp_path, "grams", baud=57600).open()
+
+
+def test_lines_at_another_baud_rate_are_named(tmp_path, make_rig):
+    make_rig(gauge="olkal_read")
+    with pytest.raises(DriverError, match="baud rate"):
+        gauge_at(tmp_path, "hx711_adc", baud=115200).open()
+
+
+def test_a_cut_cell_at_the_end_of_its_converter_is_refused_at_once(tmp_path, make_rig):
+    rig = make_rig(gauge="bogde_basic")
+    rig.inject("saturated", capacity=1e-9)
+    with pytest.raises(SaturatedError, match="check the cell's wires"):
+        gauge_at(tmp_path, "hx711", COUNTS_PER_NEWTON).open()
+
+
+def test_a_display_that_stands_still_at_rest_is_no_fault_and_raw_counts_that_do_are(tmp_path, make_rig):
+    rig = make_rig(gauge="olkal_read")
+    gauge = gauge_at(tmp_path, "hx711_adc", 1e3 / G)
+    gauge.open()
+    rig.inject("cell_stuck")
+    with pytest.raises(CorruptReplyError, match="without any noise"):
+        [gauge.tension() for _ in range(60)]
+    gauge.close()
+    coarse = make_rig(gauge="sparkfun")
+    gauge = gauge_at(tmp_path, "pounds")
+    gauge.open()
+    assert {round(gauge.tension(), 6) for _ in range(60)} <= {0.0, -0.0}
+    coarse.close()
+
+
+# -- gauges that are asked ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_gauge_that_answers_a_command_weighs(tmp_path, make_rig, protocol):
+    rig = make_rig(gauge=protocol)
+    gauge = gauge_at(tmp_path, protocol, TECSIS_COUNTS_PER_NEWTON if protocol == "tecsis" else 1.0)
+    gauge.open()
+    gauge.tare()
+    rig.set(1.0, 0.6)
+    assert gauge.tension() == pytest.approx(rig.plant.force * rig.truth.gauge_gain, abs=0.08)
+    rig.inject("gauge_silent")
+    with pytest.raises(DriverError, match="expected a line"):
+        gauge.tension()
+    rig.clear()
+    assert gauge.tension() > 1.0
+    gauge.close()
+
+
+def test_a_poll_command_of_ones_own(tmp_path, make_rig):
+    make_rig(gauge="mt_sics")
+    pattern = r"S [SD]\s+(?P<value>-?\d+\.\d+) (?P<unit>g)"
+    with pytest.raises(DriverError):
+        gauge_at(tmp_path, pattern, baud=9600).open()
+    with pytest.raises(ConfigurationError, match="stream_request"):
+        gauge_at(tmp_path, "raw", request="\\x")
+
+
+#: What manuals print, and what it means [N].
+DOCUMENTED = [
+    ("sauter", b"0011.70", -11.70),  # FH-BA-e-2020 p. 13
+    ("sauter", b"1021.15", 21.15),
+    ("mt_sics", b"S S     100.00 g", 0.1 * G),  # Mettler-Toledo AT p. 87: command S
+    ("mt_sics", b"S D      99.98 g", 0.09998 * G),
+    ("tecsis", b"N 00000", 0.0),  # EZE30 p. 22
+    ("andilog", b"12.34", 12.34),  # Centor Touch V6.10 p. 22: a sign, or none
+    ("andilog", b"-12.34\t5.000", -12.34),  # force, TAB, displacement
+    ("imada", b"+12.34KTO", 12.34 * G),  # sktometometo/imada_forcegauge: +XX.XXKTO
+    ("imada", b"-0.512NTO", -0.512),
+    ("scale", b"ST,GS,+ 12.345kg", 12.345 * G),
+    ("hx711", b"HX711 reading: -137240", -137240.0),
+    ("hx711_full", b"one reading:\t0.3\t| average:\t0.2", 0.3),
+    ("hx711_adc", b"Load_cell output val: -0.02", -0.02),
+    ("pounds", b"Reading: -0.1 lbs", -0.1 * 4.4482216),
+    ("pounds", b"Reading: 4.5 lbs calibration_factor: -7050.00", 4.5 * 4.4482216),
+]
+
+
+@pytest.mark.parametrize(("name", "line", "newtons"), DOCUMENTED)
+def test_documented_lines(name, line, newtons):
+    assert line_format(name).parse(line) == pytest.approx(newtons)
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "error"),
+    [
+        ("mt_sics", b"S +", SaturatedError),
+        ("mt_sics", b"S -", SaturatedError),
+        ("mt_sics", b"S I", DeviceRefusedError),
+        ("mt_sics", b"ES", CorruptReplyError),
+        ("andilog", b"?", DeviceRefusedError),
+        ("andilog", b"!", DeviceRefusedError),
+        ("tecsis", b"ERR", DeviceRefusedError),
+        ("imada", b"+99.99NTE", SaturatedError),
+        ("sauter", b"2021.15", CorruptReplyError),
+        ("sauter", b"1021.1", CorruptReplyError),
+        ("hx711", b"HX711 not found.", CorruptReplyError),
+        ("raw", b"8388607", SaturatedError),
+        ("hx711", b"HX711 reading: -8388608", SaturatedError),
+    ],
+)
+def test_documented_refusals_are_no_numbers(name, line, error):
+    with pytest.raises(error):
+        line_format(name).parse(line)
+
+
+# -- known weights -----------------------------------------------------------------------------------------------------
+
+
+def test_known_weights_give_counts_offset_and_deviation_and_the_driver_reads_them(tmp_path, make_rig):
+    rig = make_rig(gauge="bogde_basic")
+    gauge = gauge_at(tmp_path, "hx711")
+    gauge.open()
+    masses = [0.0, 0.2, 0.5, 1.0, 0.0]
+    hung = iter(masses)
+
+    def hang(_):
+        # Past the surface, over a pulley without friction: a weight on the cell.
+        rig.plant.force = next(hung) * G
+
+    found = fit_calibration(weigh(gauge, masses, 10, hang), "hx711", 0)
+    gauge.close()
+    true = COUNTS_PER_NEWTON * rig.truth.gauge_gain
+    assert found.counts_per_newton == pytest.approx(true, abs=4.0 * found.counts_per_newton_stddev)
+    assert found.counts_per_newton_stddev < 0.01 * true
+    assert found.offset_counts == pytest.approx(OFFSET_COUNTS, abs=0.05 * COUNTS_PER_NEWTON)
+    assert found.stddev_n == pytest.approx(rig.truth.gauge_noise, rel=0.5)
+    write_calibration(tmp_path / "cell.yaml", found)
+    assert read_calibration(tmp_path / "cell.yaml") == found
+    calibrated = gauge_at(tmp_path, "hx711", calibration=str(tmp_path / "cell.yaml"))
+    calibrated.open()
+    rig.plant.force = 0.7 * G
+    assert calibrated.tension() == pytest.approx(0.7 * G, abs=0.1)
+    calibrated.close()
+    with pytest.raises(ConfigurationError, match="calibrate the cell again"):
+        gauge_at(tmp_path, "grams", calibration=str(tmp_path / "cell.yaml"))
+
+
+def weighed(*counts: float, noise: float = 1.0) -> list[WeighedPoint]:
+    forces = (0.0, 2.0, 5.0, 10.0, 0.0)
+    return [WeighedPoint(force, value, noise, 20) for force, value in zip(forces, counts, strict=True)]
+
+
+def test_a_reversed_cell_gets_a_negative_scale():
+    found = fit_calibration(weighed(7.0, -193.0, -493.0, -993.0, 7.0), "raw", 0)
+    assert (found.counts_per_newton, found.offset_counts) == (pytest.approx(-100.0), pytest.approx(7.0))
+    assert (found.linearity, found.drift_n) == (pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=1e-9))
+
+
+def test_linearity_and_drift_are_those_of_the_readings():
+    # One weight 10 counts beside a line of 100 counts a newton, the last zero 20 counts higher than the first.
+    bent = fit_calibration(weighed(0.0, 200.0, 510.0, 1000.0, 0.0), "raw", 0)
+    assert bent.linearity == pytest.approx(7.0 / 1000.0, rel=0.3)
+    drifted = fit_calibration(weighed(0.0, 200.0, 500.0, 1000.0, 20.0), "raw", 0)
+    assert drifted.drift_n == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_cut_cell_has_no_scale():
+    with pytest.raises(ConfigurationError, match="four wires"):
+        fit_calibration(weighed(3.0, -4.0, 5.0, 1.0, -2.0, noise=4.0), "raw", 0)
+    with pytest.raises(ConfigurationError, match="at least one weight"):
+        fit_calibration(weighed(3.0, -4.0, 5.0, 1.0, -2.0)[:2], "raw", 0)
+
+
+@pytest.mark.parametrize("text", ["", "schema: 2", "schema: 1\ncounts_per_newton: much", "a: [", "- 1"])
+def test_a_calibration_that_is_none_is_refused_with_its_path(tmp_path, text):
+    (tmp_path / "cell.yaml").write_text(text)
+    with pytest.raises(ConfigurationError, match=r"cell\.yaml: expected a file of calibrate_cell"):
+        read_calibration(tmp_path / "cell.yaml")
+    with pytest.raises(ConfigurationError, match="missing"):
+        read_calibration(tmp_path / "missing.yaml")
+
+
+def test_every_format_that_is_asked_has_an_emulated_gauge_or_documented_lines():
+    asked = {name for name, one in FORMATS.items() if one.request}
+    assert asked == {*PROTOCOLS, "imada"} <= {name for name, _, _ in DOCUMENTED}

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who takes part in the cell's time, whether they hold it, and how far they let it run. Pure: it never waits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from softgrip_time.protocol import CancelRequest, Join, Packet, Progress, TimeRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+#: [s] of the computer's time that bytes may take from a host through the system to the device.
+_ON_THE_WIRE_S: Final = 0.2
+#: [s] for rounding: a follower at its limit lets the time reach it.
+_ROUNDING_S: Final = 1e-9
+
+
+@dataclass(eq=False)
+class Participant:
+    """One connection.
+
+    Attributes:
+        join: who it is.
+        request: what a stepper waits for; None while it works.
+        is_released: that wait has been granted, or its device has sent something: it works again.
+        progress_s: how far a follower has come [s].
+        held_since: [s, the computer's] since when it holds the time; None while it does not.
+        is_given_up: it held for too long; its next packet ends this.
+    """
+
+    join: Join
+    request: TimeRequest | None = None
+    is_released: bool = False
+    progress_s: float = 0.0
+    held_since: float | None = None
+    is_given_up: bool = False
+
+    def update(self, packet: Packet) -> None:
+        """Update from a packet that it has sent.
+
+        Raises:
+            ValueError: a packet that a participant of its kind does not send.
+        """
+        self.is_given_up, self.held_since = False, None
+        if isinstance(packet, TimeRequest) and not self.join.follows:
+            self.request, self.is_released = packet, False
+        elif isinstance(packet, CancelRequest) and not self.join.follows:
+            self.request = None
+        elif isinstance(packet, Progress) and self.join.follows:
+            self.progress_s = max(self.progress_s, packet.time_s)
+        else:
+            kind = "progress of a follower" if self.join.follows else "requests of a stepper"
+            raise ValueError(f"lock-step: {self.join.name}: expected {kind}, found {packet}")
+
+
+@dataclass
+class Participants:
+    """All of them.
+
+    Args:
+        give_up_s: [s, the computer's] after which the time goes on without who holds it.
+    """
+
+    give_up_s: float
+    all: list[Participant] = field(default_factory=list)
+    #: times of exposures that the follower of frames has not measured yet [s]
+    exposures: list[float] = field(default_factory=list)
+
+    def names(self) -> set[str]:
+        """Return the names of those who take part and answer."""
+        return {one.join.name for one in self.all if not one.is_given_up}
+
+    def find_holder(self, now_s: float, received: Mapping[str, int], computer_s: float) -> Participant | None:
+        """Return one who holds the time at the cell's ``now_s``, None when it may go on.
+
+        Args:
+            now_s: time of the cell [s].
+            received: bytes that the device on each terminal has received.
+            computer_s: monotonic [s].
+        """
+        holder = None
+        for one in self.all:
+            if one.is_given_up or not self._holds(one, now_s, received, computer_s):
+                one.held_since = None
+            elif one.held_since is None:
+                one.held_since = computer_s
+                holder = one
+            elif computer_s - one.held_since > self.give_up_s:
+                one.is_given_up = True
+            else:
+                holder = one
+        return holder
+
+    def limit_s(self) -> float:
+        """Return how far the time may run without another packet of anybody [s]."""
+        return min((self._limit_s(one) for one in self.all if not one.is_given_up), default=float("inf"))
+
+    def due(self, now_s: float) -> list[Participant]:
+        """Return the steppers whose requested time has come, and who do not know it yet."""
+        return [one for one in self.all if one.request and not one.is_released and one.request.until_s <= now_s]
+
+    def release_readers(self, terminal: str) -> None:
+        """Release who waits for bytes of a device that has sent some."""
+        for one in self.all:
+            if one.request is not None and one.request.reads == terminal:
+                one.is_released = True
+
+    def add_exposure(self, now_s: float) -> None:
+        """Add an exposure that the follower of frames will measure; no effect where there is none."""
+        if any(one.join.follows == "frames" for one in self.all):
+            self.exposures.append(now_s)
+
+    def drop_exposure(self, time_s: float) -> None:
+        """Drop an exposure whose frame was lost, so that nobody will measure it."""
+        self.exposures = [one for one in self.exposures if one != time_s]
+
+    def _holds(self, one: Participant, now_s: float, received: Mapping[str, int], computer_s: float) -> bool:
+        if one.join.follows:
+            return self._limit_s(one) <= now_s
+        if one.request is None or one.is_released:
+            return True
+        written = one.request.written.items()
+        on_the_wire = any(size > received.get(terminal, size) for terminal, size in written)
+        return on_the_wire and (one.held_since is None or computer_s - one.held_since < _ON_THE_WIRE_S)
+
+    def _limit_s(self, one: Participant) -> float:
+        if one.join.follows == "frames":
+            self.exposures = [time_s for time_s in self.exposures if time_s > one.progress_s + _ROUNDING_S]
+            return self.exposures[0] + one.join.lag_s if self.exposures else float("inf")
+        if one.join.follows:
+            return one.progress_s + one.join.lag_s
+        return one.request.until_s if one.request is not None and not one.is_released else float("inf")

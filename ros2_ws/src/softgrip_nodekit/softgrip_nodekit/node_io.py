@@ -1,0 +1,447 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node asks of rclpy, in rclpy's names, so that it can be written down and, from a bag, be given again.
+
+`NodeIo` is rclpy itself. `RecordingIo` has the same methods, and writes each step of the node into a `StepTrace` on
+``~/trace`` (softgrip_interfaces/NodeTrace): topics alone do not say what a node was asked, in which order it worked on
+what had arrived, or what its clocks showed. A replayer gives a `RecordingIo` another `NodeIo`, which calls the node
+from the bag, and a log that compares instead of writing (softgrip_bag).
+
+A step is the stretch from one entry into the node's code to its return or its next await; within a step the clocks
+stand still. The node's executor must be single-threaded: steps do not overlap.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
+
+from rclpy.action import ActionClient, ActionServer
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rclpy.task import Future
+
+from softgrip_interfaces.msg import NodeTrace
+from softgrip_nodekit.stamps import nanoseconds, to_time_message
+from softgrip_nodekit.timers import steady_timer
+
+#: [s] between two messages of a trace.
+_PERIOD_S = 0.1
+#: Late subscribers receive the last minute.
+_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=600,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+#: Bytes of the number that a request or a sent goal has, to tell its answer by.
+NUMBER_BYTES = 8
+
+Execute = Callable[[Any], Awaitable[Any]]
+
+
+class NodeIo:
+    """A node's clocks and its ways in and out, as rclpy gives them.
+
+    Args:
+        node: that owns what is created.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._servers: list[ActionServer] = []
+
+    def now_ns(self) -> int:
+        """Return the node's clock [ns since the epoch]."""
+        return int(self._node.get_clock().now().nanoseconds)
+
+    def monotonic_ns(self) -> int:
+        """Return the monotonic clock [ns]."""
+        return time.monotonic_ns()
+
+    def monotonic_s(self) -> float:
+        """Return the monotonic clock [s]."""
+        return self.monotonic_ns() * 1e-9
+
+    def draw_token(self) -> str:
+        """Return 128 random bits as 32 hex digits: a secret that nobody can guess."""
+        return secrets.token_hex(16)
+
+    def create_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
+        """Subscribe to messages with a header."""
+        self._node.create_subscription(kind, topic, callback, qos)
+
+    def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Serve requests."""
+        self._node.create_service(kind, name, callback)
+
+    def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Make a timer on the steady clock: what watches for silence must not stand still with a simulated time."""
+        steady_timer(self._node, period_s, callback)
+
+    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
+        """Serve goals; both callbacks get rclpy's goal handle, or what has its names."""
+        server = ActionServer(self._node, kind, name, execute_callback=execute, cancel_callback=cancel)
+        self._servers.append(server)
+
+    def create_client(self, kind: Any, name: str) -> Any:
+        """Return a client of a service."""
+        return self._node.create_client(kind, name)
+
+    def create_action_client(self, kind: Any, name: str) -> Any:
+        """Return a client of an action."""
+        return ActionClient(self._node, kind, name)
+
+    def create_task(self, work: Callable[..., Any], *arguments: Any) -> None:
+        """Run work through the executor, after the present callback; at once when there is no executor."""
+        executor = self._node.executor
+        if executor is None:
+            work(*arguments)
+        else:
+            executor.create_task(work, *arguments)
+
+    async def wait_for(self, name: str, future: Future) -> Any:  # noqa: ARG002  a trace tells the waits apart by name
+        """Return the result of a future; what follows is a step of its own."""
+        return await future
+
+
+class StepLog(Protocol):
+    """Where the steps of a node go: into a `StepTrace`, or against a recorded one."""
+
+    @property
+    def clocks_ns(self) -> tuple[int, int]:
+        """Node's clock and monotonic clock at the beginning of the present step [ns]."""
+
+    def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:
+        """Begin the first step: write down what the node remembers, or give it back."""
+
+    def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
+        """Begin a step."""
+
+    def say(self, name: str, message: Any) -> None:
+        """Take what leaves the node in the present step: a message, or bytes."""
+
+    def observe(self, name: str, read: Callable[[], bytes]) -> bytes:
+        """Return what the node learns of its surroundings in the present step."""
+
+
+class StepTrace:
+    """Writes the steps of a node down and publishes them in batches."""
+
+    def __init__(self, node: Node) -> None:
+        self._io = NodeIo(node)
+        self._names: dict[str, int] = {}
+        self._steps: list[tuple[int, int, int, int, bytes]] = []
+        self._first = 0
+        self._begun_ns: tuple[int, int] | None = None
+        self._publisher = node.create_publisher(NodeTrace, "~/trace", _QOS)
+        steady_timer(node, _PERIOD_S, self.publish)
+
+    @property
+    def clocks_ns(self) -> tuple[int, int]:
+        """Both clocks at the beginning of the present step; before the first one as they are."""
+        return self._begun_ns or (self._io.now_ns(), self._io.monotonic_ns())
+
+    def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a replay's part
+        """Begin the first step with what the node remembers."""
+        self.begin("start", save())
+
+    def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
+        """Begin a step."""
+        self._begun_ns = self._io.now_ns(), self._io.monotonic_ns()
+        self._append(name, data, stamp)
+
+    def say(self, name: str, message: Any) -> None:
+        """Write down what leaves."""
+        self._append(name, as_bytes(message))
+
+    def observe(self, name: str, read: Callable[[], bytes]) -> bytes:
+        """Write down what is found."""
+        found = read()
+        self._append(name, found)
+        return found
+
+    def _append(self, name: str, data: bytes, stamp: int = 0) -> None:
+        number = self._names.setdefault(name, len(self._names))
+        wall, monotonic = self._begun_ns or (0, 0)
+        self._steps.append((number, stamp, wall, monotonic, data))
+
+    def publish(self) -> None:
+        """Publish the steps since the last time."""
+        if not self._steps:
+            return
+        steps, self._steps = self._steps, []
+        names, stamps, walls, monotonics, data = zip(*steps, strict=True)
+        message = NodeTrace(
+            first=self._first,
+            names=list(self._names),
+            name=names,
+            stamp=stamps,
+            wall=walls,
+            monotonic=monotonics,
+            size=[len(item) for item in data],
+            data=b"".join(data),
+        )
+        message.header.stamp = to_time_message(self._io.now_ns())
+        self._first += len(steps)
+        self._publisher.publish(message)
+
+
+class RecordingIo(NodeIo):
+    """A `NodeIo` whose every use goes into a log.
+
+    Args:
+        node: that uses it.
+        io: what is used; None = rclpy.
+        log: where the steps go; None = a `StepTrace` that the node publishes.
+    """
+
+    def __init__(self, node: Node, io: NodeIo | None = None, log: StepLog | None = None) -> None:
+        super().__init__(node)
+        self._io = io or NodeIo(node)
+        self._log: StepLog = log or StepTrace(node)
+        self._sent = 0
+
+    def now_ns(self) -> int:
+        """Return the clock of the present step."""
+        return self._log.clocks_ns[0]
+
+    def monotonic_ns(self) -> int:
+        """Return the monotonic clock of the present step."""
+        return self._log.clocks_ns[1]
+
+    def draw_token(self) -> str:
+        """Return a secret; in a replay the one that was drawn then."""
+        return self._log.observe("drew", lambda: self._io.draw_token().encode()).decode()
+
+    def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:
+        """Begin the first step: write down what the node remembers (``save``); in a replay put it back (``load``)."""
+        self._log.start(save, load)
+
+    def create_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
+        """Subscribe to messages with a header: the log names them by their stamp."""
+        name = f"topic {self._node.resolve_topic_name(topic)}"
+
+        def received(message: Any) -> None:
+            self._log.begin(name, stamp=nanoseconds(message.header.stamp))
+            callback(message)
+
+        self._io.create_subscription(kind, topic, received, qos)
+
+    def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Serve requests."""
+        full = self._resolve(name)
+
+        def requested(request: Any, response: Any) -> Any:
+            self._log.begin(f"request {full}", as_bytes(request))
+            response = callback(request, response)
+            self._log.say(f"answered {full}", response)
+            return response
+
+        self._io.create_service(kind, name, requested)
+
+    def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Make a timer; the log does not tell several apart."""
+
+        def due() -> None:
+            self._log.begin("timer")
+            callback()
+
+        self._io.create_timer(period_s, due)
+
+    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
+        """Serve goals."""
+        full = self._resolve(name)
+        to_cancel: set[bytes] = set()
+
+        async def accepted(handle: Any) -> Any:
+            key = bytes(handle.goal_id.uuid)
+            self._log.begin(f"goal {full}", key + as_bytes(handle.request))
+            result = await execute(_RecordedGoal(self._log, full, handle, to_cancel))
+            to_cancel.discard(key)
+            self._log.say(f"finished {full}", result)
+            return result
+
+        def cancelled(handle: Any) -> Any:
+            key = bytes(handle.goal_id.uuid)
+            self._log.begin(f"cancel {full}", key)
+            to_cancel.add(key)
+            return cancel(_RecordedGoal(self._log, full, handle, to_cancel))
+
+        self._io.create_action_server(kind, name, accepted, cancelled)
+
+    def create_client(self, kind: Any, name: str) -> Any:
+        """Return a client of a service."""
+        return _RecordedClient(self, self._log, self._io.create_client(kind, name), self._resolve(name))
+
+    def create_action_client(self, kind: Any, name: str) -> Any:
+        """Return a client of an action."""
+        return _RecordedActionClient(self, self._log, self._io.create_action_client(kind, name), self._resolve(name))
+
+    def create_task(self, work: Callable[..., Any], *arguments: Any) -> None:
+        """Run work in a step of its own, once the present one is over."""
+
+        def due() -> None:
+            self._log.begin("later")
+            work(*arguments)
+
+        self._io.create_task(due)
+
+    async def wait_for(self, name: str, future: Future) -> Any:
+        """Wait, then begin a step."""
+        result = await self._io.wait_for(name, future)
+        self._log.begin(f"resumed {name}")
+        return result
+
+    def next_number(self) -> bytes:
+        """Return the number of what is sent, to tell its answer by."""
+        self._sent += 1
+        return self._sent.to_bytes(NUMBER_BYTES, "little")
+
+    def _resolve(self, name: str) -> str:
+        return str(self._node.resolve_service_name(name))
+
+
+class Answer:
+    """An answer that is waited for: rclpy's Future, as far as callbacks go.
+
+    The callbacks run in the step that brings the answer, and their errors are the step's: rclpy's Future only warns.
+    """
+
+    def __init__(self) -> None:
+        self._result: Any = None
+        self._is_done = False
+        self._callbacks: list[Callable[[Any], Any]] = []
+
+    def result(self) -> Any:
+        """Return the answer; None before it came."""
+        return self._result
+
+    def add_done_callback(self, callback: Callable[[Any], Any]) -> None:
+        """Call back with this object; at once when the answer is there."""
+        if self._is_done:
+            callback(self)
+        else:
+            self._callbacks.append(callback)
+
+    def set_result(self, result: Any) -> None:
+        """Give the answer."""
+        self._result, self._is_done = result, True
+        callbacks, self._callbacks = self._callbacks, []
+        for callback in callbacks:
+            callback(self)
+
+
+class _RecordedGoal:
+    """A goal that is served, in rclpy's names."""
+
+    def __init__(self, log: StepLog, name: str, handle: Any, to_cancel: set[bytes]) -> None:
+        self._log = log
+        self._name = name
+        self._handle = handle
+        self._to_cancel = to_cancel
+        self.request = handle.request
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Whether the client wants it to end, as far as a step has said so."""
+        return bytes(self._handle.goal_id.uuid) in self._to_cancel
+
+    def publish_feedback(self, feedback: Any) -> None:
+        self._log.say(f"feedback {self._name}", feedback)
+        self._handle.publish_feedback(feedback)
+
+    def succeed(self) -> None:
+        self._log.say(f"succeeded {self._name}", b"")
+        self._handle.succeed()
+
+    def abort(self) -> None:
+        self._log.say(f"aborted {self._name}", b"")
+        self._handle.abort()
+
+    def canceled(self) -> None:
+        self._log.say(f"canceled {self._name}", b"")
+        self._handle.canceled()
+
+
+class _RecordedClient:
+    """A client of a service, in rclpy's names."""
+
+    def __init__(self, io: RecordingIo, log: StepLog, client: Any, name: str) -> None:
+        self._io = io
+        self._log = log
+        self._client = client
+        self._name = name
+
+    def service_is_ready(self) -> bool:
+        return self._log.observe(f"ready {self._name}", lambda: bytes([self._client.service_is_ready()])) == b"\1"
+
+    def call_async(self, request: Any) -> Answer:
+        number, answer = self._io.next_number(), Answer()
+        self._log.say(f"called {self._name}", request)
+
+        def responded(future: Any) -> None:
+            response = future.result()
+            self._log.begin(f"response {self._name}", number + (b"" if response is None else as_bytes(response)))
+            answer.set_result(response)
+
+        self._client.call_async(request).add_done_callback(responded)
+        return answer
+
+
+class _RecordedActionClient:
+    """A client of an action, in rclpy's names."""
+
+    def __init__(self, io: RecordingIo, log: StepLog, client: Any, name: str) -> None:
+        self._io = io
+        self._log = log
+        self._client = client
+        self._name = name
+
+    def server_is_ready(self) -> bool:
+        return self._log.observe(f"ready {self._name}", lambda: bytes([self._client.server_is_ready()])) == b"\1"
+
+    def send_goal_async(self, goal: Any) -> Answer:
+        number, answer = self._io.next_number(), Answer()
+        self._log.say(f"sent {self._name}", goal)
+
+        def taken(future: Any) -> None:
+            handle = future.result()
+            self._log.begin(f"taken {self._name}", number + bytes([handle.accepted]))
+            answer.set_result(_RecordedSentGoal(self._log, self._name, number, handle))
+
+        self._client.send_goal_async(goal).add_done_callback(taken)
+        return answer
+
+
+class _RecordedSentGoal:
+    """A goal sent to another node, in rclpy's names."""
+
+    def __init__(self, log: StepLog, name: str, number: bytes, handle: Any) -> None:
+        self._log = log
+        self._name = name
+        self._number = number
+        self._handle = handle
+        self.accepted = bool(handle.accepted)
+
+    def cancel_goal_async(self) -> None:
+        self._log.say(f"withdrawn {self._name}", self._number)
+        self._handle.cancel_goal_async()
+
+    def get_result_async(self) -> Answer:
+        answer = Answer()
+
+        def done(future: Any) -> None:
+            response = future.result()
+            self._log.begin(f"result {self._name}", self._number + as_bytes(response.result))
+            answer.set_result(response)
+
+        self._handle.get_result_async().add_done_callback(done)
+        return answer
+
+
+def as_bytes(message: Any) -> bytes:
+    """Return a message in the wire's form; bytes as they are."""
+    return message if isinstance(message, bytes) else bytes(serialize_message(message))

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The launch for a bench (`hardware:=real`), over pseudo-terminals: an emulated cell's wires stand in for the devices'.
+
+Which nodes start with which devices, and whose configuration wins, is in embedded/test/test_cell_launch.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+#: Emulated servos answer later than real ones and, on a busy machine, live more slowly: this bench's own file says so.
+BENCH_FILE = """
+/**/tendon_driver:
+  ros__parameters:
+    {reply_margin_s: 0.1, no_reply_s: 5.0, bus_watchdog_s: 0.0, homing_timeout_s: 60.0, loop_rate: 50.0}
+"""
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+Launch = Callable[..., Any]
+
+
+@pytest.fixture
+def wires(launch: Launch, tmp_path: Path) -> Path:
+    """A folder with the ports of an emulated cell that lives in a domain of its own."""
+    folder = tmp_path / "wires"
+    arguments = ("--ros-args", "-p", f"wire_dir:={folder}", "-p", "camera_fps:=5.0")
+    launch("ros2", "run", "softgrip_emulator", "emulated_cell", *arguments).wait_for("wires in", 30.0)
+    return folder
+
+
+def start(launch: Launch, tmp_path: Path, *arguments: str) -> Any:
+    """Start the launch for a bench."""
+    (tmp_path / "bench.yaml").write_text(BENCH_FILE)
+    given = ("hardware:=real", f"config:={tmp_path}/bench.yaml", f"out:={tmp_path}/out", *arguments)
+    return launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *given)
+
+
+def until_said(cell: Any, ask: tuple[str, ...], text: str, timeout_s: float = 90.0) -> None:
+    """Ask until an answer holds a text; on a busy machine the one who asks may give up before it comes."""
+    deadline, answer = time.monotonic() + timeout_s, ""
+    while text not in answer:
+        assert time.monotonic() < deadline, f"expected {text!r}, found {answer!r}:\n{cell.output[-4000:]}"
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            answer = cell.ask(*ask)
+
+
+def diagnosed(folder: Path) -> dict[str, tuple[int, str]]:
+    """Return the last status of every component that a bag holds: level and message."""
+    (bag,) = (folder / "bags").iterdir()
+    found = {}
+    with AnyReader([bag]) as reader:
+        (connection,) = [one for one in reader.connections if one.topic == "/diagnostics"]
+        for _, _, data in reader.messages([connection]):
+            for status in reader.deserialize(data, connection.msgtype).status:
+                found[status.name] = (int(status.level), status.message)
+    return found
+
+
+def end(cell: Any) -> None:
+    cell.interrupt()
+    cell.wait_for_end(30.0)
+    assert cell.survivors() == []
+
+
+@pytest.mark.timeout(180)
+def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, tmp_path: Path, wires: Path) -> None:
+    cell = start(launch, tmp_path, f"servo_port:={wires}/servos", "rig:=false", "camera:=false", "gripper:=false")
+    until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
+    end(cell)
+    found = diagnosed(tmp_path / "out")
+    assert found["friction_rig: rig"][0] == 0
+    assert "no rig" in found["friction_rig: rig"][1]
+    assert found["camera: capture"][0] == 0
+    assert "no camera" in found["camera: capture"][1]
+    assert "marker_tracker" not in {name.partition(":")[0] for name in found}
+
+
+@pytest.mark.timeout(180)
+def test_a_bench_with_rig_and_camera_alone_reads_both(launch: Launch, tmp_path: Path, wires: Path) -> None:
+    devices = (f"stage_port:={wires}/stand", f"gauge_port:={wires}/gauge", f"camera_source:=@{wires}/camera.url")
+    cell = start(launch, tmp_path, *devices, f"calibration:={wires}/camera_calibration.yaml", "servos:=false")
+    until_said(cell, ("topic", "echo", "--once", "load_cell/wrench"), "force")
+    until_said(cell, ("topic", "echo", "--once", "camera/camera_info"), "width: 640")
+    end(cell)
+    found = diagnosed(tmp_path / "out")
+    assert found["friction_rig: rig"] == (0, "connected")
+    assert "no tendon_driver here" in found["friction_rig: safety"][1]
+    assert found["camera: frames"] == (0, "of the calibrated size")
+    assert {"tendon_driver", "grasp_mix_manager"}.isdisjoint(name.partition(":")[0] for name in found)
