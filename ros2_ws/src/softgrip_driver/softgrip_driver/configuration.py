@@ -252,6 +252,7 @@ def _servo(
             f"parameter {LIMIT_PARAMETERS['temperature_limit']}: expected at most the {model.temperature_limit:g} degC "
             f"at which a {name} lets go of everything, found {limits.temperature_limit:g}"
         )
+    _check_needs(model, spool, limits, values["loop_rate"])
     mode = OperatingMode(values["operating_mode"])
     if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
         raise ConfigurationError(
@@ -277,6 +278,34 @@ def _servo(
         _winding(own),
         CurrentSensing(own("limited_currents")) if model.senses is CurrentSensing.SUPPLY else None,
     )
+
+
+def _check_needs(model: ServoModel, spool: Spool, limits: TendonLimits, loop_rate: float) -> None:
+    """Raise ConfigurationError where a model's gears and inertia can not do what the parameters ask for."""
+    needs, radius = model.needs, spool.radius
+    minima = {
+        LIMIT_PARAMETERS["homing_tension"]: (needs.homing_torque / radius, limits.homing_tension, "N"),
+        "loop_rate": (needs.loop_rate, loop_rate, "Hz"),
+    }
+    maxima = {
+        LIMIT_PARAMETERS["speed"]: (needs.speed * radius, limits.speed, "m/s"),
+        LIMIT_PARAMETERS["acceleration"]: (needs.acceleration * radius, limits.acceleration, "m/s^2"),
+    }
+    rounding = 1e-6
+    wrong = [
+        f"{name} of at least {bound:.3g} {unit}, found {value:g}"
+        for name, (bound, value, unit) in minima.items()
+        if value < bound * (1.0 - rounding)
+    ] + [
+        f"{name} of at most {bound:.3g} {unit}, found {value:g}"
+        for name, (bound, value, unit) in maxima.items()
+        if value > bound * (1.0 + rounding)
+    ]
+    if wrong:
+        raise ConfigurationError(
+            f"a {model.name} on a spool of {radius * 1e3:g} mm: expected {'; '.join(wrong)}; with others its gears and "
+            "inertia would hide the tension of the tendon"
+        )
 
 
 def _torque(own: Callable[[str], Any], model: ServoModel) -> TorqueModel:

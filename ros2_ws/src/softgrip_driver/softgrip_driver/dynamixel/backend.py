@@ -302,6 +302,8 @@ class DynamixelBackend:
     def power(self, tendon: str, on: bool) -> None:
         """Hold the present position, or let go."""
         live = self._live[tendon]
+        # Unknown until it has been read, however far this gets: what was known before must not pass for a restart.
+        live.powered = None
         if not on:
             self._switch_off(live, attempts=2)
             return
@@ -312,7 +314,7 @@ class DynamixelBackend:
         # Written with torque on: some firmware copies the present position at that moment, and the last word is ours.
         self.bus.write(servo_id, reg.GOAL_POSITION, position, attempts=2)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
-        live.powered, live.current_units, live.anchor = None, None, None
+        live.current_units = live.anchor = None
         live.armed = True
 
     def motor(self, tendon: str) -> MotorReading:

@@ -31,6 +31,9 @@ _STATUS_OVERHEAD = 11
 _INSTRUCTION_OVERHEAD = 10
 #: model number and firmware
 _PING_BYTES = 3
+#: reads of the measured items, from Realtime Tick to Present Temperature, that tell whether two servos answer at once
+SHARED_READS, SHARED_BYTES = 5, 27
+_MEASURED = (120).to_bytes(2, "little") + SHARED_BYTES.to_bytes(2, "little")
 #: pings of which the median counts, and [s] that each may take
 TURNAROUND_PINGS = 5
 TURNAROUND_LIMIT_S = 0.1
@@ -122,6 +125,18 @@ class Bus:
                 if reply is not None and len(reply.data) == 3:
                     found[reply.servo_id] = (int.from_bytes(reply.data[:2], "little"), reply.data[2])
         return found
+
+    def is_shared(self, servo_id: int) -> bool:
+        """Return whether several servos seem to answer to an ID: pings are alike, but what they measure is not."""
+        damaged = 0
+        for _ in range(SHARED_READS):
+            try:
+                self._exchange(servo_id, _READ, _MEASURED, SHARED_BYTES, 1)
+            except CorruptReplyError:
+                damaged += 1
+            except (NoReplyError, DeviceRefusedError):
+                return False
+        return 2 * damaged > SHARED_READS
 
     def read(self, servo_id: int, item: ControlItem, attempts: int = 1) -> int:
         """Return the value of an item."""
