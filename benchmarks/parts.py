@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import json
 import math
 import os
@@ -114,9 +115,8 @@ def errors_um(design: FingerDesign, found: dict[str, Any]) -> list[float]:
             errors.append(1e3 * min(abs(radius - expected) for radius in radii))
         x_mm += 1e3 * design.link_lengths_m[j]
     ends = [*(apex[0] for apex in apexes), found["box"][3]]
-    errors += [
-        1e3 * abs(b - a - 1e3 * length) for a, b, length in zip(ends, ends[1:], design.link_lengths_m, strict=True)
-    ]
+    links = [b - a for a, b in itertools.pairwise(ends)]
+    errors += [1e3 * abs(link - 1e3 * length) for link, length in zip(links, design.link_lengths_m, strict=True)]
     errors.append(1e3 * abs(found["box"][5] - found["box"][2] - 1e3 * design.width_m))
     errors.append(1e3 * abs(-found["box"][1] - depth_mm))
     return errors
