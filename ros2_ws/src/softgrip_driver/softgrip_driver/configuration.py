@@ -22,6 +22,7 @@ from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_time import Clock
 
 Value = TypeVar("Value")
 
@@ -122,14 +123,17 @@ class DriverConfiguration:
         """Return the controller, knowing nothing yet; ``block`` says whether anything may move."""
         return GripperController(self.limits, self.policies, self.grippers, 1.0 / self.loop_rate, block)
 
-    def backend(self, report: Callable[[str], object]) -> TendonBackend:
-        """Return the backend, not connected; ``report`` is told what it is about to change in a device for good."""
+    def backend(self, report: Callable[[str], object], clock: Clock) -> TendonBackend:
+        """Return the backend, not connected; ``report`` is told what it is about to change in a device for good.
+
+        It waits on ``clock``.
+        """
         if self.gauge is not None:
             ((tendon, limits),) = self.limits.items()
-            stage = make_stage(self.kind, self.port, self.reply_margin, self.stage_start)
-            gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
-            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof)
-        bus = Bus(self.port, self.baud, self.reply_margin)
+            stage = make_stage(self.kind, self.port, self.reply_margin, self.stage_start, clock)
+            gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin, clock)
+            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof, clock)
+        bus = Bus(self.port, self.baud, self.reply_margin, clock)
         return DynamixelBackend(
             bus,
             self.servos,

@@ -132,7 +132,7 @@ def test_what_another_process_left_moving_is_stopped_first(make_stage_of, world)
     stage.open()
     stage.start(50e-3, 2e-3)
     stage._port.close()
-    world.clock.wait(1.0)
+    world.clock.advance(world.now() + 1.0)
     stage.open()
     assert rig.plant.velocity == 0.0
     goes(rig, stage, world)

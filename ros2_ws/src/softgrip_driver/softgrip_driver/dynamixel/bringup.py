@@ -184,7 +184,7 @@ def _who_answers(bus: Bus) -> str:
     for other_baud in BAUD_CODES:
         if other_baud == baud:
             continue
-        other = Bus(port, other_baud, bus.port.reply_margin)
+        other = Bus(port, other_baud, bus.port.reply_margin, bus.clock)
         bus.close()
         try:
             other.open()

@@ -9,7 +9,6 @@ throws all away when one is missing, and the error bytes always); a port that ca
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +19,7 @@ from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, Contro
 from softgrip_driver.dynamixel.stuffing import PacketHandler
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters
+from softgrip_time import Clock, WallClock
 
 BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REBOOT, _CLEAR = 0x01, 0x02, 0x03, 0x08, 0x10
@@ -63,10 +63,12 @@ class Bus:
         port_name: device path.
         baud: [1/s]
         reply_margin: [s] allowed for a reply beyond the time its bytes need.
+        clock: that its waits are on; the computer's where none is given.
     """
 
-    def __init__(self, port_name: str, baud: int, reply_margin: float = 0.004) -> None:
-        self.port = BusPort(port_name, baud, reply_margin)
+    def __init__(self, port_name: str, baud: int, reply_margin: float = 0.004, clock: Clock | None = None) -> None:
+        self.clock = clock or WallClock()
+        self.port = BusPort(port_name, baud, reply_margin, self.clock)
         self.counters = Counters()
         self._handler = PacketHandler()
         self._lock = threading.RLock()
@@ -103,14 +105,14 @@ class Bus:
         waits: list[float] = []
         failure: DriverError | None = None
         for _ in range(TURNAROUND_PINGS):
-            began = time.monotonic()
+            began = self.clock.now_s()
             try:
                 with self._lock:
                     self._exchange_once(servo_id, _PING, b"", _PING_BYTES, TURNAROUND_LIMIT_S)
             except (NoReplyError, CorruptReplyError) as error:
                 failure = error
             else:
-                waits.append(time.monotonic() - began)
+                waits.append(self.clock.now_s() - began)
         if failure is not None and len(waits) < 2:
             raise failure
         wire = (_INSTRUCTION_OVERHEAD + _STATUS_OVERHEAD + _PING_BYTES) * BITS_PER_BYTE / self.port.baudrate

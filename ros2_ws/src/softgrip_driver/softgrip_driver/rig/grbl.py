@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import time
 from enum import StrEnum
 
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError
@@ -170,19 +169,19 @@ class GrblStage:
 
     def _settled_state(self) -> str:
         """Return its state once a motion that another process began has come to rest."""
-        end = time.monotonic() + _SETTLE_TIME
-        while (state := self._report()[0]) in {"Jog", "Run", "Hold"} and time.monotonic() < end:
+        end = self._port.clock.now_s() + _SETTLE_TIME
+        while (state := self._report()[0]) in {"Jog", "Run", "Hold"} and self._port.clock.now_s() < end:
             pass
         return state
 
     def _await_running(self) -> str:
         """Wait for the hello of a restart; a board that opening its port does not restart is asked who it is."""
-        end = time.monotonic() + self._boot_time
+        end = self._port.clock.now_s() + self._boot_time
         while True:
             try:
-                line = self._port.read_line(min(_QUIET_TIME, max(end - time.monotonic(), 0.0)))
+                line = self._port.read_line(min(_QUIET_TIME, max(end - self._port.clock.now_s(), 0.0)))
             except NoReplyError:
-                if time.monotonic() >= end:
+                if self._port.clock.now_s() >= end:
                     raise
                 # No soft reset: on a board that boots it would only make for another banner.
                 self._port.write(_STATUS)
@@ -242,8 +241,8 @@ class GrblStage:
         """Return the lines of an answer that ends with ok."""
         self._begin_line()
         self._port.write(command + b"\n")
-        lines, end = [], time.monotonic() + _SETTINGS_TIME
-        while (line := self._port.read_line(max(end - time.monotonic(), 0.0))) != b"ok":
+        lines, end = [], self._port.clock.now_s() + _SETTINGS_TIME
+        while (line := self._port.read_line(max(end - self._port.clock.now_s(), 0.0))) != b"ok":
             if line.startswith(b"error:"):
                 raise DeviceRefusedError(f"GRBL: expected settings, found {line!r}", 0)
             lines.append(line)
@@ -288,15 +287,15 @@ class GrblStage:
 
     def _answer(self, *beginnings: bytes, timeout: float | None = None) -> bytes:
         """Return the next line that begins as expected; GRBL pushes [MSG:...] and empty lines in between."""
-        end = time.monotonic() + (self._port.reply_time if timeout is None else timeout)
+        end = self._port.clock.now_s() + (self._port.reply_time if timeout is None else timeout)
         while True:
-            line = self._port.read_line(max(end - time.monotonic(), 0.0))
+            line = self._port.read_line(max(end - self._port.clock.now_s(), 0.0))
             if line.startswith(beginnings):
                 return line
             if line.startswith((b"ALARM:", b"Grbl")):
                 heard = line.decode("ascii", "replace")
                 raise DeviceRefusedError(f"GRBL: expected an answer, found '{heard}': the position is lost; home it", 0)
-            if time.monotonic() >= end:
+            if self._port.clock.now_s() >= end:
                 raise NoReplyError(f"port {self._port.path}: expected {beginnings!r}, found {line!r}")
 
 
