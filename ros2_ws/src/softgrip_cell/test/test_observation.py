@@ -9,9 +9,8 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from softgrip_cell.grasp.sequence import GraspSequence
+from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import GraspStep
 from softgrip_cell.observation import (
     FreeMotion,
     Observation,
@@ -192,7 +191,7 @@ def _feed(sequence: GraspSequence, observations: list[Observation]) -> GraspStep
     step = None
     for one in observations:
         if isinstance(one, SeenTip):
-            sequence.see(one)
+            sequence.observe_tip(one)
         else:
             step = sequence.observe_sample(one) if isinstance(one, TendonSample) else sequence.observe(one)
     return step
