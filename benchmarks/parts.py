@@ -146,18 +146,23 @@ def is_watertight(path: Path) -> bool:
 
 
 def main() -> int:
-    """Measure and print the claims; 1 where gmsh is missing."""
+    """Measure and print the claims."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--random", type=int, default=10, help="random fingers (default: %(default)s)")
     count = options.parse_args().random
     python = gmsh_python()
     if not python:
-        print("expected gmsh for reading STEP back, found none; pip install gmsh, or name it in SOFTGRIP_GMSH_PYTHON",
-              file=sys.stderr)  # fmt: skip
-        return 1
+        print("gmsh not found: pip install gmsh, or set SOFTGRIP_GMSH_PYTHON; no dimensions follow", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
         measure(Path(folder), count, python)
     return 0
+
+
+def dimension_errors_um(python: str, designs: dict[Path, FingerDesign]) -> list[float]:
+    """Return the largest deviation of each STEP file from its design."""
+    read = subprocess.run([python, str(READER), *map(str, designs)], capture_output=True, text=True, check=True)
+    measured = json.loads(read.stdout.splitlines()[-1])
+    return [max(errors_um(design, found)) for design, found in zip(designs.values(), measured, strict=True)]
 
 
 def measure(folder: Path, count: int, python: str) -> None:
@@ -181,14 +186,12 @@ def measure(folder: Path, count: int, python: str) -> None:
         write_part(make_solid(finger.form, finger.channels), into)
         seconds.append(time.perf_counter() - started)
         paths[name, slot] = into / f"finger_{slot}.step"
-    read = subprocess.run([python, str(READER), *map(str, paths.values())], capture_output=True, text=True, check=True)
-    measured = json.loads(read.stdout.splitlines()[-1])
-    errors = [max(errors_um(designs[key], found)) for key, found in zip(paths, measured, strict=True)]
-    worst = max(errors)
     made = f"{len(paths)} fingers ({len(paths) - 9} random, {refused} refused by name)"
-    claim("dimension error", worst, "um", better="lower", goal=GOAL_UM, runs=len(paths),
-          note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {made}; median "
-          f"{statistics.median(errors):.2g} um")  # fmt: skip
+    if python:
+        errors = dimension_errors_um(python, {paths[key]: designs[key] for key in paths})
+        claim("dimension error", max(errors), "um", better="lower", goal=GOAL_UM, runs=len(paths),
+              note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {made}; median "
+              f"{statistics.median(errors):.2g} um")  # fmt: skip
     started = time.perf_counter()
     solids = [make_solid(form) for form in whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0).others]
     for solid in solids:
