@@ -64,7 +64,13 @@ def diagnosed(folder: Path) -> dict[str, tuple[int, str]]:
     return found
 
 
-def end(cell: Any) -> None:
+def end(cell: Any, out: Path) -> None:
+    """End it once its bag has some seconds of everybody's diagnostics."""
+    deadline = time.monotonic() + 60.0
+    while not list((out / "bags").glob("*")):
+        assert time.monotonic() < deadline, f"expected a bag, found none:\n{cell.output[-4000:]}"
+        time.sleep(0.2)
+    time.sleep(5.0)
     cell.interrupt()
     cell.wait_for_end(30.0)
     assert cell.survivors() == []
@@ -74,7 +80,7 @@ def end(cell: Any) -> None:
 def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, tmp_path: Path, wires: Path) -> None:
     cell = start(launch, tmp_path, f"servo_port:={wires}/servos", "rig:=false", "camera:=false", "gripper:=false")
     until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
-    end(cell)
+    end(cell, tmp_path / "out")
     found = diagnosed(tmp_path / "out")
     assert found["friction_rig: rig"][0] == 0
     assert "no rig" in found["friction_rig: rig"][1]
@@ -89,7 +95,7 @@ def test_a_bench_with_rig_and_camera_alone_reads_both(launch: Launch, tmp_path: 
     cell = start(launch, tmp_path, *devices, f"calibration:={wires}/camera_calibration.yaml", "servos:=false")
     until_said(cell, ("topic", "echo", "--once", "load_cell/wrench"), "force")
     until_said(cell, ("topic", "echo", "--once", "camera/camera_info"), "width: 640")
-    end(cell)
+    end(cell, tmp_path / "out")
     found = diagnosed(tmp_path / "out")
     assert found["friction_rig: rig"] == (0, "connected")
     assert "no tendon_driver here" in found["friction_rig: safety"][1]
