@@ -30,7 +30,7 @@ $(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wi
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
 	@touch $@
 
-parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 450 MB
+parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
 
 $(VENV)/.parts: requirements-parts.lock | setup
 	@echo "== solid modelling (build123d, an extra)"
@@ -60,10 +60,10 @@ cpp-tests-of-%: | $(STAMP)
 	@$(WITH_VENV) cmake --build $(OUT)/cpp/$*
 	@$(WITH_VENV) ctest --test-dir $(OUT)/cpp/$* --output-on-failure
 
-demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="camera_fps:=30.0"
+demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED) $(ARGS)
 
-cell: setup  ## the emulated cell, until Ctrl-C
+cell: setup  ## the emulated cell in real time, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 

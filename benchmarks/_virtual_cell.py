@@ -115,6 +115,11 @@ class _VirtualBus(Bus):
         """Always there."""
         return True
 
+    def turnaround(self, servo_id: int) -> float:
+        """No time."""
+        del servo_id
+        return 0.0
+
     def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> BusReply:
         del size, attempts
         servo = self._servos[servo_id]

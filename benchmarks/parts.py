@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import json
 import math
 import os
@@ -53,7 +54,7 @@ def random_designs(count: int) -> Iterator[FingerDesign]:
             routing_radii_m=tuple(rng.uniform(0.005, 0.013, 6).round(6).tolist()),
             joint_lengths_m=tuple(rng.uniform(0.006, 0.012, 3).round(6).tolist()),
             openings_rad=tuple(rng.uniform(math.radians(80.0), math.radians(90.0), 3).tolist()),
-            width_m=float(rng.uniform(0.012, 0.016).round(6)),
+            width_m=round(float(rng.uniform(0.012, 0.016)), 6),
         )
         yield design
         count -= 1
@@ -114,9 +115,8 @@ def errors_um(design: FingerDesign, found: dict[str, Any]) -> list[float]:
             errors.append(1e3 * min(abs(radius - expected) for radius in radii))
         x_mm += 1e3 * design.link_lengths_m[j]
     ends = [*(apex[0] for apex in apexes), found["box"][3]]
-    errors += [
-        1e3 * abs(b - a - 1e3 * length) for a, b, length in zip(ends, ends[1:], design.link_lengths_m, strict=True)
-    ]
+    links = [b - a for a, b in itertools.pairwise(ends)]
+    errors += [1e3 * abs(link - 1e3 * length) for link, length in zip(links, design.link_lengths_m, strict=True)]
     errors.append(1e3 * abs(found["box"][5] - found["box"][2] - 1e3 * design.width_m))
     errors.append(1e3 * abs(-found["box"][1] - depth_mm))
     return errors

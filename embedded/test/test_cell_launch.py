@@ -134,6 +134,35 @@ def test_real_hardware_lives_in_real_time_whatever_anybody_says(bench: str) -> N
     assert values_of("friction_rig", hardware="emulated", rig_time_scale="20.0")["time_scale"] == 20.0
 
 
+NODES = (*ALWAYS, "tendon_driver", "grasp_mix_manager", "gripper_command", "marker_tracker")
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_all_nodes_live_in_the_emulated_cells_time_and_in_the_computers_with_real_hardware(node: str) -> None:
+    emulated = values_of(node, hardware="emulated", wire_dir="/run/wires")
+    assert emulated["use_sim_time"] is True
+    waited_for = node not in {"gdfe_simulator", "hand_description", "camera"}
+    assert emulated.get("lockstep", "") == ("/run/wires/time" if waited_for else "")
+    real = values_of(node)
+    assert (real["use_sim_time"], real.get("lockstep", "")) == (False, "")
+
+
+def test_no_time_limit_of_the_drives_or_of_the_manager_is_another_one_on_emulated_hardware() -> None:
+    for node in ("tendon_driver", "grasp_mix_manager", "friction_rig"):
+        real, emulated = values_of(node), values_of(node, hardware="emulated")
+        differing = {name for name in real.keys() & emulated.keys() if real[name] != emulated[name]}
+        assert differing <= {"use_sim_time", "lockstep", "port", "stage_port", "gauge_port", "time_scale"}
+        assert "use_sim_time" in differing
+
+
+@pytest.mark.parametrize(("speed", "value"), [("1.0", 1.0), ("max", 0.0), ("0.5", 0.5)])
+def test_the_speed_of_the_cells_time_is_that_of_the_launch(speed: str, value: float) -> None:
+    found = values_of("emulated_cell", hardware="emulated", speed=speed)
+    assert found["speed"] == value
+    assert not found.get("use_sim_time", False)
+    assert set(found["expected"]) <= set(NODES)
+
+
 def test_the_emulated_cell_never_touches_the_devices_of_the_users_file(bench: str) -> None:
     emulated = {"hardware": "emulated", "config": bench, "wire_dir": "/run/wires"}
     assert values_of("tendon_driver", **emulated)["port"] == "/run/wires/servos"

@@ -91,7 +91,6 @@ def main() -> int:
     parser.add_argument("--bag", type=Path, help="cut a bag that is there already")
     parser.add_argument("--bench", action="store_true", help="record the manager on the bench of test_manager_live.py")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated cell")
-    parser.add_argument("--pace", choices=("full", "half"), default="full", help="half: on a slow computer")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="only these")
     parser.add_argument("--renew", action="store_true", help="keep the recorded inputs")
     options = parser.parse_args()
@@ -106,7 +105,7 @@ def main() -> int:
 
             bag = record_bench(Path(folder))
         else:
-            bag = options.bag or record(Path(folder), options.seed, options.pace)
+            bag = options.bag or record(Path(folder), options.seed)
         for name in options.parts:
             part = PARTS[name]
             shutil.rmtree(BAGS / name, ignore_errors=True)
@@ -141,20 +140,18 @@ def stretch(bag: Path, part: Part) -> tuple[int, int | None]:
     return middle - round(part.before_s * SECOND), middle + round(part.after_s * SECOND)
 
 
-def record(folder: Path, seed: int, pace: str) -> Path:
+def record(folder: Path, seed: int) -> Path:
     """Run a session; returns its bag."""
-    with cell(folder, seed, pace):
+    with cell(folder, seed):
         subprocess.run([sys.executable, str(HERE / "session.py")], timeout=LONGEST, check=True)
     return next((folder / "bags").iterdir())
 
 
 @contextmanager
-def cell(folder: Path, seed: int, pace: str) -> Iterator[None]:
+def cell(folder: Path, seed: int) -> Iterator[None]:
     """Have the emulated cell run."""
     command = ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml", f"out:={folder}", f"seed:={seed}"]
-    command += [f"wire_dir:={folder / 'wires'}", "lift_window_s:=1.0", f"pace:={pace}"]
-    if pace == "half":
-        command += ["rig_time_scale:=20.0"]
+    command += [f"wire_dir:={folder / 'wires'}", "lift_window_s:=1.0"]
     with (folder / "log.txt").open("w") as log:
         launch = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
         try:

@@ -194,6 +194,26 @@ def test_a_bag_is_replayed_whatever_the_order_in_which_node_and_recorder_got_it(
     assert found.compared == sum(len(items) for items in results(outputs).values())
 
 
+def test_a_node_that_was_started_again_is_replayed_run_by_run(recorded: Any, tmp_path: Path) -> None:
+    """It hears what is latched when it has answered three messages already; a wear test begins anew."""
+    case, streams, _ = recorded
+    arrived = [raw for _, raw in arrive(streams, dict.fromkeys(streams, 1), Random(0))]
+    cut = len(arrived) * 3 // 5
+    latched = list({raw.topic: raw for raw in arrived[:cut] if raw.topic in LATCHED}.values())
+    driving = [number for number, raw in enumerate(arrived) if raw.topic == case.driver and number >= cut]
+    outputs: dict[str, list[Output]] = defaultdict(list)
+    runs = [arrived[:cut], [*arrived[cut : driving[3]], *latched, *arrived[driving[3] :]]]
+    for number, run in enumerate(runs):
+        (tmp_path / str(number)).mkdir()
+        for topic, items in said(case, run, tmp_path / str(number)).items():
+            outputs[topic] += items
+    assert late(outputs, case)
+    write_bag(tmp_path / "bag", case, arrived, outputs)
+    found = check(tmp_path / "bag", case.node, case.arguments)
+    assert found.divergence is None, str(found.divergence)
+    assert found.compared == sum(len(items) for items in results(outputs).values())
+
+
 def write_bag(folder: Path, case: Case, inputs: Sequence[RawMessage], outputs: dict[str, list[Output]]) -> None:
     """Write a bag as the recorder would."""
     bag = BagWriter(folder)

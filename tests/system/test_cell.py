@@ -27,7 +27,7 @@ Launch = Callable[..., Any]
 @pytest.mark.timeout(400)
 def test_a_whole_shift_ends_with_summary_page_and_a_bag_that_replays(launch: Launch, tmp_path: Path) -> None:
     out = tmp_path / "demo"
-    demo = launch(sys.executable, str(ROOT / "tools" / "demo.py"), str(out), "--seed", "2", "--pace", "half")
+    demo = launch(sys.executable, str(ROOT / "tools" / "demo.py"), str(out), "--seed", "2")
     code = demo.wait_for_end(360.0)
     assert code == 0, demo.output[-6000:]
     summary = json.loads((out / "summary.json").read_text())

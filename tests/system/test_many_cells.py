@@ -49,7 +49,7 @@ def test_three_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: P
     cells = {}
     for seed, name in enumerate(NAMES, start=1):
         cells[name] = launch(
-            *CELL, f"cell:={name}", f"seed:={seed}", f"out:={tmp_path}/{name}", "pace:=half", "camera_fps:=4.0",
+            *CELL, f"cell:={name}", f"seed:={seed}", f"out:={tmp_path}/{name}", "camera_fps:=4.0",
             "gripper:=false", f"wire_dir:={tmp_path}/wires/{name}", domain=domain,
         )  # fmt: skip
         domain = cells[name].domain

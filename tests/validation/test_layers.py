@@ -18,7 +18,7 @@ EMBEDDED = ("embedded_ros",)
 #: Pure code a package may import from other packages of the workspace.
 MAY_IMPORT = {
     "softgrip_model": set(),
-    "softgrip_nodekit": set(),
+    "softgrip_nodekit": {"softgrip_time"},
     "softgrip_time": set(),
     "softgrip_description": {"softgrip_model"},
     "softgrip_design": {"softgrip_description", "softgrip_model"},

@@ -20,6 +20,7 @@ from softgrip_model.finger import (
     Control,
     Cylinder,
     Finger,
+    JointModel,
     Kernel,
     MomentLaw,
     Solution,
@@ -28,6 +29,7 @@ from softgrip_model.finger import (
     close,
     follow,
 )
+from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.finger.parts import strip_moment
 from softgrip_model.finger.published import (
     CHAPTER_4_MM,
@@ -40,6 +42,7 @@ from softgrip_model.finger.published import (
 from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
 from softgrip_model.friction.laws import FrictionLaw, LambdaSign, Law
 from softgrip_model.friction.published import published
+from softgrip_testing.calculix_flexures import OTHER_SEEDS, STUDY_SEEDS, UNSEEN_SEEDS, closings
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[2]
@@ -147,10 +150,59 @@ def laws_table() -> str:
     return table(["friction", "routing", "10 mm [deg]", "20 mm [deg]", "T at 20 mm [N]", "at the tip [N]"], rows)
 
 
+def flexure_table() -> str:
+    """Return how far modes P and F are from CalculiX."""
+    groups = {
+        "fitted to": STUDY_SEEDS,
+        "unseen, with friction": UNSEEN_SEEDS,
+        "others": OTHER_SEEDS,
+    }
+    rows = []
+    for name, seeds in groups.items():
+        for model in (JointModel.HINGE, JointModel.FLEXURE):
+            tips, tensions = [], []
+            for one in (one for one in closings() if one.seed in seeds):
+                finger = one.finger
+                law = BRAID if one.friction else FRICTIONLESS
+                flexed = Kernel([finger], law).solve(one.pulled_mm)
+                used = ((flexed.status[0] & int(Status.STOP_ENGAGED)) == 0) & (one.pulled_mm < 19.0)
+                found = Kernel([finger.with_joint_model(model)], law).solve(one.pulled_mm[used])
+                distance = np.linalg.norm(found.tip_mm[0] - one.tip_mm[used], axis=1) / finger.length_from_joint_mm
+                tips.append(100.0 * float(np.nanmax(distance)))
+                tensions.append(100.0 * float(np.nanmax(np.abs(found.tension_n[0, :, 0] / one.tension_n[used] - 1.0))))
+            mode = "P" if model is JointModel.HINGE else "F"
+            row = [f"{np.mean(tips):.2f}", f"{np.max(tips):.2f}", f"{np.mean(tensions):.1f}", f"{np.max(tensions):.1f}"]
+            rows.append([f"{name} ({len(tips)})", mode, *row])
+    head = [
+        "fingers",
+        "mode",
+        "tip [% of length], mean of largest",
+        "largest",
+        "tension [%], mean of largest",
+        "largest",
+    ]
+    return table(head, rows)
+
+
+#: h, l [mm], q [deg] of the table of moments.
+MOMENTS = ((3.0, 10.0, 60.0), (5.0, 10.0, 60.0), (3.0, 5.0, 60.0), (3.0, 5.0, 90.0))
+
+
+def secant_moments() -> str:
+    """Return Eq 4.3 times the angle, as text."""
+    found = []
+    for thickness, length, angle in MOMENTS:
+        a, _, c = TANGENT_MODULUS_MPA
+        curvature = np.radians(angle) / length
+        stiffness = 15.0 * thickness**3 / (4.0 * length) * (a * (curvature * thickness) ** 2 / 20.0 + c / 3.0)
+        found.append(f"{stiffness * np.radians(angle):.1f}")
+    return " / ".join(found)
+
+
 def moments_table() -> str:
     """Return bending moments by law."""
     rows = []
-    for thickness, length, angle in ((3.0, 10.0, 60.0), (5.0, 10.0, 60.0), (3.0, 5.0, 60.0), (3.0, 5.0, 90.0)):
+    for thickness, length, angle in MOMENTS:
         cells = [f"{thickness:g}", f"{length:g}", f"{angle:g}", f"{np.radians(angle) * thickness / 2 / length:.3f}"]
         for law in MomentLaw:
             finger = Finger(
@@ -227,6 +279,13 @@ def values() -> dict[str, str]:
         "facts": facts_table(),
         "laws": laws_table(),
         "moments": moments_table(),
+        "secant": secant_moments(),
+        "flexure_table": flexure_table(),
+        "study_fingers": str(len(STUDY_SEEDS)),
+        "strip": f"{FLEXURE_STUDY.strip:g}",
+        "link": f"{FLEXURE_STUDY.link:g}",
+        "spread": f"{FLEXURE_STUDY.spread:g}",
+        "attachment": f"{FLEXURE_STUDY.attachment:g}",
         "designs": designs_table(),
         "shares": shares_table(),
         "wear": wear_table(),

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from softgrip_model.gdfe.cable import RoutingPoint
 from softgrip_model.gdfe.finger_mesh import FingerMesh
+from softgrip_model.gdfe.materials import Ogden
 from softgrip_testing.calculix_cable import (
     MATERIAL,
     ClosedFinger,
@@ -43,7 +44,9 @@ TIME_LIMIT_S = 300
 ANY_LENGTH_MM = 1e3
 
 
-def deck(finger: FingerMesh, tensions: Array, element: str, share: float = FULL_SHARE) -> str:
+def deck(
+    finger: FingerMesh, tensions: Array, element: str, share: float = FULL_SHARE, material: Ogden = MATERIAL
+) -> str:
     """Return the CalculiX input [mm, N, MPa]: from rest to a share of the cable's tensions (stretches,) [N]."""
     nodes, hexes = finger.mesh.nodes, finger.mesh.hexes
     points = [len(nodes) + 1 + p for p in range(len(finger.routing))]
@@ -57,7 +60,7 @@ def deck(finger: FingerMesh, tensions: Array, element: str, share: float = FULL_
         lines += _tied(points[p], point)
     # neo-Hookean by name: given as Ogden's, by principal stretches, it stops CalculiX near rest
     lines += ["*MATERIAL,NAME=M", "*HYPERELASTIC,NEO HOOKE"]
-    lines.append(f"{0.5 * MATERIAL.shear_modulus:.9g},{2.0 / MATERIAL.bulk_modulus:.9g}")
+    lines.append(f"{0.5 * material.shear_modulus:.9g},{2.0 / material.bulk_modulus:.9g}")
     lines.append("*SOLID SECTION,ELSET=EALL,MATERIAL=M")
     for p, tension in enumerate(tensions):
         lines.append(f"*SPRING,ELSET=STRETCH{p},NONLINEAR")

@@ -63,9 +63,9 @@ def test_free_motion_is_called_free_for_minutes() -> None:
     assert false_alarms(SETTINGS, 30_000, seed=2) == 0
 
 
-@pytest.mark.parametrize(("strength_n", "readings"), [(5.0, 2), (1.0, 2), (0.5, 2)])
-def test_a_strong_contact_takes_two_readings(strength_n: float, readings: int) -> None:
-    """exp(-6.9) of all readings are wild; the level of one false alarm an hour is ln(360,000) = 12.8."""
+@pytest.mark.parametrize(("strength_n", "readings"), [(5.0, 3), (1.0, 3), (0.5, 3)])
+def test_a_strong_contact_takes_three_readings(strength_n: float, readings: int) -> None:
+    """exp(-4.6) of all readings are wild; the level of one false alarm an hour is ln(360,000) = 12.8."""
     assert decided_after([strength_n] * 20) == readings
 
 
@@ -88,15 +88,15 @@ def test_an_error_that_all_readings_share_does_not_add_up() -> None:
 
 def test_what_is_below_the_smallest_contact_is_none_however_sure() -> None:
     assert decided_after([0.34] * 100, noise_n=0.001) == 0
-    assert decided_after([0.36] * 100, noise_n=0.001) == 2
+    assert decided_after([0.36] * 100, noise_n=0.001) == 3
 
 
 def test_a_contact_that_ends_has_to_begin_again_and_one_reading_ends_none() -> None:
     test, since = RiseTest(SETTINGS), []
-    for number, value_n in enumerate([0.0, 2.0, 2.0, 2.0, 0.0, 2.0, 0.0, 0.0, 2.0, 2.0]):
+    for number, value_n in enumerate([0.0, 2.0, 2.0, 2.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0]):
         test.observe(number, value_n, NOISE_N, MODEL_N, PERIOD_S)
         since.append(test.since_ns if test.is_decided else None)
-    assert since == [None, None, 1, 1, 1, 1, 1, None, None, 8]
+    assert since == [None, None, None, 1, 1, 1, 1, 1, None, None, None, 9]
 
 
 def test_the_strength_is_what_no_reading_of_a_decision_lacks() -> None:
@@ -104,7 +104,7 @@ def test_the_strength_is_what_no_reading_of_a_decision_lacks() -> None:
     for number, value_n in enumerate([3.0, 3.0, 1.0, 2.0, 2.5]):
         test.observe(number, value_n, NOISE_N, MODEL_N, PERIOD_S)
         strength_n.append(test.strength_n)
-    assert strength_n == [-math.inf, 3.0, 1.0, 1.0, 2.0]
+    assert strength_n == [-math.inf, -math.inf, 1.0, 1.0, 1.0]
 
 
 # --- states --------------------------------------------------------------------------------------------------------

@@ -44,12 +44,13 @@ def closing(task, bench, **options):  # type: ignore[no-untyped-def]
 
 
 def test_one_sample_that_comes_again_and_again_decides_nothing(task, bench) -> None:
-    """Closed on nothing takes two samples, as any decision does."""
+    """Closed on nothing takes three samples, as any decision does."""
     sequence, made = closing(task, bench)
     sequence.closing_ended()
     pair = made.pair()
     assert all(sequence.observe(pair).verdict is None for _ in range(100))
-    step = sequence.observe(made.pair())
+    for _ in range(2):
+        step = sequence.observe(made.pair())
     assert step.verdict is not None
     assert step.verdict.outcome is GraspOutcome.EMPTY
 
@@ -227,6 +228,13 @@ def test_two_fingers_without_the_thumb_are_no_hand_but_for_a_hook(task, contact)
         hand = hand_of(replace(task("orange"), opposed=opposed))
         assert hand.estimate(SECOND, (contact(), contact(), free)).is_enclosing is not opposed
         assert not hand.estimate(2 * SECOND, (free, free, contact())).is_enclosing
+
+
+def test_what_a_late_drive_shows_within_its_uncertainty_was_not_pressed(task, contact) -> None:
+    """3 N are more than 15 % of the holding tension; while the threshold is 4 N they prove nothing."""
+    for threshold_n, was_pressed in ((4.0, False), (0.5, True)):
+        pressed = replace(contact(contact_tension_n=3.0), threshold_n=threshold_n)
+        assert hand_of(task("orange")).estimate(SECOND, (pressed,) * 3).was_pressed is was_pressed
 
 
 def test_a_touch_without_the_holding_force_is_no_grip(task, contact) -> None:

@@ -16,7 +16,7 @@ from softgrip_design.objective import CloseUniformly, FollowTrajectory, Weights
 from softgrip_design.optimiser import OptimiserSettings, Optimum, optimise, optimise_all
 from softgrip_design.target import MIN_DEFLECTION_RAD, STEPS, DesignTarget, deflection_rad, target
 from softgrip_design.trajectory import FingerTrajectory
-from softgrip_model.finger import Finger, MomentLaw, Solution
+from softgrip_model.finger import Finger, JointModel, MomentLaw, Solution
 from softgrip_model.finger.published import CHAPTER_4_MM, OPTIMISED_ROUTING_MM, chapter_3_finger
 from softgrip_model.friction.laws import FrictionLaw
 
@@ -38,6 +38,7 @@ class Task:
         thickness_mm: bounds of h.
         routing_mm: bounds of r.
         moment_law: of the strips.
+        joint_model: mode P or mode F.
         steps: n of Eq 4.4.
         search: how to search.
     """
@@ -47,6 +48,7 @@ class Task:
     thickness_mm: tuple[float, float] = hand.THICKNESS_BOUNDS_MM
     routing_mm: tuple[float, float] = hand.ROUTING_BOUNDS_MM
     moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT
+    joint_model: JointModel = JointModel.HINGE
     steps: int = STEPS
     search: OptimiserSettings = field(default_factory=OptimiserSettings)
 
@@ -57,7 +59,7 @@ class Task:
             DesignError: the finger is unknown, hardly moves, or moves further than the grooves let it.
         """
         return FollowTrajectory(
-            hand.blank(name, self.moment_law),
+            hand.blank(name, self.moment_law, self.joint_model),
             self.law,
             target(trajectory, name, self.steps),
             self.weights,
@@ -229,7 +231,7 @@ def _leader(moving: Sequence[str]) -> str:
 
 
 def _share(name: str, moved_deg: float, leader: Followed, task: Task) -> Shared:
-    own = hand.blank(name, task.moment_law)
+    own = hand.blank(name, task.moment_law, task.joint_model)
     if own.joints > leader.finger.joints:
         raise DesignError(f"{name}: hardly moves, and {leader.name} has too few joints to lend it a design")
     return Shared(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from softgrip_design.errors import DesignError
-from softgrip_model.finger import Finger, MomentLaw, Strip
+from softgrip_model.finger import Finger, JointModel, MomentLaw, Strip
 from softgrip_model.finger.published import HAND_MM, JOINT_LENGTH_MM, TANGENT_MODULUS_MPA, THUMB_METACARPAL_MM
 from softgrip_model.profile import Cable, FingerDesign, Material, Profile
 
@@ -21,7 +21,9 @@ BODY_HEIGHT_MM = 12.0
 CABLE = Cable(name="PE braid 0.25 mm", radius_m=0.000125, axial_stiffness_n=None, lead_length_m=0.0)
 
 
-def blank(name: str, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT) -> Finger:
+def blank(
+    name: str, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT, joint_model: JointModel = JointModel.HINGE
+) -> Finger:
     """Return a finger of the hand with every design variable in the middle of its bounds.
 
     Raises:
@@ -38,6 +40,8 @@ def blank(name: str, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT) -> Fing
         width_mm=width,
         strip=Strip(TANGENT_MODULUS_MPA, moment_law),
         base_mm=THUMB_METACARPAL_MM if name == "thumb" else 0.0,
+        joint_model=joint_model,
+        body_mm=BODY_HEIGHT_MM,
     )
 
 

@@ -25,3 +25,14 @@ def test_the_document_is_up_to_date() -> None:
     # a flat optimum leaves the last digit to the processor's rounding
     theirs, ours = ([float(text) for text in NUMBER.findall(page)] for page in (written, rendered))
     assert theirs == pytest.approx(ours, rel=0.02, abs=0.11), "out of date: run tools/docs/design.py"
+
+
+def test_the_page_of_the_parts_is_up_to_date() -> None:
+    script = ROOT / "tools/docs/parts.py"
+    specification = importlib.util.spec_from_file_location("parts_document", script)
+    assert specification is not None
+    assert specification.loader is not None
+    generator = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(generator)
+    written = (ROOT / "docs/parts.md").read_text(encoding="utf-8")
+    assert written == generator.render(), "out of date: run tools/docs/parts.py"

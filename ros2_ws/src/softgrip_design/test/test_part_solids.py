@@ -115,6 +115,8 @@ def test_one_finger_from_profile_to_files(tmp_path: Path, capsys: pytest.Capture
     assert model.count("<vertex ") == len(points)
     drawing = (tmp_path / "finger_thumb.svg").read_text()
     assert "<svg" in drawing
+    for text in ("h0 = 2.550", "l1 = 10.000", "r3 = 7.910", "link 0 = 40.000", "90.00°"):
+        assert f">{text}<" in drawing
 
 
 def test_a_profile_that_cannot_be_made_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

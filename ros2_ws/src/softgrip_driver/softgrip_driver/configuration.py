@@ -22,6 +22,7 @@ from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_time import Clock
 
 Value = TypeVar("Value")
 
@@ -122,14 +123,17 @@ class DriverConfiguration:
         """Return the controller, knowing nothing yet; ``block`` says whether anything may move."""
         return GripperController(self.limits, self.policies, self.grippers, 1.0 / self.loop_rate, block)
 
-    def backend(self, report: Callable[[str], object]) -> TendonBackend:
-        """Return the backend, not connected; ``report`` is told what it is about to change in a device for good."""
+    def backend(self, report: Callable[[str], object], clock: Clock) -> TendonBackend:
+        """Return the backend, not connected; ``report`` is told what it is about to change in a device for good.
+
+        It waits on ``clock``.
+        """
         if self.gauge is not None:
             ((tendon, limits),) = self.limits.items()
-            stage = make_stage(self.kind, self.port, self.reply_margin, self.stage_start)
-            gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin)
-            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof)
-        bus = Bus(self.port, self.baud, self.reply_margin)
+            stage = make_stage(self.kind, self.port, self.reply_margin, self.stage_start, clock)
+            gauge = make_gauge(self.gauge.kind, self.gauge.port, self.gauge.stream, self.reply_margin, clock)
+            return StageBackend(tendon, stage, gauge, STAGE_SPEED_FACTOR * limits.speed, self.gauge.proof, clock)
+        bus = Bus(self.port, self.baud, self.reply_margin, clock)
         return DynamixelBackend(
             bus,
             self.servos,
@@ -252,6 +256,7 @@ def _servo(
             f"parameter {LIMIT_PARAMETERS['temperature_limit']}: expected at most the {model.temperature_limit:g} degC "
             f"at which a {name} lets go of everything, found {limits.temperature_limit:g}"
         )
+    _check_needs(model, spool, limits, values["loop_rate"])
     mode = OperatingMode(values["operating_mode"])
     if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
         raise ConfigurationError(
@@ -277,6 +282,34 @@ def _servo(
         _winding(own),
         CurrentSensing(own("limited_currents")) if model.senses is CurrentSensing.SUPPLY else None,
     )
+
+
+def _check_needs(model: ServoModel, spool: Spool, limits: TendonLimits, loop_rate: float) -> None:
+    """Raise ConfigurationError where a model's gears and inertia can not do what the parameters ask for."""
+    needs, radius = model.needs, spool.radius
+    minima = {
+        LIMIT_PARAMETERS["homing_tension"]: (needs.homing_torque / radius, limits.homing_tension, "N"),
+        "loop_rate": (needs.loop_rate, loop_rate, "Hz"),
+    }
+    maxima = {
+        LIMIT_PARAMETERS["speed"]: (needs.speed * radius, limits.speed, "m/s"),
+        LIMIT_PARAMETERS["acceleration"]: (needs.acceleration * radius, limits.acceleration, "m/s^2"),
+    }
+    rounding = 1e-6
+    wrong = [
+        f"{name} of at least {bound:.3g} {unit}, found {value:g}"
+        for name, (bound, value, unit) in minima.items()
+        if value < bound * (1.0 - rounding)
+    ] + [
+        f"{name} of at most {bound:.3g} {unit}, found {value:g}"
+        for name, (bound, value, unit) in maxima.items()
+        if value > bound * (1.0 + rounding)
+    ]
+    if wrong:
+        raise ConfigurationError(
+            f"a {model.name} on a spool of {radius * 1e3:g} mm: expected {'; '.join(wrong)}; with others its gears and "
+            "inertia would hide the tension of the tendon"
+        )
 
 
 def _torque(own: Callable[[str], Any], model: ServoModel) -> TorqueModel:

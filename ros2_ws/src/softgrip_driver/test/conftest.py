@@ -152,7 +152,7 @@ class Bench(RunningLoop):
         torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
         self.servos = [
             ServoConfiguration(
-                name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard, limits=limits_current
+                name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard, limits.speed, limits=limits_current
             )
             for i, name in enumerate(tendons, start=1)
         ]

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from softgrip_driver.dynamixel import port as port_module
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.port import BusPort
 from softgrip_driver.errors import NoReplyError
 from softgrip_testing.driver_fuzz import ScriptedSerial, crc16
+from softgrip_time import WallClock
 
 MakeBus = Callable[..., Bus]
 
@@ -65,13 +65,21 @@ def test_before_it_asks_again_it_waits_until_the_line_is_quiet(
     assert drained == [(1, 0.002)], "between the first question and the second"
 
 
-def test_a_reply_is_waited_for_as_long_as_its_bytes_take_and_the_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+class SetClock(WallClock):
+    """A clock that stands."""
+
+    time_s = 100.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+
+def test_a_reply_is_waited_for_as_long_as_its_bytes_take_and_the_margin() -> None:
     """Ten bits a byte at 1 Mbaud: 100 bytes take 1 ms; the margin is 4 ms."""
-    now = 100.0
-    monkeypatch.setattr(port_module.time, "monotonic", lambda: now)
-    port = BusPort("none", 1_000_000, 0.004)
+    clock = SetClock()
+    port = BusPort("none", 1_000_000, 0.004, clock)
     port.tx_time_per_byte = 1000.0 * 10 / 1_000_000
     port.allow(100)
     for later, over in ((0.0049, False), (0.0051, True)):
-        now = 100.0 + later
+        clock.time_s = 100.0 + later
         assert port.isPacketTimeout() is over

@@ -71,6 +71,32 @@ def test_setup_refuses_an_id_that_is_taken(chain, capsys):
     assert [servo.device_id for servo in servos] == [1, 2]
 
 
+def test_servos_that_share_an_id_are_named_by_every_command(chain, capsys):
+    """Three servos as they come. They answer a ping as one; of what they measure the bus carries a mixture."""
+    port, servos = chain(*[("xl330_m288", 1, 57_600)] * 3)
+    for turned, servo in enumerate(servos):
+        servo.shaft.angle_rad = 0.5 + turned
+    assert scan.main(["--port", port, "--baud", "57600"]) == 1
+    out, err = capsys.readouterr()
+    assert "several servos with this ID" in out
+    assert "one at a time" in err
+    assert setup.main(["--port", port, "--baud", "57600", "--id", "1", "--new-id", "5"]) == 1
+    assert "expected one servo with ID 1, found several; connect them one at a time" in capsys.readouterr().err
+    assert [servo.device_id for servo in servos] == [1, 1, 1]
+
+
+def test_a_servo_of_its_own_id_is_not_taken_for_several(chain, capsys):
+    port, _ = chain(("xl330_m288", 1, 57_600), ("xl330_m288", 2, 57_600))
+    assert scan.main(["--port", port, "--baud", "57600"]) == 0
+    assert "several" not in capsys.readouterr().out
+
+
+def test_scan_of_nobody_names_the_boot_loader(chain, capsys):
+    port, _ = chain()
+    assert scan.main(["--port", port, "--wait", "0.05"]) == 1
+    assert "LED stays lit after power-on" in capsys.readouterr().err
+
+
 def test_setup_reboots_and_waits(chain, capsys):
     port, _ = chain(("xl330_m288", 1, 1_000_000))
     assert setup.main(["--port", port, "--id", "1", "--reboot"]) == 0

@@ -8,6 +8,9 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.units import Spool
 
+#: what an XM430-W350 needs
+GENTLE = {"homing_tension_n": 5.0, "speed_m_s": 0.03, "acceleration_m_s2": 0.05, "loop_rate": 200.0}
+
 
 def configured(**changes):
     """A configuration from the table of parameters as shipped."""
@@ -15,7 +18,7 @@ def configured(**changes):
 
 
 def test_one_value_counts_for_every_tendon():
-    found = configured(spool_radii_m=[0.010, 0.012, 0.010], directions=[-1], servo_models=["XM430-W350"])
+    found = configured(spool_radii_m=[0.010, 0.012, 0.010], directions=[-1], servo_models=["XM430-W350"], **GENTLE)
     assert found.spools == {"index": Spool(0.010, -1), "middle": Spool(0.012, -1), "thumb": Spool(0.010, -1)}
     assert [servo.model.name for servo in found.servos] == ["XM430-W350"] * 3
     assert [servo.servo_id for servo in found.servos] == [1, 2, 3]
@@ -50,7 +53,7 @@ def test_a_stage_takes_one_tendon_and_a_gauge():
         ({"homing_tension_n": 40.0}, "expected tension_slack <= homing_tension <= tension_soft <= tension_hard"),
         ({"speed_m_s": 0.0}, "expected a number above 0"),
         (
-            {"servo_models": ["XM430-W350", "XL330-M288", "XM430-W350"], "temperature_limit_degc": 80.0},
+            GENTLE | {"servo_models": ["XM430-W350", "XL330-M288", "XM430-W350"], "temperature_limit_degc": 80.0},
             "temperature_limit_degc: expected at most the 70 degC .*found 80",
         ),
         # 0.7 of 0.52 N m on 10 mm.
@@ -73,4 +76,20 @@ def test_a_slow_loop_takes_a_slow_watchdog_or_none():
 
 
 def test_the_strongest_servo_may_get_as_warm_as_it_can_stand():
-    assert configured(servo_models=["XM430-W350"], temperature_limit_degc=80.0).servos
+    assert configured(servo_models=["XM430-W350"], temperature_limit_degc=80.0, **GENTLE).servos
+
+
+def test_limits_that_a_model_can_not_keep_are_refused_with_the_values_that_it_can():
+    """What failed: homing on two of three tendons, and a false slack at the speed that an XL330 takes."""
+    minima = (
+        r"XM430-W350 on a spool of 10 mm: .*homing_tension_n of at least 5 N, found 1.5; loop_rate of at least 200 Hz"
+    )
+    maxima = r".*speed_m_s of at most 0.03 m/s, found 0.05; acceleration_m_s2 of at most 0.05"
+    with pytest.raises(ConfigurationError, match=minima + maxima):
+        configured(servo_models=["XM430-W350"])
+    with pytest.raises(ConfigurationError, match=r"speed_m_s of at most 0.03 m/s, found 0.05"):
+        configured(servo_models=["XC330-M288"])
+    # On a spool twice as wide the same shaft moves the tendon twice as fast, with half the force.
+    wide = configured(servo_models=["XM430-W350"], spool_radii_m=[0.020], homing_tension_n=2.5, speed_m_s=0.06,
+                      acceleration_m_s2=0.1, loop_rate=200.0)  # fmt: skip
+    assert [servo.model.name for servo in wide.servos] == ["XM430-W350"] * 3

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import pytest
 
+from softgrip_driver.dynamixel.registers import TORQUE_ENABLE
+from softgrip_driver.errors import NoReplyError
 from softgrip_driver.faults import FAULTS, Reaction, Recovery
 from softgrip_driver.tendon.drive import Drive
 from softgrip_driver.tendon.homing import Homing
@@ -104,3 +106,20 @@ def test_a_homing_far_from_the_device_s_zero_finds_where_the_tendon_gets_taut(sp
     assert drive.fault == "", "the device gets its new mark afterwards"
     assert setpoint is not None
     assert setpoint.position == pytest.approx(drive.zero, abs=1e-4)
+
+
+def test_a_servo_that_took_hold_without_being_heard_has_not_restarted(bench, monkeypatch):  # type: ignore[no-untyped-def]
+    """On a busy computer the answers come too late: what was read before the order must not pass for its result."""
+    write = bench.backend.bus.write
+
+    def unheard(servo_id, item, value, attempts=1):  # type: ignore[no-untyped-def]
+        write(servo_id, item, value, attempts)
+        if servo_id == 1 and item is TORQUE_ENABLE and value == 1:
+            raise NoReplyError("servo 1: too late")
+
+    assert bench.until(lambda _: bench.backend._live["index"].powered is False)
+    monkeypatch.setattr(bench.backend.bus, "write", unheard)
+    bench.loop.power(on=True)
+    seen = bench.pass_time(1.0)
+    assert {drive.fault for one in seen for drive in one.drives} <= {"", "no_reply"}
+    assert bench.plant.servos[0].registers.get("torque_enable") == 1

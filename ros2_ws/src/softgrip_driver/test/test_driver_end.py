@@ -9,6 +9,7 @@ from typing import Any, cast
 import pytest
 
 from softgrip_driver.nodes.tendon_driver import TendonDriver
+from softgrip_time import WallClock
 
 
 class StuckError(RuntimeError):
@@ -22,7 +23,7 @@ def a_driver(done: list[str]) -> Any:
     loop = SimpleNamespace(
         stop=lambda: done.append("loop stopped"),
         power=lambda *, on: done.append(f"power {on}"),
-        keeps_hold=False, has_let_go=True, running=True,
+        keeps_hold=False, has_let_go=True, running=True, clock=WallClock(),
     )  # fmt: skip
     return SimpleNamespace(
         _loop=loop,

@@ -78,10 +78,14 @@ def test_a_stage_with_switches_is_locked_and_says_what_to_set(make_stage_of) -> 
     assert rig.plant.travel == 0.0
 
 
-@pytest.mark.parametrize(("start", "homings"), [("unlock", 0), ("home", 1)])
-@pytest.mark.parametrize("kind", ["grbl", "grblhal"])
-def test_a_lock_is_left_as_asked_each_time_that_it_is_opened(make_stage_of, world, kind, start, homings) -> None:
-    rig, stage = make_stage_of(start, stage=kind, stage_settings={22: 1.0})
+@pytest.mark.parametrize(
+    ("kind", "homing", "start", "homings"),
+    [("grbl", 1.0, "unlock", 0), ("grbl", 1.0, "home", 1), ("grblhal", 1.0, "unlock", 0), ("grblhal", 5.0, "home", 1)],
+)
+def test_a_lock_is_left_as_asked_each_time_that_it_is_opened(
+    make_stage_of, world, kind, homing, start, homings
+) -> None:
+    rig, stage = make_stage_of(start, stage=kind, stage_settings={22: homing})
     for opened in (1, 2):
         stage.open()
         assert rig.stand.homings == opened * homings
@@ -128,7 +132,7 @@ def test_what_another_process_left_moving_is_stopped_first(make_stage_of, world)
     stage.open()
     stage.start(50e-3, 2e-3)
     stage._port.close()
-    world.clock.wait(1.0)
+    world.clock.advance(world.now() + 1.0)
     stage.open()
     assert rig.plant.velocity == 0.0
     goes(rig, stage, world)
@@ -139,3 +143,9 @@ def test_noise_in_its_line_buffer_spoils_no_command(make_stage_of, world) -> Non
     rig.stand._buffer = b"x9"
     stage.open()
     goes(rig, stage, world)
+
+
+def test_a_grblhal_that_wants_homing_is_not_unlocked(make_stage_of) -> None:
+    _, stage = make_stage_of("unlock", stage="grblhal", stage_settings={22: 5.0})
+    with pytest.raises(DeviceRefusedError, match="set stage_start to home"):
+        stage.open()

@@ -240,3 +240,20 @@ def test_what_the_device_limits_is_not_listened_to():
         step = homing.step(view)
     assert max(shown) == pytest.approx(LIMITS.homing_tension)
     assert max(sample.force for sample in homing._samples) < 0.95 * LIMITS.homing_tension
+
+
+def test_a_spool_that_winds_the_other_way_is_named_before_it_pulls_hard():
+    """Letting out winds in then: against the taut tendon the drive needs a force outwards, as no tendon ever does."""
+    homing = Homing(DriveObservation(0.0, PERIOD, 0.0, 0.0, 0.0, 0.0, 45.0), LIMITS)
+    length, now, hardest = 0.0, 0.0, 0.0
+    for _ in range(400):
+        now += PERIOD
+        length -= 0.02 * PERIOD
+        pull = -max(0.0, -STIFFNESS * 3.0 * (length + 0.002))
+        step = homing.step(DriveObservation(now, PERIOD, length, -0.02, 0.0, pull, 45.0))
+        hardest = max(hardest, -pull)
+        if step.outcome is not None:
+            break
+    assert step.fault == "homing_failed"
+    assert "directions" in step.reason
+    assert hardest < 8.0

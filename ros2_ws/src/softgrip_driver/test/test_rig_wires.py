@@ -27,7 +27,7 @@ def wired(tmp_path, world, virtual_rig):
         for device in devices:
             device.open()
         hands = virtual_rig.Hands(rig)
-        return hands, Procedure(*devices, hands, world.clock, RigSettings(**settings), tmp_path / "plans")
+        return hands, Procedure(*devices, hands, world.rig_time(), RigSettings(**settings), tmp_path / "plans")
 
     yield make
     for rig in rigs:

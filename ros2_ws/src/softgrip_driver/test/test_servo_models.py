@@ -9,10 +9,10 @@ import pytest
 
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import ServoConfiguration, required_eeprom, set_up
+from softgrip_driver.dynamixel.bringup import ServoConfiguration, identify, required_eeprom, set_up
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
-from softgrip_driver.errors import ConfigurationError, DriverError, WrongDeviceError
+from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, WrongDeviceError
 from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, MoveOutcome
@@ -110,6 +110,33 @@ def test_bring_up_from_factory_settings(wired, mode):
     assert bus.read(1, reg.GOAL_CURRENT) == servo.current_units(0.0) < bus.read(1, reg.CURRENT_LIMIT)
     assert bus.read(1, reg.PROFILE_VELOCITY) > 0
     assert bus.read(1, reg.TORQUE_ENABLE) == 0
+
+
+@pytest.mark.parametrize(
+    ("servos", "text"),
+    [
+        (
+            [(1, 57_600), (2, 57_600)],
+            r"ID 1, 2 at 57600 baud \(as new\); set each with .*setup --port .* --new-baud 1000000",
+        ),
+        ([(7, 1_000_000)], r"ID 7 instead; correct the parameter servo_ids"),
+        ([(7, 1_000_000), (7, 1_000_000)], r"several servos with ID 7; connect them one at a time"),
+        ([], r"nobody at any baud rate; check power and cable; .*LED stays lit.*DYNAMIXEL Wizard"),
+    ],
+    ids=["factory baud rate", "another ID", "one ID for two", "boot loader"],
+)
+def test_a_servo_that_is_not_there_is_looked_for_and_the_way_to_it_named(tmp_path, world, servos, text):
+    devices = [EmulatedServo(load_model("XL330-M288"), number, baud=baud) for number, baud in servos]
+    for turned, device in enumerate(devices):
+        device.shaft.angle_rad = 1.0 + turned
+    port = world.port(tmp_path / "servos", DynamixelChain(devices))
+    bus = Bus(str(tmp_path / "servos"), 1_000_000)
+    bus.open()
+    with pytest.raises(DeviceNotFoundError, match=text):
+        identify(bus, replace(servo_of("XL330-M288"), servo_id=9))
+    bus.close()
+    port.close()
+    world.close()
 
 
 def test_bring_up_a_second_time_changes_nothing_that_is_kept(wired):

@@ -168,7 +168,8 @@ def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
     # What the gears' friction hides, and the error of the torque constant.
     assert min(tensions) > 0.75 * 0.9 * lasting
     assert max(tensions) < 1.3 * 0.9 * lasting
-    assert max(tensions) - min(tensions) < 0.5, "a finger that stands is at rest"
+    # At its limit the winding cools and carries more, until the drive slips by a count of its encoder.
+    assert max(tensions) - min(tensions) < 1.0, "a finger that stands is at rest"
     assert torque(bench) == [True] * 3
     assert bench.drive("index").fault == ""
 

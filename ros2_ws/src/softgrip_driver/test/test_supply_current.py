@@ -119,7 +119,8 @@ def test_calibrated_values_and_the_limited_current_reach_the_servo(values):
 
 
 def test_a_servo_without_current_is_refused_in_the_mode_that_needs_one(values):
-    values |= {"servo_models": ["XL430-W250"], "temperature_limit_degc": 70.0}
+    values |= {"servo_models": ["XL430-W250"], "temperature_limit_degc": 70.0, "homing_tension_n": 3.0}
+    values |= {"speed_m_s": 0.03, "acceleration_m_s2": 0.2, "loop_rate": 200.0}
     with pytest.raises(ConfigurationError, match="expected 4 with a XL430-W250"):
         checked_configuration(values)
     servo = checked_configuration(values | {"operating_mode": 4}).servos[0]

@@ -31,7 +31,7 @@ def kill(bench, silence_s=2.0):
     bench.loop._runs = False
     lowest = bench.plant.bank.tension_n.copy()
     for _ in range(round(silence_s / 0.01)):
-        bench.world.clock.wait(0.01)
+        bench.world.clock.advance(bench.world.now() + 0.01)
         lowest = np.minimum(lowest, bench.plant.bank.tension_n)
     bench.bus.close()
     return lowest

@@ -16,36 +16,33 @@ from softgrip_driver.errors import DriverError
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
 from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.pty import Line, PtyPort
+from softgrip_time import WallClock
 
-#: modules of the driver that look at a clock, wait, or open a port
-CLOCKED = (
-    "dynamixel.backend", "dynamixel.bus", "dynamixel.port", "dynamixel.restart", "tendon.loop", "stage.backend",
-    "rig.line_port", "rig.line_gauge", "rig.grbl", "commands.calibrate_tension", "commands.selftest", "commands.stage",
-)  # fmt: skip
+#: modules of the driver that make a clock where they are given none, or open a port
+CLOCKED = ("dynamixel.bus", "tendon.loop", "stage.backend", "rig.line_port", "commands.stage")
 PORTS = ("dynamixel.port", "rig.line_port")
 PLANT_PERIOD = 0.003
 
 
-class OwnClock:
-    """Time [s] that passes only while somebody waits."""
+class OwnClock(WallClock):
+    """A `softgrip_time.Clock` whose time [s] passes only while somebody waits."""
 
     scale = 1.0
 
     def __init__(self):
         self._now = 100.0
         self.living = []
-        self.stopped = False
 
     def now_s(self):
         return self._now
 
-    def now(self):
-        return self._now
+    def wait(self, until_s):
+        """Let the time pass until then."""
+        self.advance(until_s)
 
-    def wait(self, duration):
-        """Wait [s] as a RigClock does."""
-        self.advance(self._now + duration)
-        return self.stopped
+    def wait_readable(self, files, until_s):
+        """Wait for bytes of a handle until a time."""
+        return list(files) if files[0].wait(until_s - self._now) else []
 
     def advance(self, to):
         """Let everything live until a time."""
@@ -53,6 +50,21 @@ class OwnClock:
             self._now = min(to, self._now + PLANT_PERIOD)
             for live in self.living:
                 live(self._now)
+
+
+class RigTime:
+    """A `RigClock` on a world's clock."""
+
+    def __init__(self, clock):
+        self._clock = clock
+        self.stopped = False
+
+    def now(self):
+        return self._clock.now_s()
+
+    def wait(self, duration):
+        self._clock.wait(self._clock.now_s() + duration)
+        return self.stopped
 
 
 class Cable:
@@ -140,7 +152,7 @@ class OwnLoop(BusLoop):
     """The driver's loop, cycle by cycle whenever somebody waits for it."""
 
     def __init__(self, clock, backend, controller, rate, history):
-        super().__init__(backend, controller, rate, history)
+        super().__init__(backend, controller, rate, history, clock)
         self._clock, self._due, self._runs, self._count = clock, 0.0, False, 0
 
     def start(self):
@@ -199,11 +211,9 @@ class OwnWorld:
     def __init__(self, patch):
         self.clock = OwnClock()
         self._cables = {}
-        clock = SimpleNamespace(monotonic=self.clock.now_s, sleep=self.clock.wait)
         for module in CLOCKED:
-            patch.setattr(f"softgrip_driver.{module}.time", clock)
+            patch.setattr(f"softgrip_driver.{module}.WallClock", lambda: self.clock)
         for module in PORTS:
-            patch.setattr(f"softgrip_driver.{module}.select", SimpleNamespace(select=self._select))
             patch.setattr(f"softgrip_driver.{module}.serial", SimpleNamespace(Serial=self._serial, EIGHTBITS=8))
 
     def port(self, path, device):
@@ -223,9 +233,13 @@ class OwnWorld:
         """[s] by the driver's clock."""
         return self.clock.now_s()
 
+    def rig_time(self):
+        """The clock of a measurement."""
+        return RigTime(self.clock)
+
     def breathe(self):
         """Let a moment pass, for who polls what takes no time by itself."""
-        self.clock.wait(1e-3)
+        self.clock.advance(self.clock.now_s() + 1e-3)
 
     def close(self):
         """Nothing runs."""
@@ -235,10 +249,6 @@ class OwnWorld:
         if cable is None or not cable.plugged:
             raise OSError(2, f"could not open port {port}")
         return cable.open(baudrate)
-
-    @staticmethod
-    def _select(readers, _writers, _others, timeout):
-        return (readers, [], []) if readers[0].wait(timeout) else ([], [], [])
 
 
 class RealWorld:

@@ -303,7 +303,7 @@ def _overload(cell: EmulatedCell, slot: str) -> Undo:
 def _overheating(cell: EmulatedCell, slot: str, temperature_c: float = 71.0) -> Undo:
     shaft = cell.plant.servos[cell.plant.index(slot)].shaft
     with cell.plant.lock:
-        shaft.temperature_c = float(temperature_c)
+        shaft.temperature_c = shaft.winding_c = float(temperature_c)
     # A motor that was heated cools by itself.
     return lambda: None
 

@@ -11,10 +11,10 @@ from softgrip_time.protocol import CancelRequest, Join, Packet, Progress, TimeRe
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-#: [s] of the computer's time that bytes may take from a host through the system to the device.
-_ON_THE_WIRE_S: Final = 0.2
-#: [s] for rounding: a follower at its limit lets the time reach it.
-_ROUNDING_S: Final = 1e-9
+#: [s] of the computer's time that bytes may take through the system, to the device or to the host.
+_ON_THE_WIRE_S: Final = 1.0
+#: [s] by which a frame's stamp, seconds since the epoch in decimals, may be off.
+_STAMP_ROUNDING_S: Final = 1e-4
 
 
 @dataclass(eq=False)
@@ -24,7 +24,8 @@ class Participant:
     Attributes:
         join: who it is.
         request: what a stepper waits for; None while it works.
-        is_released: that wait has been granted, or its device has sent something: it works again.
+        is_granted: its wait is over, and it knows.
+        is_read_due: its device has sent something, so that it works again; what it reads may get lost.
         progress_s: how far a follower has come [s].
         held_since: [s, the computer's] since when it holds the time; None while it does not.
         is_given_up: it held for too long; its next packet ends this.
@@ -32,10 +33,16 @@ class Participant:
 
     join: Join
     request: TimeRequest | None = None
-    is_released: bool = False
+    is_granted: bool = False
+    is_read_due: bool = False
     progress_s: float = 0.0
     held_since: float | None = None
     is_given_up: bool = False
+
+    @property
+    def label(self) -> str:
+        """Who it is, for people: a stepper's name, or a follower's with what it follows."""
+        return f"{self.join.name} ({self.join.follows})" if self.join.follows else self.join.name
 
     def update(self, packet: Packet) -> None:
         """Update from a packet that it has sent.
@@ -45,7 +52,7 @@ class Participant:
         """
         self.is_given_up, self.held_since = False, None
         if isinstance(packet, TimeRequest) and not self.join.follows:
-            self.request, self.is_released = packet, False
+            self.request, self.is_granted, self.is_read_due = packet, False, False
         elif isinstance(packet, CancelRequest) and not self.join.follows:
             self.request = None
         elif isinstance(packet, Progress) and self.join.follows:
@@ -99,13 +106,13 @@ class Participants:
 
     def due(self, now_s: float) -> list[Participant]:
         """Return the steppers whose requested time has come, and who do not know it yet."""
-        return [one for one in self.all if one.request and not one.is_released and one.request.until_s <= now_s]
+        return [one for one in self.all if one.request and not one.is_granted and one.request.until_s <= now_s]
 
     def release_readers(self, terminal: str) -> None:
         """Release who waits for bytes of a device that has sent some."""
         for one in self.all:
             if one.request is not None and one.request.reads == terminal:
-                one.is_released = True
+                one.is_read_due = True
 
     def add_exposure(self, now_s: float) -> None:
         """Add an exposure that the follower of frames will measure; no effect where there is none."""
@@ -119,16 +126,18 @@ class Participants:
     def _holds(self, one: Participant, now_s: float, received: Mapping[str, int], computer_s: float) -> bool:
         if one.join.follows:
             return self._limit_s(one) <= now_s
-        if one.request is None or one.is_released:
+        if one.request is None or one.is_granted:
             return True
         written = one.request.written.items()
-        on_the_wire = any(size > received.get(terminal, size) for terminal, size in written)
-        return on_the_wire and (one.held_since is None or computer_s - one.held_since < _ON_THE_WIRE_S)
+        on_the_wire = one.is_read_due or any(size > received.get(terminal, size) for terminal, size in written)
+        is_lost = one.held_since is not None and computer_s - one.held_since >= _ON_THE_WIRE_S
+        one.is_read_due = one.is_read_due and not is_lost
+        return on_the_wire and not is_lost
 
     def _limit_s(self, one: Participant) -> float:
         if one.join.follows == "frames":
-            self.exposures = [time_s for time_s in self.exposures if time_s > one.progress_s + _ROUNDING_S]
+            self.exposures = [time_s for time_s in self.exposures if time_s > one.progress_s + _STAMP_ROUNDING_S]
             return self.exposures[0] + one.join.lag_s if self.exposures else float("inf")
         if one.join.follows:
             return one.progress_s + one.join.lag_s
-        return one.request.until_s if one.request is not None and not one.is_released else float("inf")
+        return one.request.until_s if one.request is not None and not one.is_granted else float("inf")

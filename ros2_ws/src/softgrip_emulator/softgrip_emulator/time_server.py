@@ -70,9 +70,9 @@ class TimeServer:
         give_up_s: float = GIVE_UP_S,
     ) -> None:
         self.clock = clock
-        self.epoch_s = time.time()
+        self.epoch_s = float(int(time.time()))  # whole: exact in nanoseconds
         self.participants = Participants(give_up_s)
-        #: [s, the computer's] that each participant has held the time, by name
+        #: [s, the computer's] that each participant has held the time, by label
         self.held_s: dict[str, float] = {}
         self._path, self._ports, self._advance, self._is_busy = path, ports, advance, is_busy
         self._posted: deque[Callable[[], None]] = deque()
@@ -162,8 +162,8 @@ class TimeServer:
         """Wait for who holds the time; one that has joined late learns the time all the same."""
         if not self._wait(_POLL_S):
             self._advance(self.clock.now_s())
-        name = holder.join.name
-        self.held_s[name] = self.held_s.get(name, 0.0) + time.monotonic() - since_s
+        label = holder.label
+        self.held_s[label] = self.held_s.get(label, 0.0) + time.monotonic() - since_s
 
     def _serve_ports(self) -> None:
         for port in self._ports():
@@ -173,7 +173,7 @@ class TimeServer:
     def _target_s(self, now_s: float) -> float:
         """Return the next time at which something is to happen [s]."""
         tick_s = TICK_S * (math.floor(now_s / TICK_S + 1e-6) + 1)
-        due = [due_s / port.clock.scale for port in self._ports() if (due_s := port.next_due_s()) is not None]
+        due = [_unscaled(due_s, port.clock.scale) for port in self._ports() if (due_s := port.next_due_s()) is not None]
         return max(now_s, min([tick_s, self.participants.limit_s(), *due]))
 
     def _due_at(self, target_s: float, computer_s: float) -> float:
@@ -265,7 +265,7 @@ class TimeServer:
     def _release(self, participant: Participant) -> None:
         """Grant the request of a stepper."""
         assert participant.request is not None
-        participant.is_released = True
+        participant.is_granted = True
         for connection, one in self._connections.values():
             if one is participant:
                 self._grant(connection, participant.request.number)
@@ -273,3 +273,11 @@ class TimeServer:
     def _grant(self, connection: socket.socket, number: int) -> None:
         with contextlib.suppress(OSError):  # it has gone: the next look finds out
             connection.send(encode(TimeGrant(number, self.clock.now_s(), self.epoch_s)))
+
+
+def _unscaled(due_s: float, scale: float) -> float:
+    """Return the first time whose scaled one is not before ``due_s``: a rounded one would be due for ever."""
+    time_s = due_s / scale
+    while time_s * scale < due_s:
+        time_s = math.nextafter(time_s, math.inf)
+    return time_s

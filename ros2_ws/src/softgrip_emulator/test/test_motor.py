@@ -14,7 +14,10 @@ from softgrip_emulator.plant.motor import AMBIENT_C, Motor
 RATINGS = {
     "xl330_m288": (0.52, 1.47, 103, 5.0),
     "xc330_m288": (0.93, 1.80, 81, 5.0),
+    "xc330_t288": (0.92, 0.80, 65, 11.1),
+    "xm430_w210": (3.0, 2.3, 77, 12.0),
     "xm430_w350": (4.1, 2.3, 46, 12.0),
+    "xm540_w270": (10.6, 4.4, 30, 12.0),
 }
 
 
@@ -105,7 +108,7 @@ def test_the_winding_is_warmer_than_the_sensor_by_what_it_gives_off(rated):
     ratings = motor.ratings
     motor.jammed = True
     third_a = 0.3 * ratings.stall_current_a
-    run(motor, ServoDrive(1.0, third_a), 0.0, ratings.nominal_voltage_v, 60.0, dt_s=0.01)
+    run(motor, ServoDrive(1.0, third_a), 0.0, ratings.nominal_voltage_v, 120.0, dt_s=0.02)
     copper_w = third_a**2 * motor.resistance_ohm(motor.shaft.winding_c)
     gap_k = motor.shaft.winding_c - motor.shaft.temperature_c
     assert gap_k == pytest.approx(copper_w * ratings.winding_to_case_k_per_w, rel=0.1)

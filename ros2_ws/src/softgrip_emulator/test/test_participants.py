@@ -37,7 +37,7 @@ def test_a_stepper_holds_the_time_unless_it_waits(everybody):
     assert everybody.limit_s() == 0.5
     assert everybody.due(0.499) == []
     assert everybody.due(0.5) == [driver]
-    driver.is_released = True
+    driver.is_granted = True
     assert holds(everybody, 0.5)
     driver.update(TimeRequest(2, 0.6))
     assert not holds(everybody, 0.5)
@@ -50,8 +50,23 @@ def test_bytes_of_its_device_release_a_stepper_and_nobody_else(everybody):
     driver.update(TimeRequest(1, 0.5, WIRE))
     rig.update(TimeRequest(1, 0.5, "/dev/pts/4"))
     everybody.release_readers(WIRE)
-    assert (driver.is_released, rig.is_released) == (True, False)
+    assert (driver.is_read_due, rig.is_read_due) == (True, False)
+    assert holds(everybody, computer_s=100.0)
+    driver.update(CancelRequest(1))
+    assert holds(everybody, computer_s=100.1)
+    driver.update(TimeRequest(2, 0.4, WIRE))
+    assert not holds(everybody, computer_s=100.2)
+
+
+def test_a_stepper_whose_devices_bytes_got_lost_waits_on_until_its_time(everybody):
+    driver = add(everybody, "driver")
+    driver.update(TimeRequest(1, 0.5, WIRE))
+    everybody.release_readers(WIRE)
+    assert holds(everybody, computer_s=100.0)
+    assert not holds(everybody, computer_s=101.5)
+    assert not holds(everybody, computer_s=101.6)
     assert everybody.limit_s() == 0.5
+    assert everybody.due(0.5) == [driver]
 
 
 def test_the_time_stands_while_bytes_are_on_their_way_to_a_device_but_not_for_ever(everybody):
@@ -60,8 +75,8 @@ def test_the_time_stands_while_bytes_are_on_their_way_to_a_device_but_not_for_ev
     assert holds(everybody, received={WIRE: 13}, computer_s=100.0)
     assert not holds(everybody, received={WIRE: 14}, computer_s=100.1)
     assert holds(everybody, received={WIRE: 13}, computer_s=100.2)
-    assert not holds(everybody, received={WIRE: 13}, computer_s=100.5)  # lost
-    assert not holds(everybody, received={}, computer_s=100.6)  # unplugged
+    assert not holds(everybody, received={WIRE: 13}, computer_s=101.5)  # lost
+    assert not holds(everybody, received={}, computer_s=101.6)  # unplugged
 
 
 def test_the_time_runs_ahead_of_a_follower_by_its_lag(everybody):
@@ -109,7 +124,7 @@ def test_holding_again_and_again_for_a_short_time_is_not_given_up(everybody):
         assert holds(everybody, computer_s=100.0 + k)
         driver.update(TimeRequest(k, 1.0))
         assert not holds(everybody, computer_s=100.5 + k)
-        driver.is_released = True
+        driver.is_granted = True
 
 
 @pytest.mark.parametrize(

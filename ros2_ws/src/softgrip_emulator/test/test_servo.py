@@ -22,7 +22,7 @@ def do(servo, instruction, parameters=b"", now_s=0.0):
 
 
 def test_models_are_those_of_the_cell():
-    assert MODELS == ["xc330_m288", "xl330_m288", "xm430_w350"]
+    assert MODELS == ["xc330_m288", "xc330_t288", "xl330_m288", "xm430_w210", "xm430_w350", "xm540_w270"]
 
 
 # model number, current limit, temperature limit, position P gain: e-manual control tables
@@ -31,7 +31,9 @@ def test_models_are_those_of_the_cell():
     [
         ("XL330-M288", 1200, 1750, 70, 400, 0x35),
         ("XC330-M288", 1240, 2352, 70, 1100, 0x34),
+        ("XC330-T288", 1220, 910, 70, 900, 0x34),
         ("XM430-W350", 1020, 1193, 80, 800, 0x34),
+        ("XM540-W270", 1120, 2047, 80, 800, 0x34),
     ],
 )
 def test_factory_values(name, number, current_limit, temperature_limit, p_gain, shutdown, read):
@@ -39,6 +41,38 @@ def test_factory_values(name, number, current_limit, temperature_limit, p_gain, 
     names = ("model_number", "current_limit", "temperature_limit", "position_p_gain", "shutdown", "return_delay_time")
     assert [read(servo, item) for item in names] == [number, current_limit, temperature_limit, p_gain, shutdown, 250]
     assert do(servo, Instruction.PING).parameters[:2] == number.to_bytes(2, "little")
+
+
+def test_the_velocity_limit_of_an_x330_goes_to_2047_and_that_of_an_x430_to_1023(servo, write):
+    """e-manual, Velocity Limit(44) of the X330 pages and of the XM430's."""
+    largest = 2047 if servo.model.senses_supply_current else 1023
+    assert write(servo, "velocity_limit", largest) == 0
+    assert write(servo, "velocity_limit", largest + 1) == StatusError.DATA_RANGE
+
+
+def test_an_x430_says_whether_its_backup_is_ready(servo):
+    """Backup Ready(147): X330 since firmware 46, XM430 and XM540 since 45."""
+    assert servo.registers.has("backup_ready")
+
+
+@pytest.mark.parametrize(("firmware", "entries", "data"), [(52, 20, 208), (53, 28, 224)])
+def test_the_indirect_block_of_an_x330_moved_with_firmware_53(firmware, entries, data):
+    """ROBOTIS-GIT/dynamixel_hardware_interface, param/dxl_model: xl330_m288_fw52.model and xl330_m288.model."""
+    servo = EmulatedServo(load_model("XL330-M288", firmware), 1)
+    (block,) = servo.model.indirect
+    assert (block.addresses, block.count, block.data) == (168, entries, data)
+    assert servo.registers.get("indirect_address_168") == data
+    assert servo.registers.get("firmware_version") == firmware
+
+
+def test_a_servo_reports_the_current_that_its_model_senses(servo, read):
+    """Notes of Current Limit(38) in the e-manual: X330 at the power input, where the duty cycle's share of it flows."""
+    servo.shaft.current_a, servo.shaft.duty = 0.4, 0.25
+    shown = read(servo, "present_current") * servo.model.motor.current_unit_a
+    assert shown == pytest.approx(
+        0.1 if servo.model.senses_supply_current else 0.4, abs=servo.model.motor.current_unit_a
+    )
+    assert servo.model.senses_supply_current == ("330" in servo.model.name)
 
 
 def test_eeprom_is_closed_while_torque_is_on(servo, write):

@@ -10,20 +10,41 @@ from pathlib import Path
 
 import pytest
 
-from softgrip_emulator.clock import SetClock
+from softgrip_emulator.clock import ScaledCellClock, SetClock
 from softgrip_emulator.time_server import TICK_S, TimeServer
 from softgrip_time import Follower, SimulatedClock
 from softgrip_time.connection import Connection
 from softgrip_time.protocol import Join
 
 
+class PortWithAlarms:
+    """A port of a device whose own time is faster, and that has something to do at given times of its own [s]."""
+
+    terminal, received = "/dev/pts/nowhere", 0
+
+    def __init__(self, clock, alarms):
+        self.clock, self.alarms, self.served = clock, list(alarms), []
+
+    def files(self):
+        return []
+
+    def next_due_s(self):
+        return self.alarms[0] if self.alarms else None
+
+    def serve(self):
+        while self.alarms and self.alarms[0] <= self.clock.now_s():
+            self.served.append((self.alarms.pop(0), self.clock.now_s()))
+        return False
+
+
 @pytest.fixture
 def serve(tmp_path):
     servers = []
 
-    def start(**options):
-        advanced = []
-        server = TimeServer(tmp_path / "time", SetClock(), list, advanced.append, **options)
+    def start(ports=lambda _: [], **options):
+        advanced, clock = [], SetClock()
+        served = ports(clock)
+        server = TimeServer(tmp_path / "time", clock, lambda: served, advanced.append, **options)
         server.open()
         server.start()
         servers.append(server)
@@ -174,6 +195,23 @@ def test_times_and_names_of_several(serve, tmp_path, until):
     assert len(seen) == 2 * 59
     assert set(seen) == {0.0}  # nobody's time was another than the cell's when it worked
     assert until(lambda: server.participants.all == [])
+
+
+@pytest.mark.parametrize("scale", [60.0, 0.7, 3.3])
+def test_a_faster_devices_time_comes_exactly_whatever_is_rounded(serve, tmp_path, scale):
+    alarms = [5.0 + 0.0137 * k for k in range(1, 400)]
+    made = []
+
+    def ports(clock):
+        made.append(PortWithAlarms(ScaledCellClock(clock, scale), alarms))
+        return made
+
+    serve(ports, speed=0.0)
+    clock = SimulatedClock(tmp_path / "time", "driver")
+    with clock.stepping():
+        clock.wait(alarms[-1] / scale + 0.1)
+    assert [alarm for alarm, _ in made[0].served] == alarms
+    assert max(now_s - alarm for alarm, now_s in made[0].served) < 1e-9
 
 
 def test_closing_leaves_neither_socket_nor_descriptor(tmp_path):

@@ -355,3 +355,14 @@ def test_wrap_angles_and_strains_beyond_what_was_measured_are_flagged() -> None:
         assert 0 < outside.sum() < len(pulls)
         np.testing.assert_array_equal((found.status[0] & flag) != 0, outside)
         np.testing.assert_array_equal((path.status & flag) != 0, outside)
+
+
+def test_no_joint_turns_against_its_cable() -> None:
+    """At high tension Newton from nothing also finds a branch on which a cable has passed its apex, at -100 degrees."""
+    rng = np.random.default_rng(1)
+    thickness, routing = rng.uniform(2.5, 5, (4000, 3))[:700], rng.uniform(5, 13, (4000, 6))[:700]
+    kernel = Kernel([chapter_4_finger("power")], published("braid-tpu-chapter4").law).varied(thickness, routing)
+    for march in (True, False):
+        found = kernel.solve([46.57, 57.71, 80.0], Control.TENSION, march=march)
+        assert (found.angle_rad[~found.failed] > 0.0).all()
+        assert found.failed.mean() < 0.01

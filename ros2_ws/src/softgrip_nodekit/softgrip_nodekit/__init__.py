@@ -6,6 +6,7 @@ Node-level code: it imports rclpy, and only modules under a package's ``nodes/``
 
 from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
 from softgrip_nodekit.cell_lock import claim_name
+from softgrip_nodekit.cell_time import CellFollower, cell_clock, duration_clock, duration_timer, join_cell_time
 from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.event_time import StampedInputs, input_stamp_ns, lateness_parameter
@@ -26,6 +27,7 @@ __all__ = [
     "RELIABLE",
     "SENSOR",
     "CallbackErrors",
+    "CellFollower",
     "Diagnostics",
     "FatalError",
     "Health",
@@ -41,9 +43,13 @@ __all__ = [
     "UrgentServer",
     "WhileBrief",
     "callback_errors",
+    "cell_clock",
     "claim_name",
     "claim_processor",
+    "duration_clock",
+    "duration_timer",
     "input_stamp_ns",
+    "join_cell_time",
     "lateness_parameter",
     "make_executor",
     "nanoseconds",

@@ -12,9 +12,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from softgrip_nodekit.cell_time import USE_SIM_TIME, is_simulated
 from softgrip_nodekit.errors import StartupError
 
-USE_SIM_TIME = "use_sim_time"
 #: The service by which a node shows that its executor works through its callbacks.
 PING = "~/ping"
 
@@ -44,7 +44,7 @@ def settle_time(node: Node) -> None:
     Raises:
         StartupError: simulated time was asked for, and the node has a device that is not emulated.
     """
-    if node.has_parameter(USE_SIM_TIME) and node.get_parameter(USE_SIM_TIME).value:
+    if is_simulated(node):
         real = [str(path) for path in getattr(node, "device_paths", []) if is_real_device(str(path))]
         if real:
             raise StartupError(

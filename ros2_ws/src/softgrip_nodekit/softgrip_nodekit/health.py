@@ -77,6 +77,7 @@ class HealthMonitor:
         limit: [s] without an answer.
         on_silent: called with the name of a node that has not answered for ``limit``, on the monitor's thread.
         on_back: called with its name when it answers again.
+        now_s: monotonic clock of the limit [s]; in an emulated cell its time, which waits for a node that is only late.
     """
 
     def __init__(
@@ -88,7 +89,9 @@ class HealthMonitor:
         *,
         on_silent: Callable[[str], None],
         on_back: Callable[[str], None],
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._now_s = now_s
         self._limit = limit
         self._on_silent = on_silent
         self._on_back = on_back
@@ -110,7 +113,7 @@ class HealthMonitor:
             return self._watch.silent
 
     def _tick(self) -> None:
-        now = time.monotonic()
+        now = self._now_s()
         for name, client in self._clients.items():
             self._ping(name, client, now)
         with self._lock:
@@ -135,7 +138,7 @@ class HealthMonitor:
         self._pings.pop(name, None)
         if future.exception() is None:
             with self._lock:
-                self._watch.take_answer(name, time.monotonic())
+                self._watch.take_answer(name, self._now_s())
 
     def close(self) -> None:
         """Stop watching."""

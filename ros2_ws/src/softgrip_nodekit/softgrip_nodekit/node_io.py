@@ -13,7 +13,6 @@ stand still. The node's executor must be single-threaded: steps do not overlap.
 from __future__ import annotations
 
 import secrets
-import time
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
@@ -24,6 +23,7 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
 from softgrip_interfaces.msg import NodeTrace
+from softgrip_nodekit.cell_time import duration_clock, duration_timer
 from softgrip_nodekit.stamps import nanoseconds, to_time_message
 from softgrip_nodekit.timers import steady_timer
 
@@ -58,11 +58,11 @@ class NodeIo:
         return int(self._node.get_clock().now().nanoseconds)
 
     def monotonic_ns(self) -> int:
-        """Return the monotonic clock [ns]."""
-        return time.monotonic_ns()
+        """Return the clock of durations [ns]: steady, or an emulated cell's."""
+        return int(duration_clock(self._node).now().nanoseconds)
 
     def monotonic_s(self) -> float:
-        """Return the monotonic clock [s]."""
+        """Return the clock of durations [s]."""
         return self.monotonic_ns() * 1e-9
 
     def draw_token(self) -> str:
@@ -78,8 +78,8 @@ class NodeIo:
         self._node.create_service(kind, name, callback)
 
     def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Make a timer on the steady clock: what watches for silence must not stand still with a simulated time."""
-        steady_timer(self._node, period_s, callback)
+        """Make a timer on the clock of durations."""
+        duration_timer(self._node, period_s, callback)
 
     def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
         """Serve goals; both callbacks get rclpy's goal handle, or what has its names."""

@@ -19,6 +19,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
+from softgrip_nodekit.cell_time import await_cell, join_cell_time
 from softgrip_nodekit.context import end_context
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import make_executor
@@ -52,7 +53,8 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
 
     What a callback raises does not end the node: it is logged, counted and shown on /diagnostics (`callback_errors`).
     A callback that must end it raises FatalError. The node also answers ``~/ping`` (`softgrip_nodekit.health`), and
-    refuses another ``use_sim_time`` while it runs.
+    refuses another ``use_sim_time`` while it runs. With the parameter ``lockstep`` the time of an emulated cell waits
+    for its executor (`softgrip_nodekit.cell_time`).
 
     Args:
         factory: makes the node; raises StartupError when that cannot be done.
@@ -74,6 +76,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     code = 0
     try:
         node = factory()
+        join_cell_time(node)
         _refuse_unknown_parameters(node)
         settle_time(node)
         guard_parameter_services(node)
@@ -170,6 +173,7 @@ def _autostart(node: Node) -> bool:
 
 
 def _bring_up(node: LifecycleNode) -> None:
+    await_cell(node)
     _await_devices([Path(path) for path in getattr(node, "device_paths", [])])
     for transition in (node.trigger_configure, node.trigger_activate):
         result = transition()

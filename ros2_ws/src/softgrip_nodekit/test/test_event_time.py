@@ -59,7 +59,7 @@ def stamps(min_size: int, max_size: int) -> st.SearchStrategy[Stream]:
 STREAMS = st.fixed_dictionaries({"driver": stamps(5, 60), "friction": stamps(0, 6), "cell": stamps(0, 20)})
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(STREAMS, SEEDS)
 def test_any_order_of_arrival_within_the_lateness_gives_the_answers_of_the_rule(
     streams: dict[str, Stream], seed: int
@@ -73,7 +73,7 @@ def test_any_order_of_arrival_within_the_lateness_gives_the_answers_of_the_rule(
     assert node.answers == answers_by_rule(streams)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(STREAMS, SEEDS)
 def test_with_what_was_noted_any_order_can_be_had_again(streams: dict[str, Stream], seed: int) -> None:
     """Whatever comes late is noted, and stamps and notes together give the order: a replay needs nothing else."""

@@ -183,7 +183,7 @@ def test_a_parameter_that_the_node_does_not_have_ends_it_with_its_name() -> None
     ]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
-    assert "cannot start: unknown parameter 'raet'; meter has rate, " in ended.stderr
+    assert "cannot start: unknown parameter 'raet'; meter has lockstep, rate, " in ended.stderr
 
 
 def test_a_parameter_file_that_is_none_ends_it_with_file_and_line(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from softgrip_driver.rig.line_format import FORMATS
 from softgrip_driver.rig.line_gauge import LineGauge
 from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
+from softgrip_time import WallClock
 
 #: whose branches atheris watches
 READERS = ("softgrip_driver.dynamixel", "softgrip_driver.rig", "dynamixel_sdk")
@@ -90,6 +91,7 @@ class ScriptedPort:
     """Stands where a LinePort does: gives the lines of a stream, then silence."""
 
     path, reply_time, is_open = "scripted", 0.0, True
+    clock = WallClock()
 
     def __init__(self, stream: bytes) -> None:
         *self._lines, self._rest = stream.split(b"\n")

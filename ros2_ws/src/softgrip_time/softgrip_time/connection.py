@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 #: [s] for the server's first answer: it lives in a process that may be busy starting.
-_JOIN_TIMEOUT_S = 10.0
+_JOIN_TIMEOUT_S = 60.0
 
 
 class TimeServerLostError(ConnectionError):

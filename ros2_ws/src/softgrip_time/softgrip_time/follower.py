@@ -29,13 +29,13 @@ class Follower:
 
     def __init__(self, path: Path, name: str, follows: str = "clock", lag_s: float = 0.05) -> None:
         self._connection = Connection(path, Join(name, follows, lag_s))
-        self._epoch_s = self._connection.joined.epoch_s
+        self._epoch_ns = round(self._connection.joined.epoch_s * 1e9)
         self._reached_s = -1.0
         self._lock = threading.Lock()
 
     def report(self, epoch_ns: int) -> None:
         """Report that all is done up to a time since the epoch [ns]; no effect when the server has ended."""
-        time_s = 1e-9 * epoch_ns - self._epoch_s
+        time_s = 1e-9 * (epoch_ns - self._epoch_ns)
         with self._lock, suppress(TimeServerLostError):
             if time_s > self._reached_s:
                 self._reached_s = time_s

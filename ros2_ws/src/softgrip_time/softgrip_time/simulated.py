@@ -51,7 +51,7 @@ class SimulatedClock:
 
     def epoch_ns(self, at_s: float) -> int:
         """See `Clock`."""
-        return round((self._epoch_s + at_s) * 1e9)
+        return round(self._epoch_s * 1e9) + round(at_s * 1e9)
 
     def wait(self, until_s: float) -> None:
         """See `Clock`."""

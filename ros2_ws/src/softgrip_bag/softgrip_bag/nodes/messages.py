@@ -14,6 +14,8 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.reader import TopicSummary
+from softgrip_bag.schema_text import same_definition, schema_text
 from softgrip_nodekit import nanoseconds
 
 #: Bytes of CDR before the message; the second one says whether it is little endian.
@@ -51,6 +53,16 @@ def interface_text(package: str, kind: str, name: str) -> str:
         return path.read_text()
     except (PackageNotFoundError, OSError) as error:
         raise BagError(f"expected the definition of {package}/{kind}/{name}, found none ({error})") from error
+
+
+def is_installed(topic: TopicSummary) -> bool:
+    """Return whether a topic was recorded with the definition that is installed here.
+
+    Raises:
+        BagError: the type is not installed.
+    """
+    message_class(topic.type_name)
+    return not topic.schema or same_definition(topic.schema, schema_text(topic.type_name, interface_text))
 
 
 def stamp_of(message: Any) -> int:

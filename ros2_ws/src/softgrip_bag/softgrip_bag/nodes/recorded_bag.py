@@ -19,10 +19,9 @@ from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.context import NodeSetUp, restore
 from softgrip_bag.definition import Decoded, Definition, decode, parse_definitions
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.messages import interface_text, message_class
+from softgrip_bag.nodes.messages import is_installed, message_class
 from softgrip_bag.old_definitions import ENUMERATIONS, READ_BY_NAME, UNSET, has_old_enumerations
 from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
-from softgrip_bag.schema_text import same_definition, schema_text
 
 
 class RecordedBag:
@@ -71,8 +70,7 @@ class RecordedBag:
         Raises:
             BagError: the type is not installed, or is another one of that name and cannot be read by name.
         """
-        message_class(topic.type_name)
-        if topic.name not in self._older and not _is_installed(topic):
+        if not is_installed(topic) and topic.name not in self._older:
             raise BagError(
                 f"{topic.name}: expected {topic.type_name} as it is installed here, found one with other fields: the "
                 "bag is of another ROS distribution or version; read it there, or by its schemas (rosbags, "
@@ -102,17 +100,13 @@ class RecordedBag:
         return {
             topic.name: parse_definitions(topic.type_name, topic.schema)
             for topic in self.topics
-            if _short_name(topic.type_name) in READ_BY_NAME and not _is_installed(topic)
+            if _short_name(topic.type_name) in READ_BY_NAME and not is_installed(topic)
         }
 
 
 def _short_name(type_name: str) -> str:
     package, _, name = type_name.partition("/")
     return f"{package}/{name.rpartition('/')[2]}"
-
-
-def _is_installed(topic: TopicSummary) -> bool:
-    return not topic.schema or same_definition(topic.schema, schema_text(topic.type_name, interface_text))
 
 
 def _renewed(raw: RawMessage, definitions: Mapping[str, Definition]) -> RawMessage:

@@ -118,7 +118,8 @@ class HandEstimator:
         for slot, contact in enumerate(contacts):
             if contact.is_short:
                 self._peak_n[slot] = max(self._peak_n[slot], contact.contact_tension_n)
-                self._peak_strength_n[slot] = max(self._peak_strength_n[slot], contact.strength_n)
+                if contact.strength_n >= contact.threshold_n:  # a surge of a late drive is within its wider threshold
+                    self._peak_strength_n[slot] = max(self._peak_strength_n[slot], contact.strength_n)
         settings, standing = self._settings, self._history.motions_m(self._settings.standing_s)
         pressing = [
             contact.is_touching or contact.is_deflected or (slot in self._control.slots and not contact.is_at_end)

@@ -453,27 +453,19 @@ class GraspSequence:
     TABLE: ClassVar[Mapping[GraspPhase, tuple[Rule, ...]]] = {
         GraspPhase.APPROACH: (
             Rule("every finger is open", _since_open, GraspPhase.CLOSE, _close),
-            Rule(
-                "the time for opening is over", _since_timeout, GraspOutcome.ABORTED,
-                reason=_not_open_reason,
-            ),
+            Rule("the time for opening is over", _since_timeout, GraspOutcome.ABORTED, reason=_not_open_reason),
         ),
         GraspPhase.CLOSE: (
+            Rule("a tendon pulls nothing for lost_s", _since_slack, GraspOutcome.TENDON_FAULT, reason=_slack_reason),
             Rule(
-                "a tendon pulls nothing for lost_s", _since_slack, GraspOutcome.TENDON_FAULT, reason=_slack_reason
-            ),
-            Rule(
-                "both sides touched, and nothing does for slip_s", _since_lost_while_closing, GraspOutcome.SLIPPED,
-                reason=_lost_while_closing_reason,
+                "both sides touched, and nothing does for slip_s", _since_lost_while_closing,
+                GraspOutcome.SLIPPED, reason=_lost_while_closing_reason,
             ),
             Rule("something is enclosed", _since_enclosing, GraspPhase.HOLD, _press_enclosed),
             Rule("a finger presses enough", _since_finger_is_done, GraspPhase.CLOSE, _press_done),
             Rule("a hook's thumb alone presses at the end", _since_thumb_alone, GraspPhase.HOLD, _press_enclosed),
             Rule("the fingers are at their end", _since_end_of_path, GraspOutcome.EMPTY, reason=_empty_reason),
-            Rule(
-                "the time for closing is over", _since_timeout, GraspOutcome.ABORTED,
-                reason=_no_end_reason,
-            ),
+            Rule("the time for closing is over", _since_timeout, GraspOutcome.ABORTED, reason=_no_end_reason),
             Rule("else", _since_now, GraspPhase.CLOSE, _keep_up),
         ),
         GraspPhase.HOLD: (
@@ -487,10 +479,7 @@ class GraspSequence:
                 "the hold is full or has settled, to be lifted", _since_held_to_lift, GraspPhase.LIFT,
                 _keep_the_rest_for_the_lift,
             ),
-            Rule(
-                "the hold is full or has settled", _since_held, GraspOutcome.GRIPPED, _keep_the_rest,
-                _held_reason,
-            ),
+            Rule("the hold is full or has settled", _since_held, GraspOutcome.GRIPPED, _keep_the_rest, _held_reason),
             Rule(
                 "giving_way_s later it has not settled", _since_giving_way, GraspOutcome.SLIPPED,
                 reason=_giving_way_reason,
@@ -503,10 +492,7 @@ class GraspSequence:
                 "giving_way_s after the lift window", _since_giving_way, GraspOutcome.SLIPPED,
                 reason=_giving_way_reason,
             ),
-            Rule(
-                "the lift window is over, and it hangs", _since_hanging, GraspOutcome.GRIPPED,
-                reason=_hung_reason,
-            ),
+            Rule("the lift window is over, and it hangs", _since_hanging, GraspOutcome.GRIPPED, reason=_hung_reason),
             Rule("else", _since_now, GraspPhase.LIFT, _keep_up),
         ),
     }  # fmt: skip

@@ -60,7 +60,7 @@ class GraspSettings:
         "contact_sigma", _false_alarm_s_of,
     )  # fmt: skip
     wild_share: float = _setting(
-        0.001, "share of the readings that mean nothing; bounds what a single one can prove", "", 1e-9, 0.9,
+        0.01, "share of the readings that mean nothing; bounds what a single one can prove", "", 1e-9, 0.9,
         "decision_run", _wild_share_of,
     )  # fmt: skip
     min_contact_tension_n: float = _setting(

@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.clock import Clock
+from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
 
 from softgrip_demo.errors import ShiftError
+from softgrip_nodekit import duration_clock
 
 POLL = 0.05  # [s] between looks at a condition while the executor spins
 
@@ -23,18 +25,26 @@ class CellLink:
     def __init__(self, node: Node, executor: Executor) -> None:
         self.node = node
         self._executor = executor
+        self._durations = duration_clock(node)
         self._service_clients: dict[str, Any] = {}
         self._action_clients: dict[str, ActionClient] = {}
 
-    def until(self, condition: Callable[[], bool], timeout: float, expected: str) -> None:
+    def until(self, condition: Callable[[], bool], timeout: float, expected: str, clock: Clock | None = None) -> None:
         """Spin until a condition holds.
+
+        Args:
+            condition: is asked after each callback.
+            timeout: [s].
+            expected: in words, for the error.
+            clock: of the time-out; None = that of the cell's durations.
 
         Raises:
             ShiftError: when it does not within ``timeout`` [s].
         """
-        deadline = time.monotonic() + timeout
+        clock = clock or self._durations
+        deadline = clock.now() + Duration(nanoseconds=round(timeout * 1e9))
         while not condition():
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 raise ShiftError(f"expected {expected} within {timeout:g} s, found nothing; see the log of the cell")
             self._executor.spin_once(timeout_sec=POLL)
 

@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
@@ -34,7 +36,7 @@ from softgrip_demo.nodes.watch import ShiftWatch
 from softgrip_demo.products import expected_outcome, finger_design, product_names
 from softgrip_demo.record import FrictionResult, GraspResult, ShiftClosing, ShiftFrame, ShiftRecord, ShiftStage
 from softgrip_interfaces.srv import StopRecording
-from softgrip_nodekit import Parameter, ParameterTable, StartupError, make_executor
+from softgrip_nodekit import Parameter, ParameterTable, StartupError, join_cell_time, make_executor
 from softgrip_vision import calibration as vision
 from softgrip_vision.calibration import PlaneMap
 
@@ -47,7 +49,7 @@ PARAMETERS = ParameterTable(
     Parameter("full_pull", 0.020, "pulled length at the end of a closing", "m", 0.001, 0.040),
     Parameter("closing_speed", 0.016, "speed of the watched closings", "m/s", 0.001, 0.1),
     Parameter("release_speed", 0.05, "speed of opening", "m/s", 0.001, 0.2),
-    Parameter("start_timeout", 10.0, "time the cell has to come up", "s", 1.0, 120.0),
+    Parameter("start_timeout", 90.0, "time the cell has to come up", "s", 1.0, 600.0),
     Parameter(
         "expected_streams", ["tendon/state", "camera/image_raw/compressed"], "topics that say that the cell is up"
     ),
@@ -112,7 +114,9 @@ class Shift:
         streams = set(self._values["expected_streams"])
         timeout = self._values["start_timeout"]
         try:
-            self._link.until(lambda: streams <= self._watch.seen, timeout, "the cell's streams")
+            # there is no time of the cell before it is up
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._link.until(lambda: streams <= self._watch.seen, timeout, "the cell's streams", steady)
         except ShiftError as error:
             missing = ", ".join(sorted(streams - self._watch.seen))
             raise ShiftError(f"no messages on {missing} within {timeout:g} s; see the log of the cell") from error
@@ -219,6 +223,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run one shift; exit code 0 when it reached its end."""
     rclpy.init(args=list(args) if args is not None else None)
     node = Node("shift")
+    join_cell_time(node)
     executor = make_executor(node)
     executor.add_node(node)
     hands = Hands()

@@ -22,7 +22,7 @@ from softgrip_design.objective import Weights
 from softgrip_design.optimiser import OptimiserSettings
 from softgrip_design.output import follow_report, uniform_report, write_cad_csv
 from softgrip_model import profile
-from softgrip_model.finger import FingerError, MomentLaw
+from softgrip_model.finger import FingerError, JointModel, MomentLaw
 from softgrip_model.finger.published import CHAPTER_4_ERROR_DEG
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.laws import FrictionLaw
@@ -72,6 +72,12 @@ def parser() -> argparse.ArgumentParser:
         default=str(MomentLaw.ABSOLUTE_TANGENT),
         help="how the strips bend, docs/finger.md (default: %(default)s)",
     )
+    made.add_argument(
+        "--joint-model",
+        choices=tuple(map(str, JointModel)),
+        default=str(JointModel.HINGE),
+        help="mode P or mode F, docs/finger.md; not for uniform (default: %(default)s)",
+    )
     made.add_argument("--starts", type=int, default=16, help="of the search, per finger (default: %(default)s)")
     made.add_argument("--seed", type=int, default=1, help="of the starts (default: %(default)s)")
     made.add_argument("--id", help="of the profile (default: the trajectory's name)")
@@ -115,6 +121,7 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
         law,
         weights=Weights(*options.weights),
         moment_law=MomentLaw(options.moment_law),
+        joint_model=JointModel(options.joint_model),
         search=OptimiserSettings(starts=options.starts, seed=options.seed),
     )
     design = _with_progress(demonstration, names, task)
@@ -174,6 +181,8 @@ def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float,
 def _uniform(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> int:
     if options.trajectory is not None or options.finger:
         raise DesignError("the uniform objective takes no trajectory and no finger: it is the finger of section 3.4")
+    if JointModel(options.joint_model) is not JointModel.HINGE:
+        raise DesignError("the uniform objective is the thesis', of hinges; leave --joint-model out")
     uniform = design_uniform(law, OptimiserSettings(starts=options.starts, seed=options.seed))
     identity = options.id or "uniform"
     options.out.mkdir(parents=True, exist_ok=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -70,7 +71,9 @@ def _draw_groove(axes: Axes, finger: FingerForm, groove: JointGroove, joint: int
         axes.text(end_x + (1.0 if side else -1.0), end_y - 0.4, f"r{2 * joint + side} = {r:.3f}",
                   ha="left" if side else "right", color="#203f80", **_TEXT)  # fmt: skip
     opening = math.degrees(2.0 * groove.half_opening_rad)
-    axes.text(x, -finger.depth_mm + 0.8, f"{opening:.2f}°", ha="center", **_TEXT)
+    free = math.degrees(groove.free_rad)
+    stop = f", strip free to {free:.0f}°" if free < opening - 0.5 else ""
+    axes.text(x, -finger.depth_mm + 0.8, f"{opening:.2f}°{stop}", ha="center", **_TEXT)
 
 
 def _draw_lengths(axes: Axes, finger: FingerForm) -> None:
@@ -94,9 +97,10 @@ def _dimension(
 
 
 def write_svg(figure: Figure, path: Path) -> None:
-    """Write a drawing; it holds no date, so that it changes only with the part.
+    """Write a drawing; it holds no date and no random names, so that it changes only with the part.
 
     Raises:
         OSError: the file cannot be written.
     """
-    FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
+    with rc_context({"svg.hashsalt": "softgrip", "svg.fonttype": "none"}):
+        FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})

@@ -169,7 +169,7 @@ def _lip(strip_mm: tuple[float, float], half_rad: float, roof_mm: float) -> tupl
         return 0.0, 2.0 * half_rad
     needed_mm = strip_depth_mm(strip_mm, half_rad, 2.0 * half_rad) + STRIP_PLAY_MM
     if needed_mm <= roof_mm:
-        return max(needed_mm, MIN_LIP_DEPTH_MM), 2.0 * half_rad
+        return min(max(needed_mm, MIN_LIP_DEPTH_MM), roof_mm), 2.0 * half_rad
     low, high = 0.0, 2.0 * half_rad
     for _ in range(40):
         angle = 0.5 * (low + high)

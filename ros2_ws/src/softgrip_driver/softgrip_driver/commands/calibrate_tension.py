@@ -7,7 +7,6 @@ import argparse
 import csv
 import math
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -31,6 +30,7 @@ from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
+from softgrip_time import Clock
 
 TEXT = """Fit the torque model of a servo, k current = tension radius + friction, against a force gauge or weights.
 
@@ -159,7 +159,7 @@ def measure(
         for turn in range(2 * rounds):
             inward = turn % 2 == 0
             pace = speed * PACES[turn // 2 % len(PACES)] * (1.0 if inward else -1.0)
-            ramp = _Ramp(here, pace, 1.2 * tension)
+            ramp = _Ramp(here, pace, 1.2 * tension, backend.bus.clock)
             while True:
                 reading = ramp.follow(backend, PERIOD)
                 here, force = ramp.goal(), gauge.tension()
@@ -182,13 +182,13 @@ def _sampled(motor: MotorReading, velocity: float, force: float) -> TensionSampl
 class _Ramp:
     """A goal that moves evenly: steps would accelerate the motor, and its inertia would look like tension."""
 
-    def __init__(self, start: float, pace: float, tension_limit: float) -> None:
-        self._start, self._pace, self._limit = start, pace, tension_limit
-        self._began = time.monotonic()
+    def __init__(self, start: float, pace: float, tension_limit: float, clock: Clock) -> None:
+        self._start, self._pace, self._limit, self._clock = start, pace, tension_limit, clock
+        self._began = clock.now_s()
 
     def elapsed(self) -> float:
         """Return the time [s] since it began."""
-        return time.monotonic() - self._began
+        return self._clock.now_s() - self._began
 
     def goal(self) -> float:
         """Return where it is [m]."""
@@ -213,12 +213,12 @@ def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSe
     (name,) = backend.tendons
     backend.power(name, True)
     try:
-        deadline = time.monotonic() + LIMIT_TIMEOUT_S
-        stood_since = began = time.monotonic()
+        deadline = backend.bus.clock.now_s() + LIMIT_TIMEOUT_S
+        stood_since = began = backend.bus.clock.now_s()
         while stood_since + LIMIT_STANDS_S > began < deadline:
             reading = _reading(backend)
             backend.write({name: Setpoint(reading.position + LIMIT_AHEAD_M, tension)})
-            began = time.monotonic()
+            began = backend.bus.clock.now_s()
             if abs(reading.velocity) > TorqueModel.STANDING_SPEED:
                 stood_since = began
         motor, goal = backend.motor(name), backend.goal_current(name)
@@ -233,8 +233,8 @@ def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSe
 
 def _reading(backend: DynamixelBackend) -> DriveReading:
     (name,) = backend.tendons
-    deadline = time.monotonic() + 1.0
-    while time.monotonic() < deadline:
+    deadline = backend.bus.clock.now_s() + 1.0
+    while backend.bus.clock.now_s() < deadline:
         reading = backend.read().get(name)
         if reading is not None:
             return reading

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from serial.tools import list_ports
 
 from softgrip_driver.commands.common import DONE, FAILED, number, parser, run
+from softgrip_driver.dynamixel.adapter import naming_advice
+from softgrip_driver.dynamixel.bringup import BOOT_LOADER_REMEDY, SHARED_ID_REMEDY
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, HARDWARE_ERROR, MODEL_NAMES, HardwareError
 from softgrip_driver.errors import DriverError, PortLostError
@@ -18,7 +20,7 @@ from softgrip_driver.errors import DriverError, PortLostError
 TEXT = """Find Dynamixel servos: every serial port (or --port), every baud rate, every ID.
 Nothing is written and nothing moves.
 
-Exit code 0 when at least one servo was found."""
+Exit code 0 when at least one servo was found, and none shares its ID with another one."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,12 @@ class Found:
     model: int
     firmware: int
     hardware_error: HardwareError | None
+    shared: bool
 
     def line(self) -> str:
         """Return the row of the table."""
         error = "no answer" if self.hardware_error is None else (self.hardware_error.name or "none")
+        error = "several servos with this ID" if self.shared else error
         name = MODEL_NAMES.get(self.model, "unknown")
         return f"{self.port:<16}{self.baud:>9}{self.servo_id:>5}  {name:<12}{self.model:>6}{self.firmware:>5}  {error}"
 
@@ -55,7 +59,7 @@ def scan_port(port: str, bauds: Sequence[int], wait: float) -> Iterator[Found]:
                     raise
                 except DriverError:
                     error = None
-                yield Found(port, baud, servo_id, model, firmware, error)
+                yield Found(port, baud, servo_id, model, firmware, error, bus.is_shared(servo_id))
         finally:
             bus.close()
 
@@ -68,17 +72,25 @@ def work(options: argparse.Namespace) -> int:
         return FAILED
     bauds = [options.baud] if options.baud else sorted(BAUD_CODES, key=lambda baud: baud != 57600)
     print(HEAD)
-    count = 0
+    seen: list[Found] = []
     for port in ports:
         try:
             for found in scan_port(port, bauds, options.wait):
-                count += 1
+                seen.append(found)
                 print(found.line(), flush=True)
         except PortLostError as error:
             print(error, file=sys.stderr)
-    if not count:
-        print(f"no servo answered on {', '.join(ports)}; check power, cable and adapter", file=sys.stderr)
-    return DONE if count else FAILED
+        if advice := naming_advice(port):
+            print(f"{port}: {advice}")
+    if not seen:
+        print(
+            f"no servo answered on {', '.join(ports)}; check power, cable and adapter; {BOOT_LOADER_REMEDY}",
+            file=sys.stderr,
+        )
+    if any(found.shared for found in seen):
+        print(f"several servos answer to one ID: {SHARED_ID_REMEDY}", file=sys.stderr)
+        return FAILED
+    return DONE if seen else FAILED
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import statistics
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -86,11 +85,11 @@ def measure(bus: Bus, seconds: float) -> Measurement:
     backend.fast = all(servo.fast_sync_read for servo in servos)
     lost, corrupt = bus.counters.lost, bus.counters.corrupt
     durations: list[float] = []
-    began = time.monotonic()
-    while time.monotonic() - began < seconds:
-        start = time.monotonic()
+    began = bus.clock.now_s()
+    while bus.clock.now_s() - began < seconds:
+        start = bus.clock.now_s()
         backend.read()
-        durations.append(time.monotonic() - start)
+        durations.append(bus.clock.now_s() - start)
     ordered = sorted(durations)
     return Measurement(
         len(ids), bus.port.baudrate, 1.0 / statistics.fmean(durations), statistics.median(durations),

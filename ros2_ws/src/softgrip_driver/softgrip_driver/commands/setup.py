@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from softgrip_driver.commands.common import DONE, add_bus_options, parser, run
 from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.restart import restart
 from softgrip_driver.errors import ConfigurationError, CorruptReplyError, NoReplyError
@@ -25,11 +26,13 @@ def assign(bus: Bus, servo_id: int, new_id: int | None, new_baud: int | None) ->
     """Write what was asked for, verify it, and say what was done.
 
     Raises:
-        ConfigurationError: the new ID is taken.
+        ConfigurationError: the new ID is taken, or several servos have the present one.
         DriverError: the servo does not answer or refuses.
     """
     done = []
     model, _ = bus.ping(servo_id, attempts=3)
+    if bus.is_shared(servo_id):
+        raise ConfigurationError(f"expected one servo with ID {servo_id}, found several; {SHARED_ID_REMEDY}")
     bus.write(servo_id, reg.TORQUE_ENABLE, 0, attempts=3)
     bus.write(servo_id, reg.RETURN_DELAY, 0, attempts=3)
     done.append(f"ID {servo_id} ({reg.MODEL_NAMES.get(model, model)}): torque off, return delay 0")

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
 
 from softgrip_driver.commands.common import DONE, number, parser, run
@@ -13,6 +12,7 @@ from softgrip_driver.rig.build import STAGES, make_stage
 from softgrip_driver.rig.devices import Stage
 from softgrip_driver.rig.errors import StageStalledError
 from softgrip_driver.rig.grbl import StageStart
+from softgrip_time import Clock, WallClock
 
 TEXT = """Connect to the stage that pulls and say who it is and what is not well. Nothing moves unless asked:
 
@@ -28,7 +28,7 @@ _ARRIVED = 0.03
 _PERIOD = 0.1
 
 
-def jog(stage: Stage, way_mm: float, speed_mm_s: float) -> float:
+def jog(stage: Stage, way_mm: float, speed_mm_s: float, clock: Clock) -> float:
     """Go a way [mm] from here at a speed [mm/s] and return where it stands then [mm].
 
     Raises:
@@ -36,12 +36,12 @@ def jog(stage: Stage, way_mm: float, speed_mm_s: float) -> float:
     """
     stage.zero()
     stage.start(way_mm * 1e-3, speed_mm_s * 1e-3)
-    due = time.monotonic() + 3.0 * abs(way_mm) / speed_mm_s + 2.0
+    due = clock.now_s() + 3.0 * abs(way_mm) / speed_mm_s + 2.0
     try:
         while abs((here := stage.travel() * 1e3) - way_mm) > _ARRIVED:
-            if time.monotonic() > due:
+            if clock.now_s() > due:
                 raise StageStalledError(f"stage: expected {way_mm:g} mm, found {here:.2f} mm; look for a jam")
-            time.sleep(_PERIOD)
+            clock.wait(clock.now_s() + _PERIOD)
     finally:
         stage.stop()
     return here
@@ -49,14 +49,15 @@ def jog(stage: Stage, way_mm: float, speed_mm_s: float) -> float:
 
 def work(options: argparse.Namespace) -> int:
     """Connect, say, jog."""
-    stage = make_stage(options.kind, options.port, start=StageStart(options.start))
+    clock = WallClock()
+    stage = make_stage(options.kind, options.port, start=StageStart(options.start), clock=clock)
     try:
         identity = stage.open()
         print(f"{identity.model} {identity.serial}".strip())
         for warning in identity.warnings:
             print(f"-> {warning}")
         if options.jog:
-            print(f"went {jog(stage, options.jog, options.speed):+.2f} mm; {_question(options.jog)}")
+            print(f"went {jog(stage, options.jog, options.speed, clock):+.2f} mm; {_question(options.jog)}")
     finally:
         stage.close()
     return DONE

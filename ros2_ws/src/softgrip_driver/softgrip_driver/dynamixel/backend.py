@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -205,14 +204,14 @@ class DynamixelBackend:
 
     def _set_up_again(self, live: ServoState) -> Iterator[None]:
         """Set up from the beginning until every transaction was answered; patience is for the steps, not for one."""
-        deadline = time.monotonic() + REBOOT_TIMEOUT
+        deadline = self.bus.clock.now_s() + REBOOT_TIMEOUT
         while True:
             try:
                 for _ in set_up(self.bus, live.servo, write_eeprom=self._write_eeprom, attempts=1):
                     yield
                 self._after_set_up(live, attempts=1)
             except (NoReplyError, CorruptReplyError):
-                if time.monotonic() > deadline:
+                if self.bus.clock.now_s() > deadline:
                     raise
                 yield
             else:
@@ -232,7 +231,7 @@ class DynamixelBackend:
 
     def read(self) -> Mapping[str, DriveReading]:
         """Read all present servos in one transaction, one slow item, and probe one that is missing."""
-        now = time.monotonic()
+        now = self.bus.clock.now_s()
         if (
             self._watchdog_units
             and now - self.bus.port.last_traffic > 0.9 * self._watchdog_units * reg.WATCHDOG_SECONDS_PER_UNIT
@@ -287,7 +286,7 @@ class DynamixelBackend:
 
     def _watch_motion(self, live: ServoState, goal: int) -> None:
         """Let the bus watchdog run while a servo moves; where holds are to outlive this process, only then."""
-        now = time.monotonic()
+        now = self.bus.clock.now_s()
         if live.anchor is None or abs(goal - live.anchor) > self.MOTION_PULSES:
             live.anchor, live.moved_at = goal, now
         is_required = not self._hold_unwatched or now - live.moved_at < self.REST_TIME
@@ -302,6 +301,8 @@ class DynamixelBackend:
     def power(self, tendon: str, on: bool) -> None:
         """Hold the present position, or let go."""
         live = self._live[tendon]
+        # Unknown until it has been read, however far this gets: what was known before must not pass for a restart.
+        live.powered = None
         if not on:
             self._switch_off(live, attempts=2)
             return
@@ -312,7 +313,7 @@ class DynamixelBackend:
         # Written with torque on: some firmware copies the present position at that moment, and the last word is ours.
         self.bus.write(servo_id, reg.GOAL_POSITION, position, attempts=2)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
-        live.powered, live.current_units, live.anchor = None, None, None
+        live.current_units = live.anchor = None
         live.armed = True
 
     def motor(self, tendon: str) -> MotorReading:
@@ -369,7 +370,7 @@ class DynamixelBackend:
         # A servo that is in error has a reason for being without torque; until it is known, nobody says "restarted".
         powered = None if live.alert and not live.hardware_error else live.powered
         return DriveReading(
-            time.monotonic(), position, velocity, max(0.0, pull), stddev, pull, current,
+            self.bus.clock.now_s(), position, velocity, max(0.0, pull), stddev, pull, current,
             live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
             powered, live.mark, faults, "", live.hardware_error,
         )  # fmt: skip

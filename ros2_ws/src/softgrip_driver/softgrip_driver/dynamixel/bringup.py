@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from softgrip_driver.dynamixel import registers as reg
@@ -28,6 +28,14 @@ from softgrip_driver.errors import (
 from softgrip_driver.tendon.units import Spool, TorqueModel
 
 _ATTEMPTS = 4
+#: [1/s] as a servo comes (e-manual, Baud Rate(8))
+FACTORY_BAUD = 57600
+SHARED_ID_REMEDY = (
+    "connect them one at a time and give each an ID of its own: `ros2 run softgrip_driver setup --id 1 --new-id N`"
+)
+BOOT_LOADER_REMEDY = (
+    "a servo whose LED stays lit after power-on waits for its firmware: recover it with DYNAMIXEL Wizard 2.0"
+)
 
 
 @dataclass(frozen=True)
@@ -153,8 +161,7 @@ def identify(bus: Bus, servo: ServoConfiguration) -> ServoIdentity:
     except (NoReplyError, CorruptReplyError) as error:
         raise DeviceNotFoundError(
             f"tendon '{servo.tendon}': expected a {servo.model.name} with ID {servo.servo_id} at {bus.port.baudrate} "
-            f"baud on {bus.port.port_name}, found {_who_answers(bus)}; check power and cable, or run "
-            "`ros2 run softgrip_driver scan`"
+            f"baud on {bus.port.port_name}, found {_who_answers(bus)}"
         ) from error
     if number != servo.model.number:
         raise WrongDeviceError(
@@ -166,14 +173,18 @@ def identify(bus: Bus, servo: ServoConfiguration) -> ServoIdentity:
 
 
 def _who_answers(bus: Bus) -> str:
-    """Say which IDs answer at this baud rate, else at which other one anybody does."""
+    """Say which IDs answer at this baud rate, else at which other one anybody does, and what to do."""
+    port, baud = bus.port.port_name, bus.port.baudrate
     found = bus.broadcast_ping(0.1)
     if found:
-        return f"ID {', '.join(str(one) for one in sorted(found))} instead"
-    for baud in BAUD_CODES:
-        if baud == bus.port.baudrate:
+        shared = [one for one in sorted(found) if bus.is_shared(one)]
+        if shared:
+            return f"several servos with ID {shared[0]}; {SHARED_ID_REMEDY}"
+        return f"ID {_listed(found)} instead; correct the parameter servo_ids, or give it its ID with setup --new-id"
+    for other_baud in BAUD_CODES:
+        if other_baud == baud:
             continue
-        other = Bus(bus.port.port_name, baud, bus.port.reply_margin)
+        other = Bus(port, other_baud, bus.port.reply_margin, bus.clock)
         bus.close()
         try:
             other.open()
@@ -182,8 +193,16 @@ def _who_answers(bus: Bus) -> str:
             other.close()
             bus.open()
         if found:
-            return f"nobody, but ID {', '.join(str(one) for one in sorted(found))} at {baud} baud"
-    return "nobody at any baud rate"
+            options = f"--port {port} --baud {other_baud} --id {min(found)} --new-baud {baud}"
+            return (
+                f"ID {_listed(found)} at {other_baud} baud{' (as new)' * (other_baud == FACTORY_BAUD)}; set each with "
+                f"`ros2 run softgrip_driver setup {options}`"
+            )
+    return f"nobody at any baud rate; check power and cable; {BOOT_LOADER_REMEDY}"
+
+
+def _listed(found: Iterable[int]) -> str:
+    return ", ".join(str(one) for one in sorted(found))
 
 
 def required_eeprom(servo: ServoConfiguration) -> dict[ControlItem, int]:

@@ -8,9 +8,7 @@ throws all away when one is missing, and the error bytes always); a port that ca
 
 from __future__ import annotations
 
-import statistics
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -21,6 +19,7 @@ from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, Contro
 from softgrip_driver.dynamixel.stuffing import PacketHandler
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters
+from softgrip_time import Clock, WallClock
 
 BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REBOOT, _CLEAR = 0x01, 0x02, 0x03, 0x08, 0x10
@@ -31,7 +30,10 @@ _STATUS_OVERHEAD = 11
 _INSTRUCTION_OVERHEAD = 10
 #: model number and firmware
 _PING_BYTES = 3
-#: pings of which the median counts, and [s] that each may take
+#: reads of the measured items, from Realtime Tick to Present Temperature, that tell whether two servos answer at once
+SHARED_READS, SHARED_BYTES = 5, 27
+_MEASURED = (120).to_bytes(2, "little") + SHARED_BYTES.to_bytes(2, "little")
+#: pings that measure the adapter, and [s] that each may take
 TURNAROUND_PINGS = 5
 TURNAROUND_LIMIT_S = 0.1
 _ID_AT, _LENGTH_AT, _ERROR_AT, _DATA_AT = 4, 5, 8, 9
@@ -61,10 +63,12 @@ class Bus:
         port_name: device path.
         baud: [1/s]
         reply_margin: [s] allowed for a reply beyond the time its bytes need.
+        clock: that its waits are on; the computer's where none is given.
     """
 
-    def __init__(self, port_name: str, baud: int, reply_margin: float = 0.004) -> None:
-        self.port = BusPort(port_name, baud, reply_margin)
+    def __init__(self, port_name: str, baud: int, reply_margin: float = 0.004, clock: Clock | None = None) -> None:
+        self.clock = clock or WallClock()
+        self.port = BusPort(port_name, baud, reply_margin, self.clock)
         self.counters = Counters()
         self._handler = PacketHandler()
         self._lock = threading.RLock()
@@ -90,26 +94,29 @@ class Bus:
         return int.from_bytes(reply.data[:2], "little"), reply.data[2]
 
     def turnaround(self, servo_id: int) -> float:
-        """Return how long [s] a servo's replies take beyond the time of their bytes: the median of some pings.
+        """Return how long [s] a servo's replies take beyond the time of their bytes, on an idle computer.
+
+        Each ping begins as the one before was answered, which is when the timer of an adapter starts anew: all but the
+        first take as long as it lasts. A busy computer makes some of them late, so the soonest counts.
 
         Raises:
-            NoReplyError, CorruptReplyError: of the last one, where fewer than half were answered.
+            NoReplyError, CorruptReplyError: of the last one, where fewer than two were answered.
         """
         waits: list[float] = []
         failure: DriverError | None = None
         for _ in range(TURNAROUND_PINGS):
-            began = time.monotonic()
+            began = self.clock.now_s()
             try:
                 with self._lock:
                     self._exchange_once(servo_id, _PING, b"", _PING_BYTES, TURNAROUND_LIMIT_S)
             except (NoReplyError, CorruptReplyError) as error:
                 failure = error
             else:
-                waits.append(time.monotonic() - began)
-        if failure is not None and 2 * len(waits) < TURNAROUND_PINGS:
+                waits.append(self.clock.now_s() - began)
+        if failure is not None and len(waits) < 2:
             raise failure
         wire = (_INSTRUCTION_OVERHEAD + _STATUS_OVERHEAD + _PING_BYTES) * BITS_PER_BYTE / self.port.baudrate
-        return max(0.0, statistics.median(waits) - wire)
+        return max(0.0, min(waits[1:]) - wire)
 
     def broadcast_ping(self, wait: float = 0.3) -> dict[int, tuple[int, int]]:
         """Return {ID: (model number, firmware)} of every servo that answers within ``wait`` [s]."""
@@ -122,6 +129,18 @@ class Bus:
                 if reply is not None and len(reply.data) == 3:
                     found[reply.servo_id] = (int.from_bytes(reply.data[:2], "little"), reply.data[2])
         return found
+
+    def is_shared(self, servo_id: int) -> bool:
+        """Return whether several servos seem to answer to an ID: pings are alike, but what they measure is not."""
+        damaged = 0
+        for _ in range(SHARED_READS):
+            try:
+                self._exchange(servo_id, _READ, _MEASURED, SHARED_BYTES, 1)
+            except CorruptReplyError:
+                damaged += 1
+            except (NoReplyError, DeviceRefusedError):
+                return False
+        return 2 * damaged > SHARED_READS
 
     def read(self, servo_id: int, item: ControlItem, attempts: int = 1) -> int:
         """Return the value of an item."""

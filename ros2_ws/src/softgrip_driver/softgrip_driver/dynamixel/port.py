@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The serial port under dynamixel-sdk: bounded waits on the monotonic clock, no busy loop, no stale bytes.
+"""The serial port under dynamixel-sdk: bounded waits on a monotonic clock, no busy loop, no stale bytes.
 
 dynamixel-sdk waits at least 34 ms for a reply, on the wall clock, polling; and 4.0.3, which ROS 2 Jazzy ships, takes a
-reply that arrives late as the answer to the next read. Overriding the five methods below repairs all of that for every
+reply that arrives late as the answer to the next read. Overriding the six methods below repairs all of that for every
 version of the SDK.
 """
 
 from __future__ import annotations
 
-import select
 import termios
-import time
 from typing import Any
 
 import serial
@@ -18,6 +16,7 @@ from dynamixel_sdk import PortHandler
 
 from softgrip_driver.dynamixel.adapter import naming_advice, request_low_latency
 from softgrip_driver.errors import ConfigurationError, PortLostError
+from softgrip_time import Clock
 
 #: [s] that the system may take a packet for. An adapter that hangs with its flow stopped would hold the bus thread for
 #: ever: it counts as gone. No packet is longer than 1 kB, which takes 0.2 s at 57,600 baud.
@@ -36,10 +35,12 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         port_name: device path.
         baud: [1/s]
         reply_margin: [s] allowed beyond the time that the bytes need: return delay, USB, scheduling.
+        clock: that its waits are on.
     """
 
-    def __init__(self, port_name: str, baud: int, reply_margin: float) -> None:
+    def __init__(self, port_name: str, baud: int, reply_margin: float, clock: Clock) -> None:
         super().__init__(port_name)
+        self.clock = clock
         self.is_open: bool = False
         self.ser: Any = None
         self.baudrate = baud
@@ -59,6 +60,7 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         request_low_latency(self.ser)
         self.is_open = True
         self.is_using = False
+        self.clock.attach(self.ser.fd)
         self.ser.reset_input_buffer()
         self.tx_time_per_byte = 1000.0 * BITS_PER_BYTE / cflag_baud
         return True
@@ -69,17 +71,17 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
 
     def writePort(self, packet: Any) -> int:  # noqa: N802  the SDK's name
         """Send bytes; every servo on the bus hears them, and its watchdog is fed."""
-        self.last_traffic = time.monotonic()
+        self.last_traffic = self.clock.now_s()
         written: int = self.ser.write(bytes(packet))
+        self.clock.count_written(self.ser.fd, written)
         return written
 
     def readPort(self, length: int) -> bytes:  # noqa: N802  the SDK's name
         """Return up to ``length`` bytes, waiting for the first of them until the deadline."""
         if length <= 0:
             return b""
-        remaining = self._deadline - time.monotonic()
-        if remaining > 0.0:
-            select.select((self.ser.fd,), (), (), remaining)
+        if self.clock.now_s() < self._deadline:
+            self.clock.wait_readable((self.ser.fd,), self._deadline)
         data: bytes = self.ser.read(length)
         return data
 
@@ -89,15 +91,15 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
 
     def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802  the SDK's name
         """Allow ``msec`` milliseconds."""
-        self._deadline = time.monotonic() + msec * 1e-3
+        self._deadline = self.clock.now_s() + msec * 1e-3
 
     def isPacketTimeout(self) -> bool:  # noqa: N802  the SDK's name
         """Return whether the deadline has passed."""
-        return time.monotonic() >= self._deadline
+        return self.clock.now_s() >= self._deadline
 
     def allow(self, length: int, extra: float = 0.0) -> None:
         """Set the deadline of a reply of ``length`` bytes, ``extra`` [s] beyond the usual margin."""
-        self._deadline = time.monotonic() + length * self.tx_time_per_byte * 1e-3 + self.reply_margin + extra
+        self._deadline = self.clock.now_s() + length * self.tx_time_per_byte * 1e-3 + self.reply_margin + extra
 
     def open(self) -> None:
         """Open the port.
@@ -124,6 +126,7 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         """Close the port; never raises."""
         if self.ser is not None:
             try:
+                self.clock.detach(self.ser.fd)
                 self.ser.close()
             except PORT_ERRORS:
                 # Gone already: nothing is left to close.
@@ -133,11 +136,10 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
 
     def drain(self, quiet: float, limit: float) -> int:
         """Discard input until none came for ``quiet`` [s], at most ``limit`` [s]; return the bytes discarded."""
-        end = time.monotonic() + limit
+        end = self.clock.now_s() + limit
         discarded = 0
-        while time.monotonic() < end:
-            ready: tuple[list[Any], list[Any], list[Any]] = select.select((self.ser.fd,), (), (), quiet)
-            if not ready[0]:
+        while self.clock.now_s() < end:
+            if not self.clock.wait_readable((self.ser.fd,), self.clock.now_s() + quiet):
                 break
             discarded += len(self.ser.read(4096))
         return discarded

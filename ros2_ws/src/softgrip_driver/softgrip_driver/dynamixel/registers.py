@@ -137,6 +137,23 @@ class CurrentSensing(Enum):
     NONE = "none"
 
 
+@dataclass(frozen=True)
+class TendonNeeds:
+    """Limits of a tendon that a model's gears and inertia ask for, at the horn.
+
+    Attributes:
+        homing_torque: [N m] that homing must allow, or the friction of the gears hides where the tendon becomes taut.
+        speed: [rad/s] up to which the data sheet's friction is good enough to feel a light finger.
+        acceleration: [rad/s^2] up to which the motor's inertia does not pass for tension.
+        loop_rate: [Hz] from which goals come smoothly enough: a stiff position control starts and stops with each one.
+    """
+
+    homing_torque: float
+    speed: float
+    acceleration: float
+    loop_rate: float = 200.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class ServoModel:
     """What differs between models.
@@ -153,6 +170,8 @@ class ServoModel:
         fast_sync_read_firmware: first firmware version with Fast Sync Read.
         temperature_limit: [degC] factory value of item 31.
         voltage_range: [V] of normal operation.
+        needs: limits of a tendon on it. Those of XL330, XC330 and XM430 home and close the emulated fingers on a spool
+            of 10 mm (softgrip_driver/test/test_model_needs.py); the others are estimates from their gears.
     """
 
     name: str
@@ -168,6 +187,7 @@ class ServoModel:
     fast_sync_read_firmware: int
     temperature_limit: float
     voltage_range: tuple[float, float]
+    needs: TendonNeeds
 
     @property
     def torque_per_ampere(self) -> float:
@@ -192,22 +212,25 @@ def _rpm(value: float) -> float:
 
 def _x330(
     name: str, number: int, limit: int, volt: float, torque: float, stall: float, rpm: float, idle: float,
-    volts: tuple[float, float],
+    volts: tuple[float, float], needs: TendonNeeds,
 ) -> ServoModel:  # fmt: skip
     """Return an XL330 or XC330: 1 mA a unit, of the supply; e-manual pages of xl330-* and xc330-*."""
     return ServoModel(
         name=name, number=number, ampere_per_unit=0.001, current_limit_units=limit, senses=CurrentSensing.SUPPLY,
         rated_voltage=volt, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=idle,
         fast_sync_read_firmware=46, temperature_limit=70.0, voltage_range=volts,
+        needs=needs,
     )  # fmt: skip
 
 
-def _xm(name: str, number: int, limit: int, torque: float, stall: float, rpm: float, idle: float) -> ServoModel:
+def _xm(
+    name: str, number: int, limit: int, torque: float, stall: float, rpm: float, idle: float, needs: TendonNeeds
+) -> ServoModel:
     """Return an XM430 or XM540: 2.69 mA a unit, of the winding, rated at 12 V; e-manual pages of xm430-*, xm540-*."""
     return ServoModel(
         name=name, number=number, ampere_per_unit=0.00269, current_limit_units=limit, senses=CurrentSensing.WINDING,
         rated_voltage=12.0, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=idle,
-        fast_sync_read_firmware=45, temperature_limit=80.0, voltage_range=(10.0, 14.8),
+        fast_sync_read_firmware=45, temperature_limit=80.0, voltage_range=(10.0, 14.8), needs=needs,
     )  # fmt: skip
 
 
@@ -218,7 +241,7 @@ def _430(
     return ServoModel(
         name=name, number=number, ampere_per_unit=0.0, current_limit_units=0, senses=CurrentSensing.NONE,
         rated_voltage=volt, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=0.05,
-        fast_sync_read_firmware=45, temperature_limit=hot, voltage_range=volts,
+        fast_sync_read_firmware=45, temperature_limit=hot, voltage_range=volts, needs=TendonNeeds(0.03, 3.0, 20.0),
     )  # fmt: skip
 
 
@@ -226,15 +249,16 @@ def _430(
 MODELS: dict[str, ServoModel] = {
     model.name: model
     for model in (
-        # name, number, current limit, rated V, stall torque, stall current, no-load rpm, no-load current, voltage range
-        _x330("XL330-M288", 1200, 1750, 5.0, 0.52, 1.47, 103.0, 0.05, (3.7, 6.0)),
-        _x330("XC330-M288", 1240, 2352, 5.0, 0.93, 1.80, 81.0, 0.05, (3.7, 6.0)),
-        _x330("XC330-T288", 1220, 910, 11.1, 0.92, 0.80, 65.0, 0.03, (6.5, 12.0)),
-        # name, number, current limit, stall torque, stall current, no-load rpm, no-load current
-        _xm("XM430-W210", 1030, 1193, 3.0, 2.3, 77.0, 0.06),
-        _xm("XM430-W350", 1020, 1193, 4.1, 2.3, 46.0, 0.06),
-        _xm("XM540-W150", 1130, 2047, 7.3, 4.4, 53.0, 0.08),
-        _xm("XM540-W270", 1120, 2047, 10.6, 4.4, 30.0, 0.08),
+        # name, number, current limit, rated V, stall torque, stall current, no-load rpm, no-load current, voltage
+        # range, needs
+        _x330("XL330-M288", 1200, 1750, 5.0, 0.52, 1.47, 103.0, 0.05, (3.7, 6.0), TendonNeeds(0.015, 5.0, 50.0, 10.0)),
+        _x330("XC330-M288", 1240, 2352, 5.0, 0.93, 1.80, 81.0, 0.05, (3.7, 6.0), TendonNeeds(0.015, 3.0, 50.0)),
+        _x330("XC330-T288", 1220, 910, 11.1, 0.92, 0.80, 65.0, 0.03, (6.5, 12.0), TendonNeeds(0.015, 3.0, 50.0)),
+        # name, number, current limit, stall torque, stall current, no-load rpm, no-load current, needs
+        _xm("XM430-W210", 1030, 1193, 3.0, 2.3, 77.0, 0.06, TendonNeeds(0.04, 3.0, 10.0)),
+        _xm("XM430-W350", 1020, 1193, 4.1, 2.3, 46.0, 0.06, TendonNeeds(0.05, 3.0, 5.0)),
+        _xm("XM540-W150", 1130, 2047, 7.3, 4.4, 53.0, 0.08, TendonNeeds(0.25, 2.0, 5.0)),
+        _xm("XM540-W270", 1120, 2047, 10.6, 4.4, 30.0, 0.08, TendonNeeds(0.25, 2.0, 5.0)),
         # name, number, temperature limit, rated V, stall torque, stall current, no-load rpm, voltage range
         _430("XL430-W250", 1060, 72.0, 11.1, 1.4, 1.3, 57.0, (6.5, 12.0)),
         _430("XC430-W150", 1070, 80.0, 12.0, 1.6, 1.4, 106.0, (6.5, 14.8)),

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 from softgrip_driver.dynamixel import registers as reg
@@ -22,7 +21,7 @@ def restart(bus: Bus, servo_id: int) -> Iterator[None]:
     Raises:
         DeviceNotFoundError: it does not come back.
     """
-    deadline = time.monotonic() + REBOOT_TIMEOUT
+    deadline = bus.clock.now_s() + REBOOT_TIMEOUT
     is_restarted = False
     while not is_restarted:
         # It may be booting already.
@@ -32,18 +31,18 @@ def restart(bus: Bus, servo_id: int) -> Iterator[None]:
             is_restarted = True
         except (NoReplyError, CorruptReplyError):
             yield from _until_it_answers(bus, servo_id)
-            is_restarted = not _in_error(bus, servo_id) or time.monotonic() > deadline
+            is_restarted = not _in_error(bus, servo_id) or bus.clock.now_s() > deadline
     yield from _until_it_answers(bus, servo_id)
 
 
 def _until_it_answers(bus: Bus, servo_id: int) -> Iterator[None]:
-    deadline = time.monotonic() + REBOOT_TIMEOUT
+    deadline = bus.clock.now_s() + REBOOT_TIMEOUT
     while True:
         yield
         try:
             bus.ping(servo_id)
         except (NoReplyError, CorruptReplyError):
-            if time.monotonic() > deadline:
+            if bus.clock.now_s() > deadline:
                 raise DeviceNotFoundError(
                     f"servo {servo_id}: expected it back within {REBOOT_TIMEOUT:.0f} s of its reboot, "
                     "found silence; switch its supply off and on"

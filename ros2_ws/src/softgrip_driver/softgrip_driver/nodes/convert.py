@@ -85,12 +85,12 @@ def to_owners(rows: Sequence[OwnerRow], stamp: Time) -> TendonOwners:
     )
 
 
-def from_move_goal(goal: MoveTendon.Goal, monotonic_deadline_s: float) -> MoveRequest:
+def from_move_goal(goal: MoveTendon.Goal, deadline_s: float) -> MoveRequest:
     """Return the request of an action goal.
 
     Args:
         goal: as it came.
-        monotonic_deadline_s: [s] its deadline on the monotonic clock.
+        deadline_s: [s] its deadline, by the loop's clock.
 
     Raises:
         ConfigurationError: a mode that there is not.
@@ -102,7 +102,7 @@ def from_move_goal(goal: MoveTendon.Goal, monotonic_deadline_s: float) -> MoveRe
             f"mode: expected {[f'{m.value} {m.name}' for m in MoveMode]}, found {goal.mode}"
         ) from error
     return MoveRequest(
-        list(goal.tendons), mode, list(goal.targets), goal.speed, goal.tension_limit, goal.lease, monotonic_deadline_s
+        list(goal.tendons), mode, list(goal.targets), goal.speed, goal.tension_limit, goal.lease, deadline_s
     )
 
 

@@ -45,7 +45,9 @@ from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.record import ModelVerdict
 from softgrip_model.friction.store import ModelStore
-from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, StartupError, run
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, StartupError, cell_clock, run
+from softgrip_time import Clock as CellClock
+from softgrip_time import WallClock
 
 #: [s] between looks at idle devices.
 _IDLE_PERIOD = 0.5
@@ -68,6 +70,8 @@ class FrictionRig(LifecycleNode):
         self._folder = Path(self._values["model_dir"]).expanduser()
         self.startup_problem = ""
         self._bench: Bench | None = None
+        #: that the devices wait on
+        self.clock_of_cell: CellClock = WallClock()
         self._active = False
         self._session: _Session | None = None
         self._session_lock = threading.Lock()
@@ -125,9 +129,11 @@ class FrictionRig(LifecycleNode):
             self._diagnostics.set("rig", Health.OK, _NO_RIG)
             return super().on_configure(state)
         try:
-            bench = make_bench(self._values)
-            identities = bench.open(timeout=self._values["connect_timeout"])
-        except DriverError as error:
+            clock = self.clock_of_cell = cell_clock(self)
+            bench = make_bench(self._values, clock)
+            with clock.stepping():
+                identities = bench.open(timeout=self._values["connect_timeout"])
+        except (DriverError, StartupError) as error:
             self.startup_problem = str(error)
             self._diagnostics.set("rig", Health.ERROR, str(error))
             return TransitionCallbackReturn.FAILURE
@@ -180,7 +186,7 @@ class FrictionRig(LifecycleNode):
         result = CalibrateFriction.Result()
         # A result without a model must not look like one that may be used.
         result.model = FrictionModel(verdict=FrictionModel.DO_NOT_USE, reason="no model was fitted")
-        session = _Session(self, goal_handle, ScaledClock(self._values["time_scale"]))
+        session = _Session(self, goal_handle, ScaledClock(self.clock_of_cell, self._values["time_scale"]))
         try:
             outcome = self._measure(session, goal_handle.request)
             self._keep(outcome, goal_handle.request, result)
@@ -227,7 +233,8 @@ class FrictionRig(LifecycleNode):
             self._diagnostics.set("plan", Health.OK, "measuring")
             try:
                 procedure = Procedure(bench.stage, bench.gauge, session, session.clock, settings, self._folder / _PLANS)
-                return procedure.run(convert.request_of(goal), resume=bool(goal.resume))
+                with self.clock_of_cell.stepping():
+                    return procedure.run(convert.request_of(goal), resume=bool(goal.resume))
             finally:
                 with self._session_lock:
                     self._session = None
@@ -289,7 +296,8 @@ class FrictionRig(LifecycleNode):
         if bench is None:
             return
         try:
-            sample = bench.look(self.get_clock().now().nanoseconds * 1e-9)
+            with self.clock_of_cell.stepping():
+                sample = bench.look(self.get_clock().now().nanoseconds * 1e-9)
         except (PortLostError, NoReplyError) as error:
             self._diagnostics.set("rig", Health.ERROR, str(error))
             self._take_up(bench)
@@ -302,7 +310,8 @@ class FrictionRig(LifecycleNode):
 
     def _take_up(self, bench: Bench) -> None:
         try:
-            bench.reopen()
+            with self.clock_of_cell.stepping():
+                bench.reopen()
         except DriverError as error:
             self.get_logger().debug(f"still missing: {error}")
 
@@ -363,7 +372,8 @@ class _Session(RigOperator):
         with self._answer:
             self._waiting = True
             self.tell(step)
-            self._answer.wait_for(lambda: not self._waiting or self.clock.stopped)
+            with self._node.clock_of_cell.detached():
+                self._answer.wait_for(lambda: not self._waiting or self.clock.stopped)
         if self.clock.stopped:
             raise StoppedError("the measurement was stopped")
 

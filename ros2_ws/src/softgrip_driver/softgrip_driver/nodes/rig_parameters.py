@@ -14,6 +14,7 @@ from softgrip_driver.rig.pull import PullSettings
 from softgrip_driver.rig.slide import SlideSettings
 from softgrip_model.friction.assess import AcceptanceLimits
 from softgrip_nodekit import Parameter, ParameterTable
+from softgrip_time import Clock
 
 #: the kind of stage of a bench that has none
 NO_STAGE = "none"
@@ -65,15 +66,15 @@ PARAMETERS = ParameterTable(
 )
 
 
-def make_bench(values: dict[str, Any]) -> Bench:
-    """Return the devices that the parameters name, not yet connected.
+def make_bench(values: dict[str, Any], clock: Clock) -> Bench:
+    """Return the devices that the parameters name, not yet connected; they wait on this clock.
 
     Raises:
         ConfigurationError: a line format that cannot be.
     """
     return Bench(
-        make_stage(values["stage"], values["stage_port"], start=StageStart(values["stage_start"])),
-        make_gauge(values["gauge"], values["gauge_port"], stream_settings(values)),
+        make_stage(values["stage"], values["stage_port"], start=StageStart(values["stage_start"]), clock=clock),
+        make_gauge(values["gauge"], values["gauge_port"], stream_settings(values), clock=clock),
     )
 
 

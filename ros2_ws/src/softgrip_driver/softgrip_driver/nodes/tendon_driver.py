@@ -6,7 +6,6 @@ from __future__ import annotations
 import gc
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Any
@@ -45,11 +44,14 @@ from softgrip_nodekit import (
     HealthMonitor,
     StartupError,
     callback_errors,
+    cell_clock,
     claim_name,
     run,
     steady_timer,
     to_time_message,
 )
+from softgrip_time import Clock as CellClock
+from softgrip_time import WallClock
 
 #: [s] for every drive to answer for the first time
 FIRST_READING = 2.0
@@ -87,6 +89,7 @@ class TendonDriver(LifecycleNode):
         self._keeper: ZeroKeeper | None = None
         self._publishing: threading.Thread | None = None
         self._active = False
+        self._clock_of_cell: CellClock = WallClock()
         #: moves that have begun, until somebody waits for their end
         self._begun: dict[bytes, Ticket | str] = {}
         self._health_nodes: list[str] = [name for name in values["health_nodes"] if name]
@@ -143,10 +146,12 @@ class TendonDriver(LifecycleNode):
             self.get_logger().warning(f"starts with the emergency stop on: {record.stop_reason}; estop_reset ends it")
         if record.is_locked:
             self.get_logger().warning(f"starts locked by {record.lock_owner} ({record.lock_reason})")
-        backend = configuration.backend(self.get_logger().warning)
         try:
-            identities = backend.connect(keep_torque=keeps_torque(record, configuration.policies))
-        except DriverError as error:
+            clock = self._clock_of_cell = cell_clock(self)
+            backend = configuration.backend(self.get_logger().warning, clock)
+            with clock.stepping():
+                identities = backend.connect(keep_torque=keeps_torque(record, configuration.policies))
+        except (DriverError, StartupError) as error:
             return self._failed(str(error))
         for identity in identities:
             self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
@@ -155,7 +160,7 @@ class TendonDriver(LifecycleNode):
         controller = configuration.controller(lambda: block_of(self._safety, configuration.policies))
         for tendon in backend.tendons:
             controller.drives[tendon].is_left_holding = backend.is_powered(tendon)
-        loop = BusLoop(backend, controller, configuration.loop_rate)
+        loop = BusLoop(backend, controller, configuration.loop_rate, clock=clock)
         loop.start()
         self._backend, self._loop = backend, loop
         self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
@@ -195,7 +200,13 @@ class TendonDriver(LifecycleNode):
             self.get_logger().warning(f"goes on holding {', '.join(held)}, as the driver before left them")
         self._active = True
         if self._health_nodes and self._monitor is None:
-            self._monitor = HealthMonitor(self, self._health_nodes, on_silent=self._on_silent, on_back=self._say_back)
+            self._monitor = HealthMonitor(
+                self,
+                self._health_nodes,
+                on_silent=self._on_silent,
+                on_back=self._say_back,
+                now_s=self._clock_of_cell.now_s,
+            )
         for one in recalled:
             text = f"tendon '{one.tendon}': {one.reason}"
             self.get_logger().info(text if one.valid else f"{text}; call tendon/home")
@@ -275,7 +286,8 @@ class TendonDriver(LifecycleNode):
         loop, backend = self._loop, self._backend
         if loop is not None and backend is not None:
             loop.stop()
-            backend.disconnect(keep_torque=loop.keeps_hold)
+            with loop.clock.stepping():
+                backend.disconnect(keep_torque=loop.keeps_hold)
             if loop.has_let_go:
                 self._disarm()
         self._loop = self._backend = None
@@ -325,9 +337,8 @@ class TendonDriver(LifecycleNode):
             self._health.tell(snapshot, backend.counters)
 
     def _stamp(self, snapshot: LoopSnapshot) -> Time:
-        """Return the node clock's time of a monotonic time."""
-        age = time.monotonic() - snapshot.time
-        return to_time_message(self.get_clock().now().nanoseconds - int(age * 1e9))
+        """Return when the readings came, since the epoch."""
+        return to_time_message(self._clock_of_cell.epoch_ns(snapshot.time))
 
     # --- in --------------------------------------------------------------------------------------------------------
 
@@ -382,18 +393,18 @@ class TendonDriver(LifecycleNode):
         if self._loop is None or not self._active:
             return "the driver is not active"
         try:
-            request = convert.from_move_goal(goal, self._monotonic_deadline_s(goal.deadline))
+            request = convert.from_move_goal(goal, self._deadline_s(goal.deadline))
             return self._loop.order(lambda controller, now: controller.move(request, now), power=self._active)
         except (DriverError, TimeoutError) as error:
             return str(error) or repr(error)
 
-    def _monotonic_deadline_s(self, deadline: Time) -> float:
-        """Return a deadline of the node's clock as monotonic time [s]; one that is not set is a second from now."""
+    def _deadline_s(self, deadline: Time) -> float:
+        """Return a deadline since the epoch as the loop's time [s]; one that is not set is a second from now."""
         deadline_ns: int = deadline.sec * NANOSECONDS + deadline.nanosec
+        now_s = self._clock_of_cell.now_s()
         if deadline_ns == 0:
-            return time.monotonic() + ORDER_LIFETIME_S
-        now_ns: int = self.get_clock().now().nanoseconds
-        return time.monotonic() + (deadline_ns - now_ns) / NANOSECONDS
+            return now_s + ORDER_LIFETIME_S
+        return now_s + (deadline_ns - self._clock_of_cell.epoch_ns(now_s)) / NANOSECONDS
 
     def _execute_move(self, handle: ServerGoalHandle) -> MoveTendon.Result:
         """Wait for the end of a move that has begun."""
@@ -428,13 +439,13 @@ class TendonDriver(LifecycleNode):
         self, loop: BusLoop, ticket: Ticket, timeout: float, handle: ServerGoalHandle | None = None
     ) -> tuple[MoveOutcome, str]:
         """Wait for the end of a request, cycle by cycle; with an action's handle also give feedback and heed cancel."""
-        deadline = time.monotonic() + timeout
+        deadline = loop.clock.now_s() + timeout
         sequence, feedback_due, cancelled = 0, 0.0, False
         outcome, reason = loop.call(lambda controller, _: controller.result(ticket))
         while True:
             if outcome is not None:
                 return (MoveOutcome.CANCELLED, "cancelled; it holds where it is") if cancelled else (outcome, reason)
-            now = time.monotonic()
+            now = loop.clock.now_s()
             if now > deadline:
                 loop.call(lambda controller, at: controller.cancel(ticket, at))
                 return MoveOutcome.TIMEOUT, f"not done within {timeout:.1f} s; it holds where it is"

@@ -19,6 +19,7 @@ from softgrip_driver.rig.line_gauge import GaugeScale, LineGauge
 from softgrip_driver.rig.line_port import LinePort
 from softgrip_driver.rig.mark10_gauge import Mark10Gauge
 from softgrip_driver.rig.mark10_stand import Mark10Stand
+from softgrip_time import Clock
 
 STAGES = ("mark10", "grbl")
 GAUGES = ("gcl2", "stream")
@@ -26,22 +27,29 @@ GAUGES = ("gcl2", "stream")
 REPLY_TIME = 0.5
 
 
-def make_stage(kind: str, port: str, reply_time: float = REPLY_TIME, start: StageStart = StageStart.REFUSE) -> Stage:
-    """Return a stage, not yet connected, that is given ``reply_time`` [s] for an answer.
+def make_stage(
+    kind: str,
+    port: str,
+    reply_time: float = REPLY_TIME,
+    start: StageStart = StageStart.REFUSE,
+    clock: Clock | None = None,
+) -> Stage:
+    """Return a stage, not yet connected, that is given ``reply_time`` [s] of a clock for an answer.
 
     Args:
         kind: of `STAGES`.
         port: serial.
         reply_time: [s]
         start: what to do where it is locked when it is opened; a test stand is not.
+        clock: that its port waits on; the computer's where none is given.
 
     Raises:
         ConfigurationError: no such kind.
     """
     if kind == "mark10":
-        return Mark10Stand(LinePort(port, mark10.BAUD, reply_time))
+        return Mark10Stand(LinePort(port, mark10.BAUD, reply_time, clock=clock))
     if kind == "grbl":
-        return GrblStage(LinePort(port, grbl.BAUD, reply_time), start=start)
+        return GrblStage(LinePort(port, grbl.BAUD, reply_time, clock=clock), start=start)
     raise ConfigurationError(f"stage: expected one of {', '.join(STAGES)}, found '{kind}'")
 
 
@@ -97,7 +105,9 @@ def _scale(settings: StreamSettings, line: LineFormat) -> GaugeScale:
     return GaugeScale(settings.counts_per_newton)
 
 
-def make_line_gauge(port: str, settings: StreamSettings, reply_time: float = REPLY_TIME) -> LineGauge:
+def make_line_gauge(
+    port: str, settings: StreamSettings, reply_time: float = REPLY_TIME, clock: Clock | None = None
+) -> LineGauge:
     """Return a gauge that speaks in lines, not yet connected.
 
     Raises:
@@ -110,17 +120,24 @@ def make_line_gauge(port: str, settings: StreamSettings, reply_time: float = REP
             f"stream_request: expected ASCII with \\r and \\n, found {settings.request!r}: {error}"
         ) from error
     line = line_format(settings.line, request)
-    return LineGauge(LinePort(port, settings.baud or line.baud, reply_time, line.end), line, _scale(settings, line))
+    port_of_gauge = LinePort(port, settings.baud or line.baud, reply_time, line.end, clock)
+    return LineGauge(port_of_gauge, line, _scale(settings, line))
 
 
-def make_gauge(kind: str, port: str, stream: StreamSettings | None = None, reply_time: float = REPLY_TIME) -> Gauge:
-    """Return a gauge, not yet connected, that is given ``reply_time`` [s] for an answer.
+def make_gauge(
+    kind: str,
+    port: str,
+    stream: StreamSettings | None = None,
+    reply_time: float = REPLY_TIME,
+    clock: Clock | None = None,
+) -> Gauge:
+    """Return a gauge, not yet connected, that is given ``reply_time`` [s] of a clock for an answer.
 
     Raises:
         ConfigurationError: no such kind, or a line format that cannot be.
     """
     if kind == "gcl2":
-        return Mark10Gauge(LinePort(port, mark10.BAUD, reply_time))
+        return Mark10Gauge(LinePort(port, mark10.BAUD, reply_time, clock=clock))
     if kind == "stream":
-        return make_line_gauge(port, stream or StreamSettings(), reply_time)
+        return make_line_gauge(port, stream or StreamSettings(), reply_time, clock)
     raise ConfigurationError(f"gauge: expected one of {', '.join(GAUGES)}, found '{kind}'")

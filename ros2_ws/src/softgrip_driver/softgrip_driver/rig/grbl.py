@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import time
 from enum import StrEnum
 
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError
@@ -53,6 +52,7 @@ _ERRORS = {
     "15": "the target lies beyond its soft limits",
     "16": "the jog command was not understood",
     "22": "no feed rate",
+    "46": "grblHAL wants it homed ($22 has the bit 4): set stage_start to home",
 }
 
 
@@ -140,6 +140,7 @@ class GrblStage:
     def unlock(self) -> None:
         """Leave an alarm ($X)."""
         try:
+            self._begin_line()
             self._command("$X")
         except NoReplyError:
             # After a limit was hit it hears nothing but a reset, so that nobody goes on by mistake (protocol.c).
@@ -153,7 +154,11 @@ class GrblStage:
         Raises:
             RefusedError: it has none ($22=0), or did not find them.
         """
-        self._command("$H", HOMING_TIMEOUT_S)
+        self._begin_line()
+        try:
+            self._command("$H", HOMING_TIMEOUT_S)
+        except DeviceRefusedError as error:
+            raise DeviceRefusedError(f"GRBL: expected it to find its switches: {error}", error.code) from error
 
     def close(self) -> None:
         """Stop and disconnect."""
@@ -164,19 +169,19 @@ class GrblStage:
 
     def _settled_state(self) -> str:
         """Return its state once a motion that another process began has come to rest."""
-        end = time.monotonic() + _SETTLE_TIME
-        while (state := self._report()[0]) in {"Jog", "Run", "Hold"} and time.monotonic() < end:
+        end = self._port.clock.now_s() + _SETTLE_TIME
+        while (state := self._report()[0]) in {"Jog", "Run", "Hold"} and self._port.clock.now_s() < end:
             pass
         return state
 
     def _await_running(self) -> str:
         """Wait for the hello of a restart; a board that opening its port does not restart is asked who it is."""
-        end = time.monotonic() + self._boot_time
+        end = self._port.clock.now_s() + self._boot_time
         while True:
             try:
-                line = self._port.read_line(min(_QUIET_TIME, max(end - time.monotonic(), 0.0)))
+                line = self._port.read_line(min(_QUIET_TIME, max(end - self._port.clock.now_s(), 0.0)))
             except NoReplyError:
-                if time.monotonic() >= end:
+                if self._port.clock.now_s() >= end:
                     raise
                 # No soft reset: on a board that boots it would only make for another banner.
                 self._port.write(_STATUS)
@@ -223,14 +228,21 @@ class GrblStage:
             warnings.append("$22=0: it does not know where its axis ends")
         return tuple(warnings)
 
+    def _begin_line(self) -> None:
+        """End what noise may have begun in its line buffer: an empty line is answered, too (protocol.c).
+
+        grblHAL has something of a cancelled jog (0x85) left there while it is locked.
+        """
+        self._port.drain()
+        self._port.write(b"\n")
+        self._answer(b"ok", b"error:")
+
     def _ask_lines(self, command: bytes) -> list[bytes]:
         """Return the lines of an answer that ends with ok."""
-        # An empty line ends what noise may have begun in its buffer; it is answered, too (protocol.c).
-        self._port.write(b"\n")
-        self._port.drain(_BANNER_QUIET_TIME)
+        self._begin_line()
         self._port.write(command + b"\n")
-        lines, end = [], time.monotonic() + _SETTINGS_TIME
-        while (line := self._port.read_line(max(end - time.monotonic(), 0.0))) != b"ok":
+        lines, end = [], self._port.clock.now_s() + _SETTINGS_TIME
+        while (line := self._port.read_line(max(end - self._port.clock.now_s(), 0.0))) != b"ok":
             if line.startswith(b"error:"):
                 raise DeviceRefusedError(f"GRBL: expected settings, found {line!r}", 0)
             lines.append(line)
@@ -275,15 +287,15 @@ class GrblStage:
 
     def _answer(self, *beginnings: bytes, timeout: float | None = None) -> bytes:
         """Return the next line that begins as expected; GRBL pushes [MSG:...] and empty lines in between."""
-        end = time.monotonic() + (self._port.reply_time if timeout is None else timeout)
+        end = self._port.clock.now_s() + (self._port.reply_time if timeout is None else timeout)
         while True:
-            line = self._port.read_line(max(end - time.monotonic(), 0.0))
+            line = self._port.read_line(max(end - self._port.clock.now_s(), 0.0))
             if line.startswith(beginnings):
                 return line
             if line.startswith((b"ALARM:", b"Grbl")):
                 heard = line.decode("ascii", "replace")
                 raise DeviceRefusedError(f"GRBL: expected an answer, found '{heard}': the position is lost; home it", 0)
-            if time.monotonic() >= end:
+            if self._port.clock.now_s() >= end:
                 raise NoReplyError(f"port {self._port.path}: expected {beginnings!r}, found {line!r}")
 
 

@@ -8,7 +8,6 @@ holds a value: 0.5 to 9 s. The newest whole line counts; what came before is thr
 from __future__ import annotations
 
 import statistics
-import time
 from collections import deque
 from dataclasses import dataclass
 
@@ -77,7 +76,7 @@ class LineGauge:
         self._last.clear()
         self._zero = 0.0
         self._await_first_value()
-        began = time.monotonic()
+        began = self._port.clock.now_s()
         try:
             self._line.parse(self._next_line(MAX_LINE_PERIOD_S))
         except NoReplyError as error:
@@ -86,7 +85,7 @@ class LineGauge:
                 "what pulls would be seen too late: take the delay out of the sketch",
                 0,
             ) from error
-        self._timeout = max(self._port.reply_time, _TIMEOUT_FACTOR * (time.monotonic() - began))
+        self._timeout = max(self._port.reply_time, _TIMEOUT_FACTOR * (self._port.clock.now_s() - began))
         return DeviceIdentity("gauge that answers" if self._line.request else "streaming gauge")
 
     def tare(self) -> None:
@@ -129,19 +128,19 @@ class LineGauge:
 
     def _await_first_value(self) -> None:
         """Read past a boot loader's noise, a banner and the lines of a tare."""
-        end = time.monotonic() + BOOT_TIMEOUT_S
+        end = self._port.clock.now_s() + BOOT_TIMEOUT_S
         unread, foreign = b"", 0
         while True:
             try:
                 line = self._next_line(min(_ASK_PERIOD_S, BOOT_TIMEOUT_S))
                 self._line.parse(line)
             except NoReplyError:
-                if time.monotonic() >= end:
+                if self._port.clock.now_s() >= end:
                     raise self._unreadable(unread) if unread else self._silent() from None
             except CorruptReplyError:
                 unread = line or unread
                 foreign += bool(formats_of(line))
-                if foreign >= FOREIGN_LINES or time.monotonic() >= end:
+                if foreign >= FOREIGN_LINES or self._port.clock.now_s() >= end:
                     raise self._unreadable(unread) from None
             else:
                 return

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A serial port that speaks lines: bounded waits on the monotonic clock, no stale bytes."""
+"""A serial port that speaks lines: bounded waits on a monotonic clock, no stale bytes."""
 
 from __future__ import annotations
 
-import select
 import termios
-import time
 from pathlib import Path
 
 import serial
 
 from softgrip_driver.errors import DeviceNotFoundError, NoReplyError, PortLostError
+from softgrip_time import Clock, WallClock
 
 #: [s] that the system may take a line for; an adapter that hangs counts as gone.
 WRITE_TIMEOUT_S = 1.0
@@ -28,9 +27,13 @@ class LinePort:
         baud: [1/s], 8N1.
         reply_time: [s] to wait for an answer.
         end: of a line.
+        clock: that its waits are on; the computer's where none is given.
     """
 
-    def __init__(self, path: str, baud: int, reply_time: float = 0.5, end: bytes = b"\n") -> None:
+    def __init__(
+        self, path: str, baud: int, reply_time: float = 0.5, end: bytes = b"\n", clock: Clock | None = None
+    ) -> None:
+        self.clock = clock or WallClock()
         self.path = path
         self.reply_time = reply_time
         self._baud = baud
@@ -61,6 +64,7 @@ class LinePort:
             self._serial = serial.Serial(
                 port=self.path, baudrate=self._baud, timeout=0, exclusive=True, write_timeout=WRITE_TIMEOUT_S
             )
+            self.clock.attach(self._serial.fileno())
             self._serial.reset_input_buffer()
         except _GONE as error:
             raise PortLostError(
@@ -74,6 +78,7 @@ class LinePort:
         port, self._serial = self._serial, None
         if port is not None:
             try:
+                self.clock.detach(port.fileno())
                 port.close()
             except _GONE:
                 # The device is gone: nothing is left to close.
@@ -87,7 +92,7 @@ class LinePort:
         """
         port = self._port()
         try:
-            port.write(data)
+            self.clock.count_written(port.fileno(), port.write(data) or 0)
         except _GONE as error:
             raise self._lost(error) from error
 
@@ -110,7 +115,7 @@ class LinePort:
             NoReplyError: no complete line in time; says what came.
             PortLostError: the port is gone.
         """
-        end = time.monotonic() + (self.reply_time if timeout is None else timeout)
+        end = self.clock.now_s() + (self.reply_time if timeout is None else timeout)
         while True:
             if 0 < length <= len(self._pending):
                 line, self._pending = self._pending[:length], self._pending[length:]
@@ -119,7 +124,7 @@ class LinePort:
             if found and not length:
                 self._pending = rest
                 return line.strip(b"\r\n")
-            remaining = end - time.monotonic()
+            remaining = end - self.clock.now_s()
             if remaining <= 0.0 or not self._receive(remaining):
                 heard = f"{self._pending[:40]!r}" if self._pending else "nothing"
                 raise NoReplyError(
@@ -134,9 +139,9 @@ class LinePort:
             PortLostError: the port is gone.
         """
         thrown = len(self._pending)
-        end = time.monotonic() + 1.0
+        end = self.clock.now_s() + 1.0
         self._pending = b""
-        while time.monotonic() < end and self._receive(quiet):
+        while self.clock.now_s() < end and self._receive(quiet):
             thrown += len(self._pending)
             self._pending = b""
         return thrown
@@ -144,7 +149,7 @@ class LinePort:
     def _receive(self, timeout: float) -> bool:
         port = self._port()
         try:
-            ready, _, _ = select.select([port.fileno()], [], [], timeout)
+            ready = self.clock.wait_readable((port.fileno(),), self.clock.now_s() + timeout)
             data = port.read(_LONGEST_LINE) if ready else b""
         except _GONE as error:
             raise self._lost(error) from error

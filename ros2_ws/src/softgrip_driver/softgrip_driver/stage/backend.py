@@ -8,7 +8,6 @@ current limit: this backend stops it where the gauge reads the tension limit.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
@@ -17,6 +16,7 @@ from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.errors import NotReadyError, SaturatedError, UnitChangedError
 from softgrip_driver.stage.gauge_guard import GaugeGuard
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+from softgrip_time import Clock, WallClock
 
 Value = TypeVar("Value")
 
@@ -30,6 +30,7 @@ class StageBackend:
         gauge: not yet open.
         speed: [m/s] towards a setpoint.
         proof: [N] that a hand must pull before anything is wound in (`GaugeGuard`); 0 = none.
+        clock: of the readings; the computer's where none is given.
     """
 
     #: [m] a setpoint must move before the stage is told
@@ -41,7 +42,10 @@ class StageBackend:
     #: [m] of travel and [N] of tension over which no real gauge shows the same digits
     STUCK_TRAVEL, STUCK_TENSION = 2e-3, 0.1
 
-    def __init__(self, tendon: str, stage: Stage, gauge: Gauge, speed: float, proof: float = 0.0) -> None:
+    def __init__(
+        self, tendon: str, stage: Stage, gauge: Gauge, speed: float, proof: float = 0.0, clock: Clock | None = None
+    ) -> None:
+        self._clock = clock or WallClock()
         self._tendon = tendon
         self._stage = stage
         self._gauge = gauge
@@ -143,7 +147,7 @@ class StageBackend:
             self._halt()
         if not fault:
             fault, detail = self._guard.fault
-        now = time.monotonic()
+        now = self._clock.now_s()
         before = self._before
         velocity = 0.0 if before is None or now <= before[0] else (position - before[1]) / (now - before[0])
         self._before = (now, position)

@@ -79,6 +79,9 @@ class Homing:
     NEAR = 1e-3
     RISEN = 0.5
     AGAIN = 3
+    #: times the homing tension that letting out may take, but for so long [s]: beyond, the spool winds in meanwhile
+    AGAINST = 2.0
+    AGAINST_FOR = 0.1
     #: times the speed of homing that it lets out with, at most
     PAY_OUT_SPEED_FACTOR = 2.0
 
@@ -97,6 +100,7 @@ class Homing:
         self._taut_since: float | None = None
         self._stood_at = view.length
         self._even_since: float | None = None
+        self._against_since: float | None = None
         self._steady = False
         self._again = self.AGAIN
         self._samples: list[HomingSample] = []
@@ -106,7 +110,11 @@ class Homing:
         """Advance."""
         limits = self._limits
         if view.now - self._started > limits.homing_timeout:
-            return self._failed(view, f"no taut tendon within {limits.homing_timeout:.0f} s")
+            return self._failed(
+                view,
+                f"no taut tendon within {limits.homing_timeout:.0f} s; where the drive stood still, its gears may need "
+                "more than friction_currents_a allows, or limited_currents is wrong: run calibrate_tension",
+            )
         if self._phase is _Phase.LET_OUT:
             return self._let_out(view)
         if self._phase is _Phase.TAKE_UP:
@@ -114,12 +122,24 @@ class Homing:
         return self._go_to_zero(view)
 
     def _let_out(self, view: DriveObservation) -> MotionStep:
+        if self._is_pulled_against(view):
+            return self._failed(
+                view, f"letting out takes {-view.pull:.1f} N: does the spool wind the other way (parameter directions)?"
+            )
         end = self._start - self._limits.slack_travel
         self._profile.step(end, self._pay_out_speed, self._limits.acceleration, view.dt)
         if self._profile.position == end:
             self._phase = _Phase.TAKE_UP
             self._stood_at = end
         return MotionStep(self._profile.position, self._limits.tension_hold)
+
+    def _is_pulled_against(self, view: DriveObservation) -> bool:
+        """Whether it takes force to let out, which no tendon does: a tendon can only pull."""
+        if view.speed > -self.STANDING or -view.pull < self.AGAINST * self._limits.homing_tension:
+            self._against_since = None
+        elif self._against_since is None:
+            self._against_since = view.now
+        return self._against_since is not None and view.now - self._against_since >= self.AGAINST_FOR
 
     def _take_up(self, view: DriveObservation) -> MotionStep:
         limits = self._limits

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+import os
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
@@ -17,6 +17,7 @@ from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
 from softgrip_driver.tendon.gripper import GripperController, StopPolicy
 from softgrip_driver.tendon.ownership import OwnerRow
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
+from softgrip_time import Clock, WallClock
 
 Result = TypeVar("Result")
 
@@ -32,7 +33,7 @@ class LoopSnapshot:
 
     Attributes:
         sequence: number of the cycle.
-        time: [s] monotonic, when the readings came.
+        time: [s] of the loop's clock, when the readings came.
         drives: one for each tendon.
         estop: the emergency stop is on.
         rate: [Hz] over the last second; jitter_p99: [s] 99th percentile of |period - nominal|.
@@ -53,17 +54,17 @@ class LoopSnapshot:
 class _Pace:
     """Keeps the period and its statistics."""
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, now: float) -> None:
         self.period = 1.0 / rate
         self.missed = 0
-        self._due = time.monotonic()
+        self._due = now
         self._starts: deque[float] = deque(maxlen=max(16, round(rate)))
         self._errors: deque[float] = deque(maxlen=max(16, round(rate)))
 
-    def next_due(self) -> float:
+    def next_due(self, now: float) -> float:
         """Return when the next cycle shall begin; cycles that cannot be caught up are counted and left out."""
         self._due += self.period
-        late = time.monotonic() - self._due
+        late = now - self._due
         if late > self.period:
             skipped = int(late / self.period)
             self.missed += skipped
@@ -93,6 +94,7 @@ class BusLoop:
         controller: its drives are the backend's tendons.
         rate: [Hz]
         history: cycles kept for `since`.
+        clock: that the cycles follow; the computer's where none is given.
     """
 
     #: [s] between attempts to reopen a lost port
@@ -105,13 +107,14 @@ class BusLoop:
         controller: GripperController,
         rate: float,
         history: int = 256,
+        clock: Clock | None = None,
     ) -> None:
+        self.clock = clock or WallClock()
         self._backend = backend
         self._controller = controller
         self._rate = rate
-        # Requests wake the loop, cycles wake those who watch: one for both would wake everybody for each.
-        lock = threading.Lock()
-        self._requested, self._changed = threading.Condition(lock), threading.Condition(lock)
+        # Requests wake the loop by `_wake`, cycles wake those who watch.
+        self._changed = threading.Condition()
         self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._history: deque[LoopSnapshot] = deque(maxlen=history)
         self._restores: dict[str, Iterator[None]] = {}
@@ -122,20 +125,23 @@ class BusLoop:
         self._port_lost = ""
         self._reopen_at = 0.0
         self._thread: threading.Thread | None = None
+        #: readable when there is a request, or the loop shall end
+        self._wake: int | None = None
         self.failure: BaseException | None = None
 
     # --- from any thread -------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Start the thread."""
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK)
         self._thread = threading.Thread(target=self._run, name="tendon-bus", daemon=True)
         self._thread.start()
 
     def stop(self, timeout: float = 2.0) -> None:
         """Let go of every tendon, or leave it holding where the policy says so, and end the thread."""
-        with self._requested:
+        with self._changed:
             self._stopping = True
-            self._requested.notify_all()
+            self._wake_up()
         if self._thread is not None:
             self._thread.join(timeout)
 
@@ -157,15 +163,15 @@ class BusLoop:
             TimeoutError: not begun in time.
         """
         future: Future[Result] = Future()
-        with self._requested:
+        with self._changed:
             if self._ended or not self.running:
                 raise DriverError("the bus loop does not run; configure and activate the driver")
-            entry = (lambda: request(self._controller, time.monotonic()), future)
+            entry = (lambda: request(self._controller, self.clock.now_s()), future)
             if urgent:
                 self._requests.appendleft(entry)
             else:
                 self._requests.append(entry)
-            self._requested.notify_all()
+            self._wake_up()
         try:
             return future.result(timeout)
         except TimeoutError:
@@ -200,10 +206,10 @@ class BusLoop:
 
     def post(self, request: Callable[[GripperController, float], object]) -> None:
         """Run a request between two cycles; nobody waits for it. A loop that has ended does nothing."""
-        with self._requested:
+        with self._changed:
             if not self._ended:
-                self._requests.append((lambda: request(self._controller, time.monotonic()), Future()))
-                self._requested.notify_all()
+                self._requests.append((lambda: request(self._controller, self.clock.now_s()), Future()))
+                self._wake_up()
 
     @property
     def owners(self) -> tuple[OwnerRow, ...]:
@@ -260,12 +266,12 @@ class BusLoop:
 
     def wait_for(self, condition: Callable[[LoopSnapshot], bool], timeout: float) -> LoopSnapshot | None:
         """Wait until a snapshot meets a condition; None when none did in time or the loop has ended."""
-        deadline = time.monotonic() + timeout
+        deadline = self.clock.now_s() + timeout
         with self._changed:
             while True:
                 if self._history and condition(self._history[-1]):
                     return self._history[-1]
-                remaining = deadline - time.monotonic()
+                remaining = deadline - self.clock.now_s()
                 if remaining <= 0.0 or not self.running:
                     return None
                 self._changed.wait(min(remaining, 0.5))
@@ -273,13 +279,17 @@ class BusLoop:
     # --- the thread ------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        pace = _Pace(self._rate)
+        with self.clock.stepping():
+            self._run_cycles()
+
+    def _run_cycles(self) -> None:
+        pace = _Pace(self._rate, self.clock.now_s())
         statistics = (0.0, 0.0)
         sequence = 0
         try:
             while not self._stopping:
-                self._serve_until(pace.next_due())
-                now = time.monotonic()
+                self._serve_until(pace.next_due(self.clock.now_s()))
+                now = self.clock.now_s()
                 pace.begin(now)
                 self._cycle(now)
                 sequence += 1
@@ -296,16 +306,21 @@ class BusLoop:
 
     def _serve_until(self, due: float) -> None:
         """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
+        assert self._wake is not None
         while True:
-            with self._requested:
-                if not self._requests and not self._stopping:
-                    self._requested.wait(max(0.0, due - time.monotonic()))
+            with self._changed:
                 request = self._requests.popleft() if self._requests else None
-            if request is None:
-                if self._stopping or time.monotonic() >= due:
-                    return
-                continue
-            self._serve(*request)
+            if request is not None:
+                self._serve(*request)
+            elif self._stopping or self.clock.now_s() >= due:
+                return
+            elif self.clock.wait_readable((self._wake,), due):
+                os.eventfd_read(self._wake)
+
+    def _wake_up(self) -> None:
+        """End a wait of the thread; to be called with the lock."""
+        if self._wake is not None:
+            os.eventfd_write(self._wake, 1)
 
     @staticmethod
     def _serve(request: Callable[[], Any], future: Future[Any]) -> None:
@@ -322,7 +337,7 @@ class BusLoop:
             return
         try:
             readings = self._backend.read()
-            self._act(self._controller.step(time.monotonic(), readings))
+            self._act(self._controller.step(self.clock.now_s(), readings))
             self._void_marks(readings)
             self._restore_a_step(readings)
         except PortLostError as error:
@@ -447,6 +462,9 @@ class BusLoop:
     def _refuse_pending(self) -> None:
         with self._changed:
             self._ended = True
+            if self._wake is not None:
+                os.close(self._wake)
+                self._wake = None
             pending = list(self._requests)
             self._requests.clear()
             self._changed.notify_all()

@@ -9,6 +9,7 @@ import pytest
 
 from softgrip_driver.commands import calibrate_tension
 from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.dynamixel.winding import Winding
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_model.profile import load_directory
@@ -24,26 +25,34 @@ def test_calibration_on_the_wires_of_the_cell_betters_the_data_sheet(tmp_path, c
     with cell:
         code = calibrate_tension.main([
             "--port", str(tmp_path / "servos"), "--id", "1", "--gauge", str(tmp_path / "gauge"), "--tension", "9",
-            "--travel", "0.025", "--speed", "0.006", "--rounds", "2", "--record", str(tmp_path / "samples.csv"),
+            "--travel", "0.025", "--speed", "0.015", "--rounds", "2", "--record", str(tmp_path / "samples.csv"),
             "--reply-margin", "0.1",
         ])  # fmt: skip
         printed = capsys.readouterr().out
         assert code == 0, printed
         assert cell.plant.servos[0].registers.get("torque_enable") == 0
         motor = cell.plant.motors[0]
-    fitted = dict(re.findall(r"^(\w+): \[([\d.]+)\]$", printed, re.MULTILINE))
-    assert set(fitted) == {"torque_per_ampere_nm_a", "friction_currents_a", "tension_stddev_share"}
+    fitted = {name: float(value) for name, value in re.findall(r"^(\w+): \[([\d.]+)\]$", printed, re.MULTILINE)}
+    assert "limited_currents: [supply]" in printed
     truth = motor.ratings.torque_constant_nm_per_a * 0.010 / motor.spool_radius_m
-    share = float(fitted["tension_stddev_share"])
-    assert float(fitted["torque_per_ampere_nm_a"]) == pytest.approx(truth, rel=max(0.12, 2.0 * share))
+    share = fitted["tension_stddev_share"]
+    assert fitted["torque_per_ampere_nm_a"] == pytest.approx(truth, rel=max(0.12, 2.0 * share))
+    assert fitted["winding_resistances_ohm"] == pytest.approx(motor.resistance_ohm(25.0), rel=0.1)
     # What it was measured for: tensions over a recording of its own, against the data sheet's.
-    samples = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension > 2.0]
+    samples = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension_n > 2.0]
     sheet = MODELS["XL330-M288"]
+    measured = TorqueModel(
+        fitted["torque_per_ampere_nm_a"], fitted["friction_currents_a"], share, "measured",
+        fitted["friction_slopes_a_s_m"], fitted["gear_load_shares"],
+    )  # fmt: skip
     models = (
-        TorqueModel(float(fitted["torque_per_ampere_nm_a"]), float(fitted["friction_currents_a"]), share),
-        TorqueModel(sheet.torque_per_ampere, sheet.no_load_current),
+        (Winding(fitted["winding_resistances_ohm"], fitted["back_emfs_v_s"]), measured),
+        (Winding(sheet.resistance, sheet.back_emf), TorqueModel(sheet.torque_per_ampere, sheet.no_load_current)),
     )
     errors = [
-        np.sqrt(np.mean([(m.pull(s.current, s.speed, 0.010)[0] - s.tension) ** 2 for s in samples])) for m in models
-    ]
+        np.sqrt(np.mean([
+            (torque.pull(winding.current(s.motor(0.010))[0], s.speed_m_s, 0.010)[0] - s.tension_n) ** 2 for s in samples
+        ]))
+        for winding, torque in models
+    ]  # fmt: skip
     assert errors[0] < errors[1]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from softgrip_emulator.camera.exposure_sample import ExposureSample
 
 _PROCESS: Final = "softgrip_emulator.camera.process"
-_START_S: Final = 20.0
+_START_S: Final = 60.0
 _END_S: Final = 2.0
 
 

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import threading
+from functools import reduce
+from operator import and_
 from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.packets import (
@@ -94,7 +96,7 @@ class DynamixelChain:
             servo.heard(now_s)
         if packet.device_id == BROADCAST_ID:
             return self._broadcast(packet, listening, now_s, baud)
-        chunks = []
+        chunks: list[Chunk] = []
         for servo in listening:
             if servo.device_id != packet.device_id:
                 servo.follow(packet, now_s)
@@ -105,7 +107,7 @@ class DynamixelChain:
             if may_answer:
                 # The reply carries the ID the instruction was addressed to, also when that instruction changed it.
                 chunks.append(Chunk(encode_status(packet.device_id, reply.error, reply.parameters), now_s + delay_s))
-        return chunks
+        return _collided(chunks)
 
     def _broadcast(self, packet: Packet, listening: list[EmulatedServo], now_s: float, baud: int) -> list[Chunk]:
         match packet.instruction:
@@ -130,10 +132,15 @@ class DynamixelChain:
 
     def _in_turn(self, servos: list[EmulatedServo], packet: Packet, now_s: float, baud: int) -> list[Chunk]:
         chunks = []
+        answered: set[int] = set()
         start_s = now_s
         for servo in servos:
             reply = servo.execute(packet, now_s)
             chunk = self._status(servo, reply.error, reply.parameters, start_s)
+            if servo.device_id in answered:
+                # Its turn is that of the other one with this ID, and what they say is the same.
+                continue
+            answered.add(servo.device_id)
             chunks.append(chunk)
             start_s = chunk.start_s + len(chunk.data) * BITS_PER_BYTE / baud
         return chunks
@@ -154,6 +161,7 @@ class DynamixelChain:
         if packet.instruction in {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}:
             return self._fast_read(requests, by_id, now_s)
         chunks = []
+        answered: set[int] = set()
         start_s = now_s
         for device_id, address, length in requests:
             servo = by_id.get(device_id)
@@ -164,6 +172,10 @@ class DynamixelChain:
                 continue
             reply = servo.read_for_host(address, length, now_s)
             chunk = self._status(servo, reply.error, reply.parameters, start_s)
+            if servo.device_id in answered:
+                # Its turn is that of the other one with this ID, and what they say is the same.
+                continue
+            answered.add(servo.device_id)
             chunks.append(chunk)
             start_s = chunk.start_s + len(chunk.data) * BITS_PER_BYTE / baud
         return chunks
@@ -256,3 +268,13 @@ def _bulk_writes(parameters: bytes) -> list[tuple[int, int, bytes]]:
 
 def _u16(data: bytes, place: int) -> int:
     return int.from_bytes(data[place : place + 2], "little")
+
+
+def _collided(chunks: list[Chunk]) -> list[Chunk]:
+    """Return what is on the wire where servos with one ID answer at once: a driven low wins over a high."""
+    if len(chunks) < 2:
+        return chunks
+    longest = max(len(chunk.data) for chunk in chunks)
+    padded = [chunk.data.ljust(longest, b"\xff") for chunk in chunks]
+    data = bytes(reduce(and_, column) for column in zip(*padded, strict=True))
+    return [Chunk(data, min(chunk.start_s for chunk in chunks))]

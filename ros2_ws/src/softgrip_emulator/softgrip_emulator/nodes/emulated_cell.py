@@ -195,9 +195,9 @@ class EmulatedCellNode(Node):
     def _report_time(self) -> None:
         server = self.cell.time_server
         participants = list(server.participants.all)
-        given_up = sorted({one.join.name for one in participants if one.is_given_up})
+        given_up = sorted({one.label for one in participants if one.is_given_up})
         values = {"now_s": f"{self.cell.clock.now_s():.1f}"}
-        values |= {f"held_by_{name}_s": f"{duration_s:.1f}" for name, duration_s in dict(server.held_s).items()}
+        values |= {f"held by {label} [s]": f"{duration_s:.1f}" for label, duration_s in dict(server.held_s).items()}
         if given_up:
             message = f"goes on without {', '.join(given_up)}: silent for {server.participants.give_up_s:g} s"
             self._diagnostics.set("time", Health.WARN, message, values)

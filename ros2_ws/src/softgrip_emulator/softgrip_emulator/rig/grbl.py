@@ -65,7 +65,7 @@ class EmulatedGrblStage:
         self._reports = 0
         self.homings = 0
         #: Set to lock it until $X.
-        self.alarm = bool(self._settings[22])
+        self.alarm = self._wants_homing
         #: A limit switch was hit: nothing but a reset is heard (grbl/protocol.c, EXEC_ALARM_HARD_LIMIT).
         self.needs_reset = False
         #: No answer at all. reply_cut: replies lose their second half.
@@ -123,9 +123,14 @@ class EmulatedGrblStage:
             self._plant.stop()
             self._buffer = b""
             self.needs_reset = False
-            self.alarm = self.alarm or in_motion or bool(self._settings[22])
+            self.alarm = self.alarm or in_motion or self._wants_homing
             alarm = b"ALARM:3\r\n" if in_motion else b""
             return alarm + self._banner + (b"[MSG:'$H'|'$X' to unlock]\r\n" if self.alarm else b"")
+
+    @property
+    def _wants_homing(self) -> bool:
+        """Locked until homed: GRBL where $22 is on, grblHAL where its bit 4 is (and $X is refused then)."""
+        return bool(int(self._settings[22]) & (4 if self._is_hal else 1))
 
     @property
     def _state(self) -> bytes:
@@ -154,6 +159,8 @@ class EmulatedGrblStage:
 
     def _line(self, line: bytes) -> bytes:
         if line == b"$X":
+            if self._is_hal and self.alarm and self._wants_homing:
+                return b"error:46\r\n"
             self.alarm = False
             return b"[MSG:Caution: Unlocked]\r\nok\r\n"
         if line in {b"$I", b"$$"}:

@@ -41,6 +41,20 @@ struct Stop {
   double moment_Nmm = 1000.0;   // 0 = no stop
 };
 
+// How links and strips move against each other.
+enum class JointModel : std::uint8_t {
+  Hinge = 0,    // mode P: rigid links turn about the grooves' apexes
+  Flexure = 1,  // mode F: the strip bends along an arc, shortens and shears; links give near it
+};
+
+// What mode F takes from a finite-element study (softgrip_model.finger.flexure has its numbers and where they are from).
+struct FlexureStudy {
+  double strip = 1.0;          // bending stiffness over that of a wide plate
+  double link = 1.0;           // the same of the links
+  double spread = 1.0;         // mm deeper per mm along: how a strip's force spreads into its link
+  double attachment = 0.0;     // how far beyond its routing point the cable acts on a link; share of the strip's length
+};
+
 struct Cable {
   double compliance_per_N = 0.0;  // 1/EA; 0 = inextensible
   double lead_mm = 0.0;           // from the actuator to the finger's base
@@ -58,6 +72,10 @@ struct Design {
   Material material;
   Stop stop;
   Cable cable;
+  JointModel joint_model = JointModel::Hinge;
+  double body_mm = 12.0;  // depth of the links below the apexes; this and the next two are for mode F alone
+  double poisson = 0.3;
+  FlexureStudy study;
   double angle_smoothing_rad = 1e-3;  // |phi| is sqrt(phi^2 + this^2), so that gradients exist everywhere
 };
 
@@ -88,6 +106,7 @@ inline bool sound(const Design& d) {
   if (!finite_positive(d.material.constant_MPa) || !std::isfinite(d.material.quadratic_MPa + d.material.linear_MPa)) {
     return false;
   }
+  if (!finite_positive(d.body_mm) || !(d.poisson >= 0.0 && d.poisson < 0.5)) return false;
   if (!(d.cable.compliance_per_N >= 0.0) || !(d.cable.lead_mm >= 0.0) || !(d.base_mm >= 0.0)) return false;
   if (!(d.stop.moment_Nmm >= 0.0) || !finite_positive(d.stop.margin_rad) || !(d.angle_smoothing_rad >= 0.0)) return false;
   for (int j = 0; j < d.joints; ++j) {

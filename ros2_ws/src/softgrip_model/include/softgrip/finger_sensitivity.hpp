@@ -5,6 +5,8 @@
 // Columns: the prescribed quantity; h_0..h_{n-1}; r_0..r_{2n-1} [mm]; the friction coefficients; a factor on all moduli.
 #pragma once
 
+#include <Eigen/LU>
+
 #include "softgrip/finger_equilibrium.hpp"
 
 namespace softgrip::finger {
@@ -231,5 +233,111 @@ class SensitivityPass {
   PerJoint<double> angle_slope_{};
   Sensitivity out_;
 };
+
+// The same of mode F: every number carries its derivatives to the unknowns (q, u, v of each joint, ln T at the tip) and
+// to the design; joints up to kJoints.
+template <int kJoints>
+class FlexureSensitivity {
+ public:
+  FlexureSensitivity(const Finger& finger, const Equilibrium& at, Control control, double target)
+      : finger_(finger), n_(finger.design.joints), unknowns_(3 * n_ + 1),
+        coefficients_(friction::coefficient_count(finger.friction.model.law)) {
+    const Design& d = finger.design;
+    PerJoint<Real> thickness, q;
+    PerPoint<Real> routing;
+    PerJoint<std::array<Real, 2>> shift;
+    for (int j = 0; j < n_; ++j) {
+      thickness[j] = parameter(d.thickness_mm[j], j);
+      q[j] = Real::variable(at.state.angle_rad[j], 3 * j);
+      for (int i : {0, 1}) shift[j][i] = Real::variable(at.state.shift_mm[j][i], 3 * j + 1 + i);
+      for (int i : {2 * j, 2 * j + 1}) routing[i] = parameter(d.routing_mm[i], n_ + i);
+    }
+    const Real softness = 1.0 / parameter(1.0, 3 * n_ + coefficients_);
+    const FlexuresOf<Real> f =
+        flexures_of(d, finger.sides, thickness, routing, softness, [this](const ShapeJet& x, int joint, int point) {
+          Real lifted(x.value);
+          lifted.d[unknowns_ + joint] = x.d[0];
+          lifted.d[unknowns_ + n_ + point] = x.d[1];
+          return lifted;
+        });
+    const auto coefficients = [this](Real& log_high, const friction::Evaluation& law) {
+      for (int m = 0; m < coefficients_; ++m) log_high.d[unknowns_ + 3 * n_ + m] += law.d_coefficients[m];
+    };
+
+    const double give = d.cable.compliance_per_N;
+    PerJoint<Real> link_tension;
+    const Real log_tip = Real::variable(at.state.log_tip_tension, 3 * n_);
+    Real log_beyond = log_tip, pulled = give * (f.link_span_mm[n_] * exp(log_tip));
+    for (int j = n_ - 1; j >= 0; --j) {
+      const FlexurePass<Real, Real> pass(finger, f, j, q[j], shift[j][0], shift[j][1], log_beyond, coefficients);
+      for (int i = 0; i < 3; ++i) residual_[3 * j + i] = pass.residual[i];
+      link_tension[j] = exp(log_beyond);
+      pulled += pass.taken_mm + give * (pass.span_mm * exp(pass.log_across) + f.link_span_mm[j] * exp(pass.log_before));
+      log_beyond = pass.log_before;
+    }
+    const FlexurePosture<Real, Real> seen(d, f, q, shift, link_tension);
+    Real deflection = 0.0;
+    for (int j = 0; j < n_; ++j) deflection += row_[j] = seen.angle_rad[j];
+    row_[n_] = seen.x_mm;
+    row_[n_ + 1] = seen.y_mm;
+    row_[n_ + 2] = exp(log_beyond);
+    row_[n_ + 3] = exp(log_tip);
+    row_[n_ + 4] = pulled;
+    const bool by_length = control == Control::PulledLength, by_tension = control == Control::Tension;
+    residual_[3 * n_] = by_length ? pulled : by_tension ? log_beyond : deflection;
+    solve(by_tension ? 1.0 / target : 1.0);
+  }
+
+  const Sensitivity& result() const { return out_; }
+
+ private:
+  static constexpr int kUnknowns = 3 * kJoints + 1;
+  static constexpr int kParameters = 3 * kJoints + friction::kMaxCoefficients + 1;
+  using Real = Jet<kUnknowns + kParameters>;
+  template <int rows, int columns>
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, rows, columns>;
+
+  Real parameter(double value, int i) const { return Real::variable(value, unknowns_ + i); }
+
+  // Implicit function theorem; the prescribed quantity is the first column.
+  void solve(double control_slope) {
+    const int columns = out_.columns = sensitivity_columns(n_, finger_.friction.model.law);
+    Matrix<kUnknowns, kUnknowns> slopes(unknowns_, unknowns_);
+    Matrix<kUnknowns, kParameters + 1> pushed(unknowns_, columns);
+    pushed.setZero();
+    pushed(unknowns_ - 1, 0) = control_slope;
+    for (int i = 0; i < unknowns_; ++i) {
+      for (int k = 0; k < unknowns_; ++k) slopes(i, k) = residual_[i].d[k];
+      for (int p = 1; p < columns; ++p) pushed(i, p) = -residual_[i].d[unknowns_ + p - 1];
+    }
+    const Matrix<kUnknowns, kParameters + 1> moved = slopes.partialPivLu().solve(pushed);
+    for (int row = 0; row < sensitivity_rows(n_); ++row) {
+      for (int p = 0; p < columns; ++p) {
+        double& d = out_.d[row][p];
+        d = p == 0 ? 0.0 : row_[row].d[unknowns_ + p - 1];
+        for (int k = 0; k < unknowns_; ++k) d += row_[row].d[k] * moved(k, p);
+        out_.finite = out_.finite && std::isfinite(d);
+      }
+    }
+  }
+
+  const Finger& finger_;
+  int n_, unknowns_, coefficients_;
+  std::array<Real, kUnknowns> residual_;
+  std::array<Real, kJoints + 5> row_;
+  Sensitivity out_;
+};
+
+SOFTGRIP_APART inline Sensitivity flexure_sensitivity(const Finger& finger, const Equilibrium& at, Control control,
+                                                      double target) {
+  if (finger.design.joints <= 3) return FlexureSensitivity<3>(finger, at, control, target).result();
+  return FlexureSensitivity<kMaxJoints>(finger, at, control, target).result();
+}
+
+// Derivatives of an equilibrium, whatever the joints' model.
+inline Sensitivity sensitivity_of(const Finger& finger, const Equilibrium& at, Control control, double target) {
+  if (finger.is_flexure()) return flexure_sensitivity(finger, at, control, target);
+  return SensitivityPass(finger, at, control, target).result();
+}
 
 }  // namespace softgrip::finger

@@ -39,7 +39,8 @@ inline Equilibrium slack(const Finger& finger) {
 inline std::uint32_t unsolvable(const Finger& finger, Control control, double target) {
   if (!std::isfinite(target)) return kBadTarget;
   if (control == Control::Tension && target < 0.0) return kBadTarget;
-  if (control == Control::PulledLength && finger.design.cable.compliance_per_N == 0.0 && target >= finger.reach_mm) {
+  const bool rigid = finger.design.cable.compliance_per_N == 0.0 && !finger.is_flexure();
+  if (control == Control::PulledLength && rigid && target >= finger.reach_mm) {
     return kOutOfReach;
   }
   if (control == Control::Deflection) {
@@ -133,6 +134,9 @@ class March {
       }
       const Real weight = numerator * (1.0 / denominator), angle_weight = weight * target;
       for (int j = 0; j < n; ++j) x.angle_rad[j] += angle_weight * state_[i].angle_rad[j];
+      for (int j = 0; j < n && finger_.is_flexure(); ++j) {
+        for (int k : {0, 1}) x.shift_mm[j][k] += angle_weight * state_[i].shift_mm[j][k];
+      }
       x.log_tip_tension += weight * state_[i].log_tip_tension;
     }
     for (int j = 0; j < n; ++j) {
@@ -151,6 +155,9 @@ class March {
     const double per_target = 1.0 / target;
     State& kept = state_[newest_];
     for (int j = 0; j < finger_.design.joints; ++j) kept.angle_rad[j] = found.angle_rad[j] * per_target;
+    for (int j = 0; j < finger_.design.joints && finger_.is_flexure(); ++j) {
+      for (int k : {0, 1}) kept.shift_mm[j][k] = found.shift_mm[j][k] * per_target;
+    }
     kept.log_tip_tension = found.log_tip_tension - log_target;
   }
 

@@ -45,6 +45,11 @@ bool all(const Mask& mask) {
   return each != 0;
 }
 
+template <typename Mask>
+bool any(const Mask& mask) {
+  return !all(mask == 0);
+}
+
 // Bits of a status word, where the mask is set.
 inline std::uint32_t where(bool mask, std::uint32_t bits) {
   return mask ? bits : 0;

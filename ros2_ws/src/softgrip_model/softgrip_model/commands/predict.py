@@ -18,7 +18,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from softgrip_model import profile
-from softgrip_model.finger import Finger, FingerError, Solution, close, reason
+from softgrip_model.finger import Finger, FingerError, JointModel, Solution, close, reason
 from softgrip_model.finger.comparison import laws_side_by_side
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.friction.errors import FrictionError
@@ -48,6 +48,12 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--steps", type=int, default=200, help="states along the closing (default: %(default)s)")
     made.add_argument("--rows", type=int, default=10, help="of the printed table (default: %(default)s)")
+    made.add_argument(
+        "--joint-model",
+        choices=tuple(map(str, JointModel)),
+        default=str(JointModel.HINGE),
+        help="mode P or mode F, docs/finger.md (default: %(default)s)",
+    )
     made.add_argument("--friction", metavar="ID|FILE", help=f"one of {', '.join(published_ids())}, or a model file")
     made.add_argument("--profiles", type=Path, metavar="DIR", help="folder of profiles (default: softgrip_bringup's)")
     made.add_argument("--json", type=Path, metavar="FILE", help="write every state of every law here")
@@ -62,7 +68,7 @@ def main(args: Sequence[str] | None = None) -> int:
         if not (math.isfinite(options.pull) and options.pull > 0.0 and options.steps >= 1 and options.rows >= 1):
             raise FingerError(f"expected a pull > 0 mm and at least one step, found {options.pull} and {options.steps}")
         chosen = _profile(options.profile, options.profiles)
-        finger = Finger.from_profile(chosen, options.finger)
+        finger = Finger.from_profile(chosen, options.finger, JointModel(options.joint_model))
         name, law = _friction(chosen, options.friction)
     except (FingerError, FrictionError, profile.ProfileError) as error:
         print(f"predict: {error}", file=sys.stderr)

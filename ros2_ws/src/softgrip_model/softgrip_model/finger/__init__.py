@@ -4,8 +4,9 @@
 Start with `Finger.from_profile(profile, "index")` and `close(finger, law, pulled_mm)`.
 """
 
-from softgrip_model.finger.design import FRICTIONLESS, Finger, MomentLaw, Strip
+from softgrip_model.finger.design import FRICTIONLESS, Finger, JointModel, MomentLaw, Strip
 from softgrip_model.finger.errors import FingerError
+from softgrip_model.finger.flexure import FlexureStudy
 from softgrip_model.finger.kernel import Control, Gradient, Kernel, Solution, Status, close, reason
 from softgrip_model.finger.path import Cylinder, JointLimit, Path, PathSettings, Plane, follow, sphere
 
@@ -15,8 +16,10 @@ __all__ = [
     "Cylinder",
     "Finger",
     "FingerError",
+    "FlexureStudy",
     "Gradient",
     "JointLimit",
+    "JointModel",
     "Kernel",
     "MomentLaw",
     "Path",

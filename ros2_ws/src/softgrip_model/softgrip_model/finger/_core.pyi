@@ -28,6 +28,10 @@ class Design:
         compliance_per_n: float,
         lead_mm: float,
         smoothing_rad: float,
+        joint_model: int,
+        body_mm: float,
+        poisson: float,
+        study: tuple[float, float, float, float],
     ) -> None: ...
 
 class Friction:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from softgrip_model.finger import _core
 from softgrip_model.finger.errors import FingerError
+from softgrip_model.finger.flexure import FLEXURE_STUDY, FlexureStudy
 from softgrip_model.friction.laws import FrictionLaw, Law, k_index, law_index
 from softgrip_model.profile import Profile
 
@@ -33,7 +34,19 @@ class MomentLaw(StrEnum):
     NEUTRAL_AXIS = "neutral_axis"
 
 
+class JointModel(StrEnum):
+    """How links and strips move against each other; docs/finger.md compares them.
+
+    HINGE: rigid links turn about the grooves' apexes (mode P). FLEXURE: strips bend along an arc, shorten and shear,
+    and links give near them (mode F). The thesis' own recipe (mode R) is `replication.replicate`.
+    """
+
+    HINGE = "hinge"
+    FLEXURE = "flexure"
+
+
 _MOMENT_INDEX = {law: index for index, law in enumerate(MomentLaw)}
+_JOINT_INDEX = {model: index for index, model in enumerate(JointModel)}
 
 
 @dataclass(frozen=True)
@@ -44,11 +57,13 @@ class Strip:
         modulus_mpa: a, b, c of the tangent modulus [MPa].
         moment_law: how the moment follows.
         max_strain: largest strain measured.
+        poisson: Poisson's ratio; mode F alone needs it.
     """
 
     modulus_mpa: tuple[float, float, float]
     moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT
     max_strain: float = 0.45
+    poisson: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -70,6 +85,9 @@ class Finger:
         stop_margin_rad: a groove's stop starts this far before its flanks meet.
         stop_moment_nmm: its strength, z^3/(1-z) times this; 0 = no stop.
         smoothing_rad: |phi| is taken as sqrt(phi^2 + this^2).
+        joint_model: mode P or mode F.
+        body_mm: depth of the links below the joints' apexes; mode F alone needs it.
+        study: constants of mode F.
     """
 
     link_mm: tuple[float, ...]
@@ -86,6 +104,9 @@ class Finger:
     stop_margin_rad: float = math.radians(5.0)
     stop_moment_nmm: float = 1000.0
     smoothing_rad: float = 1e-3
+    joint_model: JointModel = JointModel.HINGE
+    body_mm: float = 12.0
+    study: FlexureStudy = FLEXURE_STUDY
 
     def __post_init__(self) -> None:
         if not self.opening_rad:
@@ -117,8 +138,12 @@ class Finger:
             routing_mm=tuple(np.asarray(routing_mm, dtype=np.float64).tolist()),
         )
 
+    def with_joint_model(self, joint_model: JointModel) -> Finger:
+        """Return the same finger, computed by another mode."""
+        return dataclasses.replace(self, joint_model=joint_model)
+
     @classmethod
-    def from_profile(cls, profile: Profile, slot: str) -> Finger:
+    def from_profile(cls, profile: Profile, slot: str, joint_model: JointModel = JointModel.HINGE) -> Finger:
         """Return the finger that a profile has for a slot.
 
         Raises:
@@ -145,6 +170,8 @@ class Finger:
             base_mm=1e3 * design.base_length_m,
             compliance_per_n=0.0 if stiffness is None else 1.0 / stiffness,
             lead_mm=1e3 * cable.lead_length_m,
+            joint_model=joint_model,
+            body_mm=1e3 * design.body_height_m,
         )
 
     def _problems(self) -> list[str]:
@@ -165,6 +192,10 @@ class Finger:
             if len(values) != count:
                 found.append(f"{name}: expected {count} values, found {len(values)}")
             found += [f"{name}[{i}]: expected > 0, found {v!r}" for i, v in enumerate(values) if not 0 < v < math.inf]
+        if not 0.0 < self.body_mm < math.inf:
+            found.append(f"body_mm: expected > 0, found {self.body_mm!r}")
+        if not 0.0 <= self.strip.poisson < 0.5:
+            found.append(f"poisson: expected 0 or more and less than 0.5, found {self.strip.poisson!r}")
         if not 0.0 < self.strip.modulus_mpa[2] < math.inf:
             found.append(f"modulus_mpa: expected c > 0, found {self.strip.modulus_mpa[2]!r}")
         for name in ("base_mm", "compliance_per_n", "lead_mm", "stop_moment_nmm", "smoothing_rad"):
@@ -205,6 +236,10 @@ class Finger:
             compliance_per_n=self.compliance_per_n,
             lead_mm=self.lead_mm,
             smoothing_rad=self.smoothing_rad,
+            joint_model=_JOINT_INDEX[self.joint_model],
+            body_mm=self.body_mm,
+            poisson=self.strip.poisson,
+            study=self.study.constants,
         )
 
 

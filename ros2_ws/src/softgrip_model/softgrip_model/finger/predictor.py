@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.digest import text_digest
-from softgrip_model.finger.design import Finger
+from softgrip_model.finger.design import Finger, JointModel
 from softgrip_model.finger.errors import FingerError
+from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.finger.kernel import Kernel, Solution, Status, reason
 from softgrip_model.friction.acceptance import model_digest
 from softgrip_model.friction.errors import ModelFileError
@@ -106,7 +107,11 @@ class Configuration:
     """Which finger of which profile sits in which slot, under which friction; immutable once made."""
 
     def __init__(
-        self, profiles: Mapping[str, Profile], mounted: Mapping[str, str], friction: ActiveFriction | None
+        self,
+        profiles: Mapping[str, Profile],
+        mounted: Mapping[str, str],
+        friction: ActiveFriction | None,
+        joint_model: JointModel = JointModel.HINGE,
     ) -> None:
         """Prepare the mounted fingers.
 
@@ -114,6 +119,7 @@ class Configuration:
             profiles: by id.
             mounted: slot -> profile id.
             friction: None = each profile's own.
+            joint_model: how the fingers are computed.
 
         Raises:
             FingerError: an unknown profile id or friction id.
@@ -121,15 +127,17 @@ class Configuration:
         """
         self.mounted = dict(mounted)
         self.friction = friction
+        self.joint_model = joint_model
         self.fingers: dict[str, Finger] = {}
         self._own: dict[str, ActiveFriction] = {}
-        parts = []
+        # what was recorded before there was a choice names hinges by saying nothing
+        parts = [] if joint_model is JointModel.HINGE else [f"joint_model={joint_model}:{FLEXURE_STUDY}"]
         for slot, profile_id in sorted(mounted.items()):
             profile = profiles.get(profile_id)
             if profile is None:
                 known = ", ".join(sorted(profiles)) or "none"
                 raise FingerError(f"slot {slot!r}: unknown profile {profile_id!r}; loaded: {known}")
-            self.fingers[slot] = Finger.from_profile(profile, slot)
+            self.fingers[slot] = Finger.from_profile(profile, slot, joint_model)
             self._own[slot] = assumed_friction(profile)
             parts.append(f"{slot}={profile_id}:{digest(profile)}")
         self.digest = text_digest(";".join(parts))

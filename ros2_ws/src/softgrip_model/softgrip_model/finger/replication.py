@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.finger import _core
-from softgrip_model.finger.design import Finger, core_design, core_friction
+from softgrip_model.finger.design import Finger, JointModel, core_design, core_friction
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Array
 from softgrip_model.friction.laws import FrictionLaw
@@ -59,8 +59,10 @@ def replicate(
     """Close a finger by explicit increments, lambda of the law as printed (negative).
 
     Raises:
-        FingerError: no step, or nothing pulled.
+        FingerError: a finger of mode F, no step, or nothing pulled.
     """
+    if finger.joint_model is not JointModel.HINGE:
+        raise FingerError(f"expected joints that are hinges, found {finger.joint_model}: mode R knows no other")
     if steps < 1 or not pulled_mm > 0.0:
         raise FingerError(f"expected at least one step and a pull > 0 mm, found {steps} and {pulled_mm}")
     angle, tension, status = _core.replicate(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
+from softgrip_model.finger.design import JointModel
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Status
 from softgrip_model.finger.matching import Matcher, TendonInput
@@ -50,8 +51,14 @@ class Residual:
 class Session:
     """Holds the good configuration in use; every method is a plain function of it and of its arguments."""
 
-    def __init__(self, profiles: Mapping[str, Profile], mounted: Mapping[str, str], wear: WearSettings) -> None:
-        """Start with the given fingers (slot -> profile id) and each profile's own friction.
+    def __init__(
+        self,
+        profiles: Mapping[str, Profile],
+        mounted: Mapping[str, str],
+        wear: WearSettings,
+        joint_model: JointModel = JointModel.HINGE,
+    ) -> None:
+        """Start with the given fingers (slot -> profile id) and each profile's own friction, computed by a mode.
 
         Raises:
             FingerError: an unknown profile.
@@ -64,7 +71,8 @@ class Session:
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
         self._free = True
         self._timeline = Timeline()
-        self._adopt(Configuration(self._profiles, mounted, None))
+        self._joint_model = joint_model
+        self._adopt(mounted, None)
 
     def learn(self, friction: ActiveFriction) -> None:
         """Note a friction model: what is asked for without naming one is computed with the last."""
@@ -74,7 +82,7 @@ class Session:
     def set_friction(self, friction: ActiveFriction) -> None:
         """Use another friction model from now on."""
         self._frictions[friction.id] = friction
-        self._adopt(Configuration(self._profiles, self.configuration.mounted, friction))
+        self._adopt(self.configuration.mounted, friction)
 
     def set_mounted(self, mounted: Mapping[str, str]) -> None:
         """Use other fingers from now on (slot -> profile id); what was mounted stays in use when this raises.
@@ -84,7 +92,7 @@ class Session:
             ProfileError: a profile without a finger for the slot.
         """
         if dict(mounted) != self.configuration.mounted:
-            self._adopt(Configuration(self._profiles, mounted, self.configuration.friction))
+            self._adopt(mounted, self.configuration.friction)
 
     def set_free(self, free: bool) -> None:
         """Take note that from now on the fingers move free of objects, or not."""
@@ -138,7 +146,7 @@ class Session:
         law = self._learned or self.configuration.friction
         if friction:
             law = self._known_friction(profile, friction)
-        requested = Configuration(self._profiles, dict.fromkeys(slots, profile), law)
+        requested = Configuration(self._profiles, dict.fromkeys(slots, profile), law, self._joint_model)
         return [prediction for name in slots for prediction in requested.closing(name, pulled_lengths)]
 
     def verdicts(self) -> dict[str, tuple[WearVerdict, str]]:
@@ -154,8 +162,8 @@ class Session:
         known = ", ".join([*self._frictions, own])
         raise FingerError(f"unknown friction model {friction!r}; known: {known}; activate it first")
 
-    def _adopt(self, configuration: Configuration) -> None:
-        self.configuration = configuration
+    def _adopt(self, mounted: Mapping[str, str], friction: ActiveFriction | None) -> None:
+        self.configuration = configuration = Configuration(self._profiles, mounted, friction, self._joint_model)
         self._monitors = {
             slot: WearMonitor(finger, configuration.friction_of(slot).law, self._wear)
             for slot, finger in configuration.fingers.items()

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
 from softgrip_interfaces.srv import PredictFinger
-from softgrip_model.finger import FingerError
+from softgrip_model.finger import FingerError, JointModel
 from softgrip_model.finger.matching import MAX_GAP_NS, SPAN_NS
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.finger.session import Residual, Session
@@ -49,6 +49,12 @@ PARAMETERS = ParameterTable(
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index", "middle", "thumb"], "slots that hold a finger until cell/state says otherwise"),
     Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
+    Parameter(
+        "joint_model",
+        str(JointModel.HINGE),
+        "how fingers are computed: hinge (mode P) or flexure (mode F), docs/finger.md",
+        choices=tuple(map(str, JointModel)),
+    ),
     Parameter("tip_stddev_m", 1e-3 * _WEAR.tip_stddev_mm, "noise of the measured tip", "m", 1e-5, 0.02),
     Parameter("tension_stddev", _WEAR.tension_stddev, "noise of the measured tension, relative", "", 0.001, 1.0),
     Parameter("baseline_closings", _WEAR.baseline, "empty closings that set the baseline", "", 2, 100),
@@ -114,7 +120,8 @@ class KinematicsPredictor(Node):
             limit=values["cusum_limit"],
         )
         try:
-            return Session(_load_profiles(values["profiles_directory"]), mounted, wear)
+            profiles, model = _load_profiles(values["profiles_directory"]), JointModel(values["joint_model"])
+            return Session(profiles, mounted, wear, model)
         except (FingerError, ProfileError) as error:
             raise StartupError(str(error)) from error
 

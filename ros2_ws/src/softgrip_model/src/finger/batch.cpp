@@ -26,8 +26,7 @@ void write_gradient(const Finger& finger, const Equilibrium& found, Control cont
   std::fill_n(to, rows * columns, kNan);
   if ((found.status & (kFailure | kSlack)) != kOk) return;
   const int n = finger.design.joints;
-  const SensitivityPass pass(finger, found, control, target);
-  const Sensitivity& s = pass.result();
+  const Sensitivity s = sensitivity_of(finger, found, control, target);
   for (int row = 0; row < sensitivity_rows(n); ++row) {
     double* line = to + (row < n ? row : widest + row - n) * columns;
     const Column& from = s.d[row];
@@ -49,7 +48,17 @@ template <typename Real, typename Headings>
 void write(const Finger& finger, const EquilibriumOf<Real>& found, Headings&& headings, std::size_t at,
            const BatchOut& out) {
   const int n = finger.design.joints, wide = out.joints;
-  const TipOf<Real> tip = tip_of(finger.design, found.state.angle_rad, headings);
+  PerJoint<Real> angle_rad = found.state.angle_rad;
+  TipOf<Real> tip;
+  if (finger.is_flexure()) {
+    if constexpr (kLanes<Real> == 1) {
+      const auto seen = posture_of(finger, found);
+      angle_rad = seen.angle_rad;
+      tip = {seen.x_mm, seen.y_mm};
+    }
+  } else {
+    tip = tip_of(finger.design, angle_rad, headings);
+  }
   PerSpan<Real> tension;
   for (int i = 0; i <= 2 * n; ++i) tension[i] = exp(found.log_tension[i]);
   for (int k = 0; k < kLanes<Real>; ++k, ++at) {
@@ -58,7 +67,7 @@ void write(const Finger& finger, const EquilibriumOf<Real>& found, Headings&& he
     double* phi = out.phi_rad + at * 2 * wide;
     double* tension_N = out.tension_N + at * (2 * wide + 1);
     for (int j = 0; j < wide; ++j) {
-      angle[j] = j < n ? lane(found.state.angle_rad[j], k) : kNan;
+      angle[j] = j < n ? lane(angle_rad[j], k) : kNan;
       rate[j] = j < n ? lane(found.pull_rate[j], k) : kNan;
     }
     for (int i = 0; i < 2 * wide; ++i) phi[i] = i < 2 * n ? lane(found.phi_rad[i], k) : kNan;
@@ -112,7 +121,7 @@ SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const fricti
       static_cast<std::size_t>(sensitivity_rows(out.joints) * sensitivity_columns(out.joints, friction.law));
   March marcher(finger, control);
   PerJoint<Turning> heading;
-  const bool together = march && refusal == kOk && out.gradient == nullptr;
+  const bool together = march && refusal == kOk && out.gradient == nullptr && !finger.is_flexure();
   std::size_t next_together = 0;  // where lanes are tried next
   for (std::size_t k = 0; k < count;) {
     if (together && k >= next_together) {

@@ -28,7 +28,8 @@ void fill(std::array<double, N>& to, const Numbers& from, std::size_t count, con
 sf::Design make_design(double base, const Numbers& width, const Numbers& link, const Numbers& thickness, const Numbers& length,
                        const Numbers& opening, const Numbers& routing, const std::array<double, 3>& modulus,
                        int moment_law, double max_strain, double stop_margin, double stop_moment, double compliance,
-                       double lead, double smoothing) {
+                       double lead, double smoothing, int joint_model, double body, double poisson,
+                       const std::array<double, 4>& study) {
   sf::Design d;
   const std::size_t n = thickness.size();
   if (n < 1 || n > sf::kMaxJoints) throw std::invalid_argument("expected 1 to 6 joints");
@@ -44,6 +45,10 @@ sf::Design make_design(double base, const Numbers& width, const Numbers& link, c
   d.stop = {stop_margin, stop_moment};
   d.cable = {compliance, lead};
   d.angle_smoothing_rad = smoothing;
+  d.joint_model = static_cast<sf::JointModel>(joint_model);
+  d.body_mm = body;
+  d.poisson = poisson;
+  d.study = {study[0], study[1], study[2], study[3]};
   return d;
 }
 
@@ -249,7 +254,8 @@ PYBIND11_MODULE(_core, module) {
       .def(py::init(&make_design), py::kw_only(), py::arg("base_mm"), py::arg("width_mm"), py::arg("link_mm"),
            py::arg("thickness_mm"), py::arg("length_mm"), py::arg("opening_rad"), py::arg("routing_mm"),
            py::arg("modulus_mpa"), py::arg("moment_law"), py::arg("max_strain"), py::arg("stop_margin_rad"),
-           py::arg("stop_moment_nmm"), py::arg("compliance_per_n"), py::arg("lead_mm"), py::arg("smoothing_rad"));
+           py::arg("stop_moment_nmm"), py::arg("compliance_per_n"), py::arg("lead_mm"), py::arg("smoothing_rad"),
+           py::arg("joint_model"), py::arg("body_mm"), py::arg("poisson"), py::arg("study"));
   py::class_<fr::Model>(module, "Friction")
       .def(py::init(&make_friction), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
            py::arg("radius_mm"), py::arg("angle_range"), py::arg("tension_range"));

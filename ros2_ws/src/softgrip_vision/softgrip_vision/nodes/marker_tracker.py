@@ -25,6 +25,7 @@ from softgrip_nodekit import (
     LATCHED,
     REALTIME_PRIORITY,
     SENSOR,
+    CellFollower,
     Diagnostics,
     Health,
     Parameter,
@@ -34,6 +35,7 @@ from softgrip_nodekit import (
     StartupError,
     WhileBrief,
     lateness_parameter,
+    nanoseconds,
     realtime_parameter,
     run,
     seconds,
@@ -49,6 +51,9 @@ from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.tracker import Tracker
 from softgrip_vision.waiting import file_when_there
+
+#: [s] by which an emulated cell's time may run ahead of a frame that is not measured yet; shorter than its period
+FRAME_LAG_S = 0.04
 
 PARAMETERS = ParameterTable(
     Parameter(
@@ -140,6 +145,7 @@ class MarkerTrackerNode(Node):
         else:
             self.create_subscription(CompressedImage, driver, self._on_compressed, SENSOR)
         self._frames = 0
+        self._follower = CellFollower(self, "frames", FRAME_LAG_S)
         # a search of a large picture is long
         self._while_brief = WhileBrief(self._values[REALTIME_PRIORITY])
         self._diagnostics.set("frames", Health.WARN, "no frame yet; is the camera running?")
@@ -206,6 +212,7 @@ class MarkerTrackerNode(Node):
         start = time.thread_time()
         self._inputs.drive(message)
         self._measure(message.header, pixels)
+        self._follower.report(nanoseconds(message.header.stamp))
         self._while_brief.note(time.thread_time() - start)
 
     def _measure(self, header: Header, pixels: Any) -> None:

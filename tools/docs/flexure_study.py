@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The finite-element study behind mode F: random fingers in CalculiX, and the constants fitted to some of them.
+
+    python tools/docs/flexure_study.py calculix     CalculiX on every finger that the reference lacks; 15 s each
+    python tools/docs/flexure_study.py fit          prints the constants that fit the study's fingers best
+
+Needs `ccx` (apt-get install calculix-ccx) for the first. The reference is finger/reference/flexure_calculix.npz;
+the constants stand in softgrip_model/finger/flexure.py. Fingers with UNSEEN_SEEDS have no part in the fit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+
+import gdfe_cable_calculix as cable
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from softgrip_model.finger import FRICTIONLESS, Finger, FlexureStudy, JointModel, Kernel, Status
+from softgrip_model.finger.flexure import FLEXURE_STUDY
+from softgrip_model.friction.published import published
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
+from softgrip_model.gdfe.materials import Ogden
+from softgrip_testing.calculix_cable import shortening_of, tip_of
+from softgrip_testing.calculix_flexures import (
+    MODULUS_MPA,
+    OTHER_SEEDS,
+    STUDY_SEEDS,
+    UNSEEN_SEEDS,
+    Closing,
+    closings,
+    finger_of,
+    save_closings,
+)
+
+Array = NDArray[np.float64]
+TIME_LIMIT_S = 3600.0
+#: Unseen fingers are pulled this far, or by steps less until no groove is on its stop.
+UNSEEN_PULL_MM, UNSEEN_STEP_MM = 16.0, 2.0
+FRICTION = published("braid-tpu-chapter4").law
+#: The fit takes states pulled by less, whose joints are this far from their stop.
+FIT_PULL_MM, FIT_MARGIN_RAD = 19.0, 0.12
+#: 1 % of length in the tip counts as much as 5 % of tension.
+TIP_WEIGHT, TENSION_WEIGHT = 100.0, 20.0
+
+
+def mesh_of(finger: Finger) -> FingerMesh:
+    """Return the coarse mesh, on which docs/gdfe.md compares CalculiX, too."""
+    return mesh_finger(finger, RESOLUTIONS["coarse"], finger.body_mm)
+
+
+def increments_of(finger: Finger, mesh: FingerMesh, tensions_n: Array, share: float) -> list[tuple[float, Array]]:
+    """Return CalculiX' increments from rest to a share of the tensions behind the first point [N]."""
+    shear_mpa = MODULUS_MPA / (2.0 * (1.0 + finger.strip.poisson))
+    material = Ogden("NinjaFlex at rest", (shear_mpa,), (2.0,), finger.strip.poisson)
+    text = cable.deck(mesh, tensions_n, "C3D8I", share, material)
+    return cable.calculix(text, len(mesh.mesh.nodes), TIME_LIMIT_S)
+
+
+def study_closing(seed: int) -> Closing:
+    """Close a finger without friction, from rest to beyond what mode P needs for 15 mm."""
+    finger = finger_of(seed)
+    mesh = mesh_of(finger)
+    hinges = Kernel([finger.with_joint_model(JointModel.HINGE)], FRICTIONLESS)
+    share = 1.1 if seed in OTHER_SEEDS else 1.15
+    full_n = min(share * float(hinges.solve([15.0]).actuator_tension_n[0, 0]), 80.0)
+    found = increments_of(finger, mesh, np.full(len(mesh.routing) - 1, full_n), 1.0)
+    pulled = np.array([shortening_of(mesh, moved) for _, moved in found])
+    tip = np.array([tip_of(mesh, moved) for _, moved in found]).reshape(-1, 2)
+    return Closing(seed, False, np.array([full_n * s for s, _ in found]), pulled, tip)
+
+
+def unseen_closing(seed: int) -> Closing:
+    """Close a finger with friction; how the tension falls from point to point is what the kernel finds."""
+    finger = finger_of(seed)
+    mesh = mesh_of(finger)
+    pull = UNSEEN_PULL_MM
+    solution = Kernel([finger], FRICTION).solve([pull])
+    while int(solution.status[0, 0]) & int(Status.STOP_ENGAGED | Status.FAILURE):
+        pull -= UNSEEN_STEP_MM
+        solution = Kernel([finger], FRICTION).solve([pull])
+    tensions = solution.tension_n[0, 0]
+    found = increments_of(finger, mesh, tensions[1:], cable.FULL_SHARE)
+    one = cable.at_length(mesh, found, pull, cable.FULL_SHARE * float(tensions[0]))
+    return Closing(seed, True, np.array([one.tension_n]), np.array([pull]), one.tip_mm[None, :])
+
+
+def run_calculix() -> None:
+    """Add what the reference lacks; what is there stays."""
+    try:
+        known = {one.seed: one for one in closings()}
+    except FileNotFoundError:
+        known = {}
+    for seeds, close in ((UNSEEN_SEEDS, unseen_closing), (STUDY_SEEDS, study_closing), (OTHER_SEEDS, study_closing)):
+        for seed in seeds:
+            if seed in known:
+                continue
+            one = close(seed)
+            if not (len(one.tension_n) and np.isfinite(one.tension_n).all()):
+                sys.stdout.write(f"{seed}: CalculiX did not get there within {TIME_LIMIT_S:g} s\n")
+                continue
+            known[seed] = one
+            save_closings(known.values())
+            sys.stdout.write(f"{seed}: {one.pulled_mm[-1:]} mm, {one.tip_mm[-1:]} mm, {one.tension_n[-1:]} N\n")
+            sys.stdout.flush()
+
+
+def differences(one: Closing, study: FlexureStudy) -> tuple[Array, Array]:
+    """Return tip differences (K, 2) as shares of the length and tension differences (K,) of a study's closing."""
+    finger = dataclasses.replace(one.finger, study=study)
+    solution = Kernel([finger], FRICTION if one.friction else FRICTIONLESS).solve(one.pulled_mm)
+    used = solution.angle_rad[0].max(axis=1) < min(finger.opening_rad) - FIT_MARGIN_RAD
+    used &= (one.pulled_mm < FIT_PULL_MM) & ~solution.failed[0]
+    tip = (solution.tip_mm[0] - one.tip_mm) / finger.length_from_joint_mm
+    return tip[used], (solution.tension_n[0, :, 0] / one.tension_n - 1.0)[used]
+
+
+def fit() -> FlexureStudy:
+    """Return the constants that fit the study's fingers best."""
+    seen = [one for one in closings() if one.seed in STUDY_SEEDS]
+
+    def residuals(constants: Array) -> Array:
+        parts = [differences(one, FlexureStudy(*constants)) for one in seen]
+        return np.concatenate([np.concatenate([TIP_WEIGHT * tip.ravel(), TENSION_WEIGHT * n]) for tip, n in parts])
+
+    found = least_squares(residuals, FLEXURE_STUDY.constants, x_scale=(0.1, 0.1, 0.1, 0.1), diff_step=1e-4)
+    return FlexureStudy(*found.x.tolist())
+
+
+def report(study: FlexureStudy) -> None:
+    """Print what is left of study and unseen fingers."""
+    groups = {"thesis' bounds": STUDY_SEEDS, "others": OTHER_SEEDS, "unseen": UNSEEN_SEEDS}
+    for name, seeds in groups.items():
+        parts = [differences(one, study) for one in closings() if one.seed in seeds]
+        tip = np.array([np.linalg.norm(t, axis=1).max() for t, _ in parts if len(t)])
+        tension = np.array([np.abs(n).max() for t, n in parts if len(t)])
+        if not len(tip):
+            continue
+        sys.stdout.write(
+            f"{name}: {len(tip)} fingers, largest tip difference {100 * tip.mean():.2f} % in the mean, at most "
+            f"{100 * tip.max():.2f} %; of the tension at most {100 * tension.max():.1f} %\n"
+        )
+
+
+def main() -> int:
+    """Run what is asked for."""
+    if sys.argv[1:] == ["calculix"]:
+        run_calculix()
+    elif sys.argv[1:] == ["fit"]:
+        study = fit()
+        sys.stdout.write(f"{study}\n")
+        report(study)
+    else:
+        sys.stderr.write(f"{__doc__}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
