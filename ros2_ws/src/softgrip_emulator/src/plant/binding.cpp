@@ -218,15 +218,15 @@ void bind_motor(py::module_& module) {
       .def_readwrite("jammed", &Motor::jammed)
       .def("resistance_ohm", &Motor::resistance_ohm, py::arg("winding_c"))
       // Values in, values out: the shaft's attributes are read more often than it turns.
-      .def("turned", [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c,
-                        double winding_c, double duty, double current_limit_a, bool limits_supply, double tension_n,
-                        double supply_v, double dt_s) {
-        const Shaft before{angle_rad, velocity_rad_s, temperature_c, winding_c};
-        const Drive drive{duty, current_limit_a, limits_supply};
-        const Shaft shaft = motor.turned(before, drive, tension_n, supply_v, dt_s);
-        return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.temperature_c, shaft.winding_c,
-                              shaft.current_a, shaft.duty);
-      });
+      .def("turned",
+           [](const Motor& motor, double angle_rad, double velocity_rad_s, double temperature_c, double winding_c,
+              double duty, double current_limit_a, bool limits_supply, double tension_n, double supply_v, double dt_s) {
+             const Shaft before{angle_rad, velocity_rad_s, temperature_c, winding_c};
+             const Drive drive{duty, current_limit_a, limits_supply};
+             const Shaft shaft = motor.turned(before, drive, tension_n, supply_v, dt_s);
+             return py::make_tuple(shaft.angle_rad, shaft.velocity_rad_s, shaft.temperature_c, shaft.winding_c,
+                                   shaft.current_a, shaft.duty);
+           });
 }
 
 void bind_grasp(py::module_& module) {

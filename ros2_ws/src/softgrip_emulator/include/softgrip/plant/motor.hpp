@@ -27,7 +27,8 @@ struct Ratings {
   double winding_to_case_k_per_w, winding_capacity_j_per_k;
 };
 
-// What the firmware asks of the power stage: duty cycle -1..1, and the largest current, of the winding or of the supply.
+// What the firmware asks of the power stage: duty cycle -1..1, and the largest current, of the winding or of the
+// supply.
 struct Drive {
   double duty, current_limit_a;
   bool limits_supply;

@@ -14,7 +14,7 @@ namespace softgrip::gdfe {
 
 class Preconditioner {
  public:
-  // Throws std::runtime_error when the supports leave a motion free.
+  // Throws std::runtime_error where a matrix turns out not to be positive definite.
   Preconditioner(const Problem& problem, const std::vector<Element>& elements, const Settings& settings);
 
   const Unknowns& unknowns() const { return unknowns_; }

@@ -21,7 +21,9 @@ namespace softgrip::gdfe {
 
 class Solver {
  public:
-  // Throws std::invalid_argument for settings that the problem does not allow, std::runtime_error when it is not held.
+  // Throws std::invalid_argument for settings that the problem does not allow, std::runtime_error where the constant
+  // matrix turns out not to be positive definite. Rounding may hide that: whether the mesh is held is for the caller to
+  // check.
   Solver(const Problem& problem, const Settings& settings);
 
   // From a start state: displacements (n, 3), and a tension at the anchor of every cable.

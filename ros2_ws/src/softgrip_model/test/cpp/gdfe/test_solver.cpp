@@ -111,11 +111,5 @@ TEST(Solver, RefusesSectionsWhereContactForcesWouldNotKnowThem) {
   EXPECT_THROW(Solver(different, settings), std::invalid_argument);
 }
 
-TEST(Solver, RefusesAMeshThatNothingHolds) {
-  Problem problem = held_block({2, 1, 1}, {1.0, 1.0, 1.0}, 1.0, 0.3);
-  problem.maps = testing::shared_maps(problem.rest, [](const auto&) { return true; });
-  EXPECT_THROW(Solver(problem, Settings{}), std::runtime_error);
-}
-
 }  // namespace
 }  // namespace softgrip::gdfe
