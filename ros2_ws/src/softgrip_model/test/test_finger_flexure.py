@@ -73,15 +73,16 @@ def largest_differences(one: Closing, joint_model: JointModel) -> tuple[float, f
 
 
 @pytest.mark.parametrize(
-    ("seeds", "tip", "tension"), [(STUDY_SEEDS, 0.010, 0.05), (OTHER_SEEDS, 0.020, 0.07), (UNSEEN_SEEDS, 0.015, 0.05)]
+    ("seeds", "tip", "tension"), [(STUDY_SEEDS, 0.010, 0.05), (OTHER_SEEDS, 0.020, 0.07), (UNSEEN_SEEDS, 0.024, 0.06)]
 )
 def test_fingers_close_as_in_calculix(seeds: range, tip: float, tension: float) -> None:
     """Only the first group was fitted to."""
     found = [one for one in closings() if one.seed in seeds]
     largest = np.array([largest_differences(one, JointModel.FLEXURE) for one in found])
     hinged = np.array([largest_differences(one, JointModel.HINGE) for one in found])
-    assert len(found) == len(seeds) or (found and seeds is UNSEEN_SEEDS)  # CalculiX has not run for all of these yet
+    assert len(found) == len(seeds)
     assert (largest.max(axis=0) <= (tip, tension)).all()
+    assert largest[:, 0].mean() <= 0.009
     assert hinged[:, 0].max() > 0.03  # what mode P leaves
 
 
