@@ -15,12 +15,15 @@ from softgrip_driver.errors import PortLostError
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_emulator.wire.device import Chunk
 from softgrip_emulator.wire.usb_adapter import UsbAdapter
+from softgrip_time import WallClock
 
 RULES = Path(__file__).parents[1] / "udev" / "60-softgrip.rules"
 
 
 class Serial:
     """A pyserial port that may not know low latency, as a pseudo-terminal does not."""
+
+    fd = 3
 
     def __init__(self, *_, error=None, **__):
         self.error, self.low_latency = error, False
@@ -36,7 +39,7 @@ class Serial:
 
 def test_an_open_port_is_asked_for_low_latency(monkeypatch):
     monkeypatch.setattr(port_module.serial, "Serial", Serial)
-    port = BusPort("/dev/ttyUSB0", 1_000_000, 0.004)
+    port = BusPort("/dev/ttyUSB0", 1_000_000, 0.004, WallClock())
     port.open()
     assert port.ser.low_latency is True
 
@@ -60,7 +63,7 @@ def test_a_port_is_named_by_what_it_is(tmp_path, monkeypatch):
     assert naming_advice("/dev/ttyACM0", tmp_path / "none") == ""
     monkeypatch.setattr(port_module, "naming_advice", lambda _: gone)
     with pytest.raises(PortLostError, match=r"there is .*usb-FTDI_U2D2_FT1"):
-        BusPort(str(tmp_path / "ttyUSB0"), 1_000_000, 0.004).open()
+        BusPort(str(tmp_path / "ttyUSB0"), 1_000_000, 0.004, WallClock()).open()
 
 
 class Talker:

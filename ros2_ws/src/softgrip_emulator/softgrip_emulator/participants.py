@@ -100,6 +100,11 @@ class Participants:
                 holder = one
         return holder
 
+    def restart_timeouts(self) -> None:
+        """Let everybody who holds the time have the whole of ``give_up_s`` again."""
+        for one in self.all:
+            one.held_since = None
+
     def limit_s(self) -> float:
         """Return how far the time may run without another packet of anybody [s]."""
         return min((self._limit_s(one) for one in self.all if not one.is_given_up), default=float("inf"))

@@ -40,6 +40,8 @@ _MAX_BEHIND_S: Final = 0.05
 """A participants' time that is further behind the computer's than this is not made up for."""
 _POLL_S: Final = 0.1
 """Longest wait, by the computer's clock, before all is looked at again."""
+_MAX_GAP_S: Final = 0.5
+"""Between two looks, by the computer's clock; after a longer one nobody's silence counts."""
 _JOIN_S: Final = 2.0
 
 
@@ -78,6 +80,7 @@ class TimeServer:
         self._posted: deque[Callable[[], None]] = deque()
         self._speed, self._expected = speed, frozenset(expected)
         self._anchor = (0.0, time.monotonic())
+        self._looked_at = time.monotonic()
         self._connections: dict[int, tuple[socket.socket, Participant | None]] = {}
         self._server: socket.socket | None = None
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -142,6 +145,10 @@ class TimeServer:
             self._posted.popleft()()
         self._serve_ports()
         now_s, computer_s = self.clock.now_s(), time.monotonic()
+        if computer_s - self._looked_at > _MAX_GAP_S:  # this thread was away itself: it blames nobody
+            self._wait(0.0)
+            self.participants.restart_timeouts()
+        self._looked_at = computer_s
         received = {port.terminal: port.received for port in self._ports()}
         holder = self.participants.find_holder(now_s, received, computer_s)
         if holder is not None:
