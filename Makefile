@@ -15,7 +15,7 @@ OUT ?= out
 STAMP := $(VENV)/.setup
 CORES := softgrip_model softgrip_emulator softgrip_vision
 # all but the finger kernel's own files, which are not formatted yet
-CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp' -not -path '*/src/finger/*' -not -name 'finger_*')
+CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help

@@ -16,11 +16,11 @@ enum class ContactKind : std::uint8_t {
 
 struct Contact {
   ContactKind kind = ContactKind::JointLimit;
-  int index = 0;            // joint, or the link that carries the point
-  double along_mm = 0.0;    // from the link's joint to the point
-  double limit_rad = 0.0;   // JointLimit
+  int index = 0;                  // joint, or the link that carries the point
+  double along_mm = 0.0;          // from the link's joint to the point
+  double limit_rad = 0.0;         // JointLimit
   double x_mm = 0.0, y_mm = 0.0;  // Plane: unit normal, towards the free side; Circle: centre; in the base frame
-  double size_mm = 0.0;     // Plane: normal . p >= size; Circle: radius
+  double size_mm = 0.0;           // Plane: normal . p >= size; Circle: radius
 };
 
 inline constexpr int kMaxContacts = 8;

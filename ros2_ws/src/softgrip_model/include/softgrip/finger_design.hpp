@@ -37,8 +37,8 @@ struct Material {
 
 // One-sided stop where the groove flanks meet: moment z^3/(1-z), z = (q - start)/(opening - start), so q < opening.
 struct Stop {
-  double margin_rad = 0.0873;   // it starts this far before the flanks touch (5 deg)
-  double moment_Nmm = 1000.0;   // 0 = no stop
+  double margin_rad = 0.0873;  // it starts this far before the flanks touch (5 deg)
+  double moment_Nmm = 1000.0;  // 0 = no stop
 };
 
 // How links and strips move against each other.
@@ -47,12 +47,13 @@ enum class JointModel : std::uint8_t {
   Flexure = 1,  // mode F: the strip bends along an arc, shortens and shears; links give near it
 };
 
-// What mode F takes from a finite-element study (softgrip_model.finger.flexure has its numbers and where they are from).
+// What mode F takes from a finite-element study (softgrip_model.finger.flexure has its numbers and where they are
+// from).
 struct FlexureStudy {
-  double strip = 1.0;          // bending stiffness over that of a wide plate
-  double link = 1.0;           // the same of the links
-  double spread = 1.0;         // mm deeper per mm along: how a strip's force spreads into its link
-  double attachment = 0.0;     // how far beyond its routing point the cable acts on a link; share of the strip's length
+  double strip = 1.0;       // bending stiffness over that of a wide plate
+  double link = 1.0;        // the same of the links
+  double spread = 1.0;      // mm deeper per mm along: how a strip's force spreads into its link
+  double attachment = 0.0;  // how far beyond its routing point the cable acts on a link; share of the strip's length
 };
 
 struct Cable {
@@ -68,7 +69,7 @@ struct Design {
   PerJoint<double> thickness_mm{};  // h
   PerJoint<double> length_mm{};     // l, of the bending strip
   PerJoint<double> opening_rad{};
-  PerPoint<double> routing_mm{};    // r
+  PerPoint<double> routing_mm{};  // r
   Material material;
   Stop stop;
   Cable cable;
@@ -82,23 +83,25 @@ struct Design {
 // Why an element has no numbers, or what to know about them. The first group leaves NaN, the second does not.
 enum Status : std::uint32_t {
   kOk = 0,
-  kBadDesign = 1u << 0,        // impossible geometry or material, not finite
-  kBadFriction = 1u << 1,      // coefficients outside the law's domain
-  kBadTarget = 1u << 2,        // not finite, or negative tension
-  kFrictionBlowUp = 1u << 3,   // the printed friction law has no value at the angles and tensions met
-  kNotConverged = 1u << 4,     // Newton did not reach an equilibrium
-  kOutOfReach = 1u << 5,       // pulled length beyond what the closed grooves leave
+  kBadDesign = 1u << 0,       // impossible geometry or material, not finite
+  kBadFriction = 1u << 1,     // coefficients outside the law's domain
+  kBadTarget = 1u << 2,       // not finite, or negative tension
+  kFrictionBlowUp = 1u << 3,  // the printed friction law has no value at the angles and tensions met
+  kNotConverged = 1u << 4,    // Newton did not reach an equilibrium
+  kOutOfReach = 1u << 5,      // pulled length beyond what the closed grooves leave
   kFailure = (1u << 8) - 1,
 
-  kReversing = 1u << 8,          // the cable runs backwards at some point while pulling: follow the path instead
-  kStopEngaged = 1u << 9,        // a groove is closing on its stop
-  kStrainOutside = 1u << 10,     // strip strained beyond the measured modulus
-  kTensionOutside = 1u << 11,    // friction used outside the calibrated tensions
-  kAngleOutside = 1u << 12,      // friction used above the calibrated wrap angles
-  kSlack = 1u << 13,             // nothing pulled: straight finger, no tension
+  kReversing = 1u << 8,        // the cable runs backwards at some point while pulling: follow the path instead
+  kStopEngaged = 1u << 9,      // a groove is closing on its stop
+  kStrainOutside = 1u << 10,   // strip strained beyond the measured modulus
+  kTensionOutside = 1u << 11,  // friction used outside the calibrated tensions
+  kAngleOutside = 1u << 12,    // friction used above the calibrated wrap angles
+  kSlack = 1u << 13,           // nothing pulled: straight finger, no tension
 };
 
-inline bool finite_positive(double value) { return std::isfinite(value) && value > 0.0; }
+inline bool finite_positive(double value) {
+  return std::isfinite(value) && value > 0.0;
+}
 
 // True when the numbers describe a finger; the Python face says which one does not.
 inline bool sound(const Design& d) {
@@ -108,7 +111,8 @@ inline bool sound(const Design& d) {
   }
   if (!finite_positive(d.body_mm) || !(d.poisson >= 0.0 && d.poisson < 0.5)) return false;
   if (!(d.cable.compliance_per_N >= 0.0) || !(d.cable.lead_mm >= 0.0) || !(d.base_mm >= 0.0)) return false;
-  if (!(d.stop.moment_Nmm >= 0.0) || !finite_positive(d.stop.margin_rad) || !(d.angle_smoothing_rad >= 0.0)) return false;
+  if (!(d.stop.moment_Nmm >= 0.0) || !finite_positive(d.stop.margin_rad) || !(d.angle_smoothing_rad >= 0.0))
+    return false;
   for (int j = 0; j < d.joints; ++j) {
     const bool lengths = finite_positive(d.link_mm[j]) && finite_positive(d.thickness_mm[j]) &&
                          finite_positive(d.length_mm[j]) && finite_positive(d.width_mm[j]) &&

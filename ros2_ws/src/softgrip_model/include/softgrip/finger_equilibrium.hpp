@@ -49,12 +49,12 @@ struct Finger {
   friction::Range angle_rad, log_tension;  // calibrated; looked at once a solution is found
   PerJoint<Strip> strip;
   PerJoint<double> straight_span_mm{}, straight_arm_mm{};
-  std::array<double, kMaxJoints + 1> slope_rad{};         // of the cable inside link k-1; 0 before joint 0 and at the tip
-  std::array<double, kMaxJoints + 1> link_span_mm{};      // cable inside link k-1
-  double reach_mm = 0.0;                                  // pulled length with all grooves shut
-  FlexureSides sides;                                     // mode F alone, like the next two
+  std::array<double, kMaxJoints + 1> slope_rad{};     // of the cable inside link k-1; 0 before joint 0 and at the tip
+  std::array<double, kMaxJoints + 1> link_span_mm{};  // cable inside link k-1
+  double reach_mm = 0.0;                              // pulled length with all grooves shut
+  FlexureSides sides;                                 // mode F alone, like the next two
   FlexuresOf<double> flexure;
-  PerJoint<std::array<double, 3>> response_per_N{};       // of (q, u, v) of the straight finger
+  PerJoint<std::array<double, 3>> response_per_N{};  // of (q, u, v) of the straight finger
 
   bool is_flexure() const { return design.joint_model == JointModel::Flexure; }
 
@@ -199,8 +199,8 @@ struct FlexurePass {
   std::array<Real, 3> residual;
   Real log_across, log_before;
   Real phi_entry, phi_exit, strip_bend_rad;
-  Real span_mm, taken_mm, link_turn_rad;  // taken: by the joint's groove and by the link that becomes shorter; turn: up to
-                                          // the middle of the last link
+  Real span_mm, taken_mm, link_turn_rad;  // taken: by the joint's groove and by the link that becomes shorter; turn: up
+                                          // to the middle of the last link
   std::uint8_t friction_status = 0;
 
   template <typename Coefficients>
@@ -219,8 +219,9 @@ struct FlexurePass {
     log_before = past(finger, phi_entry, log_across, coefficients);
 
     const Moment stop = stop_moment(d.stop, d.opening_rad[j], value_of(q));
-    joint.load(tension, [&](const Real& bend) { return finger.strip_moment(f, j, bend); },
-               q.through(stop.value_Nmm, stop.d_angle));
+    joint.load(
+        tension, [&](const Real& bend) { return finger.strip_moment(f, j, bend); },
+        q.through(stop.value_Nmm, stop.d_angle));
     residual = joint.residual;
     strip_bend_rad = joint.bend_rad;
     span_mm = joint.span_mm;
@@ -257,7 +258,7 @@ struct SweepOf {
   PerPoint<Linear<Real>> phi_rad;
   PerJoint<Linear<Real>> strip_bend_rad;
   Linear<Real> pulled_mm{};
-  Linear<Real> link_turn_rad{};                    // of all links together, up to the middle of the last
+  Linear<Real> link_turn_rad{};  // of all links together, up to the middle of the last
   Real log_tip_step;
   std::uint8_t friction_status = 0;
 
@@ -329,8 +330,10 @@ struct SweepOf {
     friction_status |= joint.exit.law.status | joint.entry.law.status;
   }
 
-  // Mode F: past the link behind a joint and the joint, whose unknowns are its turn and the shift of the frame beyond it.
-  SOFTGRIP_APART void flexure(const Finger& finger, int j, const State& x, Linear<double>& along, friction::Tension& beyond) {
+  // Mode F: past the link behind a joint and the joint, whose unknowns are its turn and the shift of the frame beyond
+  // it.
+  SOFTGRIP_APART void flexure(const Finger& finger, int j, const State& x, Linear<double>& along,
+                              friction::Tension& beyond) {
     using Local = Jet<4>;  // to q, u, v and ln of the tension beyond
     const Design& d = finger.design;
     const FlexuresOf<double>& f = finger.flexure;
@@ -429,7 +432,8 @@ inline void accept(const Finger& finger, const SweepOf<Real>& sweep, Equilibrium
     out.pull_rate[j] = taken * per_pull;
     out.status |= where(out.pull_rate[j] < -1e-9, kReversing);
     if (d.stop.moment_Nmm > 0.0) out.status |= where(q > d.opening_rad[j] - d.stop.margin_rad, kStopEngaged);
-    out.status |= where(finger.strip[j].surface_strain(sweep.strip_bend_rad[j].after(ds)) > d.material.max_strain, kStrainOutside);
+    out.status |= where(finger.strip[j].surface_strain(sweep.strip_bend_rad[j].after(ds)) > d.material.max_strain,
+                        kStrainOutside);
   }
 }
 
@@ -497,8 +501,8 @@ inline void newton(const Finger& finger, State x, Control control, double target
   }
 }
 
-// Newton for lanes from good starts. Where a start is so poor that Newton needs damping, or a lane has no value, it gives
-// up (false): those targets are better looked at one by one.
+// Newton for lanes from good starts. Where a start is so poor that Newton needs damping, or a lane has no value, it
+// gives up (false): those targets are better looked at one by one.
 template <typename Real>
 inline bool newton_lanes(const Finger& finger, StateOf<Real> x, Control control, const Real& wanted,
                          EquilibriumOf<Real>& out) {

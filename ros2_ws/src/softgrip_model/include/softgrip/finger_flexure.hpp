@@ -11,7 +11,8 @@
 #include "softgrip/finger_joint.hpp"
 #include "softgrip/jet.hpp"
 
-// Functions of mode F stay functions where all of a closing's is inlined for every processor: it would be compiled often.
+// Functions of mode F stay functions where all of a closing's is inlined for every processor: it would be compiled
+// often.
 #if defined(__GNUC__)
 #define SOFTGRIP_APART __attribute__((noinline))
 #else
@@ -49,7 +50,9 @@ struct ComplianceOf {
 using ShapeJet = Jet<2>;
 
 // Stress per strain along a plate that cannot contract across, and of a rectangular section in shear.
-inline double plate_modulus_MPa(const Design& d) { return d.material.constant_MPa / (1.0 - d.poisson * d.poisson); }
+inline double plate_modulus_MPa(const Design& d) {
+  return d.material.constant_MPa / (1.0 - d.poisson * d.poisson);
+}
 inline double shear_modulus_MPa(const Design& d) {
   constexpr double kShearShare = 5.0 / 6.0;
   return kShearShare * d.material.constant_MPa / (2.0 * (1.0 + d.poisson));
@@ -59,9 +62,14 @@ inline double shear_modulus_MPa(const Design& d) {
 class LinkSection {
  public:
   LinkSection(const Design& d, int joint, const ShapeJet& thickness)
-      : thickness_(thickness), half_length_(0.5 * d.length_mm[joint]), body_(d.body_mm),
-        per_slope_(1.0 / std::tan(0.5 * d.opening_rad[joint])), spread_(d.study.spread),
-        width_(d.width_mm[joint]), modulus_(d.study.link * plate_modulus_MPa(d)), shear_modulus_(shear_modulus_MPa(d)) {}
+      : thickness_(thickness),
+        half_length_(0.5 * d.length_mm[joint]),
+        body_(d.body_mm),
+        per_slope_(1.0 / std::tan(0.5 * d.opening_rad[joint])),
+        spread_(d.study.spread),
+        width_(d.width_mm[joint]),
+        modulus_(d.study.link * plate_modulus_MPa(d)),
+        shear_modulus_(shear_modulus_MPa(d)) {}
 
   // Of the beam between x = `from` and `to` (mm from the apex), held at its far end, loaded at x = `at` on the line of
   // the apexes; a positive shear is one whose closing moment grows with the distance from there.
@@ -117,9 +125,8 @@ struct JointSide {
     // the cable pulls at its routing point, or at the strip's end where that hangs in the groove
     const ShapeJet apart = place - half_length;
     constexpr double kRound_mm = 1.0;
-    const ShapeJet attached =
-        0.5 * (place + half_length + sqrt(ShapeJet(apart * apart + kRound_mm * kRound_mm))) +
-        d.study.attachment * d.length_mm[joint];
+    const ShapeJet attached = 0.5 * (place + half_length + sqrt(ShapeJet(apart * apart + kRound_mm * kRound_mm))) +
+                              d.study.attachment * d.length_mm[joint];
     root = section.compliance(ShapeJet(half_length), attached, half_length);
     link = section.compliance(attached, ShapeJet(link_half_mm), 0.0);
   }
@@ -130,8 +137,8 @@ template <typename Real>
 struct FlexureOf {
   Real entry_mm{}, exit_mm{};
   double half_sine = 0.0, half_cosine = 1.0, half_length_mm = 0.0;
-  ComplianceOf<Real> before, beyond;                     // of the roots; the first joint's is held
-  Real axial_per_N{}, shear_per_N{}, bow_per_Nmm{};      // strain; shift; shift by a moment that grows along the strip
+  ComplianceOf<Real> before, beyond;                 // of the roots; the first joint's is held
+  Real axial_per_N{}, shear_per_N{}, bow_per_Nmm{};  // strain; shift; shift by a moment that grows along the strip
 };
 
 template <typename Real>
@@ -175,9 +182,9 @@ std::array<Right, 3> solved(const std::array<Residual, 3>& residual, const std::
 // A joint at one state. `Real` carries the derivatives, `Shape` those of the design (or none).
 template <typename Real, typename Shape>
 struct FlexureState {
-  Real span_mm, direction_rad;  // of the cable across the groove; the direction in the frame before the joint
-  Real force_x, force_y;        // unit, of the cable's pull
-  Real bend_rad;                // of the strip itself
+  Real span_mm, direction_rad;   // of the cable across the groove; the direction in the frame before the joint
+  Real force_x, force_y;         // unit, of the cable's pull
+  Real bend_rad;                 // of the strip itself
   std::array<Real, 3> residual;  // [N mm], [mm], [mm]
 
   FlexureState(const FlexureOf<Shape>& f, const Real& q, const Real& u, const Real& v) : f_(f), q_(q), u_(u), v_(v) {
@@ -243,7 +250,7 @@ struct FlexuresOf {
   PerJoint<LinkEndOf<Real>> exit_end, entry_end;  // of link j: behind joint j, before joint j+1 (or at the tip)
   PerJoint<Real> straight_span_mm{}, thickness_mm{};
   std::array<Real, kMaxJoints + 1> slope_rad{}, link_span_mm{};  // of the cable inside link k-1
-  Real softness{};  // 1 over a factor on all moduli
+  Real softness{};                                               // 1 over a factor on all moduli
 };
 
 // What takes integrals of the design: once for each finger.
@@ -254,7 +261,8 @@ struct FlexureSides {
   FlexureSides() = default;
   explicit FlexureSides(const Design& d) {
     for (int j = 0; j < d.joints; ++j) {
-      const double before = j > 0 ? 0.5 * d.link_mm[j - 1] : d.routing_mm[0] + d.length_mm[0];  // held: of no consequence
+      const double before =
+          j > 0 ? 0.5 * d.link_mm[j - 1] : d.routing_mm[0] + d.length_mm[0];  // held: of no consequence
       entry[j] = JointSide(d, j, d.routing_mm[2 * j], before);
       exit[j] = JointSide(d, j, d.routing_mm[2 * j + 1], 0.5 * d.link_mm[j]);
     }
@@ -318,15 +326,18 @@ FlexuresOf<Real> flexures_of(const Design& d, const FlexureSides& sides, const P
     out.slope_rad[j + 1] = direction_of(Real(-1.0 * deeper), dx);
     const Real along = dx * per_span, across = deeper * per_span;
     out.exit_end[j] = end(inner, along * depth - across * x, along, across);
-    out.entry_end[j] = end(lifted(next.link, j + 1, 2 * j + 2), along * next_depth + across * next_x, along, -1.0 * across);
+    out.entry_end[j] =
+        end(lifted(next.link, j + 1, 2 * j + 2), along * next_depth + across * next_x, along, -1.0 * across);
   }
   return out;
 }
 
 // The link behind a joint at a tension: from the frame at its near end to the one at its far end.
 template <typename Real, typename Shape>
-PoseOf<Real> link_pose(double length_mm, const LinkEndOf<Shape>& exit, const LinkEndOf<Shape>& entry, const Real& tension) {
-  const PoseOf<Real> behind = PoseOf<Real>::turned(exit.turn * tension, exit.along * tension, -1.0 * exit.across * tension);
+PoseOf<Real> link_pose(double length_mm, const LinkEndOf<Shape>& exit, const LinkEndOf<Shape>& entry,
+                       const Real& tension) {
+  const PoseOf<Real> behind =
+      PoseOf<Real>::turned(exit.turn * tension, exit.along * tension, -1.0 * exit.across * tension);
   const PoseOf<Real> ahead = PoseOf<Real>::turned(-1.0 * entry.turn * tension, length_mm - entry.along * tension,
                                                   -1.0 * entry.across * tension);
   return behind.inverse().after(ahead);

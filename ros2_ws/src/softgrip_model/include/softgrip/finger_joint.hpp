@@ -38,8 +38,8 @@ struct SmallTurn {
   }
 };
 
-// Directions of one angle after another, each by a small turn from the last one that was worked out in full: a few products
-// instead of two library functions.
+// Directions of one angle after another, each by a small turn from the last one that was worked out in full: a few
+// products instead of two library functions.
 class Turning {
  public:
   Direction at(double rad) {
@@ -75,7 +75,8 @@ class TurningHalfAngle {
     const Direction to = turn.applied_to(kept_.half);
     const double sum = ra + rb, difference = rb - ra;
     const double across = -sum * difference * turn.sine;
-    const double along = sum * sum * kept_.half.sine * to.sine + difference * difference * kept_.half.cosine * to.cosine;
+    const double along =
+        sum * sum * kept_.half.sine * to.sine + difference * difference * kept_.half.cosine * to.cosine;
     const double t = across / along, t2 = t * t;
     if (!(std::abs(t) < SmallTurn::kLargest_rad)) return kept_ = HalfAngle(half_rad, ra, rb);
     const double arc = t * (1.0 + t2 * (-1.0 / 3 + t2 * (1.0 / 5 + t2 * (-1.0 / 7 + t2 * (1.0 / 9)))));
@@ -151,8 +152,7 @@ class Strip {
  public:
   Strip() = default;
   Strip(const Material& material, double width, double thickness, double length)
-      : material_(material), width_(width), half_(0.5 * thickness), length_(length),
-        strain_per_angle_(half_ / length) {
+      : material_(material), width_(width), half_(0.5 * thickness), length_(length), strain_per_angle_(half_ / length) {
     const double h3 = half_ * half_ * half_;
     linear_ = 2.0 * width * material.constant_MPa * h3 / (3.0 * length);
     if (material.law == MomentLaw::SignedTangent || material.law == MomentLaw::AbsoluteTangent) {
@@ -205,7 +205,7 @@ class Strip {
       if (all(abs(step) < 1e-15)) break;
     }
     const Real d_shift = (b / 3.0 * x - 2.0 * a / 3.0 * x * shift) / slope;  // d shift / dx
-    const double factor = width_ * half_ * half_;  // w/k^2 x^3 = w H^2 x
+    const double factor = width_ * half_ * half_;                            // w/k^2 x^3 = w H^2 x
     const Real bracket = 2.0 * a * x2 / 15.0 + 2.0 / 3.0 * (a * shift - b) * shift + 2.0 / 3.0 * c;
     const Real d_bracket = 4.0 * a * x / 15.0 + 2.0 / 3.0 * (2.0 * a * shift - b) * d_shift;
     return {factor * x * bracket, factor * (bracket + x * d_bracket) * half_ / length_};

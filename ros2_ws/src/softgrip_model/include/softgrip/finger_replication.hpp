@@ -10,9 +10,9 @@
 namespace softgrip::finger {
 
 struct Replication {
-  double passage_radius_mm = 0.0;    // of the cable's hole; a point counts once the cable bears on it; 0 = always
+  double passage_radius_mm = 0.0;  // of the cable's hole; a point counts once the cable bears on it; 0 = always
   double cable_radius_mm = 0.0;
-  double neighbour_mm = 35.0;        // where the cable is held before the first and beyond the last point
+  double neighbour_mm = 35.0;  // where the cable is held before the first and beyond the last point
   double initial_tension_N = 0.05;
 };
 

@@ -2,7 +2,8 @@
 // Exact derivatives of an equilibrium, by the implicit function theorem on the same arrow that Newton uses.
 //
 // Rows:    q_0..q_{n-1} [rad], tip x, tip y [mm], actuator tension, tip tension [N], pulled length [mm].
-// Columns: the prescribed quantity; h_0..h_{n-1}; r_0..r_{2n-1} [mm]; the friction coefficients; a factor on all moduli.
+// Columns: the prescribed quantity; h_0..h_{n-1}; r_0..r_{2n-1} [mm]; the friction coefficients; a factor on all
+// moduli.
 #pragma once
 
 #include <Eigen/LU>
@@ -14,7 +15,9 @@ namespace softgrip::finger {
 inline constexpr int kMaxRows = kMaxJoints + 5;
 inline constexpr int kMaxColumns = 1 + 3 * kMaxJoints + friction::kMaxCoefficients + 1;
 
-inline int sensitivity_rows(int joints) { return joints + 5; }
+inline int sensitivity_rows(int joints) {
+  return joints + 5;
+}
 inline int sensitivity_columns(int joints, friction::Law law) {
   return 3 * joints + friction::coefficient_count(law) + 2;
 }
@@ -25,7 +28,8 @@ struct TipOf {
 };
 using Tip = TipOf<double>;
 
-// In the base frame: x along the straight finger from joint 0, closing towards -y. `directions` gives the links' directions.
+// In the base frame: x along the straight finger from joint 0, closing towards -y. `directions` gives the links'
+// directions.
 template <typename Real, typename Directions>
 TipOf<Real> tip_of(const Design& d, const PerJoint<Real>& angle_rad, Directions&& directions) {
   TipOf<Real> tip;
@@ -55,8 +59,8 @@ namespace detail {
 
 // Derivatives of the cable's slope inside link k to the two routing distances that span it.
 struct SlopeRouting {
-  double to_exit = 0.0, to_entry = 0.0;              // r_{2k-1}, r_{2k}
-  double span_to_exit = 0.0, span_to_entry = 0.0;    // of the span's length
+  double to_exit = 0.0, to_entry = 0.0;            // r_{2k-1}, r_{2k}
+  double span_to_exit = 0.0, span_to_entry = 0.0;  // of the span's length
 
   SlopeRouting(const Finger& finger, int k) {
     const Design& d = finger.design;
@@ -81,7 +85,9 @@ struct SlopeRouting {
 class SensitivityPass {
  public:
   SensitivityPass(const Finger& finger, const Equilibrium& at, Control control, double target)
-      : finger_(finger), d_(finger.design), n_(d_.joints),
+      : finger_(finger),
+        d_(finger.design),
+        n_(d_.joints),
         coefficients_(friction::coefficient_count(finger.friction.model.law)),
         columns_(sensitivity_columns(n_, finger.friction.model.law)) {
     log_slope_ = 1.0;
@@ -240,7 +246,9 @@ template <int kJoints>
 class FlexureSensitivity {
  public:
   FlexureSensitivity(const Finger& finger, const Equilibrium& at, Control control, double target)
-      : finger_(finger), n_(finger.design.joints), unknowns_(3 * n_ + 1),
+      : finger_(finger),
+        n_(finger.design.joints),
+        unknowns_(3 * n_ + 1),
         coefficients_(friction::coefficient_count(finger.friction.model.law)) {
     const Design& d = finger.design;
     PerJoint<Real> thickness, q;

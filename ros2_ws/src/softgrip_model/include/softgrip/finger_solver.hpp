@@ -76,8 +76,8 @@ inline Equilibrium solve(const Finger& finger, Control control, double target) {
   return found;
 }
 
-// Equilibria along growing targets, each started where the last six lead: then one Newton step suffices, or two for lanes
-// of targets solved together.
+// Equilibria along growing targets, each started where the last six lead: then one Newton step suffices, or two for
+// lanes of targets solved together.
 class March {
  public:
   explicit March(const Finger& finger, Control control) : finger_(finger), control_(control) {}
@@ -110,15 +110,16 @@ class March {
     }
     const Real& wanted = control_ == Control::Tension ? log_target : target;
     if (!newton_lanes(finger_, ahead(target, log_target), control_, wanted, found)) return false;
-    for (int i = std::max(0, kNext - kPoints); i < kNext; ++i) remember(target[i], log_target[i], lane_of(found.state, i));
+    for (int i = std::max(0, kNext - kPoints); i < kNext; ++i)
+      remember(target[i], log_target[i], lane_of(found.state, i));
     return true;
   }
 
  private:
   static constexpr int kPoints = 6;
 
-  // Lagrange extrapolation over u = ln(target) of angle/target and ln(tension/target): down to the straight finger these
-  // are smooth in u, while angle and ln(tension) are not polynomials in the target.
+  // Lagrange extrapolation over u = ln(target) of angle/target and ln(tension/target): down to the straight finger
+  // these are smooth in u, while angle and ln(tension) are not polynomials in the target.
   template <typename Real>
   StateOf<Real> ahead(const Real& target, const Real& u) const {
     const int n = finger_.design.joints;

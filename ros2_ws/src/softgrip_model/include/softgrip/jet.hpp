@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A number with its derivatives to n variables: formulas written once for doubles give exact derivatives (forward mode).
+// A number with its derivatives to n variables: formulas written once for doubles give exact derivatives (forward
+// mode).
 #pragma once
 
 #include <array>
@@ -68,7 +69,9 @@ struct Jet {
   friend bool operator>(const Jet& a, const Jet& b) { return a.value > b.value; }
 };
 
-inline double value_of(double x) { return x; }
+inline double value_of(double x) {
+  return x;
+}
 template <int n>
 double value_of(const Jet<n>& x) {
   return x.value;
@@ -95,7 +98,9 @@ void sine_cosine(const Jet<n>& angle, Jet<n>& sine, Jet<n>& cosine) {
   sine = angle.through(s, c);
   cosine = angle.through(c, -s);
 }
-inline double direction_of(double y, double x) { return std::atan2(y, x); }
+inline double direction_of(double y, double x) {
+  return std::atan2(y, x);
+}
 template <int n>
 Jet<n> direction_of(const Jet<n>& y, const Jet<n>& x) {
   Jet<n> out(std::atan2(y.value, x.value));

@@ -37,7 +37,9 @@ void write_gradient(const Finger& finger, const Equilibrium& found, Control cont
   }
 }
 
-std::uint32_t status_of(std::uint32_t status, int) { return status; }
+std::uint32_t status_of(std::uint32_t status, int) {
+  return status;
+}
 template <typename Flags>
 std::uint32_t status_of(const Flags& status, int i) {
   return static_cast<std::uint32_t>(status[i]);
@@ -95,23 +97,23 @@ std::size_t solve_lanes(const Finger& finger, March& marcher, const double* targ
 }
 
 // As many lanes as a register has, or two where that is not known.
-#define SOFTGRIP_SOLVE_SEVERAL(lanes)                                                                               \
-  std::size_t solve_several(const Finger& finger, March& marcher, const double* targets, std::size_t left,          \
-                            std::size_t at, const BatchOut& out) {                                                  \
-    return solve_lanes<lanes>(finger, marcher, targets, left, at, out);                                             \
+#define SOFTGRIP_SOLVE_SEVERAL(lanes)                                                                      \
+  std::size_t solve_several(const Finger& finger, March& marcher, const double* targets, std::size_t left, \
+                            std::size_t at, const BatchOut& out) {                                         \
+    return solve_lanes<lanes>(finger, marcher, targets, left, at, out);                                    \
   }
 #ifdef SOFTGRIP_SEVERAL_PROCESSORS
 __attribute__((target("arch=x86-64-v4"), flatten)) SOFTGRIP_SOLVE_SEVERAL(8)
-__attribute__((target("arch=x86-64-v3"), flatten)) SOFTGRIP_SOLVE_SEVERAL(4)
-__attribute__((target("default"), flatten)) SOFTGRIP_SOLVE_SEVERAL(2)
+    __attribute__((target("arch=x86-64-v3"), flatten)) SOFTGRIP_SOLVE_SEVERAL(4)
+        __attribute__((target("default"), flatten)) SOFTGRIP_SOLVE_SEVERAL(2)
 #else
 SOFTGRIP_SOLVE_SEVERAL(2)
 #endif
 
-// One design at all of its targets.
-SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const friction::Model& friction, const double* targets,
-                                              std::size_t count, Control control, bool march, std::size_t at,
-                                              const BatchOut& out) {
+    // One design at all of its targets.
+    SOFTGRIP_FOR_EACH_PROCESSOR
+    void solve_design(const Design& design, const friction::Model& friction, const double* targets, std::size_t count,
+                      Control control, bool march, std::size_t at, const BatchOut& out) {
   std::uint32_t refusal = sound(design) ? kOk : kBadDesign;
   if (refusal == kOk && !sound(friction)) refusal = kBadFriction;
   Design d = design;

@@ -12,13 +12,13 @@ namespace softgrip::finger {
 
 // Row-major arrays over (design, target, ...); joints = the most any design has, the rest is NaN.
 struct BatchOut {
-  double* angle_rad;    // (m, k, n)
-  double* tension_N;    // (m, k, 2n+1)
-  double* phi_rad;      // (m, k, 2n)
-  double* pull_rate;    // (m, k, n)
-  double* tip_mm;       // (m, k, 2)
-  double* pulled_mm;    // (m, k)
-  double* gradient;     // (m, k, rows, columns) or null
+  double* angle_rad;  // (m, k, n)
+  double* tension_N;  // (m, k, 2n+1)
+  double* phi_rad;    // (m, k, 2n)
+  double* pull_rate;  // (m, k, n)
+  double* tip_mm;     // (m, k, 2)
+  double* pulled_mm;  // (m, k)
+  double* gradient;   // (m, k, rows, columns) or null
   std::uint32_t* status;
   int* iterations;
   int joints;

@@ -25,11 +25,11 @@ void fill(std::array<double, N>& to, const Numbers& from, std::size_t count, con
   std::copy(from.begin(), from.end(), to.begin());
 }
 
-sf::Design make_design(double base, const Numbers& width, const Numbers& link, const Numbers& thickness, const Numbers& length,
-                       const Numbers& opening, const Numbers& routing, const std::array<double, 3>& modulus,
-                       int moment_law, double max_strain, double stop_margin, double stop_moment, double compliance,
-                       double lead, double smoothing, int joint_model, double body, double poisson,
-                       const std::array<double, 4>& study) {
+sf::Design make_design(double base, const Numbers& width, const Numbers& link, const Numbers& thickness,
+                       const Numbers& length, const Numbers& opening, const Numbers& routing,
+                       const std::array<double, 3>& modulus, int moment_law, double max_strain, double stop_margin,
+                       double stop_moment, double compliance, double lead, double smoothing, int joint_model,
+                       double body, double poisson, const std::array<double, 4>& study) {
   sf::Design d;
   const std::size_t n = thickness.size();
   if (n < 1 || n > sf::kMaxJoints) throw std::invalid_argument("expected 1 to 6 joints");
@@ -54,7 +54,7 @@ sf::Design make_design(double base, const Numbers& width, const Numbers& link, c
 
 fr::Model make_friction(int law, int k_reading, const Numbers& coefficients, double radius_mm,
                         const std::pair<double, double>& angle, const std::pair<double, double>& tension) {
-  fr::Model model{static_cast<fr::Law>(law), static_cast<fr::KReading>(k_reading), {}, radius_mm,
+  fr::Model model{static_cast<fr::Law>(law),   static_cast<fr::KReading>(k_reading), {}, radius_mm,
                   {angle.first, angle.second}, {tension.first, tension.second}};
   fill(model.coefficients, coefficients, fr::coefficient_count(model.law), "coefficients");
   return model;
@@ -102,10 +102,16 @@ class Fingers {
     py::array_t<double> gradient({sensitivities ? m : 0, k, rows, columns});
     py::array_t<std::uint32_t> status({m, k});
     py::array_t<int> iterations({m, k});
-    sf::BatchOut out{angle.mutable_data(),  tension.mutable_data(), phi.mutable_data(),
-                     rate.mutable_data(),   tip.mutable_data(),     pulled.mutable_data(),
+    sf::BatchOut out{angle.mutable_data(),
+                     tension.mutable_data(),
+                     phi.mutable_data(),
+                     rate.mutable_data(),
+                     tip.mutable_data(),
+                     pulled.mutable_data(),
                      sensitivities ? gradient.mutable_data() : nullptr,
-                     status.mutable_data(), iterations.mutable_data(), joints_};
+                     status.mutable_data(),
+                     iterations.mutable_data(),
+                     joints_};
     {
       py::gil_scoped_release release;
       sf::solve_batch(designs_, frictions_, targets.data(), static_cast<std::size_t>(k),
@@ -276,8 +282,8 @@ PYBIND11_MODULE(_core, module) {
   py::class_<Fingers>(module, "Fingers")
       .def(py::init<std::vector<sf::Design>, std::vector<fr::Model>>())
       .def("varied", &Fingers::varied)
-      .def("solve", &Fingers::solve, py::arg("targets"), py::arg("control"), py::arg("march"),
-           py::arg("sensitivities"), py::arg("threads"))
+      .def("solve", &Fingers::solve, py::arg("targets"), py::arg("control"), py::arg("march"), py::arg("sensitivities"),
+           py::arg("threads"))
       .def_property_readonly("joints", &Fingers::joints)
       .def("__len__", &Fingers::count);
 }

@@ -29,7 +29,10 @@ class Assembly {
  public:
   Assembly(const Finger& finger, const std::vector<Contact>& contacts, double compliance, const PathStep& before,
            PathStep& at, Control control, double target)
-      : finger_(finger), contacts_(contacts), d_(finger.design), compliance_(compliance),
+      : finger_(finger),
+        contacts_(contacts),
+        d_(finger.design),
+        compliance_(compliance),
         layout_{d_.joints, 2 * d_.joints, 2 * d_.joints + 1, static_cast<int>(contacts.size())},
         at_(at) {
     jacobian.setZero(layout_.size(), layout_.size());
@@ -204,7 +207,9 @@ class Assembly {
 }  // namespace
 
 Path::Path(const Finger& finger, const std::vector<Contact>& contacts, const PathSettings& settings)
-    : finger_(finger), contacts_(contacts), settings_(settings),
+    : finger_(finger),
+      contacts_(contacts),
+      settings_(settings),
       compliance_(std::max(finger.design.cable.compliance_per_N, settings.least_compliance_per_N)),
       now_(slack_step()) {}
 
@@ -268,8 +273,8 @@ bool Path::begin(Control control, double target, PathStep& out) {
   return true;
 }
 
-// Newton for the states assumed; once it stands, the states that it contradicts are changed and it is solved again. Late
-// rounds change one state at a time (the one nearest the actuator), which cannot go round in circles as easily.
+// Newton for the states assumed; once it stands, the states that it contradicts are changed and it is solved again.
+// Late rounds change one state at a time (the one nearest the actuator), which cannot go round in circles as easily.
 bool Path::increment(Control control, double target, PathStep& step) const {
   constexpr int kMostRounds = 60, kRoundsAllAtOnce = 12;
   const PathStep before = step;
@@ -334,7 +339,8 @@ bool Path::settle(Control control, double target, const PathStep& before, PathSt
     for (int c = 0; c < layout.contacts; ++c) step.force_N[c] += scale * move[layout.force(c)];
     if (largest < kSmallest) return true;
     // far outside Coulomb's cone a stuck bend has no state to settle in: it gives way at once
-    if (scale < 1.0 && Assembly(finger_, contacts_, compliance_, before, step, control, target).give_way() > 0) continue;
+    if (scale < 1.0 && Assembly(finger_, contacts_, compliance_, before, step, control, target).give_way() > 0)
+      continue;
   }
   return false;
 }

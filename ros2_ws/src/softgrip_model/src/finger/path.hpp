@@ -3,7 +3,8 @@
 //
 // Each routing point is pulled through, stuck, or let back; which one follows from the path (Coulomb's law with the
 // ratio Rf in either direction). Unknowns: joint angles, ln of every span's tension, contact forces. The laws are
-// complementarity conditions, solved by an active-set method: Newton for assumed states, then the states it contradicts.
+// complementarity conditions, solved by an active-set method: Newton for assumed states, then the states it
+// contradicts.
 #pragma once
 
 #include <vector>
@@ -26,7 +27,7 @@ struct PathStep {
   PerJoint<double> angle_rad{};
   PerSpan<double> log_tension{};
   PerPoint<Slide> slide{};
-  PerPoint<double> slip_mm{};  // cable that has passed each point towards the actuator
+  PerPoint<double> slip_mm{};                  // cable that has passed each point towards the actuator
   std::array<double, kMaxContacts> force_N{};  // N mm at a joint limit
   std::array<double, kMaxContacts> gap_mm{};   // rad at a joint limit
   std::array<bool, kMaxContacts> touches{};
