@@ -111,9 +111,9 @@ SOFTGRIP_SOLVE_SEVERAL(2)
 #endif
 
     // One design at all of its targets.
-    SOFTGRIP_FOR_EACH_PROCESSOR
-    void solve_design(const Design& design, const friction::Model& friction, const double* targets, std::size_t count,
-                      Control control, bool march, std::size_t at, const BatchOut& out) {
+    SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const friction::Model& friction,
+                                                  const double* targets, std::size_t count, Control control, bool march,
+                                                  std::size_t at, const BatchOut& out) {
   std::uint32_t refusal = sound(design) ? kOk : kBadDesign;
   if (refusal == kOk && !sound(friction)) refusal = kBadFriction;
   Design d = design;
