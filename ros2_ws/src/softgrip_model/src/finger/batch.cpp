@@ -102,18 +102,20 @@ std::size_t solve_lanes(const Finger& finger, March& marcher, const double* targ
                             std::size_t at, const BatchOut& out) {                                         \
     return solve_lanes<lanes>(finger, marcher, targets, left, at, out);                                    \
   }
+// clang-format off: definitions by a macro look to it like one long declaration
 #ifdef SOFTGRIP_SEVERAL_PROCESSORS
 __attribute__((target("arch=x86-64-v4"), flatten)) SOFTGRIP_SOLVE_SEVERAL(8)
-    __attribute__((target("arch=x86-64-v3"), flatten)) SOFTGRIP_SOLVE_SEVERAL(4)
-        __attribute__((target("default"), flatten)) SOFTGRIP_SOLVE_SEVERAL(2)
+__attribute__((target("arch=x86-64-v3"), flatten)) SOFTGRIP_SOLVE_SEVERAL(4)
+__attribute__((target("default"), flatten)) SOFTGRIP_SOLVE_SEVERAL(2)
 #else
 SOFTGRIP_SOLVE_SEVERAL(2)
 #endif
+// clang-format on
 
-    // One design at all of its targets.
-    SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const friction::Model& friction,
-                                                  const double* targets, std::size_t count, Control control, bool march,
-                                                  std::size_t at, const BatchOut& out) {
+// One design at all of its targets.
+SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const friction::Model& friction,
+                                              const double* targets, std::size_t count, Control control, bool march,
+                                              std::size_t at, const BatchOut& out) {
   std::uint32_t refusal = sound(design) ? kOk : kBadDesign;
   if (refusal == kOk && !sound(friction)) refusal = kBadFriction;
   Design d = design;
