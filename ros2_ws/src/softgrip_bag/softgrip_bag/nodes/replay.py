@@ -125,6 +125,10 @@ def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str
     return found
 
 
+#: A node that kept up with an emulated cell's time has its times from the bag now, and no cell to wait for.
+_NO_CELL = ("use_sim_time:=false", "lockstep:=''")
+
+
 @contextmanager
 def _set_up(recording: RecordedBag, name: str, ros_arguments: Sequence[str], level: str) -> Iterator[NodeSetUp]:
     """Give what a node that is made now is set up with."""
@@ -133,7 +137,7 @@ def _set_up(recording: RecordedBag, name: str, ros_arguments: Sequence[str], lev
         own = [parameter.format(folder=folder) for parameter in NODES[name].parameters]
         if LATENESS not in found.parameters:
             own.append(f"{LATENESS}:=0.0")
-        given = [*found.arguments, *(word for one in own for word in ("-p", one)), *ros_arguments]
+        given = [*found.arguments, *(word for one in [*own, *_NO_CELL] for word in ("-p", one)), *ros_arguments]
         rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", level, *given])
         try:
             yield found
