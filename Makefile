@@ -78,7 +78,7 @@ test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then ever
 lint: setup  ## ruff and mypy, strict; clang-format
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/clang-format --dry-run --Werror $(CPP)
+	@echo "clang-format of the C++"; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	$(BIN)/python tools/vocabulary.py
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
