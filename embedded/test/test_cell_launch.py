@@ -134,7 +134,7 @@ def test_real_hardware_lives_in_real_time_whatever_anybody_says(bench: str) -> N
     assert values_of("friction_rig", hardware="emulated", rig_time_scale="20.0")["time_scale"] == 20.0
 
 
-NODES = (*ALWAYS, "tendon_driver", "grasp_mix_manager", "gripper_command", "marker_tracker")
+NODES = (*sorted(ALWAYS), "tendon_driver", "grasp_mix_manager", "gripper_command", "marker_tracker")
 
 
 @pytest.mark.parametrize("node", NODES)
