@@ -150,7 +150,8 @@ def test_a_bag_of_ros_2s_own_recorder_is_read_and_replayed_like_ours() -> None:
         output = deserialize_message(raw.data, kind)
         then = tree(recorded[stamp_of(output)])
         named = frozenset({"configuration", "friction_digest"})
-        assert first_difference(then, tree(output), named, tolerance=TOLERANCE) is None
+        # the kernel of that release rounded otherwise
+        assert first_difference(then, tree(output), named, tolerance=max(TOLERANCE, 1e-12)) is None
 
 
 def test_the_bags_are_small() -> None:

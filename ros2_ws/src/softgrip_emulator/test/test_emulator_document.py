@@ -13,7 +13,7 @@ DOCUMENT = Path(__file__).parents[4] / "docs" / "emulator.md"
 
 @pytest.mark.skipif(not DOCUMENT.exists(), reason="the package was installed without the repository's docs")
 def test_the_table_of_faults_is_complete():
-    table = DOCUMENT.read_text(encoding="utf-8").split("## Faults")[1].split("\n\n## Time")[0]
+    table = DOCUMENT.read_text(encoding="utf-8").split("## Faults")[1].split("\n## ")[0]
     rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| ") and not row.startswith("| fault |")]
     named = set(re.findall(r"[a-z_]+", " ".join(rows)))
     assert named == set(BUS_FAULTS) | set(CAMERA_FAULTS)
