@@ -97,7 +97,7 @@ clean:  ## remove what was built
 
 faults: setup  ## every fault of the drives with its time to safe, every process killed and frozen; on an otherwise idle machine
 	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py \
-	  $(SRC)/softgrip_driver/test/test_backend_contract.py tests/faults
+	  $(SRC)/softgrip_driver/test/test_backend_contract.py tests/faults tests/system/test_many_cells.py
 	SOFTGRIP_EVERY_PROCESS=1 $(BIN)/python -m pytest -q -n0 -s tests/system/test_process_faults.py
 
 soak: setup  ## ten minutes of random faults

@@ -144,20 +144,23 @@ def test_a_kill_and_a_closed_terminal_let_go(wire, start, peer, ends):
 
 
 @pytest.mark.parametrize(
-    ("parameter", "message"),
+    ("parameters", "message"),
     [
         ("port:=/nowhere", "expected a free serial port"),
         ("baud:=57600", "at 1000000 baud"),
         ("servo_ids:=[1,2,9]", "found ID 1, 2, 3 instead"),
-        ("servo_models:=[XM430-W350]", "found XL330-M288 (1200)"),
+        ("servo_models:=[XC330-T288] loop_rate:=200.0 speed_m_s:=0.03", "found XL330-M288 (1200)"),
+        ("servo_models:=[XM430-W350]", "expected homing_tension_n of at least 5 N"),
         ("servo_ids:=[1,1,2]", "expected each ID once"),
         ("write_eeprom:=false", "is 250, needs 0"),
         ("loop_rate:=9000.0", "loop_rate"),
     ],
 )
-def test_what_keeps_it_from_starting_is_said(wire, start, parameter, message):
+def test_what_keeps_it_from_starting_is_said(wire, start, parameters, message):
     wire.plant.servos[0].registers.put("return_delay_time", 250)
-    given = [parameter] if parameter.startswith("port") else [f"port:={wire.bus.port.port_name}", parameter]
+    given = parameters.split()
+    if not parameters.startswith("port"):
+        given.insert(0, f"port:={wire.bus.port.port_name}")
     process = start(*given)
     _, errors = process.communicate(timeout=TEST_TIMEOUT_S)
     assert process.returncode == 2
