@@ -116,7 +116,8 @@ fuzz: setup  ## bytes into every parser: atheris on both ends of the wires, 100,
 mutants: setup  ## deliberate errors that tests must notice, score by area; AREA=guards one area, ARGS=--check the list only
 	$(BIN)/python tools/mutants $(if $(AREA),--area $(AREA)) $(ARGS)
 
-crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
+crash: setup  ## the recorder killed a hundred times, its file cut a hundred times, every call of its writer failed once
+	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
 	$(BIN)/python benchmarks/recorder_crash.py
 
 bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
