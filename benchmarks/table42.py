@@ -2,7 +2,7 @@
 """Thesis Table 4.2 on the emulated cell: all 15 products with all three finger sets, grasped, lifted, judged.
 
 Every grasp is a trial with a lift, watched for the thesis' 5 s, decided by the grasp sequence from what real hardware
-gives; the emulated cell runs in virtual time (_virtual_cell). The peer says "success" whatever comes. The note counts
+gives; the emulated cell runs in virtual time. The peer says "success" whatever comes. The note counts
 the verdicts that are what the plant shows (GRIPPED: the product hangs still), whatever the table says. `--write` keeps
 the result where the demo's report shows it.
 """
@@ -14,11 +14,11 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 
 from _claim import claim
-from _virtual_cell import HANGS_S, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_demo.table42 import SHIPPED, CrossCheck, Tried
+from softgrip_testing.virtual_cell import HANGS_S, VirtualCell, task
 
 SETS = ("power", "pinch", "hook")
 SEEDS = (1, 2)

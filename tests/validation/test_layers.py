@@ -32,6 +32,7 @@ MAY_IMPORT = {
     "softgrip_security": set(),
     "softgrip_testing": {
         "softgrip_bag",
+        "softgrip_cell",
         "softgrip_driver",
         "softgrip_emulator",
         "softgrip_model",
