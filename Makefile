@@ -19,7 +19,7 @@ CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcar
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup parts-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
+.PHONY: help setup parts-setup study-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -35,6 +35,13 @@ parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of 
 $(VENV)/.parts: requirements-parts.lock | setup
 	@echo "== solid modelling (build123d, an extra)"
 	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-parts.lock
+	@touch $@
+
+study-setup: $(VENV)/.study  ## Dask for `sweep` and Gymnasium for softgrip_gym (docs/virtual.md)
+
+$(VENV)/.study: requirements-study.lock | setup
+	@echo "== sweeps and environments (Dask distributed, Gymnasium, an extra)"
+	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-study.lock
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -70,7 +77,7 @@ cell: setup  ## the emulated cell in real time, until Ctrl-C
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+test: setup parts-setup study-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
@@ -120,11 +127,11 @@ crash: setup  ## the recorder killed a hundred times, its file cut a hundred tim
 	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
 	$(BIN)/python benchmarks/recorder_crash.py
 
-bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+bench: setup parts-setup study-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 
-docs: setup parts-setup  ## write the documents that scripts make
+docs: setup parts-setup study-setup  ## write the documents that scripts make
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 
 lock:  ## write the locks again, with the hash of every file that may be installed
@@ -133,6 +140,7 @@ lock:  ## write the locks again, with the hash of every file that may be install
 	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
 	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
 	$(UV_LOCK) --no-deps requirements-parts.in -o requirements-parts.lock
+	$(UV_LOCK) --no-deps requirements-study.in -o requirements-study.lock
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
 	@mkdir -p $(OUT)

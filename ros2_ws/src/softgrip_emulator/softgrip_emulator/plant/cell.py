@@ -17,7 +17,7 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank
 from softgrip_emulator.plant.grasp import PlantGrasp
 from softgrip_emulator.plant.motor import Motor
-from softgrip_emulator.plant.products import product
+from softgrip_emulator.plant.products import PlantProduct, product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
 
 if TYPE_CHECKING:
@@ -160,8 +160,12 @@ class CellPlant:
                 self.disturbances.extra_slack_m.pop(self.slots[index], None)
             self._rebuild(keep=[i for i in range(len(self.slots)) if i not in drawn])
 
-    def place(self, name: str, offset_m: float = 0.0) -> None:
+    def place(self, name: str | PlantProduct, offset_m: float = 0.0) -> None:
         """Present the next item of a product to the fingers; an empty name takes it away.
+
+        Args:
+            name: one of the shipped products, or any other as itself.
+            offset_m: from the grasp's middle, along the palm [m].
 
         Raises:
             EmulatorError: no such product, or an offset beyond the palm.
@@ -170,9 +174,9 @@ class CellPlant:
             raise EmulatorError(
                 f"place: expected an offset within {_MAX_OFFSET_M} m of the grasp's middle, found {offset_m}"
             )
-        kind = product(name) if name else None
+        kind = product(name) if name and isinstance(name, str) else name
         with self.lock:
-            item = None if kind is None else kind.copy_of(self._crate)
+            item = kind.copy_of(self._crate) if isinstance(kind, PlantProduct) else None
             self.grasp.place(item, next((f.profile for f in self.mounted if f is not None), ""), offset_m)
             self._calm_s = 0.0
 
