@@ -11,10 +11,10 @@ import pytest
 
 from softgrip_description.cell_file import load_cell, node_parameters, read_shipped
 from softgrip_driver.commands import wizard as command
+from softgrip_driver.commands.person import TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.configuration import checked_configuration
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, WrongDeviceError
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
-from softgrip_driver.commands.person import TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
 from softgrip_emulator.dynamixel.chain import DynamixelChain

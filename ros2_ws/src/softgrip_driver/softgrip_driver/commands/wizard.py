@@ -10,11 +10,11 @@ from pathlib import Path
 
 from softgrip_description.errors import CellFileError
 from softgrip_driver.commands.common import DONE, FAILED, number, parser, run
+from softgrip_driver.commands.person import Person, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.dynamixel.adapter import stable_names
 from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.wizard.direction import SpoolPull
-from softgrip_driver.commands.person import Person, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
 

@@ -80,7 +80,7 @@ def describe_past(found: Found) -> str:
     if (found.servo_id, found.baud) == (FACTORY_ID, FACTORY_BAUD):
         return ""
     return (
-        f"it was used before: expected ID {FACTORY_ID} at {FACTORY_BAUD} baud, found ID {found.servo_id} at {found.baud}"
+        f"it was used: expected ID {FACTORY_ID} at {FACTORY_BAUD} baud, found ID {found.servo_id} at {found.baud}"
         "; it is set up all the same"
     )
 

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
 from softgrip_driver.commands import selftest
+from softgrip_driver.commands.person import Person
 from softgrip_driver.configuration import LIMIT_PARAMETERS, SHIPPED_LOOP_RATE, required_parameters
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.dynamixel.backend import DynamixelBackend
@@ -24,7 +25,6 @@ from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
 from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
-from softgrip_driver.commands.person import Person
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 
 Result = TypeVar("Result")
