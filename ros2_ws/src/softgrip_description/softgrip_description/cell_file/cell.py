@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One cell as frozen values: servos, hand, camera, rig, folders, and parameters that differ; read from YAML, written to it.
+"""One cell as frozen values: servos, hand, camera, rig, folders, parameters that differ; read from YAML, written to it.
 
 A device whose section is left out is one that the cell does not have. Paths in a file are relative to its folder.
 """

@@ -65,6 +65,8 @@ class ServoPlace:
     baud: int = 1_000_000
     return_delay_us: int = 500
     spool_radius_m: float = 0.010
+    spool_direction: int = 1
+    """-1: the tendon comes off the other side, so that a negative rotation winds it."""
     limits_winding: bool = False
     """Which current an XL330 or XC330 limits: the winding's, or the supply's (see `EmulatedServo`)."""
 
@@ -123,7 +125,7 @@ class CellPlant:
             servo.shaft.angle_rad = rng.uniform(-12.0, 12.0)
             servo.shaft.supply_v = self.supply.voltage_v
             servo.lose_power(-10.0)
-            radius = place.spool_radius_m * rng.normal(1.0, 0.003)
+            radius = place.spool_direction * place.spool_radius_m * rng.normal(1.0, 0.003)
             self.servos.append(servo)
             self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
         self.grasp = PlantGrasp(self.slots)
