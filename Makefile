@@ -19,7 +19,7 @@ CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcar
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup parts-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
+.PHONY: help setup parts-setup docs-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs site docs-test lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -35,6 +35,13 @@ parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of 
 $(VENV)/.parts: requirements-parts.lock | setup
 	@echo "== solid modelling (build123d, an extra)"
 	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-parts.lock
+	@touch $@
+
+docs-setup: $(VENV)/.docs  ## Sphinx and what else makes the documentation's site, 40 MB
+
+$(VENV)/.docs: requirements-docs.lock | setup
+	@echo "== the documentation's site (Sphinx, an extra)"
+	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-docs.lock
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -75,11 +82,12 @@ test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then ever
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
 
-lint: setup  ## ruff and mypy, strict; clang-format
+lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@echo "clang-format of the C++"; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	$(BIN)/python tools/vocabulary.py
+	$(BIN)/python tools/pages/links.py
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
 format: setup  ## format Python and C++
@@ -123,8 +131,14 @@ bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/be
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 
-docs: setup parts-setup  ## write the documents that scripts make
+docs: setup parts-setup docs-setup  ## write the documents that scripts make, then the site into out/site
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
+	$(MAKE) site
+
+site: setup parts-setup docs-setup  ## the documentation's site alone, into out/site; a warning is an error
+	$(BIN)/python tools/docs/reference.py
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
+	@echo "$(OUT)/site/index.html"
 
 lock:  ## write the locks again, with the hash of every file that may be installed
 	$(BIN)/python -m pip install -q uv
@@ -132,6 +146,7 @@ lock:  ## write the locks again, with the hash of every file that may be install
 	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
 	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
 	$(UV_LOCK) --no-deps requirements-parts.in -o requirements-parts.lock
+	$(UV_LOCK) --no-deps requirements-docs.in -o requirements-docs.lock
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
 	@mkdir -p $(OUT)
