@@ -140,6 +140,10 @@ site: setup parts-setup docs-setup  ## the documentation's site alone, into out/
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
 	@echo "$(OUT)/site/index.html"
 
+docs-test: setup parts-setup docs-setup  ## every code block of the tutorials and guides, also the long ones; then the site
+	SOFTGRIP_LONG_BLOCKS=1 $(BIN)/python -m pytest -q -n0 tests/documents
+	$(MAKE) site
+
 lock:  ## write the locks again, with the hash of every file that may be installed
 	$(BIN)/python -m pip install -q uv
 	$(UV_LOCK) requirements.in -o requirements.lock
