@@ -39,7 +39,7 @@ TOP += (
     ".venv",
     "pyproject.toml",
 )
-LANGUAGES = ("sh", "python", "yaml", "text", "csv", "sql")
+LANGUAGES = ("sh", "python", "yaml", "text")
 BACKGROUND_START_S = 180.0
 _BLOCK = re.compile(
     r"(?:^<!-- (?P<mark>[a-z]+)(?:: (?P<value>[^\n]*?))? -->\n)?^```(?P<language>[a-z]*)\n(?P<text>.*?)^```$",
@@ -87,8 +87,8 @@ def blocks_of(page: Path) -> list[Block]:
         block = Block(page, line, one["language"], one["text"], one["mark"] or "", one["value"] or "")
         if block.language not in LANGUAGES:
             raise BlockError(f"{block.place}: expected one of {', '.join(LANGUAGES)}, found '{block.language}'")
-        if block.language != "text" and not block.mark.isalpha() and block.language in {"yaml", "csv"}:
-            raise BlockError(f"{block.place}: expected the name of the file in a comment above, found none")
+        if block.language in {"yaml", "text"} and not block.mark:
+            raise BlockError(f"{block.place}: expected a comment above that says what it is, found none")
         found.append(block)
     return found
 
@@ -253,6 +253,7 @@ def _problem(words: list[str]) -> str:
             return f"expected one of {', '.join(known.get(package, known))}, found {package} {name}"
         if commands.is_node(module):
             return ""
+        words = words[: words.index("--ros-args")] if "--ros-args" in words else words
         text = commands.help_of(name, module)
         missing = [word for word in words[4:] if word.startswith("--") and word.partition("=")[0] not in text]
         return f"{name}: expected options of its --help, found {missing}" if missing and "{" not in text else ""
