@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from softgrip_model.finger import Finger, close
+from softgrip_model.finger import Finger, MomentLaw, Strip, close
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe import ConstitutiveLaw, Mesh, Ogden, Solver, SolverSettings, Supports, VolumeShape, bar
 from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings, ClosingShape
@@ -47,6 +48,7 @@ from softgrip_model.gdfe.thesis_bars import BarCase, difference, five_materials,
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.calculix_cable import ClosedFinger, calculix_closings, closing_of, our_closing
 from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
+from softgrip_testing.calculix_flexures import MODULUS_MPA
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[2]
@@ -248,23 +250,23 @@ def _calibrated_force(increments: int) -> float:
 
 @functools.cache
 def _fingers() -> tuple[tuple[str, float, ClosingShape, Array, float, float], ...]:
-    """Return design, pulled length [mm], our shape, pseudo-rigid tip [mm] and tension [N], the finger's length [mm]."""
+    """Return design, pulled length [mm], our shape, the kernel's tip [mm] and tension [N], the finger's length [mm]."""
     found = []
     pulls_mm = np.array([5.0, 10.0, 15.0, 18.0])
     for name, profile in sorted(load_directory(shipped_directory()).items()):
         finger = Finger.from_profile(profile, "index")
-        rigid = close(finger, assumed_friction(profile).law, pulls_mm)
+        kernel = close(finger, assumed_friction(profile).law, pulls_mm)
         closing = ClosingPath(profile, "index", ClosingSettings(RESOLUTIONS["fine"], travel_mm=19.0, tolerance=1e-5))
         for k, pull in enumerate(pulls_mm):
             shape = closing.shape(1e-3 * pull)
-            other = rigid.tip_mm[0, k], float(rigid.tension_n[0, k, 0])
+            other = kernel.tip_mm[0, k], float(kernel.tension_n[0, k, 0])
             found.append((name, float(pull), shape, *other, finger.length_from_joint_mm))
     return tuple(found)
 
 
 def _finger_rows() -> str:
     rows = []
-    for name, pull, shape, other, pseudo_rigid_n, length in _fingers():
+    for name, pull, shape, other, kernel_n, length in _fingers():
         tip = 1e3 * shape.tip[:2]
         rows.append(
             _row(
@@ -274,20 +276,20 @@ def _finger_rows() -> str:
                 f"{other[0]:.1f}, {other[1]:.1f}",
                 f"{100 * float(np.linalg.norm(tip - other)) / length:.1f}",
                 f"{shape.tension[0]:.2f}",
-                f"{pseudo_rigid_n:.2f}",
+                f"{kernel_n:.2f}",
             )
         )
     return "\n".join(rows)
 
 
 class _Beside(NamedTuple):
-    """One finger at one pulled length: in CalculiX by element type, in our mesh, and pseudo-rigid."""
+    """One finger at one pulled length: in CalculiX by element type, in our mesh, and in the kernel (mode F)."""
 
     design: str
     pulled_mm: float
     calculix: dict[str, ClosedFinger]
     mesh: ClosedFinger
-    rigid_tip_mm: Array
+    kernel_tip_mm: Array
     length_mm: float
 
 
@@ -296,13 +298,16 @@ def _beside_calculix() -> tuple[_Beside, ...]:
     theirs, found = calculix_closings(), []
     profiles = load_directory(shipped_directory())
     for design in sorted({key[0] for key in theirs}):
-        closing, finger = closing_of(design), Finger.from_profile(profiles[design], "index")
+        closing = closing_of(design)
+        finger = dataclasses.replace(
+            Finger.from_profile(profiles[design], "index"), strip=Strip((0.0, 0.0, MODULUS_MPA), MomentLaw.LINEAR)
+        )
         pulls = sorted({key[2] for key in theirs if key[0] == design})
-        rigid = close(finger, assumed_friction(profiles[design]).law, np.array(pulls))
+        kernel = close(finger, assumed_friction(profiles[design]).law, np.array(pulls))
         for k, pull in enumerate(pulls):
             calculix = {element: theirs[design, element, pull] for element in ("C3D8", "C3D8I")}
             ours = our_closing(closing, pull)
-            found.append(_Beside(design, pull, calculix, ours, rigid.tip_mm[0, k], finger.length_from_joint_mm))
+            found.append(_Beside(design, pull, calculix, ours, kernel.tip_mm[0, k], finger.length_from_joint_mm))
     return tuple(found)
 
 
@@ -315,7 +320,7 @@ def _calculix_rows() -> str:
             continue
         gaps = [
             100.0 * float(np.linalg.norm(tip - solid.tip_mm)) / one.length_mm
-            for tip in (one.mesh.tip_mm, incompatible.tip_mm, one.rigid_tip_mm)
+            for tip in (one.mesh.tip_mm, incompatible.tip_mm, one.kernel_tip_mm)
         ]
         joint = float(np.degrees(np.abs(one.mesh.joint_rad - solid.joint_rad).max()))
         tensions = (one.mesh.tension_n, solid.tension_n, incompatible.tension_n)
@@ -403,14 +408,14 @@ def _draw_forces(path: Path) -> None:
 
 
 def _draw_fingers(path: Path) -> None:
-    """Tips as the fingers close, of mesh and pseudo-rigid predictor."""
+    """Tips as the fingers close, of mesh and predictor."""
     figure = Figure(figsize=(6.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for colour, design in zip(("C0", "C1", "C2"), sorted({row[0] for row in _fingers()}), strict=True):
         own = [row for row in _fingers() if row[0] == design and row[2].converged]
         tips, others = np.array([1e3 * row[2].tip[:2] for row in own]), np.array([row[3] for row in own])
         axes.plot(*tips.T, "o-", color=colour, label=f"{design}, mesh")
-        axes.plot(*others.T, "x--", color=colour, label=f"{design}, pseudo-rigid")
+        axes.plot(*others.T, "x--", color=colour, label=f"{design}, predictor")
     axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
     axes.grid(visible=True, alpha=0.3)
     axes.legend(fontsize="small")
@@ -418,7 +423,7 @@ def _draw_fingers(path: Path) -> None:
 
 
 def _draw_calculix(path: Path) -> None:
-    """Tips as the fingers close, of CalculiX, our mesh and the pseudo-rigid predictor."""
+    """Tips as the fingers close, of CalculiX, our mesh and the predictor."""
     figure = Figure(figsize=(6.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for colour, design in zip(("C0", "C1", "C2"), sorted({one.design for one in _beside_calculix()}), strict=True):
@@ -427,7 +432,7 @@ def _draw_calculix(path: Path) -> None:
             ("s", "CalculiX C3D8", [one.calculix["C3D8"].tip_mm for one in own]),
             ("^", "CalculiX C3D8I", [one.calculix["C3D8I"].tip_mm for one in own]),
             (".-", "mesh", [one.mesh.tip_mm for one in own]),
-            ("x--", "pseudo-rigid", [one.rigid_tip_mm for one in own]),
+            ("x--", "predictor", [one.kernel_tip_mm for one in own]),
         ):
             axes.plot(*np.array(tips).T, style, color=colour, fillstyle="none", label=f"{design}, {name}")
     axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
