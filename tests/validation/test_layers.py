@@ -38,7 +38,15 @@ MAY_IMPORT = {
         "softgrip_time",
         "softgrip_vision",
     },
-    "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
+    "softgrip_demo": {
+        "softgrip_bag",
+        "softgrip_cell",
+        "softgrip_description",
+        "softgrip_design",
+        "softgrip_driver",
+        "softgrip_model",
+        "softgrip_vision",
+    },
 }
 
 
