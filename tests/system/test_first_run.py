@@ -24,17 +24,16 @@ from softgrip_description.cell_file import load_cell
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Launch = Callable[..., Any]
 DOCUMENTS = Path(__file__).resolve().parents[2] / "docs" / "build"
-#: What a person adds to the wizard's file, with the ports of the emulated bench; what an emulated one on a busy machine
-#: needs besides: servos that answer late, a rig that hurries.
+#: What a person adds to the wizard's file, with the ports of the emulated bench. The cell that the first run starts is
+#: emulated with the same spools: an emulated one keeps up however busy the computer is.
 SECTIONS = """
 camera: {{source: "@{wires}/camera.url", calibration: {wires}/camera_calibration.yaml}}
 rig: {{stage: {{kind: mark10, port: {wires}/stand}}, gauge: {{kind: gcl2, port: {wires}/gauge}}}}
 folders: {{out: out}}
 parameters:
-  tendon_driver:
-    {{reply_margin_s: 0.1, no_reply_s: 5.0, bus_watchdog_s: 0.0, homing_timeout_s: 60.0, loop_rate: 50.0}}
-  friction_rig: {{speed: 0.003, return_speed: 0.008, sample_period: 0.02}}
+  emulated_cell: {{spool_directions: [1, -1, 1]}}
 """
+EMULATED = ("hardware:=emulated", "gripper:=false", "record:=false")
 
 
 def commands(document: str) -> list[list[str]]:
@@ -78,14 +77,14 @@ class Terminal:
 @pytest.mark.timeout(400)
 def test_from_the_boxes_to_the_first_grasp(launch: Launch, tmp_path: Path) -> None:
     wires = tmp_path / "wires"
-    parameters = ("wire_dir:=" + str(wires), "factory_fresh:=true", "spool_directions:=[1, -1, 1]", "camera_fps:=5.0")
+    parameters = ("wire_dir:=" + str(wires), "factory_fresh:=true", "spool_directions:=[1, -1, 1]", "speed:=0.0")
     words = [word for one in parameters for word in ("-p", one)]
     cell = launch("ros2", "run", "softgrip_emulator", "emulated_cell", "--ros-args", *words)
     cell.wait_for("wires in", 30.0)
 
     (wizard,) = [words for words in commands("servos.md") if "wizard" in words]
     wizard[wizard.index("--port") + 1] = f"{wires}/servos"
-    terminal = Terminal([*wizard, "--reply-margin", "0.1", "--rate", "10"], cell.environment, tmp_path)
+    terminal = Terminal([*wizard, "--lockstep", f"{wires}/time"], cell.environment, tmp_path)
     while terminal.read_until(("then press Enter", "start: ros2 launch"), 120.0) == "then press Enter":
         asked = terminal.text.rpartition("? ")[2]
         if "put the servo of" in asked:
@@ -103,12 +102,13 @@ def test_from_the_boxes_to_the_first_grasp(launch: Launch, tmp_path: Path) -> No
         ("index", 1, 1), ("middle", 2, -1), ("thumb", 3, 1),
     ]  # fmt: skip
 
+    environment = cell.environment | {"ROS_DOMAIN_ID": str(cell.domain + 1)}
     file.write_text(file.read_text() + SECTIONS.format(wires=wires))
     for words in commands("first_grasp.md"):
-        options = ("--hands", "emulator", "--yes", "--reply-margin", "0.1") if "first_run" in words else ()
-        options += ("--launch-argument", "gripper:=false", "record:=false") if options else ()
+        options = ("--hands", "emulator", "--yes", "--lockstep", f"{wires}/time") if "first_run" in words else ()
+        options += ("--launch-argument", *EMULATED, f"wire_dir:={tmp_path}/wires-2") if options else ()
         done = subprocess.run(
-            [*words, *options], env=cell.environment, cwd=tmp_path, capture_output=True, text=True, check=False
+            [*words, *options], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
         )
         log = tmp_path / "first_run" / "cell.log"
         assert done.returncode == 0, (

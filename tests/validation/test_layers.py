@@ -45,6 +45,7 @@ MAY_IMPORT = {
         "softgrip_design",
         "softgrip_driver",
         "softgrip_model",
+        "softgrip_time",
         "softgrip_vision",
     },
 }

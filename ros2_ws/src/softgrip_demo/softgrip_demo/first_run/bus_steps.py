@@ -16,14 +16,13 @@ from softgrip_description.cell_file import CellFile, ServoChain
 from softgrip_driver.commands import selftest
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
-from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY
+from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import HardwareError
-from softgrip_driver.tendon.gripper import GripperController
-from softgrip_driver.tendon.loop import BusLoop
-from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, model_of, open_bus
+from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
 from softgrip_driver.wizard.naming import SUPPLY_REMEDY
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan
+from softgrip_time import Clock
 
 #: [s] of latency timer that `make udev` sets
 MAX_LATENCY_TIMER_S = 0.001
@@ -43,14 +42,14 @@ class BenchBus:
         cell: the cell file.
         reply_margin_s: [s] for a reply beyond the time of its bytes.
         selftest_s: [s] of the self-test.
-        make_loop: the driver's loop over a backend, a controller and a rate [Hz].
+        clock: that is waited on; None = the computer's.
         say: told what happens.
     """
 
     cell: CellFile
     reply_margin_s: float = 0.02
     selftest_s: float = 3.0
-    make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = BusLoop
+    clock: Clock | None = None
     say: Callable[[str], object] = field(default=lambda _: None)
 
     @property
@@ -59,10 +58,14 @@ class BenchBus:
         assert self.cell.servos is not None
         return self.cell.servos
 
+    def open(self) -> Bus:
+        """Return the open bus; raises DriverError."""
+        return open_bus(self.chain, self.reply_margin_s, self.clock)
+
     @cached_property
     def measured(self) -> selftest.Measurement:
         """The self-test, measured once for the steps that look at it."""
-        bus = open_bus(self.chain, self.reply_margin_s)
+        bus = self.open()
         try:
             return selftest.measure(bus, self.selftest_s)
         finally:
@@ -114,7 +117,7 @@ class IdsStep:
     def measure(self) -> Iterator[Figure]:
         """Yield three figures for each servo."""
         chain = self.bench.chain
-        bus = open_bus(chain, self.bench.reply_margin_s)
+        bus = self.bench.open()
         try:
             found = bus.broadcast_ping(0.5)
             if not found:
@@ -186,7 +189,7 @@ class SupplyStep:
     def measure(self) -> Iterator[Figure]:
         """Yield voltage and temperature of each servo."""
         chain = self.bench.chain
-        bus = open_bus(chain, self.bench.reply_margin_s)
+        bus = self.bench.open()
         try:
             for servo in chain.chain:
                 model = model_of(servo)
@@ -217,12 +220,12 @@ class ZeroStep:
             yield equal_to(f"{servo.tendon}: tensioned", "no" if servo.slack_m is None else "yes", "yes", remedy)
         if any(servo.direction is None for servo in chain.chain):
             return
-        backend = chain_backend(chain, chain.chain, self.bench.reply_margin_s, self.bench.say)
+        backend = chain_backend(chain, chain.chain, self.bench.reply_margin_s, self.bench.say, self.bench.clock)
         controller = chain_controller(chain, chain.chain)
         plan = replace(TensioningPlan(), rounds=3)
         try:
             backend.connect()
-            loop = self.bench.make_loop(backend, controller, chain_rate(chain))
+            loop = make_loop(backend, controller, chain_rate(chain))
             zeros = Tensioner(loop, controller, plan, self.bench.say).settle()
         finally:
             backend.disconnect()

@@ -11,7 +11,7 @@ from typing import Any
 
 from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.figures import Figure, StepReport, StepStatus
-from softgrip_model.digest import text_digest
+from softgrip_model.digest import text_sha256
 from softgrip_model.durable import write_durably
 
 SCHEMA = 1
@@ -49,7 +49,7 @@ class FirstRunRecord:
     @property
     def digest(self) -> str:
         """SHA-256 of all that the page shows, name and time included: another figure makes another digest."""
-        return text_digest(json.dumps(_document(self), sort_keys=True))
+        return text_sha256(json.dumps(_document(self), sort_keys=True))
 
 
 def load_record(path: Path, cell_file: Path) -> FirstRunRecord:
@@ -59,7 +59,7 @@ def load_record(path: Path, cell_file: Path) -> FirstRunRecord:
         FirstRunError: the record or the cell file cannot be read.
     """
     try:
-        empty = FirstRunRecord(str(cell_file.resolve()), text_digest(cell_file.read_text(encoding="utf-8")))
+        empty = FirstRunRecord(str(cell_file.resolve()), text_sha256(cell_file.read_text(encoding="utf-8")))
         if not path.exists():
             return empty
         data = json.loads(path.read_text(encoding="utf-8"))

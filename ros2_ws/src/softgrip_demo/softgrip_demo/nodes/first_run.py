@@ -35,6 +35,7 @@ from softgrip_demo.nodes.cell_session import CellSession
 from softgrip_demo.nodes.cell_steps import ChecksStep, FrictionStep, GraspStep, HomeStep
 from softgrip_description.cell_file import CellCamera, CellFile, load_cell
 from softgrip_description.errors import CellFileError
+from softgrip_driver.commands.common import add_lockstep_option, clock_of
 from softgrip_driver.commands.person import Person, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.errors import DriverError
 from softgrip_driver.wizard.chain import chain_rate
@@ -102,7 +103,7 @@ def work(options: argparse.Namespace, person: Person) -> int:
     hands = EmulatorHands(options.finger_set, slots) if emulated else PersonHands(person, options.finger_set, slots)
     camera = BenchCamera(cell.camera or CellCamera("none"), options.finger, options.finger_set, cell.folders.profiles)
     steps = [
-        *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, say=person.say)),
+        *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, clock_of(options), person.say)),
         *camera_steps(camera),
         *cell_steps(session, hands, cell, options.finger_set),
     ]
@@ -165,6 +166,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--launch-argument", nargs="+", default=[], metavar="NAME:=VALUE", help="of the launch, besides"
     )
+    add_lockstep_option(parser)
     parser.add_argument("--answers", type=Path, metavar="FILE", help="YAML, key: answer; for runs without a person")
     parser.add_argument("--yes", action="store_true", help="take all defaults and wait for nobody")
     parser.add_argument("--verify", action="store_true", help="only say whether the record is as it was signed")

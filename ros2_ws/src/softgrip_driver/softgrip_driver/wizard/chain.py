@@ -14,7 +14,9 @@ from softgrip_driver.dynamixel.registers import MODELS, OperatingMode, ServoMode
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import GripperController, Policies
 from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_time import Clock
 
 #: [1/s], [m] where the cell file does not say
 BAUD, SPOOL_RADIUS_M = 1_000_000, 0.010
@@ -39,15 +41,19 @@ def chain_rate(chain: ServoChain) -> float:
     return float(chain_parameters(chain).get("loop_rate", SHIPPED_LOOP_RATE))
 
 
-def open_bus(chain: ServoChain, reply_margin_s: float) -> Bus:
+def open_bus(chain: ServoChain, reply_margin_s: float, clock: Clock | None = None) -> Bus:
     """Return the open bus of a chain; raises DriverError."""
-    bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s)
+    bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s, clock)
     bus.open()
     return bus
 
 
 def chain_backend(
-    chain: ServoChain, servos: Sequence[ChainServo], reply_margin_s: float, report: Callable[[str], object]
+    chain: ServoChain,
+    servos: Sequence[ChainServo],
+    reply_margin_s: float,
+    report: Callable[[str], object],
+    clock: Clock | None = None,
 ) -> DynamixelBackend:
     """Return the backend of some servos of a chain, not connected; a direction that is not known is taken for 1."""
     parameters = chain_parameters(chain)
@@ -63,7 +69,7 @@ def chain_backend(
                 servo.tendon, servo.servo_id, model, spool, torque, mode, limits.tension_hard, limits.speed
             )
         )
-    bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s)
+    bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s, clock)
     return DynamixelBackend(bus, rows, WATCHDOG_S, report=report)
 
 
@@ -71,6 +77,11 @@ def chain_controller(chain: ServoChain, servos: Sequence[ChainServo]) -> Gripper
     """Return a controller of some tendons of a chain that nothing blocks."""
     limits = _limits(chain_parameters(chain))
     return GripperController({one.tendon: limits for one in servos}, Policies(), None, 1.0 / chain_rate(chain))
+
+
+def make_loop(backend: DynamixelBackend, controller: GripperController, rate: float) -> BusLoop:
+    """Return the driver's loop, in the time of its bus."""
+    return BusLoop(backend, controller, rate, clock=backend.bus.clock)
 
 
 def _limits(parameters: dict[str, float | int]) -> TendonLimits:

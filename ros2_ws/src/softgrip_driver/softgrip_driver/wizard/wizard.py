@@ -23,12 +23,14 @@ from softgrip_driver.wizard.chain import (
     chain_controller,
     chain_parameters,
     chain_rate,
+    make_loop,
     open_bus,
 )
 from softgrip_driver.wizard.chain import model_of as servo_model
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
 from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
+from softgrip_time import Clock
 
 Result = TypeVar("Result")
 
@@ -50,6 +52,7 @@ class WizardSettings:
         pull, tensioning: how it is pulled.
         reply_margin_s: [s] for a reply beyond that of its bytes.
         selftest_s: [s] of the self-test. rate_hz: [Hz] that it must reach.
+        clock: that is waited on; None = the computer's.
     """
 
     file: Path
@@ -63,6 +66,7 @@ class WizardSettings:
     reply_margin_s: float = 0.02
     selftest_s: float = 3.0
     rate_hz: float = SHIPPED_LOOP_RATE
+    clock: Clock | None = None
 
 
 class SetupWizard:
@@ -78,7 +82,7 @@ class SetupWizard:
         self,
         settings: WizardSettings,
         person: Person,
-        make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = BusLoop,
+        make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = make_loop,
     ) -> None:
         self._settings, self._person, self._make_loop = settings, person, make_loop
         self._cell = load_cell(settings.file) if settings.file.exists() else CellFile("real")
@@ -121,19 +125,19 @@ class SetupWizard:
         self._person.confirm(
             f"connect.{tendon}", f"Switch the supply off, put the servo of '{tendon}' {others}, switch it on"
         )
-        found = find_new_servo(self._chain.port, self.baud, known)
+        found = find_new_servo(self._chain.port, self.baud, known, self._settings.clock)
         model = model_of(found)
         if past := describe_past(found):
             self._person.say(past)
         new_id = next(one for one in range(number, 253) if one not in known)
-        done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s)
+        done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s, self._settings.clock)
         radius = self._settings.spool_radius_m
         self._keep(ChainServo(tendon, model.name, new_id, spool_radius_m=radius))
         self._person.say(f"{tendon}: {model.name}; {'; '.join(done)}")
 
     def _check_chain(self) -> None:
         """See that every servo of the chain answers, once, and how soon."""
-        bus = open_bus(self._chain, self._settings.reply_margin_s)
+        bus = open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock)
         try:
             for servo in self._chain.chain:
                 if not is_verified(bus, servo.servo_id, servo.model):
@@ -205,7 +209,7 @@ class SetupWizard:
 
     def _test(self) -> bool:
         """Measure the bus with the driver's own cycles."""
-        bus = open_bus(self._chain, self._settings.reply_margin_s)
+        bus = open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock)
         try:
             found = selftest.measure(bus, self._settings.selftest_s)
         finally:
@@ -238,7 +242,7 @@ class SetupWizard:
         return [servo for servo in self._chain.chain if servo.tendon in self._tendons]
 
     def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
-        return chain_backend(self._chain, servos, self._settings.reply_margin_s, self._person.say)
+        return chain_backend(self._chain, servos, self._settings.reply_margin_s, self._person.say, self._settings.clock)
 
     def _keep(self, servo: ChainServo) -> None:
         """Put a servo into the cell file."""
