@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -58,18 +59,15 @@ class BenchBus:
         assert self.cell.servos is not None
         return self.cell.servos
 
-    def open(self) -> Bus:
-        """Return the open bus; raises DriverError."""
+    def open(self) -> AbstractContextManager[Bus]:
+        """Give the open bus, and close it; raises DriverError."""
         return open_bus(self.chain, self.reply_margin_s, self.clock)
 
     @cached_property
     def measured(self) -> selftest.Measurement:
         """The self-test, measured once for the steps that look at it."""
-        bus = self.open()
-        try:
+        with self.open() as bus:
             return selftest.measure(bus, self.selftest_s)
-        finally:
-            bus.close()
 
 
 @dataclass(frozen=True)
@@ -117,8 +115,7 @@ class IdsStep:
     def measure(self) -> Iterator[Figure]:
         """Yield three figures for each servo."""
         chain = self.bench.chain
-        bus = self.bench.open()
-        try:
+        with self.bench.open() as bus:
             found = bus.broadcast_ping(0.5)
             if not found:
                 raise FirstRunError(
@@ -137,8 +134,6 @@ class IdsStep:
                     error = HardwareError(bus.read(servo.servo_id, reg.HARDWARE_ERROR, attempts=3))
                     remedy = f"remove the cause, then `ros2 run softgrip_driver setup --id {servo.servo_id} --reboot`"
                     yield equal_to(f"{who}: hardware error", error.name or "none", "none", remedy)
-        finally:
-            bus.close()
 
 
 @dataclass(frozen=True)
@@ -189,8 +184,7 @@ class SupplyStep:
     def measure(self) -> Iterator[Figure]:
         """Yield voltage and temperature of each servo."""
         chain = self.bench.chain
-        bus = self.bench.open()
-        try:
+        with self.bench.open() as bus:
             for servo in chain.chain:
                 model = model_of(servo)
                 volts = bus.read(servo.servo_id, reg.PRESENT_VOLTAGE, attempts=3) * reg.VOLT_PER_UNIT
@@ -198,8 +192,6 @@ class SupplyStep:
                 degc = float(bus.read(servo.servo_id, reg.PRESENT_TEMPERATURE, attempts=3))
                 remedy = "let it cool down; something may press on its tendon"
                 yield at_most(f"{servo.tendon}: temperature", degc, model.temperature_limit - 15.0, "degC", remedy)
-        finally:
-            bus.close()
 
 
 @dataclass(frozen=True)
@@ -224,7 +216,8 @@ class ZeroStep:
         controller = chain_controller(chain, chain.chain)
         plan = replace(TensioningPlan(), rounds=3)
         try:
-            backend.connect()
+            with backend.bus.clock.stepping():
+                backend.connect()
             loop = make_loop(backend, controller, chain_rate(chain))
             zeros = Tensioner(loop, controller, plan, self.bench.say).settle()
         finally:

@@ -16,7 +16,7 @@ from softgrip_cell.nodes.controller_client import CellController
 from softgrip_demo.errors import FirstRunError
 from softgrip_demo.nodes.link import CellLink
 from softgrip_interfaces.msg import TendonStatusArray
-from softgrip_nodekit import RELIABLE, make_executor
+from softgrip_nodekit import SENSOR, make_executor
 
 #: [s] for the nodes to come up, and for the launch to end by itself
 START_TIMEOUT_S, END_TIMEOUT_S = 120.0, 30.0
@@ -79,7 +79,7 @@ class CellSession:
             start_new_session=True,
         )
         self._node = node = Node("first_run", namespace=self._namespace)
-        node.create_subscription(TendonStatusArray, "tendon/status", self._on_status, RELIABLE)
+        node.create_subscription(TendonStatusArray, "tendon/status", self._on_status, SENSOR)
         self._executor = make_executor(node)
         self._executor.add_node(node)
         link = CellLink(node, self._executor)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from softgrip_description.cell_file import ChainServo, ServoChain
 from softgrip_driver.configuration import LIMIT_PARAMETERS, SHIPPED_LOOP_RATE, required_parameters
@@ -41,11 +42,16 @@ def chain_rate(chain: ServoChain) -> float:
     return float(chain_parameters(chain).get("loop_rate", SHIPPED_LOOP_RATE))
 
 
-def open_bus(chain: ServoChain, reply_margin_s: float, clock: Clock | None = None) -> Bus:
-    """Return the open bus of a chain; raises DriverError."""
+@contextmanager
+def open_bus(chain: ServoChain, reply_margin_s: float, clock: Clock | None = None) -> Iterator[Bus]:
+    """Give the open bus of a chain, and close it; raises DriverError."""
     bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s, clock)
     bus.open()
-    return bus
+    try:
+        with bus.clock.stepping():
+            yield bus
+    finally:
+        bus.close()
 
 
 def chain_backend(

@@ -137,8 +137,7 @@ class SetupWizard:
 
     def _check_chain(self) -> None:
         """See that every servo of the chain answers, once, and how soon."""
-        bus = open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock)
-        try:
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
             for servo in self._chain.chain:
                 if not is_verified(bus, servo.servo_id, servo.model):
                     raise DeviceNotFoundError(
@@ -146,8 +145,6 @@ class SetupWizard:
                         f"see `ros2 run softgrip_driver scan --port {self._chain.port}`"
                     )
             late_s = bus.turnaround(self._chain.chain[0].servo_id)
-        finally:
-            bus.close()
         self._person.say(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
         if late_s > SLOW_ADAPTER_S:
             self._person.say(
@@ -170,8 +167,9 @@ class SetupWizard:
         def find_end(direction: int) -> float | None:
             backend = self._backend([replace(servo, direction=direction)])
             try:
-                backend.connect()
-                return pull.find_end(backend)
+                with backend.bus.clock.stepping():
+                    backend.connect()
+                    return pull.find_end(backend)
             finally:
                 backend.disconnect()
 
@@ -190,11 +188,13 @@ class SetupWizard:
         plan = self._settings.tensioning
         backend, controller = self._backend(servos), chain_controller(self._chain, servos)
         try:
-            backend.connect()
+            with backend.bus.clock.stepping():
+                backend.connect()
             loop = self._make_loop(backend, controller, chain_rate(self._chain))
             zeros = Tensioner(loop, controller, plan, self._person.say).settle()
             goals = {name: one.zero_m - self._settings.slack_m for name, one in zeros.items()}
-            rest = release(backend, goals, plan)
+            with backend.bus.clock.stepping():
+                rest = release(backend, goals, plan)
         finally:
             backend.disconnect()
         for servo in servos:
@@ -209,11 +209,8 @@ class SetupWizard:
 
     def _test(self) -> bool:
         """Measure the bus with the driver's own cycles."""
-        bus = open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock)
-        try:
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
             found = selftest.measure(bus, self._settings.selftest_s)
-        finally:
-            bus.close()
         is_good = found.rate >= self._settings.rate_hz and found.servos == len(self._chain.chain)
         self._person.say(
             f"self-test: {found.servos} servos, {found.rate:.0f} Hz (at least {self._settings.rate_hz:.0f}), "
