@@ -40,7 +40,16 @@ MAY_IMPORT = {
         "softgrip_vision",
     },
     "softgrip_sweep": {"softgrip_bag", "softgrip_demo", "softgrip_design", "softgrip_model", "softgrip_testing"},
-    "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
+    "softgrip_demo": {
+        "softgrip_bag",
+        "softgrip_cell",
+        "softgrip_description",
+        "softgrip_design",
+        "softgrip_driver",
+        "softgrip_model",
+        "softgrip_time",
+        "softgrip_vision",
+    },
 }
 
 
