@@ -50,7 +50,7 @@ def test_sentences_and_paragraphs_are_short(page: Path) -> None:
 
 def test_words_and_sentences_are_counted_without_tables_and_code() -> None:
     running = "One two three. Four: five, e.g. six?\n\n* seven `eight`"  # nine words, four ends, seven in the first
-    text = f"# A b c\n\n{running}\n\n    code is left out\n\n|a|b|\n|---|---|\n|c d|e|\n\n![p](p.png)\n"
+    text = f"# A b c\n\n    code is left out\n\n|a|b|\n|---|---|\n|c d|e|\n\n![p](p.png)\n\n{running}\n"
     found = statistics.statistics_of(text)
     assert (found.words, found.sentences, found.longest, found.figures, found.table_rows) == (9, 4, 7, 1, 2)
 

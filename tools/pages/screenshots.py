@@ -18,7 +18,9 @@ PAGES = (
     "reference/generated/api/finger",
 )
 #: Name -> width and height [px].
-SIZES = {"desktop": (1366, 900), "phone": (500, 900)}  # Chromium has no window narrower than 500
+SIZES = {"desktop": (1366, 900), "phone": (390, 844)}
+#: Chromium has no window as narrow as a phone: the page is shown in a frame of that width.
+FRAME = '<body style="margin:0"><iframe src="{url}" width="{width}" height="{height}" style="border:0"></iframe>'
 
 
 def main() -> int:
@@ -37,6 +39,8 @@ def main() -> int:
         for name, (width, height) in SIZES.items():
             picture = options.out / f"{page.replace('/', '-')}-{name}.png"
             url = (options.site.resolve() / f"docs/{page}.html").as_uri()
+            frame = options.out / "frame.html"
+            frame.write_text(FRAME.format(url=url, width=width, height=height))
             flags = [
                 "--headless=new",
                 "--no-sandbox",
@@ -44,7 +48,7 @@ def main() -> int:
                 "--hide-scrollbars",
                 "--virtual-time-budget=3000",
             ]
-            command = [browser, *flags, f"--window-size={width},{height}", f"--screenshot={picture}", url]
+            command = [browser, *flags, f"--window-size={width},{height}", f"--screenshot={picture}", frame.as_uri()]
             subprocess.run(command, check=True, capture_output=True, timeout=120)
             print(picture)
     return 0
