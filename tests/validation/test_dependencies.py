@@ -23,6 +23,7 @@ KEYS = {
     "distributed": "python3-distributed-pip",
     "cv2": "python3-opencv",
     "dynamixel_sdk": "dynamixel_sdk",
+    "gymnasium": "python3-gymnasium-pip",
     "jinja2": "python3-jinja2",
     "lz4": "python3-lz4",
     "mcap": "python3-mcap-pip",

@@ -39,6 +39,7 @@ MAY_IMPORT = {
         "softgrip_time",
         "softgrip_vision",
     },
+    "softgrip_gym": {"softgrip_cell", "softgrip_emulator", "softgrip_model", "softgrip_testing"},
     "softgrip_sweep": {"softgrip_bag", "softgrip_demo", "softgrip_design", "softgrip_model", "softgrip_testing"},
     "softgrip_demo": {
         "softgrip_bag",
@@ -54,7 +55,7 @@ MAY_IMPORT = {
 
 
 #: Workbenches: no cell runs them, nothing imports them, and they may use what tests and benchmarks share.
-WORKBENCHES = {"softgrip_sweep"}
+WORKBENCHES = {"softgrip_gym", "softgrip_sweep"}
 
 
 def is_message_package(name: str) -> bool:

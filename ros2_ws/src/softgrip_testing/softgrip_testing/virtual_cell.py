@@ -30,6 +30,7 @@ from softgrip_driver.dynamixel.registers import MODELS, ControlItem, CurrentSens
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, Ticket
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.plant.cell import CellPlant, default_chain
@@ -232,6 +233,31 @@ class VirtualCell:
         while True:
             self._cycle()
             yield self.samples()
+
+    def live(self) -> tuple[ModelSample, ...]:
+        """Live one driver period; return what tendon/state would carry then."""
+        self._cycle()
+        return self.samples()
+
+    def follow(self, lengths_m: Sequence[float], within_s: float, slots: Sequence[str] = SLOTS) -> None:
+        """Stream targets as tendon/trajectory does.
+
+        Args:
+            lengths_m: pulled length of each slot's tendon [m].
+            within_s: when they are to be reached from now [s].
+            slots: of the tendons.
+
+        Raises:
+            RuntimeError: the driver refuses, for instance after a fault.
+        """
+        limits = {slot: self.controller.drives[slot].limits for slot in slots}
+        trajectories = {
+            slot: TendonTrajectory.checked((within_s,), (length_m,), (), limits[slot].travel, limits[slot].speed)
+            for slot, length_m in zip(slots, lengths_m, strict=True)
+        }
+        ticket = self.controller.follow(trajectories, self.plant.now_s)
+        if ticket.refusal:
+            raise RuntimeError(ticket.refusal)
 
     def samples(self) -> tuple[ModelSample, ...]:
         """What tendon/state would carry now."""
