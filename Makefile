@@ -19,7 +19,7 @@ CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcar
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup parts-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
+.PHONY: help setup parts-setup panel-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -35,6 +35,14 @@ parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of 
 $(VENV)/.parts: requirements-parts.lock | setup
 	@echo "== solid modelling (build123d, an extra)"
 	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-parts.lock
+	@touch $@
+
+panel-setup: $(VENV)/.panel  ## NiceGUI and what else makes the operator's page (docs/panel.md), 90 MB; chromium for its tests where apt may
+
+$(VENV)/.panel: requirements-panel.lock .ci/browser.sh | setup
+	@echo "== the operator's page (NiceGUI, an extra)"
+	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-panel.lock
+	@bash .ci/browser.sh
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -60,17 +68,17 @@ cpp-tests-of-%: | $(STAMP)
 	@$(WITH_VENV) cmake --build $(OUT)/cpp/$*
 	@$(WITH_VENV) ctest --test-dir $(OUT)/cpp/$* --output-on-failure
 
-demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
+demo: setup panel-setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED) $(ARGS)
 
-cell: setup  ## the emulated cell in real time, until Ctrl-C
+cell: setup panel-setup  ## the emulated cell in real time, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+test: setup parts-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
@@ -132,6 +140,7 @@ lock:  ## write the locks again, with the hash of every file that may be install
 	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
 	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
 	$(UV_LOCK) --no-deps requirements-parts.in -o requirements-parts.lock
+	$(UV_LOCK) --no-deps requirements-panel.in -o requirements-panel.lock
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
 	@mkdir -p $(OUT)
