@@ -50,7 +50,7 @@ OPTIONAL = {
     ("softgrip_testing/browser.py", "selenium"),
 }
 #: Folder, modules: what only the operator's page needs; softgrip_panel/nodes/panel.py says how to get them.
-OPTIONAL_FOLDERS = {"softgrip_panel/web": {"fastapi", "nicegui", "starlette", "uvicorn"}}
+OPTIONAL_FOLDERS = {"softgrip_panel/web": {"fastapi", "nicegui", "segno", "starlette", "uvicorn"}}
 #: CMake package or library -> rosdep key; Python, OpenMP and threads come with the compiler and ROS.
 LIBRARIES = {
     "Eigen3": "eigen",

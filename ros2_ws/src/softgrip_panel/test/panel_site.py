@@ -14,6 +14,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -26,8 +27,10 @@ from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import (
     CellView,
+    FingerRecordView,
     MountedView,
     OwnerView,
+    ProductView,
     SafetyView,
     StopPolicyView,
     TendonView,
@@ -35,6 +38,8 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.state import PanelState
+from softgrip_panel.model.swap import STEPS
+from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.texts import Texts
 from softgrip_panel.web.pages.every import add_pages
 from softgrip_panel.web.server import WebServer, listen
@@ -51,6 +56,7 @@ class PretendedCell:
     def __init__(self, state: PanelState, file: Path) -> None:
         self.state = state
         self._file = file
+        self.serials: list[str] = []
 
     async def call(self, act: Act, who: str) -> ActResult:
         with self._file.open("a") as out:
@@ -81,7 +87,63 @@ class PretendedCell:
         self.state.observe_cell(
             replace(cell, mode="HOLDING", product=product, picks=cell.picks + 1, gripped=cell.gripped + 1)
         )
-        return ActResult(success=True, message="GRIPPED: both sides press")
+        return ActResult(success=True, message="GRIPPED: both sides press", answer=act)
+
+    def _plan(self, act: Act, who: str) -> ActResult:
+        asked = act.call.request
+        steps = [
+            SimpleNamespace(
+                order=k, product=name, finger_set="power", swap_before=False, expected_success=0.9,
+                predicted_time=4.0 * count, reason="",
+            )
+            for k, (name, count) in enumerate(zip(asked["products"], asked["quantities"], strict=True))
+        ]  # fmt: skip
+        if set(asked["products"]) - set(self.state.products):
+            return ActResult(success=False, message="a product is not in the mix")
+        answer = SimpleNamespace(
+            steps=steps, swaps=0, predicted_time=sum(one.predicted_time for one in steps), expected_success=0.9,
+            redundant_sets=["hook"],
+        )  # fmt: skip
+        return ActResult(success=True, message="planned", answer=answer)
+
+    def _place_object(self, act: Act, who: str) -> ActResult:
+        return ActResult(success=True, message="placed")
+
+    def _swap(self, act: Act, who: str) -> ActResult:
+        with self.state.locked() as state:
+            state.swap.begin(act.call.request["finger_set"], who, time.time())
+            state.swap.observe("open_palm", "Open the palm.", "t0ken", needs_confirmation=True)
+            state.observe_cell(replace(state.cell, mode="SWAPPING"))
+        return ActResult(success=True, message="begun")
+
+    def _confirm_step(self, act: Act, who: str) -> ActResult:
+        request, swap = act.call.request, self.state.swap
+        if request["token"] != "t0ken" or request["step"] != swap.view.step:
+            return ActResult(success=False, message="expected another step")
+        step = STEPS[STEPS.index(swap.view.step) + 1]
+        with self.state.locked() as state:
+            if step == "unlock":
+                mounted = tuple(
+                    MountedView(name, serial, "pinch", "verified")
+                    for name, serial in zip(SLOTS, self.serials, strict=True)
+                )
+                state.observe_cell(replace(state.cell, mode="IDLE", finger_set="pinch", mounted=mounted))
+                swap.end(success=True, message="every finger is as its record says")
+            else:
+                if request["serials"]:
+                    self.serials = request["serials"]
+                swap.observe(step, f"Do {step}.", "t0ken", needs_confirmation=True)
+        return ActResult(success=True, message="next")
+
+    def _retire_finger(self, act: Act, who: str) -> ActResult:
+        serial = act.call.request["serial"]
+        if not act.call.request["reason"].strip():
+            return ActResult(success=False, message="reason: expected some words")
+        self.state.fingers = tuple(
+            replace(one, state="retired", objection="retired") if one.serial == serial else one
+            for one in self.state.fingers
+        )
+        return ActResult(success=True, message=f"finger {serial} is retired")
 
     def _release(self, act: Act, who: str) -> ActResult:
         self.state.observe_cell(replace(self.state.cell, mode="IDLE", product=""))
@@ -118,10 +180,31 @@ def make_site(folder: Path, port: int) -> PanelSite:
     state.owners = tuple(OwnerView(name, "") for name in SLOTS)
     mounted = tuple(MountedView(name, f"PW-{name[0].upper()}-01", "power", "verified") for name in SLOTS)
     state.observe_cell(CellView("IDLE", "power", mounted))
+    state.fingers = tuple(
+        FingerRecordView(
+            f"PW-{name[0].upper()}-0{k}", "power", name, "2026-11-01", "TPU 85A", "PE braid",
+            "mounted" if k == 1 else "store",
+            1200 * k, 25_000, "2026-11-20", "", tuple((0.001 * j, 0.5 * j) for j in range(16)),
+        )
+        for name in SLOTS
+        for k in (1, 2)
+    )  # fmt: skip
+    state.catalogue = tuple(
+        ProductView(name, name, "power", 0.06, {"power": "success"}, {"power": 0.9}, {"power": 3})
+        for name in state.products
+    )
     accounts = Accounts(folder / "users.yaml" if (folder / "users.yaml").exists() else None)
     sessions = Sessions(time.monotonic, state.control.forget)
     desk = ActDesk(state, PretendedCell(state, folder / "calls"), ActRecord(folder / "acts.jsonl", time.time))
-    return PanelSite(desk, Texts(), accounts, sessions, LoginBrake(time.monotonic), OriginRule(port))
+    return PanelSite(
+        desk,
+        Worker(desk, WorkRun(time.monotonic)),
+        Texts(),
+        accounts,
+        sessions,
+        LoginBrake(time.monotonic),
+        OriginRule(port),
+    )
 
 
 def main() -> None:

@@ -151,6 +151,12 @@ def confirm_step(step: str, token: str, serials: Sequence[str] = ()) -> Act:
     return Act("confirm_step", call, subject=" ".join((step, *serials)), is_secret=True)
 
 
+def retire_finger(serial: str, who: str, reason: str) -> Act:
+    """Take a finger out of use for good."""
+    call = _service("cell/retire_finger", f"{_INTERFACES}/srv/RetireFinger", serial=serial, who=who, reason=reason)
+    return Act("retire_finger", call, Role.ENGINEER, needs_control=False, subject=serial)
+
+
 def start_recording() -> Act:
     """Begin a bag."""
     return Act("start_recording", _service("recorder/start", f"{_INTERFACES}/srv/StartRecording", path=""))
@@ -201,6 +207,7 @@ EXAMPLES: tuple[Act, ...] = (
     plan(["egg", "grape"], [10, 5], keep_order=False),
     swap("power"),
     confirm_step("insert", "0f2c", ["PW-I-01", "PW-M-01", "PW-T-01"]),
+    retire_finger("PW-I-01", "Ada", "tore at joint 1"),
     start_recording(),
     stop_recording(),
     split_recording(),

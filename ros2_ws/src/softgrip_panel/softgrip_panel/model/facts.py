@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -106,3 +107,46 @@ class ComponentHealth:
     name: str
     level: int
     message: str
+
+
+@dataclass(frozen=True)
+class ProductView:
+    """One product of the catalogue; marks and expected success by finger set."""
+
+    id: str
+    name: str
+    grasp: str
+    mass_kg: float
+    table_marks: Mapping[str, str]
+    expected_success: Mapping[str, float]
+    grasps: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class FingerRecordView:
+    """One printed finger; the check is (pulled length [m], tension [N]) of its last empty closing."""
+
+    serial: str
+    profile: str
+    finger: str
+    printed: str
+    material: str
+    cable: str
+    state: str
+    cycles: int
+    cycle_limit: int
+    calibrated: str
+    objection: str
+    check: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class CountedView:
+    """One grasp of the cell's database; `at_s` of its end, in seconds since the Unix epoch."""
+
+    at_s: float
+    product: str
+    finger_set: str
+    outcome: str
+    reason: str
+    duration_s: float

@@ -15,7 +15,10 @@ from softgrip_panel.model.control import ControlDesk
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
+    CountedView,
+    FingerRecordView,
     OwnerView,
+    ProductView,
     SafetyView,
     StopPolicyView,
     TendonView,
@@ -68,6 +71,9 @@ class PanelState:
         self.tensions: tuple[TensionView, ...] = ()
         self.owners: tuple[OwnerView, ...] = ()
         self.products: tuple[str, ...] = ()
+        self.catalogue: tuple[ProductView, ...] = ()
+        self.fingers: tuple[FingerRecordView, ...] = ()
+        self.counted: tuple[CountedView, ...] = ()
         self.is_emulated = False
         self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
         self._numbers = 0

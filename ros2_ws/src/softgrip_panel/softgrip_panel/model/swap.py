@@ -18,8 +18,12 @@ LIMIT_S: Final = 300.0
 STEPS: Final = (
     "release", "lock", "open_palm", "remove", "insert", "close_palm", "unlock", "home", "verify", "done",
 )  # fmt: skip
+#: Steps that wait for a person.
+CONFIRMED: Final = ("open_palm", "remove", "insert", "close_palm")
 #: What a person confirms when a swap ended while the drives were locked.
 HANDS_OUT: Final = "hands_out"
+#: What a manager says that was started again in the midst of a swap.
+RESTARTED: Final = "restarted during swap"
 #: The step that asks for serials.
 ASKS_SERIALS: Final = "insert"
 
@@ -68,6 +72,8 @@ class SwapProgress:
     def __init__(self) -> None:
         self.view = SwapView()
         self._file: Path | None = None
+        #: Another panel ordered this swap: its feedback and result do not come here.
+        self._is_taken_up = False
 
     def keep_in(self, file: Path) -> None:
         """Keep the swap in a file of this user alone, and take up what an earlier panel left there."""
@@ -78,10 +84,11 @@ class SwapProgress:
         except (OSError, ValueError, TypeError, KeyError):
             return
         if view.is_open:
-            self.view = view
+            self.view, self._is_taken_up = view, True
 
     def begin(self, finger_set: str, who: str, now_s: float) -> None:
         """A goal was accepted."""
+        self._is_taken_up = False
         self._set(SwapView(SwapPhase.RUNNING, finger_set, started_s=now_s, who=who))
 
     def observe(self, step: str, instruction: str, token: str, *, needs_confirmation: bool) -> None:
@@ -97,6 +104,13 @@ class SwapProgress:
             )
         )
 
+    def confirm(self, message: str) -> None:
+        """Take the answer to a confirmation: what is to do next, where no feedback says so."""
+        if self.view.step == HANDS_OUT or self.view.phase is not SwapPhase.RUNNING or not self._is_taken_up:
+            return
+        step = STEPS[STEPS.index(self.view.step) + 1] if self.view.step in STEPS[:-1] else self.view.step
+        self.observe(step, message, self.view.token, needs_confirmation=step in CONFIRMED)
+
     def end(self, *, success: bool, message: str) -> None:
         """Take the result; where the drives stay locked, a person has still to take the hands out."""
         inside = HANDS_OUT in message
@@ -110,13 +124,13 @@ class SwapProgress:
         if HANDS_OUT in reason:
             if self.view.phase is not SwapPhase.HANDS_INSIDE:
                 self.end(success=False, message=reason)
-        elif mode != "SWAPPING" and self.view.phase is SwapPhase.HANDS_INSIDE:
-            self._set(replace(self.view, phase=SwapPhase.ENDED, needs_confirmation=False, message=reason))
-
-    def lose(self, message: str) -> None:
-        """The manager that ran the swap is gone, or never knew of it."""
-        if self.view.is_open:
-            self._set(replace(self.view, phase=SwapPhase.ENDED, needs_confirmation=False, message=message))
+        elif RESTARTED in reason:
+            self.end(success=False, message=reason)
+        elif mode != "SWAPPING" and (self.view.phase is SwapPhase.HANDS_INSIDE or self._is_taken_up):
+            success = ": SUCCEEDED: " in reason
+            self._set(
+                replace(self.view, phase=SwapPhase.ENDED, needs_confirmation=False, success=success, message=reason)
+            )
 
     def _set(self, view: SwapView) -> None:
         self.view = view

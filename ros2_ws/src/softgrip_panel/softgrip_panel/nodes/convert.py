@@ -24,8 +24,11 @@ from softgrip_interfaces.msg import (
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
+    CountedView,
+    FingerRecordView,
     MountedView,
     OwnerView,
+    ProductView,
     SafetyView,
     TendonView,
     TensionView,
@@ -135,6 +138,58 @@ def grasp_decision(result: Any) -> tuple[FingerDecision, ...]:
     return tuple(
         FingerDecision(one.finger, CONTACT_STATES.get(one.state, "?"), float(one.contact_tension), float(one.threshold))
         for one in result.decision.fingers
+    )
+
+
+def product_views(response: Any) -> tuple[ProductView, ...]:
+    """Return the products of ListProducts."""
+    return tuple(
+        ProductView(
+            one.id,
+            one.name,
+            one.grasp,
+            float(one.mass),
+            dict(zip(one.finger_sets, one.table_marks, strict=False)),
+            dict(zip(one.finger_sets, map(float, one.expected_success), strict=False)),
+            dict(zip(one.finger_sets, map(int, one.grasps), strict=False)),
+        )
+        for one in response.products
+    )
+
+
+def finger_record_views(response: Any) -> tuple[FingerRecordView, ...]:
+    """Return the fingers of ListFingers."""
+    return tuple(
+        FingerRecordView(
+            one.serial,
+            one.profile,
+            one.finger,
+            one.printed,
+            one.material,
+            one.cable,
+            one.state,
+            int(one.cycles),
+            int(one.cycle_limit),
+            one.calibrated,
+            one.objection,
+            tuple(zip(map(float, one.check_lengths), map(float, one.check_tensions), strict=False)),
+        )
+        for one in response.fingers
+    )
+
+
+def counted_views(response: Any) -> tuple[CountedView, ...]:
+    """Return the grasps of ListGrasps."""
+    return tuple(
+        CountedView(
+            one.stamp.sec + one.stamp.nanosec * 1e-9,
+            one.product,
+            one.finger_set,
+            one.outcome,
+            one.reason,
+            float(one.duration),
+        )
+        for one in response.grasps
     )
 
 

@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, JointState
 
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, SafetyState, TendonOwners, TendonStatusArray
-from softgrip_interfaces.srv import ListProducts, PlaceObject, WriteAudit
+from softgrip_interfaces.srv import ListFingers, ListGrasps, ListProducts, PlaceObject, WriteAudit
 from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
@@ -39,6 +39,7 @@ from softgrip_panel.model.facts import StopPolicyView
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.overlay import ChainOverlay
 from softgrip_panel.model.state import PanelState
+from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.nodes import convert
 from softgrip_panel.nodes.cell_calls import RosCalls
 from softgrip_panel.texts import Texts
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
 
 #: How often streams are looked at while a page is open or a grasp goes on, and slow things always [s].
 SAMPLE_S, LOOK_S = 0.1, 1.0
+#: Every so many looks the cell's lists are read again while a page is open.
+LISTS_EVERY = 4
 
 PARAMETERS = ParameterTable(
     Parameter("host", "127.0.0.1", "name or address to listen on; another than the loopback wants users and TLS"),
@@ -87,6 +90,9 @@ class PanelNode(Node):
         self._subscribe()
         self._policy_client = self.create_client(GetParameters, "tendon_driver/get_parameters")
         self._product_client = self.create_client(ListProducts, "cell/list_products")
+        self._finger_client = self.create_client(ListFingers, "cell/list_fingers")
+        self._grasp_client = self.create_client(ListGrasps, "cell/list_grasps")
+        self._lists_due = 0
         self._audit_client = self.create_client(WriteAudit, "cell/write_audit")
         self._place_client = self.create_client(PlaceObject, "emulator/place_object")
         steady_timer(self, SAMPLE_S, self._sample)
@@ -122,7 +128,8 @@ class PanelNode(Node):
         sessions = Sessions(time.monotonic, self._state.control.forget)
         desk = ActDesk(self._state, self._calls, self._record)
         site = PanelSite(
-            desk, texts, accounts, sessions, LoginBrake(time.monotonic), rule, self.get_namespace(),
+            desk, Worker(desk, WorkRun(time.monotonic)), texts, accounts, sessions, LoginBrake(time.monotonic), rule,
+            self.get_namespace(),
             log=self.get_logger().warning,
         )  # fmt: skip
         desk.on_done = self._write_audit
@@ -217,8 +224,12 @@ class PanelNode(Node):
         if not self._state.policy.estop_policy and self._policy_client.service_is_ready():
             request = GetParameters.Request(names=["estop_policy", "tension_hold_n"])
             self._policy_client.call_async(request).add_done_callback(self._on_policy)
-        if not self._state.products and self._product_client.service_is_ready():
-            self._product_client.call_async(ListProducts.Request()).add_done_callback(self._on_products)
+        self._lists_due -= 1
+        if self._lists_due <= 0 and (self._site.viewers or not self._state.products):
+            self._lists_due = LISTS_EVERY
+            self._ask(self._product_client, ListProducts.Request(), self._on_products)
+            self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
+            self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
         problem = self._record.problem
         health = Health.WARN if problem else Health.OK
         self._diagnostics.set("page", health, problem or "serves", {"pages": self._site.viewers})
@@ -231,7 +242,24 @@ class PanelNode(Node):
     def _on_products(self, future: Any) -> None:
         response = future.result()
         if response.success:
-            self._state.products = tuple(one.id for one in response.products)
+            self._state.catalogue = convert.product_views(response)
+            self._state.products = tuple(one.id for one in self._state.catalogue)
+
+    def _on_fingers(self, future: Any) -> None:
+        response = future.result()
+        if response.success:
+            self._state.fingers = convert.finger_record_views(response)
+
+    def _on_grasps(self, future: Any) -> None:
+        response = future.result()
+        if response.success:
+            self._state.counted = convert.counted_views(response)
+
+    @staticmethod
+    def _ask(client: Any, request: Any, on_answer: Any) -> None:
+        """Call a service that is there."""
+        if client.service_is_ready():
+            client.call_async(request).add_done_callback(on_answer)
 
     def _write_audit(self, who: str, act: str, subject: str, detail: str) -> None:
         """Write an act into the cell's audit table, too; the panel's own record has it in any case."""
@@ -242,6 +270,7 @@ class PanelNode(Node):
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.begin(goal.finger_set, who, time.time())
+            self._lists_due = 0
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
         if act == "swap":
@@ -254,6 +283,7 @@ class PanelNode(Node):
                 )
 
     def _read_result(self, act: str, result: Any) -> tuple[bool, str]:
+        self._lists_due = 0
         with self._state.locked() as state:
             if act == "grasp":
                 outcome = convert.GRASP_OUTCOMES.get(result.outcome, "?")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from nicegui import background_tasks, ui
@@ -20,7 +20,13 @@ from softgrip_panel.web.shown import ShownParts
 from softgrip_panel.web.site import PERIOD_S, PanelSite
 
 #: Path and text key of every page, in the order of the navigation.
-PAGES: Final = {"/": "nav.cell"}
+PAGES: Final = {
+    "/": "nav.cell",
+    "/work": "nav.work",
+    "/swap": "nav.swap",
+    "/grasps": "nav.grasps",
+    "/records": "nav.records",
+}
 
 _HEAD: Final = '<link rel="stylesheet" href="/assets/panel.css"><script type="module" src="/assets/panel.js"></script>'
 
@@ -44,6 +50,35 @@ def _attributed(made: Any, classes: str, attributes: dict[str, str]) -> Any:
         # not by props(), whose one string cannot hold quotes of a text
         made._props[name.replace("_", "-")] = value  # noqa: SLF001
     return made
+
+
+class Choice:
+    """The browser's own list to choose from: it works with keyboard, touch and screen reader everywhere.
+
+    Args:
+        label: what is chosen.
+        options: value -> text.
+    """
+
+    def __init__(self, label: str, options: Mapping[str, str]) -> None:
+        self.value = ""
+        with element("label", "choice"):
+            text_element("span", label)
+            self._select = element("select")
+        self._select.on("change", self._on_change, js_handler="(event) => emit(event.target.value)")
+        self.set_options(options)
+
+    def set_options(self, options: Mapping[str, str]) -> None:
+        """Offer other values; what was chosen stays where it is among them."""
+        self.value = self.value if self.value in options else next(iter(options), "")
+        self._select.clear()
+        with self._select:
+            for value, text in options.items():
+                chosen = {"selected": "selected"} if value == self.value else {}
+                text_element("option", text, value=value, **chosen)
+
+    def _on_change(self, event: Any) -> None:
+        self.value = str(event.args)
 
 
 class Page:

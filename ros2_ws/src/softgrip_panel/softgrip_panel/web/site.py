@@ -23,9 +23,11 @@ from softgrip_panel.access.sessions import LoginBrake, Sessions
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model import acts
 from softgrip_panel.model.desk import ActDesk
+from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
 from softgrip_panel.model.grasps import export_csv
 from softgrip_panel.model.roles import Role
+from softgrip_panel.model.work import Worker
 from softgrip_panel.texts import Texts
 from softgrip_panel.web.gate import COOKIE, TOKEN, App, Gate, person_of
 
@@ -41,6 +43,7 @@ class PanelSite:
 
     Attributes:
         desk: does acts and knows the state.
+        worker: runs order lists.
         texts: all words.
         accounts: who may log in.
         sessions: who is logged in.
@@ -50,9 +53,11 @@ class PanelSite:
         picture: newest camera frame, None before the first.
         viewers: pages that show live data now.
         log: says what was refused.
+        label: makes the label of a finger.
     """
 
     desk: ActDesk
+    worker: Worker
     texts: Texts
     accounts: Accounts
     sessions: Sessions
@@ -63,6 +68,7 @@ class PanelSite:
     viewers: int = 0
     shapes: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     log: Callable[[str], Any] = print
+    label: Callable[[FingerRecordView, Texts], str] | None = None
 
     def app(self, pages: Callable[[PanelSite], None]) -> App:
         """Return the whole site as ASGI.
@@ -80,6 +86,7 @@ class PanelSite:
         app.add_api_route(
             "/grasps/{number}/{moment}.jpg", self._grasp_picture, methods=["GET"], include_in_schema=False
         )
+        app.add_api_route("/label/{serial}", self._label, methods=["GET"], include_in_schema=False)
         app.add_api_websocket_route("/live", self._live)
         pages(self)
         ui.run_with(
@@ -87,6 +94,7 @@ class PanelSite:
             title=self.texts("title"),
             favicon="🖐",
             dark=None,
+            language="en-US",
             binding_refresh_interval=None,
             tailwind=False,
             show_welcome_message=False,
@@ -153,6 +161,12 @@ class PanelSite:
         record = self.desk.state.grasps.find(number)
         jpeg = record.pictures.get(moment) if record else None
         return Response(jpeg, media_type="image/jpeg") if jpeg else Response("no such picture\n", status_code=404)
+
+    async def _label(self, serial: str) -> Response:
+        record = next((one for one in self.desk.state.fingers if one.serial == serial), None)
+        if record is None or self.label is None:
+            return Response("no such finger\n", status_code=404)
+        return HTMLResponse(self.label(record, self.texts))
 
     async def _live(self, socket: WebSocket) -> None:
         """Send pictures and tensions to one page, each when it has changed and at most ten times a second."""

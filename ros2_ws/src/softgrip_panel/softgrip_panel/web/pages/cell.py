@@ -14,7 +14,7 @@ from softgrip_panel.model.alarms import Alarm
 from softgrip_panel.model.explain import explain_reset
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.state import Notice
-from softgrip_panel.web.shell import Page, clock_text, element, text_element
+from softgrip_panel.web.shell import Choice, Page, clock_text, element, text_element
 
 #: So many tendons are told in words.
 MAX_TENDONS = 8
@@ -150,19 +150,14 @@ def _actions(page: Page) -> None:
         page.commands(acts.estop(), acts.release(), acts.grasp("egg", confirm_lift=False), acts.home())
 
 
-def product_choice(page: Page) -> Any:
+def product_choice(page: Page) -> Choice:
     """Return a choice among the products of the cell, which may be heard of later."""
-    choice = ui.select([], label=page.t("cell.hold_what")).props("outlined dense options-dense").classes("grow")
-
-    def write(products: tuple[str, ...]) -> None:
-        value = choice.value if choice.value in products else next(iter(products), None)
-        choice.set_options(list(products), value=value)
-
-    page.shown.keep(lambda: page.state.products, write)
+    choice = Choice(page.t("cell.hold_what"), {})
+    page.shown.keep(lambda: page.state.products, lambda products: choice.set_options({one: one for one in products}))
     return choice
 
 
-def _emulated(page: Page, product: Any) -> None:
+def _emulated(page: Page, product: Choice) -> None:
     """Make the emulated hands; shown where there are such."""
     with element("div", classes="emulated", id="emulated") as part:
         text_element("h3", page.t("emulated.title"))

@@ -86,6 +86,7 @@ const HISTORY = 300;
 function drawTensions(message) {
   const { rows, stale } = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 1)));
   history.push(rows);
+  drawCheck(rows);
   if (history.length > HISTORY) history.shift();
   const canvas = byId("tensions");
   if (!canvas) return;
@@ -134,6 +135,89 @@ function curve(pen, values, x, y, width, height, top, style) {
   });
   pen.stroke();
 }
+
+// --- the empty closing: tension over pulled length, beside what the finger's own record says
+
+const closing = new Map();
+
+function drawCheck(rows) {
+  const canvas = byId("check");
+  if (!canvas) return;
+  const pen = canvas.getContext("2d");
+  const records = [...document.querySelectorAll("#check-curves li")];
+  const curves = new Map(records.map((one) => [one.dataset.slot, (one.dataset.curve || "").split(" ").filter(Boolean).map((pair) => pair.split(",").map(Number))]));
+  for (const [name, tension, , pulled] of rows) {
+    const dots = closing.get(name) ?? [];
+    if (pulled !== null && pulled < 0.3) dots.length = 0;
+    if (tension !== null && pulled !== null) dots.push([pulled, tension]);
+    if (dots.length > 400) dots.shift();
+    closing.set(name, dots);
+  }
+  pen.clearRect(0, 0, canvas.width, canvas.height);
+  const all = [...curves.values(), ...closing.values()].flat();
+  const [right, top] = [Math.max(16, ...all.map(([x]) => x)), Math.max(10, ...all.map(([, n]) => n))];
+  const height = canvas.height / Math.max(1, rows.length);
+  pen.font = "16px system-ui, sans-serif";
+  rows.forEach(([name], k) => {
+    const place = ([x, n]) => [50 + (x / right) * (canvas.width - 60), (k + 1) * height - 16 - (Math.max(0, n) / top) * (height - 36)];
+    pen.fillStyle = colour("--text");
+    pen.fillText(`${name}  0 .. ${right.toFixed(0)} mm, 0 .. ${top.toFixed(0)} N`, 4, k * height + 18);
+    pen.strokeStyle = colour("--line");
+    pen.strokeRect(50, k * height + 20, canvas.width - 60, height - 36);
+    pen.strokeStyle = colour("--measured");
+    pen.lineWidth = 2;
+    pen.beginPath();
+    (curves.get(name) ?? []).forEach((point, j) => (j ? pen.lineTo(...place(point)) : pen.moveTo(...place(point))));
+    pen.stroke();
+    pen.fillStyle = colour("--accent");
+    for (const point of closing.get(name)) pen.fillRect(place(point)[0] - 2, place(point)[1] - 2, 4, 4);
+  });
+}
+
+// --- one grasp: tensions over time
+
+const TENDON_STYLES = ["--accent", "--measured", "--good", "--bad"];
+
+function drawGrasp(canvas) {
+  canvas.drawn = canvas.dataset.curve;
+  const { tendons, samples, decided } = JSON.parse(canvas.dataset.curve);
+  const pen = canvas.getContext("2d");
+  pen.clearRect(0, 0, canvas.width, canvas.height);
+  const [left, bottom] = [44, canvas.height - 24];
+  const end = Math.max(1, samples.length ? samples[samples.length - 1][0] : 1);
+  const top = Math.max(10, ...samples.flatMap((one) => one.slice(1)).map((n) => n ?? 0));
+  const place = (s, n) => [left + (s / end) * (canvas.width - left - 8), bottom - (Math.max(0, n) / top) * (bottom - 30)];
+  pen.font = "15px system-ui, sans-serif";
+  pen.strokeStyle = colour("--line");
+  pen.strokeRect(left, 26, canvas.width - left - 8, bottom - 26);
+  pen.fillStyle = colour("--text");
+  pen.fillText(`${top.toFixed(0)} N`, 0, 40);
+  pen.fillText(`${end.toFixed(1)} s`, canvas.width - 52, canvas.height - 6);
+  tendons.forEach((name, k) => {
+    pen.strokeStyle = pen.fillStyle = colour(TENDON_STYLES[k % TENDON_STYLES.length]);
+    pen.fillText(name, left + 110 * k, 18);
+    for (const [column, dash] of [[1 + k, []], [1 + tendons.length + k, [6, 5]]]) {
+      pen.setLineDash(dash);
+      pen.lineWidth = dash.length ? 1.5 : 2.5;
+      pen.beginPath();
+      samples.filter((one) => one[column] !== null).forEach((one, j) => (j ? pen.lineTo(...place(one[0], one[column])) : pen.moveTo(...place(one[0], one[column]))));
+      pen.stroke();
+    }
+  });
+  pen.setLineDash([]);
+  if (decided !== null) {
+    pen.strokeStyle = colour("--text");
+    pen.beginPath();
+    pen.moveTo(place(Math.min(decided, end), 0)[0], 26);
+    pen.lineTo(place(Math.min(decided, end), 0)[0], bottom);
+    pen.stroke();
+  }
+}
+
+setInterval(() => {
+  const canvas = byId("curve");
+  if (canvas && canvas.drawn !== canvas.dataset.curve) drawGrasp(canvas);
+}, 200);
 
 // --- the live socket
 
