@@ -28,6 +28,7 @@ MAY_IMPORT = {
     "softgrip_cell": {"softgrip_description", "softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
+    "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_vision"},
     "softgrip_cmake": set(),
     "softgrip_security": set(),
     "softgrip_testing": {
