@@ -225,7 +225,7 @@ class EmulatedCell:
             joints = finger.joints
             product = plant.grasp.outline_m(index)
             now = Pose(chain[index, : joints + 1], heading[index, :joints], finger.body_height_m, product)
-            earlier, earlier_heading = plant.bank.chain(plant.bank.q - _EXPOSURE_S * plant.bank.joint_speed)
+            earlier, earlier_heading = plant.bank.chain(_EXPOSURE_S)
             before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m, product)
             return ExposureSample(now, before, stamp_s, faults)
 

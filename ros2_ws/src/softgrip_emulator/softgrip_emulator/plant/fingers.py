@@ -68,15 +68,15 @@ class FingerBank:
         Args:
             wound_m: cable wound on each spool since mounting [m], (F,).
             dt_s: step [s].
-            load: what products do to the joints: torques [N m], (F, J), closing positive, and their stiffness against
-                closing [N m/rad], (F, J, J).
+            load: what products do to the links: force on their poses [N, N, N m a joint], (F, 3J), and its stiffness
+                against their motion, (F, 3J, 3J).
         """
         self.core.step(wound_m, dt_s, load)
 
-    def chain(self, q: Array | None = None) -> tuple[Array, Array]:
-        """Joints and tip in each finger's base frame [m], (F, J+1, 2), and direction angles of the links [rad], (F, J).
+    def chain(self, ago_s: float = 0.0) -> tuple[Array, Array]:
+        """Middles of the strips and tip in each finger's base frame [m], (F, J+1, 2), and the links' directions, (F, J).
 
         Args:
-            q: joint angles (F, J) [rad]; the present ones when not given.
+            ago_s: so long before now, by the speeds of the last step [s].
         """
-        return self.core.chain(self.q if q is None else q)
+        return self.core.chain(ago_s)

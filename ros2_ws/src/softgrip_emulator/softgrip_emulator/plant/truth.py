@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from softgrip_emulator.plant.material import fibre_law
 from softgrip_emulator.plant.surface import surface_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from softgrip_model.profile import FingerDesign, Material
+
+POISSON: Final = 0.45
+"""Of printed TPU."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +37,21 @@ class FingerTruth:
     opening_rad: NDArray[np.float64]
     entry_radius_m: NDArray[np.float64]
     exit_radius_m: NDArray[np.float64]
-    moment_coefficients: NDArray[np.float64]
-    """(3, n): torque = c0 q + c1 q|q| + c2 q^3 [N m] (thesis section 4.2.2, tangent modulus of |strain| integrated)."""
+    clearance_m: NDArray[np.float64]
+    """(2 n): how far the cable can move along the flank from the middle of its hole."""
+    width_m: float
+    strip_lengths_m: NDArray[np.float64]
+    thickness_m: NDArray[np.float64]
+    stress_tension_pa: NDArray[np.float64]
+    stress_compression_pa: NDArray[np.float64]
+    """(3,): nominal stress of a fibre = e (c1 + c2 e + c3 e^2) of the size e of its strain (plant/material.py)."""
+    stiffness: NDArray[np.float64]
+    """(n): how much stiffer than that each strip came out."""
+    poisson: float
     damping_s: float
-    """Viscous torque = damping_s * c0 * dq/dt."""
+    """Viscous forces of a strip = damping_s times the rate of its elastic ones."""
     creep_share: float
-    """Share of the elastic torque that relaxes."""
+    """Share of the elastic forces that relaxes."""
     creep_time_s: float
     friction_coefficient: NDArray[np.float64]
     """(2 n): coefficient at 5 N while sliding."""
@@ -75,23 +88,10 @@ def draw_finger(design: FingerDesign, material: Material, *, profile: str, seria
     rng = np.random.default_rng([seed, zlib.crc32(f"{profile}/{serial}".encode())])
     surface = surface_of(seed)
     joints = design.joints
-    width, length = design.width_m, np.array(design.joint_lengths_m)
     thickness = np.array(design.thicknesses_m) + rng.normal(0.0, 0.03e-3, joints)
     # A batch prints a little stiffer or softer than the data sheet, each joint scatters around that.
     stiffness = rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, joints)
-    half = thickness / 2.0
-    moment = (
-        2.0
-        * width
-        * stiffness
-        * np.stack(
-            [
-                material.modulus_constant_pa * half**3 / 3.0 / length,
-                material.modulus_linear_pa * half**4 / 8.0 / length**2,
-                material.modulus_quadratic_pa * half**5 / 15.0 / length**3,
-            ]
-        )
-    )
+    law = fibre_law(material)
     radii = np.array(design.routing_radii_m) + rng.normal(0.0, 0.05e-3, 2 * joints)
     return FingerTruth(
         profile=profile,
@@ -102,7 +102,14 @@ def draw_finger(design: FingerDesign, material: Material, *, profile: str, seria
         opening_rad=np.array(design.openings_rad),
         entry_radius_m=radii[0::2],
         exit_radius_m=radii[1::2],
-        moment_coefficients=moment,
+        clearance_m=np.zeros(2 * joints),
+        width_m=design.width_m,
+        strip_lengths_m=np.array(design.joint_lengths_m),
+        thickness_m=thickness,
+        stress_tension_pa=law.tension_pa,
+        stress_compression_pa=law.compression_pa,
+        stiffness=stiffness,
+        poisson=POISSON,
         damping_s=0.035 * rng.uniform(0.8, 1.25),
         creep_share=0.10 * rng.uniform(0.7, 1.3),
         creep_time_s=6.0 * rng.uniform(0.7, 1.4),

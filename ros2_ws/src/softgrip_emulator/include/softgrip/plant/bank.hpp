@@ -11,9 +11,10 @@
 
 namespace softgrip::plant {
 
-// What products do to the joints: torque [N m], (F, J), closing positive, and stiffness against closing, (F, J, J).
+// What products do to the links: force on the poses [N, N, N m a joint], (F, 3 J), and its stiffness against their
+// motion, (F, 3 J, 3 J).
 struct JointLoad {
-  std::vector<double> torque_nm, stiffness;
+  std::vector<double> force, stiffness;
 };
 
 class FingerBank {
