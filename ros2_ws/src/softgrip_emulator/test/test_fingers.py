@@ -32,9 +32,9 @@ def test_friction_turns_round_when_the_finger_opens(plain_finger):
 
 def test_a_joint_stops_when_its_groove_is_closed(plain_finger):
     bank = FingerBank([plain_finger((9.0, 9.0, 4.0, 4.0, 4.0, 4.0))])
-    # Closed for good the three grooves hold 24 mm less cable.
     pull(bank, 0.0195)
-    assert math.degrees(bank.q[0].max()) < 90.0
+    # The flanks are of TPU: they give by 3 degrees under these 20 N.
+    assert math.degrees(bank.q[0].max()) < 91.0
     assert math.degrees(bank.q[0, 0]) > 86.0
 
 
@@ -90,4 +90,4 @@ def test_the_true_finger_is_near_its_design_and_not_equal(profiles):
     design = power.finger("index")
     off = truth.link_lengths_m - np.array(design.link_lengths_m)
     assert 0.0 < np.abs(off).max() < 0.5e-3
-    assert 0.1 < truth.friction_coefficient.mean() < 0.5
+    assert 0.1 < (truth.friction_pressure + truth.friction_adhesion / np.sqrt(5.0)).mean() < 0.5

@@ -140,7 +140,7 @@ def test_a_finger_does_not_feel_how_many_joints_its_neighbour_has(plain_finger):
                     "stiffness",
                 ),
             ),
-            (4, ("clearance_m", "friction_coefficient", "friction_bite")),
+            (4, ("clearance_m", "friction_pressure", "friction_adhesion")),
         )
         for name in names
     }
@@ -178,6 +178,6 @@ def test_wrong_sizes_are_refused(plain_finger):
     with pytest.raises(ValueError, match=r"stiffness \(F, 3 J, 3 J\)"):
         JointLoad(np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(ValueError, match="two contacts"):
-        FingerBank([replace(plain_finger(), friction_bite=np.zeros(3))])
+        FingerBank([replace(plain_finger(), friction_adhesion=np.zeros(3))])
     with pytest.raises(IndexError, match="no such slot"):
         bank.adopt(FingerBank([plain_finger()]), [1])

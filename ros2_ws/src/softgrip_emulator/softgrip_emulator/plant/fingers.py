@@ -74,7 +74,7 @@ class FingerBank:
         self.core.step(wound_m, dt_s, load)
 
     def chain(self, ago_s: float = 0.0) -> tuple[Array, Array]:
-        """Middles of the strips and tip in each finger's base frame [m], (F, J+1, 2), and the links' directions, (F, J).
+        """Middles of the strips and tip in each finger's base frame [m], (F, J+1, 2), and link directions (F, J).
 
         Args:
             ago_s: so long before now, by the speeds of the last step [s].

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One printed finger as it really came out: the design plus what printing, cable and wear made of it, from a seed.
 
-The predictor never sees these numbers. Nothing here is its friction law: friction is a capstan whose coefficient
-falls with tension as a power law, rises at low sliding speed (Stribeck) and scatters from contact to contact.
+The predictor never sees these numbers, and none of its laws is here: strips are beams of fibres (plant/material.py), the
+cable rubs by adhesion and pressure (rig/truth.py).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from softgrip_emulator.plant.material import fibre_law
-from softgrip_emulator.plant.surface import surface_of
+from softgrip_emulator.rig.truth import FrictionTruth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,13 +53,14 @@ class FingerTruth:
     creep_share: float
     """Share of the elastic forces that relaxes."""
     creep_time_s: float
-    friction_coefficient: NDArray[np.float64]
-    """(2 n): coefficient at 5 N while sliding."""
-    friction_tension_exponent: float
+    friction_pressure: NDArray[np.float64]
+    friction_adhesion: NDArray[np.float64]
+    """(2 n): coefficient while sliding = pressure + adhesion / sqrt(tension) [1], [sqrt(N)] (rig/truth.py)."""
+    bending_n: float
+    bending_share: float
+    """Tension that bending the cable round an edge costs, and straightening it again: a constant and a share."""
     friction_stribeck_share: float
     friction_stribeck_speed_m_s: float
-    friction_bite: NDArray[np.float64]
-    """(2 n): part of ln(T1/T2) that does not depend on the wrap angle, reached once the cable lies on the edge."""
     presliding_m: float
     """Cable travel over which friction turns round."""
     cable_stiffness_n: float
@@ -86,12 +87,16 @@ def draw_finger(design: FingerDesign, material: Material, *, profile: str, seria
         seed: of the cell.
     """
     rng = np.random.default_rng([seed, zlib.crc32(f"{profile}/{serial}".encode())])
-    surface = surface_of(seed)
+    surface = FrictionTruth.from_seed(seed)
     joints = design.joints
     thickness = np.array(design.thicknesses_m) + rng.normal(0.0, 0.03e-3, joints)
     # A batch prints a little stiffer or softer than the data sheet, each joint scatters around that.
     stiffness = rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, joints)
     law = fibre_law(material)
+    # The same cable on the same material as on the rig, a little rougher or smoother at each edge, which is rounder or
+    # sharper than the rig's surface.
+    rubbing = rng.normal(1.0, 0.03) * rng.normal(1.0, 0.05, 2 * joints)
+    edge = rng.lognormal(0.0, 0.2, 2 * joints)
     radii = np.array(design.routing_radii_m) + rng.normal(0.0, 0.05e-3, 2 * joints)
     return FingerTruth(
         profile=profile,
@@ -113,11 +118,12 @@ def draw_finger(design: FingerDesign, material: Material, *, profile: str, seria
         damping_s=0.035 * rng.uniform(0.8, 1.25),
         creep_share=0.10 * rng.uniform(0.7, 1.3),
         creep_time_s=6.0 * rng.uniform(0.7, 1.4),
-        friction_coefficient=surface.coefficient * rng.normal(1.0, 0.03) * rng.normal(1.0, 0.05, 2 * joints),
-        friction_tension_exponent=surface.exponent,
+        friction_pressure=surface.pressure_coefficient * rubbing,
+        friction_adhesion=surface.adhesion * rubbing * np.sqrt(edge),
+        bending_n=surface.bending_n * rng.normal(1.0, 0.1),
+        bending_share=surface.bending_share,
         friction_stribeck_share=0.08 * rng.uniform(0.5, 1.5),
         friction_stribeck_speed_m_s=1.5e-3,
-        friction_bite=surface.bite * rng.normal(1.0, 0.15, 2 * joints),
         presliding_m=0.12e-3 * rng.uniform(0.7, 1.4),
         cable_stiffness_n=9.0e3 * rng.uniform(0.85, 1.15),
         lead_length_m=0.12,

@@ -59,9 +59,10 @@ TendonMake tendon_of(const py::object& truth) {
   make.entry_radius_m = values("entry_radius_m");
   make.exit_radius_m = values("exit_radius_m");
   make.clearance_m = values("clearance_m");
-  make.friction_coefficient = values("friction_coefficient");
-  make.friction_bite = values("friction_bite");
-  make.friction_tension_exponent = value("friction_tension_exponent");
+  make.friction_pressure = values("friction_pressure");
+  make.friction_adhesion = values("friction_adhesion");
+  make.bending_n = value("bending_n");
+  make.bending_share = value("bending_share");
   make.friction_stribeck_share = value("friction_stribeck_share");
   make.friction_stribeck_speed_m_s = value("friction_stribeck_speed_m_s");
   make.presliding_m = value("presliding_m");
@@ -85,7 +86,7 @@ FingerMake make_of(const py::object& truth) {
        {&tendon.opening_rad, &tendon.entry_radius_m, &tendon.exit_radius_m, &length_m, &thickness_m, &stiffness}) {
     if (row->size() != joints) throw std::invalid_argument("finger: expected one value for each link");
   }
-  for (const auto* row : {&tendon.clearance_m, &tendon.friction_coefficient, &tendon.friction_bite}) {
+  for (const auto* row : {&tendon.clearance_m, &tendon.friction_pressure, &tendon.friction_adhesion}) {
     if (row->size() != 2 * joints) throw std::invalid_argument("finger: expected two contacts for each link");
   }
   for (std::size_t j = 0; j < joints; ++j) {

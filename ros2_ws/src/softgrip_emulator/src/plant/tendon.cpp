@@ -9,9 +9,9 @@ namespace softgrip::plant {
 
 namespace {
 
-constexpr double kTensionReference_N = 5.0;
 constexpr double kTensionFloor_N = 0.05;
-constexpr double kBiteAngle_rad = 0.05;
+// Below this wrap angle a cable is not bent round the edge but lies beside it.
+constexpr double kBentFrom_rad = 0.05;
 constexpr double kSpeedFilter = 0.1;
 // The cable comes out of the base parallel to the straight finger, from this far behind the first hole.
 constexpr double kBaseRun_m = 0.035;
@@ -125,14 +125,15 @@ double Tendon::way_m() const {
 
 // -- tension --------------------------------------------------------------------------------------------------------
 
-// ln(T before / T after) at a contact when fully sliding.
+// ln(T before / T after) at a contact when fully sliding (rig/truth.py has the law and its sources).
 double Tendon::log_ratio(std::size_t contact, double tension_n) const {
   const double wrap = wrap_rad_[contact];
-  const double level = std::max(tension_n, kTensionFloor_N) / kTensionReference_N;
+  const double tension = std::max(tension_n, kTensionFloor_N);
   const double slow = std::exp(-std::abs(speed_m_s_[contact]) / make_.friction_stribeck_speed_m_s);
-  const double mu = make_.friction_coefficient[contact] * std::pow(level, -make_.friction_tension_exponent) *
+  const double mu = (make_.friction_pressure[contact] + make_.friction_adhesion[contact] / std::sqrt(tension)) *
                     (1.0 + make_.friction_stribeck_share * slow);
-  return mu * wrap + make_.friction_bite[contact] * (1.0 - std::exp(-wrap / kBiteAngle_rad));
+  const double bent = 1.0 - std::exp(-wrap / kBentFrom_rad);
+  return mu * wrap + bent * (std::log1p(2.0 * make_.bending_n / tension) + 2.0 * make_.bending_share);
 }
 
 void Tendon::find_ratios(const double* span_tension_n, double friction_scale) {

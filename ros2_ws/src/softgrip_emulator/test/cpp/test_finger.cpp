@@ -17,9 +17,10 @@ FingerMake two_joints() {
   make.tendon.entry_radius_m = {0.008, 0.007};
   make.tendon.exit_radius_m = {0.009, 0.0075};
   make.tendon.clearance_m.assign(4, 0.0);
-  make.tendon.friction_coefficient.assign(4, 0.0);
-  make.tendon.friction_bite.assign(4, 0.0);
-  make.tendon.friction_tension_exponent = 0.0;
+  make.tendon.friction_pressure.assign(4, 0.0);
+  make.tendon.friction_adhesion.assign(4, 0.0);
+  make.tendon.bending_n = 0.0;
+  make.tendon.bending_share = 0.0;
   make.tendon.friction_stribeck_share = 0.0;
   make.tendon.friction_stribeck_speed_m_s = 0.01;
   make.tendon.presliding_m = 1e-4;
@@ -107,7 +108,7 @@ TEST(PlantFinger, TheLastStripCarriesTheCableOfItsGroove) {
 TEST(PlantFinger, TensionFallsTowardsTheTipByTheWrapAngles) {
   FingerMake make = two_joints();
   const double mu = 0.3;
-  make.tendon.friction_coefficient.assign(4, mu);
+  make.tendon.friction_pressure.assign(4, mu);
   make.tendon.presliding_m = 1e-6;  // the last point is slid over only by what the cable behind it stretches
   RestingFinger resting(make, 0.006);
   const Eigen::Vector2d last = resting.on_link(1, 0.025, 0.0075 * std::cos(0.6)) - resting.exit(make, 1);
@@ -126,7 +127,7 @@ TEST(PlantFinger, TensionFallsTowardsTheTipByTheWrapAngles) {
 
 TEST(PlantFinger, ACableWithRoomLiesOnTheRimOrRubsNowhere) {
   FingerMake make = two_joints();
-  make.tendon.friction_coefficient.assign(4, 0.3);
+  make.tendon.friction_pressure.assign(4, 0.3);
   make.tendon.presliding_m = 1e-6;
   make.tendon.clearance_m.assign(4, 0.0005);
   RestingFinger resting(make, 0.006);

@@ -18,8 +18,8 @@ namespace softgrip::plant {
 // n values per joint or 2 n per contact, base to tip (plant/truth.py explains them).
 struct TendonMake {
   std::vector<double> link_m, opening_rad, entry_radius_m, exit_radius_m;  // n
-  std::vector<double> clearance_m, friction_coefficient, friction_bite;    // 2 n
-  double friction_tension_exponent, friction_stribeck_share, friction_stribeck_speed_m_s;
+  std::vector<double> clearance_m, friction_pressure, friction_adhesion;   // 2 n
+  double bending_n, bending_share, friction_stribeck_share, friction_stribeck_speed_m_s;
   double presliding_m, cable_stiffness_n, lead_length_m;
 
   std::size_t joints() const { return link_m.size(); }
