@@ -117,8 +117,9 @@ def plain_finger():
             stiffness=np.ones(3),
             poisson=0.0,
             damping_s=1e-2,
-            creep_share=0.0,
-            creep_time_s=1.0,
+            relaxing_share=np.zeros(4),
+            relaxing_time_s=np.ones(4),
+            softening=0.0,
             friction_pressure=np.full(6, mu),
             friction_adhesion=np.zeros(6),
             bending_n=0.0,
@@ -129,6 +130,14 @@ def plain_finger():
             cable_stiffness_n=1e5,
             lead_length_m=0.0,
             slack_m=0.0,
+            bedding_strain=0.0,
+            bedding_n=1.0,
+            cable_creep_share=0.0,
+            cable_creep_time_s=1.0,
+            knot_slip_m=0.0,
+            wear_per_j=np.zeros(6),
+            mounting_roll_rad=0.0,
+            cable_aside_m=np.zeros(3),
         )
 
     return make

@@ -38,8 +38,9 @@ def as_printed(finger):
         stiffness=np.ones(joints),
         poisson=finger.strip.poisson,
         damping_s=1e-2,
-        creep_share=0.0,
-        creep_time_s=1.0,
+        relaxing_share=np.zeros(4),
+        relaxing_time_s=np.ones(4),
+        softening=0.0,
         friction_pressure=np.zeros(2 * joints),
         friction_adhesion=np.zeros(2 * joints),
         bending_n=0.0,
@@ -50,6 +51,14 @@ def as_printed(finger):
         cable_stiffness_n=1e6,
         lead_length_m=0.0,
         slack_m=0.0,
+        bedding_strain=0.0,
+        bedding_n=1.0,
+        cable_creep_share=0.0,
+        cable_creep_time_s=1.0,
+        knot_slip_m=0.0,
+        wear_per_j=np.zeros(2 * joints),
+        mounting_roll_rad=0.0,
+        cable_aside_m=np.zeros(joints),
     )
 
 

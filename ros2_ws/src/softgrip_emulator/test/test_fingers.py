@@ -62,7 +62,9 @@ def test_every_shipped_finger_survives_a_jerk(profiles):
     for profile in profiles.values():
         bank = FingerBank(
             [
-                draw_finger(profile.finger(slot), profile.material, profile=profile.id, serial="x", seed=3)
+                draw_finger(
+                    profile.finger(slot), profile.material, profile.cable, profile=profile.id, serial="x", seed=3
+                )
                 for slot in profile.slots
             ]
         )
@@ -77,7 +79,7 @@ def test_every_shipped_finger_survives_a_jerk(profiles):
 def test_a_serial_is_the_same_finger_again_and_another_is_not(profiles):
     power = profiles["power"]
     draws = [
-        draw_finger(power.finger("index"), power.material, profile="power", serial=serial, seed=5)
+        draw_finger(power.finger("index"), power.material, power.cable, profile="power", serial=serial, seed=5)
         for serial in ("PW-I-01", "PW-I-01", "PW-I-02")
     ]
     assert np.array_equal(draws[0].stiffness, draws[1].stiffness)
@@ -86,7 +88,7 @@ def test_a_serial_is_the_same_finger_again_and_another_is_not(profiles):
 
 def test_the_true_finger_is_near_its_design_and_not_equal(profiles):
     power = profiles["power"]
-    truth = draw_finger(power.finger("index"), power.material, profile="power", serial="a", seed=1)
+    truth = draw_finger(power.finger("index"), power.material, power.cable, profile="power", serial="a", seed=1)
     design = power.finger("index")
     off = truth.link_lengths_m - np.array(design.link_lengths_m)
     assert 0.0 < np.abs(off).max() < 0.5e-3

@@ -72,7 +72,7 @@ def closed_loop_work_j(bank):
 
 def test_a_closed_loop_creates_no_energy(plain_finger, profiles):
     power = profiles["power"]
-    printed = draw_finger(power.finger("index"), power.material, profile="power", serial="x", seed=4)
+    printed = draw_finger(power.finger("index"), power.material, power.cable, profile="power", serial="x", seed=4)
     lossless, pulled = closed_loop_work_j(FingerBank([plain_finger()]))
     # Without friction only the joints' viscosity is lost: little at 2 mm/s.
     assert 0.0 < lossless < 0.02 * pulled
@@ -135,12 +135,13 @@ def test_a_finger_does_not_feel_how_many_joints_its_neighbour_has(plain_finger):
                     "opening_rad",
                     "entry_radius_m",
                     "exit_radius_m",
+                    "cable_aside_m",
                     "strip_lengths_m",
                     "thickness_m",
                     "stiffness",
                 ),
             ),
-            (4, ("clearance_m", "friction_pressure", "friction_adhesion")),
+            (4, ("clearance_m", "friction_pressure", "friction_adhesion", "wear_per_j")),
         )
         for name in names
     }

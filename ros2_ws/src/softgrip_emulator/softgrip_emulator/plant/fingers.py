@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from softgrip_emulator.plant import _core
+from softgrip_emulator.plant.material import in_room
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -57,6 +58,21 @@ class FingerBank:
     def adopt(self, before: FingerBank, keep: Sequence[int]) -> None:
         """Take over the state of fingers that stay mounted."""
         self.core.adopt(before.core, keep)
+
+    def warm(self, temperature_c: float) -> None:
+        """Bring all fingers to a temperature [degC]."""
+        self.core.set_room(*in_room(temperature_c))
+
+    def memories(self) -> dict[tuple[str, str], list[float]]:
+        """What strips and tendons do not forget, by profile and serial number."""
+        named = [(i, finger) for i, finger in enumerate(self.fingers) if finger is not None]
+        return {(finger.profile, finger.serial): self.core.recall(i) for i, finger in named}
+
+    def recall(self, memories: Mapping[tuple[str, str], list[float]]) -> None:
+        """Let fingers that were mounted before be as used as they were."""
+        for slot, finger in enumerate(self.fingers):
+            if finger is not None and (finger.profile, finger.serial) in memories:
+                self.core.remember(slot, memories[finger.profile, finger.serial])
 
     def pulled_length_m(self) -> Array:
         """How much cable the present joint angles take in [m], (F,)."""

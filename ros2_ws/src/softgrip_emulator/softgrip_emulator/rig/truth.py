@@ -63,7 +63,7 @@ class FrictionTruth:
 
     @property
     def adhesion(self) -> float:
-        """c of the law [sqrt(N)]."""
+        """C of the law [sqrt(N)]."""
         contact = np.sqrt(_CABLE_RADIUS_M * self.radius_m / (np.pi * _CONTACT_MODULUS_PA))
         return float(4.0 * self.shear_strength_pa * contact)
 

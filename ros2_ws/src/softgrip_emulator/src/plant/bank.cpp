@@ -30,7 +30,7 @@ void FingerBank::step(const double* wound_m, double dt_s, const JointLoad* load)
       const std::size_t row = kFreedoms * joints_;
       on_finger = {&load->force[i * row], &load->stiffness[i * row * row], row};
     }
-    fingers_[i]->step(wound_m[i], slack_m[i], broken[i] != 0, friction_scale, dt_s, on_finger);
+    fingers_[i]->step(wound_m[i], slack_m[i], broken[i] != 0, conditions, dt_s, on_finger);
   }
 }
 

@@ -68,6 +68,12 @@ TendonMake tendon_of(const py::object& truth) {
   make.presliding_m = value("presliding_m");
   make.cable_stiffness_n = value("cable_stiffness_n");
   make.lead_length_m = value("lead_length_m");
+  make.bedding_strain = value("bedding_strain");
+  make.bedding_n = value("bedding_n");
+  make.creep_share = value("cable_creep_share");
+  make.creep_time_s = value("cable_creep_time_s");
+  make.knot_slip_m = value("knot_slip_m");
+  make.wear_per_j = values("wear_per_j");
   return make;
 }
 
@@ -86,12 +92,16 @@ FingerMake make_of(const py::object& truth) {
        {&tendon.opening_rad, &tendon.entry_radius_m, &tendon.exit_radius_m, &length_m, &thickness_m, &stiffness}) {
     if (row->size() != joints) throw std::invalid_argument("finger: expected one value for each link");
   }
-  for (const auto* row : {&tendon.clearance_m, &tendon.friction_pressure, &tendon.friction_adhesion}) {
+  for (const auto* row :
+       {&tendon.clearance_m, &tendon.friction_pressure, &tendon.friction_adhesion, &tendon.wear_per_j}) {
     if (row->size() != 2 * joints) throw std::invalid_argument("finger: expected two contacts for each link");
   }
+  const auto relaxing_share = truth.attr("relaxing_share").cast<std::array<double, kRelaxations>>();
+  const auto relaxing_time_s = truth.attr("relaxing_time_s").cast<std::array<double, kRelaxations>>();
   for (std::size_t j = 0; j < joints; ++j) {
     make.strips.push_back({length_m[j], thickness_m[j], value("width_m"), law_of(truth, stiffness[j]), value("poisson"),
-                           j == 0 ? 0.0 : 1.0, 1.0, value("damping_s"), value("creep_share"), value("creep_time_s")});
+                           j == 0 ? 0.0 : 1.0, 1.0, value("damping_s"), relaxing_share, relaxing_time_s,
+                           value("softening")});
   }
   return make;
 }
@@ -212,7 +222,21 @@ void bind_fingers(py::module_& module) {
   py::class_<FingerBank>(module, "FingerBank")
       .def(py::init(&make_bank), py::arg("fingers"))
       .def_property_readonly("joints", &FingerBank::joints)
-      .def_readwrite("friction_scale", &FingerBank::friction_scale)
+      .def_property(
+          "friction_scale", [](const FingerBank& bank) { return bank.conditions.friction_scale; },
+          [](FingerBank& bank, double scale) { bank.conditions.friction_scale = scale; })
+      .def(
+          "set_room", [](FingerBank& bank, double stiffness, double pace) { bank.conditions.room = {stiffness, pace}; },
+          py::arg("stiffness"), py::arg("pace"))
+      .def("recall",
+           [](const FingerBank& bank, std::size_t slot) {
+             const Finger* finger = bank.finger(slot);
+             return finger == nullptr ? std::vector<double>() : finger->recall();
+           })
+      .def("remember",
+           [](FingerBank& bank, std::size_t slot, const std::vector<double>& memory) {
+             if (Finger* finger = bank.finger(slot)) finger->remember(memory);
+           })
       .def("step", &step_bank, py::arg("wound_m"), py::arg("dt_s"), py::arg("load").none(true) = py::none())
       .def("adopt", &adopt, py::arg("before"), py::arg("keep"))
       .def("pulled_length_m", &pulled_length)

@@ -52,6 +52,19 @@ void Finger::adopt(const Finger& before) {
   middle_speed_m_s_ = before.middle_speed_m_s_;
 }
 
+std::vector<double> Finger::recall() const {
+  std::vector<double> memory(Strip::kMemory * strips_.size() + tendon_.memory());
+  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].recall(&memory[Strip::kMemory * j]);
+  tendon_.recall(&memory[Strip::kMemory * strips_.size()]);
+  return memory;
+}
+
+void Finger::remember(const std::vector<double>& memory) {
+  if (memory.size() != Strip::kMemory * strips_.size() + tendon_.memory()) return;
+  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].remember(&memory[Strip::kMemory * j]);
+  tendon_.remember(&memory[Strip::kMemory * strips_.size()]);
+}
+
 void Finger::shape(FingerShape& shape, double ago_s) const {
   const std::size_t n = make_.joints();
   shape.joints.resize(n + 1);
@@ -72,25 +85,26 @@ void Finger::shape(FingerShape& shape, double ago_s) const {
 
 // -- motion ---------------------------------------------------------------------------------------------------------
 
-void Finger::step(double wound_m, double slack_m, bool broken, double friction_scale, double dt_s,
+void Finger::step(double wound_m, double slack_m, bool broken, const Conditions& conditions, double dt_s,
                   const FingerLoad& load) {
-  tendon_.find_ratios(view_.span_tension_n, friction_scale);
+  tendon_.find_ratios(view_.span_tension_n, conditions.friction_scale);
   const Tendon::Pull pull = tendon_.pull(wound_m, slack_m, broken);
-  solve(pull, dt_s, load);
-  const double given_m = move(dt_s);
+  solve(pull, dt_s, load, conditions.room);
+  const double given_m = move(dt_s, conditions.room);
   // The tension at the end of the step: what the links gave way has left the cable.
   *view_.tension_n = std::max(pull.tension_n - pull.rate_n_per_m * given_m, 0.0);
   for (std::size_t k = 0; k < 2 * make_.joints(); ++k) view_.span_tension_n[k] = *view_.tension_n * tendon_.ratio(k);
   tendon_.follow(strips_);
   tendon_.slide(view_.span_tension_n, dt_s);
+  tendon_.age(*view_.tension_n, dt_s);
 }
 
 // Linearly implicit step: (damping / dt + stiffness) change = force. The cable's pull across a groove works on the pose
 // of the link beyond alone, and falls with every link that gives way.
-void Finger::solve(const Tendon::Pull& pull, double dt_s, const FingerLoad& load) {
+void Finger::solve(const Tendon::Pull& pull, double dt_s, const FingerLoad& load, const Room& room) {
   const std::size_t n = make_.joints();
   for (std::size_t j = 0; j < n; ++j) {
-    const StripForce strip = strips_[j].condense(dt_s);
+    const StripForce strip = strips_[j].condense(dt_s, room);
     const Eigen::Vector3d by_cable = tendon_.ratio(2 * j) * tendon_.growth(j);
     for (std::size_t k = 0; k < n; ++k) {
       matrix_.block<kFreedoms, kFreedoms>(kFreedoms * j, kFreedoms * k) =
@@ -115,7 +129,7 @@ void Finger::solve(const Tendon::Pull& pull, double dt_s, const FingerLoad& load
 }
 
 // Take the step, or as much of it as turns no joint too far; returns the cable [m] that it lets out.
-double Finger::move(double dt_s) {
+double Finger::move(double dt_s, const Room& room) {
   double largest_rad = kLargestTurn_rad;
   for (std::size_t j = 0; j < make_.joints(); ++j) largest_rad = std::max(largest_rad, std::abs(change_(3 * j + 2)));
   const double share = kLargestTurn_rad / largest_rad;
@@ -124,7 +138,7 @@ double Finger::move(double dt_s) {
     const Pose change = share * change_.segment<kFreedoms>(kFreedoms * j);
     const Eigen::Vector2d middle_m = strips_[j].middle_m();
     given_m -= tendon_.growth(j).dot(change);
-    strips_[j].move(change, share, dt_s);
+    strips_[j].move(change, share, dt_s, room);
     speed_[j] = change / dt_s;
     middle_speed_m_s_[j] = (strips_[j].middle_m() - middle_m) / dt_s;
     view_.q[j] = strips_[j].pose().z();

@@ -10,6 +10,8 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kShearFactor = 5.0 / 6.0;
+// A strip is as stiff as ever within this share of the largest energy that it has held.
+constexpr double kSofteningSpread = 0.3;
 // A root that does not give, for what has to be inverted.
 constexpr double kRigid = 1e-5;
 
@@ -74,6 +76,8 @@ void Strip::measure_element(Bond& bond, const Pose& before, const Pose& behind) 
   const double bending = std::max(section.by_curvature_nm2, 1e-12);
   const double shear_n = 1.0 / (shear_flexibility_ + size * size / (12.0 * bending));
   bond.force = Eigen::Vector3d(section.normal_n, shear_n * b / size, section.moment_nm);
+  bond.energy_j_m =
+      0.5 * (section.normal_n * (stretch - 1.0) + shear_n * b * b / (size * size) + section.moment_nm * turn / size);
   bond.tangent << section.by_strain_n, 0.0, section.by_both_nm,  //
       0.0, shear_n, 0.0,                                         //
       section.by_both_nm, 0.0, section.by_curvature_nm2;
@@ -98,15 +102,26 @@ void Strip::measure_far_root(Bond& bond) const {
 
 // -- one step -------------------------------------------------------------------------------------------------------
 
-StripForce Strip::condense(double dt_s) {
+// What running in has left of an element's stiffness at the strain it has now: a pseudo-elastic material that has been
+// strained further before (R. W. Ogden and D. G. Roxburgh, Proc. R. Soc. A 455 (1999) 2861).
+double Strip::intact(const Bond& bond) const {
+  if (make_.softening <= 0.0 || bond.largest_j_m <= 0.0) return 1.0;
+  const double below = std::max(bond.largest_j_m - bond.energy_j_m, 0.0);
+  return 1.0 - make_.softening * std::erf(below / (kSofteningSpread * bond.largest_j_m));
+}
+
+StripForce Strip::condense(double dt_s, const Room& room) {
   const double viscous = 1.0 + make_.damping_s / dt_s;
   // Forces against the motion of a node, and the tangent on it, from the bonds before it.
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   Eigen::Matrix3d tangent = Eigen::Matrix3d::Zero();
   for (std::size_t i = 0; i < kBonds; ++i) {
     const Bond& bond = bonds_[i];
-    const Eigen::Vector3d pull = bond.length_m * (bond.force - bond.relaxed);
-    const Eigen::Matrix3d stiff = (bond.length_m * viscous) * bond.tangent;
+    const double kept = intact(bond), size = bond.length_m * room.stiffness;
+    Eigen::Vector3d pull = kept * bond.force;
+    for (const Eigen::Vector3d& relaxed : bond.relaxed) pull -= relaxed;
+    pull *= size;
+    const Eigen::Matrix3d stiff = (size * kept * viscous) * bond.tangent;
     const auto left = bond.shape.leftCols<3>(), right = bond.shape.rightCols<3>();
     const Eigen::Matrix3d stiff_right = stiff * right;
     if (i == 0) {
@@ -127,7 +142,7 @@ StripForce Strip::condense(double dt_s) {
   return {force, tangent};
 }
 
-void Strip::move(const Pose& change, double share, double dt_s) {
+void Strip::move(const Pose& change, double share, double dt_s, const Room& room) {
   Pose behind = change;
   far_ += change;
   for (std::size_t i = kNodes; i-- > 0;) {
@@ -135,8 +150,22 @@ void Strip::move(const Pose& change, double share, double dt_s) {
     nodes_[i] += behind;
   }
   measure();
-  const double relaxing = dt_s / make_.creep_time_s;
-  for (Bond& bond : bonds_) bond.relaxed += relaxing * (make_.creep_share * bond.force - bond.relaxed);
+  for (Bond& bond : bonds_) {
+    bond.largest_j_m = std::max(bond.largest_j_m, bond.energy_j_m);
+    const double kept = intact(bond);
+    for (std::size_t k = 0; k < kRelaxations; ++k) {
+      const double relaxing = std::min(1.0, room.pace * dt_s / make_.relaxing_time_s[k]);
+      bond.relaxed[k] += relaxing * (make_.relaxing_share[k] * kept * bond.force - bond.relaxed[k]);
+    }
+  }
+}
+
+void Strip::remember(const double* energy_j_m) {
+  for (std::size_t i = 0; i < kElements; ++i) bonds_[i + 1].largest_j_m = energy_j_m[i];
+}
+
+void Strip::recall(double* energy_j_m) const {
+  for (std::size_t i = 0; i < kElements; ++i) energy_j_m[i] = bonds_[i + 1].largest_j_m;
 }
 
 }  // namespace softgrip::plant

@@ -13,6 +13,10 @@ constexpr double kTensionFloor_N = 0.05;
 // Below this wrap angle a cable is not bent round the edge but lies beside it.
 constexpr double kBentFrom_rad = 0.05;
 constexpr double kSpeedFilter = 0.1;
+// A braid takes so long to bed in under a tension that it has not felt before.
+constexpr double kBedding_s = 1.0;
+// Up to this tension and back counts as one loading of a knot.
+constexpr double kLoading_N = 10.0;
 // The cable comes out of the base parallel to the straight finger, from this far behind the first hole.
 constexpr double kBaseRun_m = 0.035;
 constexpr int kSettleSweeps = 50;
@@ -43,7 +47,7 @@ Tendon::Tendon(TendonMake make, const std::vector<Strip>& strips) : make_(std::m
     entry_flank_.emplace_back(-std::sin(opening / 2.0), std::cos(opening / 2.0));
     exit_flank_.emplace_back(std::sin(opening / 2.0), std::cos(opening / 2.0));
   }
-  for (auto* row : {&offset_m_, &bristle_, &slid_from_m_, &speed_m_s_, &wrap_rad_, &ratio_, &beyond_m_}) {
+  for (auto* row : {&offset_m_, &bristle_, &slid_from_m_, &speed_m_s_, &wrap_rad_, &ratio_, &beyond_m_, &wear_}) {
     row->assign(2 * n, 0.0);
   }
   span_m_.assign(n, 0.0);
@@ -139,7 +143,7 @@ double Tendon::log_ratio(std::size_t contact, double tension_n) const {
 void Tendon::find_ratios(const double* span_tension_n, double friction_scale) {
   double drop = 0.0;
   for (std::size_t k = 0; k < ratio_.size(); ++k) {
-    drop += bristle_[k] * (friction_scale * log_ratio(k, span_tension_n[k]));
+    drop += bristle_[k] * (friction_scale * (1.0 + wear_[k]) * log_ratio(k, span_tension_n[k]));
     ratio_[k] = std::exp(-drop);
   }
 }
@@ -149,7 +153,7 @@ Tendon::Pull Tendon::pull(double wound_m, double slack_m, bool broken) const {
   for (std::size_t j = 0; j < span_m_.size(); ++j) {
     stretching_m += ratio_[2 * j] * span_m_[j] + ratio_[2 * j + 1] * link_span_m_[j + 1];
   }
-  const double excess_m = wound_m - pulled_length_m() - slack_m;
+  const double excess_m = wound_m - pulled_length_m() - slack_m - lengthened_m();
   if (broken || excess_m <= 0.0) return {0.0, 0.0};
   const double rate_n_per_m = make_.cable_stiffness_n / stretching_m;
   return {excess_m * rate_n_per_m, rate_n_per_m};
@@ -174,7 +178,40 @@ void Tendon::slide(const double* span_tension_n, double dt_s) {
     const double keep = std::exp(-std::abs(travel_m) / make_.presliding_m);
     bristle_[k] = sign(travel_m) * (1.0 - keep) + bristle_[k] * keep;
     speed_m_s_[k] += kSpeedFilter * (travel_m / dt_s - speed_m_s_[k]);
+    // Archard: what is rubbed off grows with the force times the way.
+    wear_[k] += make_.wear_per_j[k] * span_tension_n[k] * wrap_rad_[k] * std::abs(travel_m);
   }
+}
+
+// -- what time and use do to the cable --------------------------------------------------------------------------------
+
+void Tendon::age(double tension_n, double dt_s) {
+  largest_n_ = std::max(largest_n_, tension_n);
+  const double due = make_.bedding_strain * (1.0 - std::exp(-largest_n_ / make_.bedding_n));
+  bedded_ += std::max(due - bedded_, 0.0) * std::min(1.0, dt_s / kBedding_s);
+  const double elastic = tension_n / make_.cable_stiffness_n;
+  crept_ += (make_.creep_share * elastic - crept_) * std::min(1.0, dt_s / make_.creep_time_s);
+  loadings_ += std::abs(tension_n - tension_before_n_) / (2.0 * kLoading_N);
+  tension_before_n_ = tension_n;
+}
+
+double Tendon::lengthened_m() const {
+  const double length_m = make_.lead_length_m + straight_m_;
+  return length_m * (bedded_ + crept_) + make_.knot_slip_m * std::log1p(loadings_);
+}
+
+void Tendon::remember(const double* memory) {
+  bedded_ = memory[0];
+  largest_n_ = memory[1];
+  loadings_ = memory[2];
+  std::copy_n(memory + 3, wear_.size(), wear_.begin());
+}
+
+void Tendon::recall(double* memory) const {
+  memory[0] = bedded_;
+  memory[1] = largest_n_;
+  memory[2] = loadings_;
+  std::copy_n(wear_.begin(), wear_.size(), memory + 3);
 }
 
 }  // namespace softgrip::plant

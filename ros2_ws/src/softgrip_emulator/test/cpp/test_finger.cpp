@@ -26,9 +26,16 @@ FingerMake two_joints() {
   make.tendon.presliding_m = 1e-4;
   make.tendon.cable_stiffness_n = 2000.0;
   make.tendon.lead_length_m = 0.2;
+  make.tendon.bedding_strain = 0.0;
+  make.tendon.bedding_n = 1.0;
+  make.tendon.creep_share = 0.0;
+  make.tendon.creep_time_s = 1.0;
+  make.tendon.knot_slip_m = 0.0;
+  make.tendon.wear_per_j.assign(4, 0.0);
+  const std::array<double, 4> none{0.0, 0.0, 0.0, 0.0}, times{1.0, 1.0, 1.0, 1.0};
   const StressLaw law{{20e6, 0.0, 0.0}, {20e6, 0.0, 0.0}};
-  make.strips = {{0.010, 0.003, 0.015, law, 0.3, 0.0, 1.0, 0.02, 0.0, 10.0},
-                 {0.009, 0.0028, 0.015, law, 0.3, 1.0, 1.0, 0.02, 0.0, 10.0}};
+  make.strips = {{0.010, 0.003, 0.015, law, 0.3, 0.0, 1.0, 0.02, none, times, 0.0},
+                 {0.009, 0.0028, 0.015, law, 0.3, 1.0, 1.0, 0.02, none, times, 0.0}};
   make.body_height_m = 0.02;
   make.slack_m = 0.0;
   return make;
@@ -38,7 +45,7 @@ FingerMake two_joints() {
 class RestingFinger {
  public:
   RestingFinger(const FingerMake& make, double wound_m) : finger(make, {q, speed, span_tension, &tension}) {
-    for (int i = 0; i < 4000; ++i) finger.step(wound_m * std::min(1.0, i / 1000.0), 0.0, false, 1.0, 1e-3, {});
+    for (int i = 0; i < 4000; ++i) finger.step(wound_m * std::min(1.0, i / 1000.0), 0.0, false, {}, 1e-3, {});
     finger.shape(shape);
   }
 
@@ -145,10 +152,39 @@ TEST(PlantFinger, ACableWithRoomLiesOnTheRimOrRubsNowhere) {
   EXPECT_NEAR(loose.span_tension[3], loose.tension, 1e-3 * loose.tension);
 }
 
+TEST(PlantFinger, ABraidBedsInOnceAndItsKnotDrawsTight) {
+  FingerMake make = two_joints();
+  make.tendon.bedding_strain = 0.005;
+  make.tendon.bedding_n = 0.1;
+  RestingFinger plain(two_joints(), 0.006), bedded(make, 0.006);
+  // All of the cable, lead and finger, has become longer by the whole bedding strain.
+  const double straight_m = make.tendon.lead_length_m + 0.035 + 0.055 - 0.0075 * std::sin(0.6);
+  EXPECT_NEAR(plain.finger.pulled_length_m() - bedded.finger.pulled_length_m(), 0.005 * straight_m,
+              0.15 * 0.005 * straight_m);
+  make.tendon.bedding_strain = 0.0;
+  make.tendon.knot_slip_m = 1e-4;
+  RestingFinger knotted(make, 0.006);
+  const std::vector<double> memory = knotted.finger.recall();
+  // One loading is up to 10 N and back; this was up only.
+  EXPECT_NEAR(memory[4 + 2], knotted.tension / 20.0, 0.05);
+}
+
+TEST(PlantFinger, AContactWearsWithForceTimesWay) {
+  FingerMake make = two_joints();
+  make.tendon.friction_pressure.assign(4, 0.2);
+  make.tendon.wear_per_j = {0.0, 5.0, 0.0, 0.0};
+  RestingFinger resting(make, 0.006);
+  const std::vector<double> memory = resting.finger.recall();
+  EXPECT_EQ(memory[4 + 3], 0.0);
+  EXPECT_GT(memory[4 + 4], 0.0);
+  // At most the whole tension round the whole bend along all the cable that came by.
+  EXPECT_LT(memory[4 + 4], 5.0 * resting.tension * resting.q[0] * 0.006);
+}
+
 TEST(PlantFinger, ABrokenTendonLetsItGo) {
   const FingerMake make = two_joints();
   RestingFinger resting(make, 0.006);
-  for (int i = 0; i < 4000; ++i) resting.finger.step(0.006, 0.0, true, 1.0, 1e-3, {});
+  for (int i = 0; i < 4000; ++i) resting.finger.step(0.006, 0.0, true, {}, 1e-3, {});
   EXPECT_EQ(resting.tension, 0.0);
   EXPECT_NEAR(resting.q[0], 0.0, 1e-6);
 }

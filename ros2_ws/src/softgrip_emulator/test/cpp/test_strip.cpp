@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 
 #include "softgrip/plant/section.hpp"
@@ -19,8 +20,10 @@ constexpr double kAxial = kPlate * kWidth * kThickness;
 constexpr double kShear = 5.0 / 6.0 * kModulus / (2.0 * (1.0 + kPoisson)) * kWidth * kThickness;
 
 StripMake linear(double near_root, double far_root) {
-  return {kLength, kThickness, kWidth, {{kModulus, 0.0, 0.0}, {kModulus, 0.0, 0.0}}, kPoisson, near_root, far_root,
-          0.0,     0.0,        1.0};
+  const StressLaw law{{kModulus, 0.0, 0.0}, {kModulus, 0.0, 0.0}};
+  return {
+      kLength, kThickness, kWidth, law, kPoisson, near_root, far_root, 0.0, {0.0, 0.0, 0.0, 0.0}, {1.0, 1.0, 1.0, 1.0},
+      0.0};
 }
 
 // Bring a strip to rest under a force on its far link, (u, v, q).
@@ -149,6 +152,59 @@ TEST(Strip, ItGivesBackTheWorkOfAClosedWay) {
     at = next;
   }
   EXPECT_NEAR(work_j, 0.0, 1e-3 * size_j);
+}
+
+// Moment that keeps a strip turned, [N m], after `seconds` at that turn.
+double held_moment(Strip& strip, double turn, double seconds, double pace = 1.0) {
+  // Held by its angle; along and across it is free.
+  for (int i = 0; i < 1500; ++i) {
+    const StripForce now = strip.condense(0.02);
+    Pose change = Pose::Zero();
+    const double to_go = turn - strip.pose().z();
+    change.z() = std::clamp(to_go, -0.001, 0.001);
+    change.head<2>() = now.tangent.topLeftCorner<2, 2>().inverse() *
+                       (-now.force.head<2>() - now.tangent.topRightCorner<2, 1>() * change.z());
+    strip.move(change, 1.0, 1e-9);
+  }
+  const int steps = 4000;
+  for (int i = 0; i < steps; ++i) strip.move(Pose::Zero(), 0.0, seconds / steps, {1.0, pace});
+  return strip.condense(0.02).force.z();
+}
+
+TEST(Strip, ItRelaxesAsItsSeriesSays) {
+  StripMake make = linear(0.0, 0.0);
+  make.damping_s = 0.035;
+  make.relaxing_share = {0.1, 0.05, 0.1, 0.02};
+  make.relaxing_time_s = {0.3, 3.0, 30.0, 300.0};
+  Strip strip(make);
+  const double at_once = held_moment(strip, 0.5, 1e-6);
+  for (const double pace : {1.0, 2.0}) {
+    Strip other(make);
+    const double later = held_moment(other, 0.5, 10.0, pace);
+    double left = 1.0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      left -= make.relaxing_share[k] * (1.0 - std::exp(-10.0 * pace / make.relaxing_time_s[k]));
+    }
+    EXPECT_NEAR(later / at_once, left, 2e-3);
+  }
+}
+
+TEST(Strip, RunInItIsSofterUntilItIsBentFurther) {
+  StripMake make = linear(0.0, 0.0);
+  make.damping_s = 0.035;
+  Strip elastic(make);
+  make.softening = 0.2;
+  Strip used(make);
+  held_moment(used, 1.2, 0.0);
+  const double there = held_moment(used, 1.2, 0.0), half = held_moment(used, 0.4, 0.0);
+  EXPECT_NEAR(half / held_moment(elastic, 0.4, 0.0), 0.8, 0.01);
+  EXPECT_NEAR(there / held_moment(elastic, 1.2, 0.0), 1.0, 0.01);
+  // Another copy that remembers is as soft.
+  double memory[Strip::kMemory];
+  used.recall(memory);
+  Strip again(make);
+  again.remember(memory);
+  EXPECT_NEAR(held_moment(again, 0.4, 0.0), half, 1e-3 * half);
 }
 
 }  // namespace

@@ -30,6 +30,12 @@ struct FingerMake {
   const std::vector<double>& link_m() const { return tendon.link_m; }
 };
 
+// What is so for all fingers: the room, and friction against that of new guides.
+struct Conditions {
+  double friction_scale = 1.0;
+  Room room;
+};
+
 // Where the bank keeps what others see of a finger.
 struct FingerView {
   double* q;               // (n) joint angles [rad]
@@ -58,13 +64,18 @@ class Finger {
   Finger(FingerMake make, FingerView view);
 
   // One step [s] with `wound_m` of cable wound on the spool since mounting, `slack_m` of it loose.
-  void step(double wound_m, double slack_m, bool broken, double friction_scale, double dt_s, const FingerLoad& load);
+  void step(double wound_m, double slack_m, bool broken, const Conditions& conditions, double dt_s,
+            const FingerLoad& load);
 
   // Become what another copy of this finger is.
   void adopt(const Finger& before);
 
   // How much cable the present shape takes in [m].
   double pulled_length_m() const { return tendon_.pulled_length_m(); }
+
+  // What it will not forget, mounted or not: strips (2 n), then the tendon.
+  std::vector<double> recall() const;
+  void remember(const std::vector<double>& memory);
 
   // The shape now, or as it was `ago_s` before by the speeds of the last step.
   void shape(FingerShape& shape, double ago_s = 0.0) const;
@@ -76,8 +87,8 @@ class Finger {
   using Matrix =
       Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kFreedoms * kMaxJoints, kFreedoms * kMaxJoints>;
 
-  void solve(const Tendon::Pull& pull, double dt_s, const FingerLoad& load);
-  double move(double dt_s);
+  void solve(const Tendon::Pull& pull, double dt_s, const FingerLoad& load, const Room& room);
+  double move(double dt_s, const Room& room);
 
   FingerMake make_;
   FingerView view_;

@@ -19,14 +19,22 @@ namespace softgrip::plant {
 
 using Pose = Eigen::Vector3d;  // (a, b, turn)
 
+constexpr std::size_t kRelaxations = 4;
+
 struct StripMake {
   double length_m, thickness_m, width_m;
   StressLaw law;  // of the printed material
   double poisson;
   double near_root, far_root;  // how much the links give at the strip's ends: 1 as half spaces do, 0 not at all
   double damping_s;            // viscous forces = damping_s times the rate of the elastic ones
-  double creep_share;          // of the elastic forces that relaxes
-  double creep_time_s;
+  std::array<double, kRelaxations> relaxing_share, relaxing_time_s;  // of the elastic forces, Prony's series
+  double softening;  // share of its stiffness that running in takes (Mullins)
+};
+
+// What the room does to a strip: how stiff its material is, and how fast it relaxes, against the temperature of its
+// data sheet.
+struct Room {
+  double stiffness = 1.0, pace = 1.0;
 };
 
 // What a strip does to its far link: force along (u, v, q), and how it grows against a change of the pose.
@@ -40,27 +48,35 @@ class Strip {
   explicit Strip(const StripMake& make);
 
   // Force and tangent of a step of `dt_s` from where everything is, the strip's own nodes eliminated.
-  StripForce condense(double dt_s);
+  StripForce condense(double dt_s, const Room& room = {});
 
   // Move the far link by a change of its pose; the nodes follow by this share of what the step asks of them.
-  void move(const Pose& change, double share, double dt_s);
+  void move(const Pose& change, double share, double dt_s, const Room& room = {});
 
   const Pose& pose() const { return far_; }
   // The middle of the strip, where a marker on its flank is.
   Eigen::Vector2d middle_m() const { return nodes_[kElements / 2].head<2>(); }
-  const StripMake& make() const { return make_; }
+
+  // What the strip will not forget: the largest energy [J/m] that each of its elements has held.
+  static constexpr std::size_t kMemory = 2;
+  void remember(const double* energy_j_m);
+  void recall(double* energy_j_m) const;
 
  private:
-  static constexpr std::size_t kElements = 2, kNodes = kElements + 1, kBonds = kElements + 2;
+  static constexpr std::size_t kElements = kMemory, kNodes = kElements + 1, kBonds = kElements + 2;
 
   struct Bond {
-    Eigen::Vector3d force = Eigen::Vector3d::Zero();    // elastic [N, N, N m]
-    Eigen::Vector3d relaxed = Eigen::Vector3d::Zero();  // part of it that creep has taken
+    Eigen::Vector3d force = Eigen::Vector3d::Zero();  // elastic [N, N, N m]
+    // parts of it that have relaxed
+    std::array<Eigen::Vector3d, kRelaxations> relaxed = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(),
+                                                         Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
     Eigen::Matrix3d tangent = Eigen::Matrix3d::Zero();
     Eigen::Matrix<double, 3, 6> shape = Eigen::Matrix<double, 3, 6>::Zero();  // strains by (pose before, pose behind)
     double length_m = 1.0;
+    double energy_j_m = 0.0, largest_j_m = 0.0;  // held now, and ever
   };
 
+  double intact(const Bond& bond) const;
   void measure();
   void measure_near_root(Bond& bond) const;
   void measure_element(Bond& bond, const Pose& before, const Pose& behind) const;

@@ -21,6 +21,10 @@ struct TendonMake {
   std::vector<double> clearance_m, friction_pressure, friction_adhesion;   // 2 n
   double bending_n, bending_share, friction_stribeck_share, friction_stribeck_speed_m_s;
   double presliding_m, cable_stiffness_n, lead_length_m;
+  double bedding_strain, bedding_n;  // what a braid gives for good under tensions far above bedding_n
+  double creep_share, creep_time_s;  // of the cable's elastic strain, in addition, after a while
+  double knot_slip_m;                // for each e-fold of loadings
+  std::vector<double> wear_per_j;    // 2 n: growth of friction with the work of pressing and sliding
 
   std::size_t joints() const { return link_m.size(); }
 };
@@ -41,8 +45,17 @@ class Tendon {
   // Tension after each contact over the tension at the spool, (2 n), given the tensions there now.
   void find_ratios(const double* span_tension_n, double friction_scale);
   Pull pull(double wound_m, double slack_m, bool broken) const;
-  // Turn the bristles by what the cable has travelled over each contact.
+  // Turn the bristles by what the cable has travelled over each contact, which also wears it.
   void slide(const double* span_tension_n, double dt_s);
+  // Let the cable bed in, creep and slip in its knot under the tension at the spool.
+  void age(double tension_n, double dt_s);
+
+  // What the tendon will not forget, `memory` (3 + 2 n): bedding strain, largest tension [N], loadings, wear.
+  void remember(const double* memory);
+  void recall(double* memory) const;
+  std::size_t memory() const { return 3 + wear_.size(); }
+  // How much longer it has become since it was strung [m].
+  double lengthened_m() const;
 
   // How much shorter the way is than through the straight finger [m].
   double pulled_length_m() const { return straight_m_ - way_m(); }
@@ -66,6 +79,8 @@ class Tendon {
   // State.
   std::vector<double> offset_m_;                           // 2 n: along the flank from the middle of the hole
   std::vector<double> bristle_, slid_from_m_, speed_m_s_;  // 2 n
+  double bedded_ = 0.0, largest_n_ = 0.0, loadings_ = 0.0, crept_ = 0.0, tension_before_n_ = 0.0;
+  std::vector<double> wear_;  // 2 n
   // What follows from the shape.
   std::vector<double> span_m_;            // n: cable in each groove
   std::vector<double> link_span_m_;       // n + 1: on the base and on each link
