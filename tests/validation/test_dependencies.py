@@ -19,6 +19,8 @@ PACKAGES = sorted(path.parent.name for path in WORKSPACE.glob("*/package.xml"))
 #: Module -> rosdep key. Source: rosdep/python.yaml and rosdep/base.yaml of github.com/ros/rosdistro.
 KEYS = {
     "cryptography": "python3-cryptography",
+    "dask": "python3-distributed-pip",
+    "distributed": "python3-distributed-pip",
     "cv2": "python3-opencv",
     "dynamixel_sdk": "dynamixel_sdk",
     "jinja2": "python3-jinja2",

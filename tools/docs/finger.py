@@ -207,7 +207,7 @@ def moments_table() -> str:
         for law in MomentLaw:
             finger = Finger(
                 link_mm=(35.0,), thickness_mm=(thickness,), length_mm=(length,), routing_mm=(8.0, 8.0), width_mm=15.0,
-                strip=Strip(TANGENT_MODULUS_MPA, law),
+                strip=Strip(TANGENT_MODULUS_MPA, law), joint_model=JointModel.HINGE,
             )  # fmt: skip
             cells.append(f"{strip_moment(finger, 0, float(np.radians(angle)))[0]:.1f}")
         rows.append(cells)

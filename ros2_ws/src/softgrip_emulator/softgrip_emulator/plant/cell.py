@@ -17,7 +17,7 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank
 from softgrip_emulator.plant.grasp import PlantGrasp
 from softgrip_emulator.plant.motor import Motor
-from softgrip_emulator.plant.products import product
+from softgrip_emulator.plant.products import PlantProduct, product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
 
 if TYPE_CHECKING:
@@ -65,6 +65,8 @@ class ServoPlace:
     baud: int = 1_000_000
     return_delay_us: int = 500
     spool_radius_m: float = 0.010
+    spool_direction: int = 1
+    """-1: the tendon comes off the other side, so that a negative rotation winds it."""
     limits_winding: bool = False
     """Which current an XL330 or XC330 limits: the winding's, or the supply's (see `EmulatedServo`)."""
 
@@ -123,7 +125,7 @@ class CellPlant:
             servo.shaft.angle_rad = rng.uniform(-12.0, 12.0)
             servo.shaft.supply_v = self.supply.voltage_v
             servo.lose_power(-10.0)
-            radius = place.spool_radius_m * rng.normal(1.0, 0.003)
+            radius = place.spool_direction * place.spool_radius_m * rng.normal(1.0, 0.003)
             self.servos.append(servo)
             self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
         self.grasp = PlantGrasp(self.slots)
@@ -163,8 +165,12 @@ class CellPlant:
                 self.disturbances.extra_slack_m.pop(self.slots[index], None)
             self._rebuild(keep=[i for i in range(len(self.slots)) if i not in drawn])
 
-    def place(self, name: str, offset_m: float = 0.0) -> None:
+    def place(self, name: str | PlantProduct, offset_m: float = 0.0) -> None:
         """Present the next item of a product to the fingers; an empty name takes it away.
+
+        Args:
+            name: one of the shipped products, or any other as itself.
+            offset_m: from the grasp's middle, along the palm [m].
 
         Raises:
             EmulatorError: no such product, or an offset beyond the palm.
@@ -173,9 +179,9 @@ class CellPlant:
             raise EmulatorError(
                 f"place: expected an offset within {_MAX_OFFSET_M} m of the grasp's middle, found {offset_m}"
             )
-        kind = product(name) if name else None
+        kind = product(name) if name and isinstance(name, str) else name
         with self.lock:
-            item = None if kind is None else kind.copy_of(self._crate)
+            item = kind.copy_of(self._crate) if isinstance(kind, PlantProduct) else None
             self.grasp.place(item, next((f.profile for f in self.mounted if f is not None), ""), offset_m)
             self._calm_s = 0.0
 

@@ -111,7 +111,7 @@ class Configuration:
         profiles: Mapping[str, Profile],
         mounted: Mapping[str, str],
         friction: ActiveFriction | None,
-        joint_model: JointModel = JointModel.HINGE,
+        joint_model: JointModel = JointModel.FLEXURE,
     ) -> None:
         """Prepare the mounted fingers.
 

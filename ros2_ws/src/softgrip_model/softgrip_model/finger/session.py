@@ -56,7 +56,7 @@ class Session:
         profiles: Mapping[str, Profile],
         mounted: Mapping[str, str],
         wear: WearSettings,
-        joint_model: JointModel = JointModel.HINGE,
+        joint_model: JointModel = JointModel.FLEXURE,
     ) -> None:
         """Start with the given fingers (slot -> profile id) and each profile's own friction, computed by a mode.
 

@@ -51,8 +51,8 @@ PARAMETERS = ParameterTable(
     Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
     Parameter(
         "joint_model",
-        str(JointModel.HINGE),
-        "how fingers are computed: hinge (mode P) or flexure (mode F), docs/finger.md",
+        str(JointModel.FLEXURE),
+        "how fingers are computed: flexure (mode F) or hinge (mode P), docs/finger.md",
         choices=tuple(map(str, JointModel)),
     ),
     Parameter("tip_stddev_m", 1e-3 * _WEAR.tip_stddev_mm, "noise of the measured tip", "m", 1e-5, 0.02),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver's rig code on the emulated rig in virtual time: the same bytes, no pseudo-terminals, no waiting.
 
-Used by rig_coverage and by the driver's tests, so that fifty calibrations take seconds and never depend on the machine.
+Fifty calibrations take seconds, and never depend on the machine.
 """
 
 from __future__ import annotations
@@ -22,68 +22,47 @@ from softgrip_driver.rig.slide import PointVerdict
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.device import WireDevice
+from softgrip_testing.virtual_clock import VirtualClock, VirtualRigClock
 
 #: [s] of rig time that one exchange of bytes takes.
 _EXCHANGE_TIME = 0.002
 
 
-class VirtualTime:
-    """Rig time that passes only when somebody waits or talks; a `RigClock` and the emulator's clock in one."""
-
-    scale = 1.0
-
-    def __init__(self) -> None:
-        self._time = 0.0
-        self.stopped = False
-
-    def now(self) -> float:
-        """Rig time [s]."""
-        return self._time
-
-    def now_s(self) -> float:
-        """Rig time [s], as the emulator asks for it."""
-        return self._time
-
-    def wait(self, duration: float) -> bool:
-        """Let time pass [s]; True when stopped."""
-        self._time += max(duration, 0.0)
-        return self.stopped
-
-    def stop(self) -> None:
-        """End all waits."""
-        self.stopped = True
-
-
 class MemoryPort(LinePort):
     """A port whose other end is a `WireDevice` in this process."""
 
-    def __init__(self, device: WireDevice, time: VirtualTime) -> None:
+    def __init__(self, device: WireDevice, time: VirtualRigClock) -> None:
         super().__init__("memory", mark10.BAUD)
         self._device, self._time = device, time
         self._attached = False
 
     @property
     def is_open(self) -> bool:
+        """See `LinePort`."""
         return self._attached
 
     def open(self) -> None:
+        """Attach the device; what it says first is there to read."""
         self._attached = True
         self._pending = b"".join(chunk.data for chunk in self._device.opened(self._time.now()))
 
     def close(self) -> None:
+        """Detach the device."""
         self._attached = False
 
     def write(self, data: bytes) -> None:
+        """See `LinePort`; takes 2 ms of rig time."""
         if not self._attached:
             raise PortLostError("port memory: expected it open, found it closed")
         self._time.wait(_EXCHANGE_TIME)
         self._hear(data)
 
-    def read_line(self, timeout: float | None = None) -> bytes:
+    def read_line(self, timeout: float | None = None, length: int = 0) -> bytes:
+        """See `LinePort`."""
         # The base class would wait on the wall clock; here what can come in time comes at once.
         while b"\n" not in self._pending and self._receive(self.reply_time if timeout is None else timeout):
             pass
-        return super().read_line(0.0)
+        return super().read_line(0.0, length)
 
     def _receive(self, timeout: float) -> bool:
         due = self._device.due_s()
@@ -99,7 +78,7 @@ class MemoryPort(LinePort):
         self._pending += b"".join(chunk.data for chunk in chunks)
 
 
-class Hands:
+class RigHands:
     """The person at the rig: does what is asked; ``before`` may meddle first. Keeps what was said and judged."""
 
     def __init__(self, rig: EmulatedRig) -> None:
@@ -111,17 +90,21 @@ class Hands:
         self.on_sample: Callable[[RigSample], None] = lambda _: None
 
     def tell(self, step: ProcedureStep) -> None:
+        """Keep a step that was announced."""
         self.steps.append(step)
 
     def confirmed(self, step: ProcedureStep) -> None:
+        """Set the angle and hang the weight that a step asks for."""
         self.steps.append(step)
         self.before(step)
         self.rig.set(step.point.angle, step.point.load)
 
     def judged(self, point: JudgedPoint) -> None:
+        """Keep an attempt with its verdict."""
         self.points.append(point)
 
     def sampled(self, sample: RigSample) -> None:
+        """Count a sample."""
         self.samples += 1
         self.on_sample(sample)
 
@@ -138,9 +121,10 @@ class VirtualRig:
     """Emulated rig, driver and person in one process."""
 
     def __init__(self, seed: int, folder: Path, *, truth: RigTruth | None = None, stage: str = "mark10") -> None:
-        self.time = VirtualTime()
-        self.rig = EmulatedRig(seed, truth=truth, clock=self.time, stage=stage)
-        self.hands = Hands(self.rig)
+        clock = VirtualClock()
+        self.time = VirtualRigClock(clock)
+        self.rig = EmulatedRig(seed, truth=truth, clock=clock, stage=stage)
+        self.hands = RigHands(self.rig)
         self.folder = folder
         port = MemoryPort(self.rig.stand, self.time)
         self.stage: Stage = GrblStage(port) if stage == "grbl" else Mark10Stand(port)

@@ -11,7 +11,6 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -41,11 +40,9 @@ from softgrip_model.finger.session import Session
 from softgrip_model.finger.wear import WearSettings
 from softgrip_model.friction.fit import fit
 from softgrip_model.friction.measurements import Measurements
-from softgrip_model.profile import Profile, load_directory
+from softgrip_model.profile import Profile, load_directory, shipped_directory
 
 SLOTS = ("index", "middle", "thumb")
-PROFILES = Path(__file__).parents[1] / "ros2_ws/src/softgrip_bringup/profiles"
-
 
 CHECK = CheckSettings()
 #: As the manager opens fingers, and the largest tension that it asks for.
@@ -164,7 +161,7 @@ class VirtualCell:
         lateness: Lateness = PUNCTUAL,
         limits: CurrentSensing = CurrentSensing.SUPPLY,
     ) -> None:
-        self.profiles: Mapping[str, Profile] = load_directory(PROFILES)
+        self.profiles: Mapping[str, Profile] = load_directory(shipped_directory())
         limits_winding = limits is CurrentSensing.WINDING
         chain = [replace(place, limits_winding=limits_winding) for place in default_chain()]
         self.plant = CellPlant(self.profiles, seed=seed, chain=chain)
@@ -186,6 +183,7 @@ class VirtualCell:
         self.controller = GripperController(dict.fromkeys(SLOTS, tendon_limits), Policies())
         self._frames: deque[SeenTip] = deque()
         self._periods = 0
+        self._closing: Ticket | None = None
         self._camera_noise = Random(seed)
         self._backend.connect()
         self.mount(finger_set, copy)
@@ -309,7 +307,7 @@ class VirtualCell:
         """Grasp; yields every step, the last one with a verdict."""
         sequence = GraspSequence(task, settings)
         step = sequence.start()
-        self._closing: Ticket | None = None
+        self._closing = None
         self._obey(step.commands)
         yield step, sequence
         while step.verdict is None:
@@ -319,16 +317,21 @@ class VirtualCell:
             fault = self.fault()
             step = sequence.fault(fault, self.now_ns) if fault is not None else sequence.observe(pair)
             self._obey(step.commands)
-            if self._closing is not None and self.controller.result(self._closing)[0] in (
-                MoveOutcome.REACHED,
-                MoveOutcome.TENSION_LIMIT,
-            ):
+            if self._has_closed():
                 sequence.closing_ended()
             yield step, sequence
 
+    def _has_closed(self) -> bool:
+        """Whether the closing that the sequence asked for has come to its end."""
+        if self._closing is None:
+            return False
+        return self.controller.result(self._closing)[0] in (MoveOutcome.REACHED, MoveOutcome.TENSION_LIMIT)
+
     def see_tip(self, rng: Random) -> SeenTip:
         """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
-        x, y = self.plant.bank.chain()[0][0, self.plant.bank.fingers[0].joints]
+        finger = self.plant.bank.fingers[0]
+        assert finger is not None, "the index slot is empty"
+        x, y = self.plant.bank.chain()[0][0, finger.joints]
         tip_m = (float(x) + rng.gauss(0.0, TIP_NOISE_M), float(y) + rng.gauss(0.0, TIP_NOISE_M))
         return SeenTip(self.now_ns, SLOTS[0], tip_m, TIP_NOISE_M)
 
