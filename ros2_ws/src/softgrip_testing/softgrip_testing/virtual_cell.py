@@ -331,7 +331,7 @@ class VirtualCell:
         """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
         finger = self.plant.bank.fingers[0]
         assert finger is not None, "the index slot is empty"
-        x, y = self.plant.bank.chain()[0][0, finger.joints]
+        x, y, _ = self.plant.points_m(0)[0][-1]
         tip_m = (float(x) + rng.gauss(0.0, TIP_NOISE_M), float(y) + rng.gauss(0.0, TIP_NOISE_M))
         return SeenTip(self.now_ns, SLOTS[0], tip_m, TIP_NOISE_M)
 

@@ -17,6 +17,7 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank
 from softgrip_emulator.plant.grasp import PlantGrasp
 from softgrip_emulator.plant.motor import Motor
+from softgrip_emulator.plant.out_of_plane import leave_plane, twist
 from softgrip_emulator.plant.products import PlantProduct, product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
 
@@ -285,6 +286,32 @@ class CellPlant:
         if self._restless_at_m is not None and np.abs(wound_m - self._restless_at_m).max() > _OTHER_POSTURE_M:
             self._restless_at_m = None
         return self._restless_at_m is not None
+
+    def points_m(self, index: int, ago_s: float = 0.0) -> tuple[Array, Array]:
+        """Joints and tip of a mounted finger (n + 1, 3) in its base frame [m], and directions of its links (n,) [rad].
+
+        The third coordinate is out of the plane that a camera is calibrated for.
+
+        Args:
+            index: of the slot.
+            ago_s: so long before now, by the speeds of the last step [s].
+
+        Raises:
+            EmulatorError: no finger is there.
+        """
+        finger = self.mounted[index]
+        if finger is None:
+            raise EmulatorError(f"slot {self.slots[index]}: expected a mounted finger, found none")
+        joints = finger.joints
+        chain, headings = self.bank.chain(ago_s)
+        turned = twist(
+            finger,
+            self.bank.q[index, :joints],
+            self.bank.span_tension_n[index, : 2 * joints : 2],
+            float(self.grasp.forces_n[index]),
+        )
+        heading = headings[index, :joints]
+        return leave_plane(finger, chain[index, : joints + 1], heading, turned), heading
 
     @property
     def temperature_c(self) -> float:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One printed finger as it really came out: the design plus what printing, cable and wear made of it, from a seed.
 
-The predictor never sees these numbers, and none of its laws is here: strips are beams of fibres (plant/material.py), the
-cable rubs by adhesion and pressure (rig/truth.py).
+The predictor never sees these numbers, and none of its laws is here: strips are beams of fibres (plant/material.py),
+the cable rubs by adhesion and pressure (rig/truth.py).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from softgrip_model.profile import Cable, FingerDesign, Material
 
 HOLE_RADIUS_M: Final = 0.6e-3
-"""Of a hole that the profile does not state: the narrowest channel of softgrip_design's parts (docs/parts.md). Holes come
-out of a printer some hundredths narrower than drawn."""
+"""Of a hole that the profile does not state: the narrowest channel of softgrip_design's parts (docs/parts.md). Holes
+come out of a printer some hundredths narrower than drawn."""
 
 
 @dataclass(frozen=True)

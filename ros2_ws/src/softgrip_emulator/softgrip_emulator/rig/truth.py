@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 #: Ranges that each quantity is drawn from, evenly. They hold what the four pairs of thesis Table 3.2 give at 2 to 10 N:
-#: their wrap-dependent parts are met by pressure coefficients of 0.00, 0.07, 0.10 and 0.18 with shear strengths of 0.8, 0.6,
-#: 1.0 and 1.0 MPa, their parts at no angle by bending losses of 0.06 to 0.11 N and 1 to 2 %. Briscoe and Tabor's polymers
-#: have shear strengths of some 0.1 to 10 MPa and pressure coefficients of 0.05 to 0.25.
+#: the parts that grow with the wrap are met by pressure coefficients of 0.00, 0.07, 0.10 and 0.18 with shear strengths
+#: of 0.8, 0.6, 1.0 and 1.0 MPa, those at no wrap by bending losses of 0.06 to 0.11 N and of 1 to 2 %.
 _PRESSURE_COEFFICIENT = (0.02, 0.18)
 _SHEAR_STRENGTH_PA = (0.55e6, 1.05e6)
 _BENDING_N = (0.06, 0.11)
@@ -31,14 +30,14 @@ _BENT_FROM_RAD = 0.05
 class FrictionTruth:
     """How the cable really slides over printed TPU: adhesion that grows with the area of contact, and bending losses.
 
-    A polymer's interface shears at tau = tau_0 + a p (B. J. Briscoe and D. Tabor, Wear 34 (1975) 29). The cable presses with
-    T / r a metre on a strip as wide as Hertz' line contact makes it, w = 4 sqrt(R T / (pi E' r)). So
+    A polymer's interface shears at tau = tau_0 + a p (B. J. Briscoe and D. Tabor, Wear 34 (1975) 29). The cable presses
+    with T / r a metre on a strip as wide as Hertz' line contact makes it, w = 4 sqrt(R T / (pi E' r)). So
 
         dT/dtheta = a T + tau_0 r w = a T + c sqrt(T),   c = 4 tau_0 sqrt(R r / (pi E')),
 
-    which sqrt(T) solves in closed form. Bending the cable round the edge and straightening it again costs a constant and a
-    share of the tension each (rope stiffness, J. A. Eytelwein, Handbuch der Statik fester Koerper, 1808). It is not the law
-    that a calibration fits (thesis Eq 3.9), so even without noise a fit is not exactly right.
+    which sqrt(T) solves in closed form. Bending the cable round the edge and straightening it again costs a constant
+    and a share of the tension each (rope stiffness; J. A. Eytelwein, Handbuch der Statik fester Koerper, 1808). It is
+    not the law that a calibration fits (thesis Eq 3.9), so even without noise a fit is not exactly right.
 
     Attributes:
         pressure_coefficient: a [1].
@@ -58,12 +57,12 @@ class FrictionTruth:
         """Draw a cable on a surface; the default radius is the braid of 0.25 mm on the rig's 3 mm surface."""
         rng = np.random.default_rng([seed, 0x4652])
         ranges = (_PRESSURE_COEFFICIENT, _SHEAR_STRENGTH_PA, _BENDING_N, _BENDING_SHARE)
-        drawn = (float(rng.uniform(*ends)) for ends in ranges)
-        return cls(*drawn, radius_m=1e-3 * radius_mm)
+        pressure, shear_pa, bending_n, bending_share = (float(rng.uniform(*ends)) for ends in ranges)
+        return cls(pressure, shear_pa, bending_n, bending_share, 1e-3 * radius_mm)
 
     @property
     def adhesion(self) -> float:
-        """C of the law [sqrt(N)]."""
+        """The constant c of the law [sqrt(N)]."""
         contact = np.sqrt(_CABLE_RADIUS_M * self.radius_m / (np.pi * _CONTACT_MODULUS_PA))
         return float(4.0 * self.shear_strength_pa * contact)
 

@@ -177,7 +177,8 @@ def _cable_problems(cable: Cable) -> list[str]:
         found += _positive("cable.axial_stiffness_n", cable.axial_stiffness_n)
     if cable.hole_radius_m is not None and not cable.radius_m <= cable.hole_radius_m < math.inf:
         found.append(
-            f"cable.hole_radius_m: expected at least the cable's radius ({cable.radius_m!r}), found {cable.hole_radius_m!r}"
+            f"cable.hole_radius_m: expected at least the cable's radius, {cable.radius_m!r}, "
+            f"found {cable.hole_radius_m!r}"
         )
     if not 0.0 <= cable.lead_length_m < math.inf:
         found.append(f"cable.lead_length_m: expected 0 or more, found {cable.lead_length_m!r}")
