@@ -104,7 +104,7 @@ def _wear(cell: VirtualCell, rng: Random) -> str:
 
 
 def _soften(cell: VirtualCell, share: float) -> None:
-    worn = [replace(f, moment_coefficients=f.moment_coefficients * share) for f in cell.plant.mounted if f is not None]
+    worn = [replace(f, stiffness=f.stiffness * share) for f in cell.plant.mounted if f is not None]
     cell.plant.mounted[:] = worn
     cell.plant._rebuild(keep=())  # noqa: SLF001  a benchmark may reach into the plant: nobody else wears fingers
     cell.home()

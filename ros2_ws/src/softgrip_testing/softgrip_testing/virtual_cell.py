@@ -359,9 +359,8 @@ class VirtualCell:
 
     def tip_m(self) -> Array:
         """Where the index finger's tip is, (2,) [m] in the finger's base frame."""
-        finger = self.plant.bank.fingers[0]
-        assert finger is not None, "the index slot is empty"
-        return np.array(self.plant.bank.chain()[0][0, finger.joints])
+        assert self.plant.bank.fingers[0] is not None, "the index slot is empty"
+        return np.array(self.plant.points_m(0)[0][-1][:2])
 
     def see_tip(self, rng: Random) -> SeenTip:
         """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
