@@ -24,6 +24,7 @@ from softgrip_panel.access.origin import OriginRule
 from softgrip_panel.access.record import ActRecord
 from softgrip_panel.access.sessions import LoginBrake, Sessions
 from softgrip_panel.model.acts import Act, ActResult
+from softgrip_panel.model.bags import BagFolder, BagJobs
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import (
     CellView,
@@ -193,18 +194,15 @@ def make_site(folder: Path, port: int) -> PanelSite:
         ProductView(name, name, "power", 0.06, {"power": "success"}, {"power": 0.9}, {"power": 3})
         for name in state.products
     )
+    (folder / "bags" / "softgrip_20261125").mkdir(parents=True, exist_ok=True)
+    (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
     accounts = Accounts(folder / "users.yaml" if (folder / "users.yaml").exists() else None)
     sessions = Sessions(time.monotonic, state.control.forget)
     desk = ActDesk(state, PretendedCell(state, folder / "calls"), ActRecord(folder / "acts.jsonl", time.time))
+    worker, jobs = Worker(desk, WorkRun(time.monotonic)), BagJobs(BagFolder(folder / "bags"))
     return PanelSite(
-        desk,
-        Worker(desk, WorkRun(time.monotonic)),
-        Texts(),
-        accounts,
-        sessions,
-        LoginBrake(time.monotonic),
-        OriginRule(port),
-    )
+        desk, worker, Texts(), accounts, sessions, LoginBrake(time.monotonic), OriginRule(port), jobs
+    )  # fmt: skip
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ import json
 import math
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -20,16 +21,19 @@ from softgrip_panel.errors import ActRefusedError, PanelError
 from softgrip_panel.model import acts
 from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmStage
+from softgrip_panel.model.bags import BagFolder
 from softgrip_panel.model.control import LOST_S, ControlDesk
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.explain import explain_reset, explain_stop
-from softgrip_panel.model.facts import CellView, SafetyView, StopPolicyView, TendonView, TensionView
+from softgrip_panel.model.facts import CellView, CountedView, SafetyView, StopPolicyView, TendonView, TensionView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
-from softgrip_panel.model.grasps import export_csv
+from softgrip_panel.model.grasps import GraspRecord, export_csv
 from softgrip_panel.model.orders import OrderLine, read_orders
+from softgrip_panel.model.records import GraspFilter, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
 from softgrip_panel.model.swap import SwapPhase, SwapProgress
+from softgrip_panel.model.work import PlannedStep, WorkPhase, WorkRun
 
 ADA = Person("a", "Ada", Role.OPERATE)
 BOB = Person("b", "Bob", Role.OPERATE)
@@ -399,3 +403,57 @@ def test_frames_are_what_the_page_reads() -> None:
     assert message[5 + length :] == b"\xff\xd8jpeg"
     tensions = pack_tensions([TensionView("index", 0.0012, 3.456, math.nan)], stale=True)
     assert json.loads(tensions[1:]) == {"stale": True, "rows": [["index", 3.46, None, 1.2]]}
+
+
+# --- bags and records
+
+
+def test_only_files_of_listed_bags_are_reached(tmp_path: Path) -> None:
+    bag = tmp_path / "bags" / "one"
+    bag.mkdir(parents=True)
+    (bag / "a.mcap").write_bytes(b"12345")
+    (bag / "link.mcap").symlink_to("/etc/passwd")
+    (tmp_path / "bags" / "empty").mkdir()
+    (tmp_path / "secret").write_text("no")
+    folder = BagFolder(tmp_path / "bags")
+    (found,) = folder.bags()
+    assert (found.name, found.files, found.size) == ("one", (("a.mcap", 5),), 5)
+    assert folder.file("one", "a.mcap") == bag / "a.mcap"
+    for wrong in (("one", "../../secret"), ("..", "secret"), ("one", "link.mcap"), ("two", "a.mcap"), ("one", "")):
+        with pytest.raises(PanelError):
+            folder.file(*wrong)
+    with pytest.raises(PanelError):
+        folder.report("../secret")
+    assert BagFolder(None).bags() == ()
+
+
+def test_grasps_of_panel_and_database_are_one_list() -> None:
+    seen = [GraspRecord(2, 50.0, "egg", "power", ("A", "B"), outcome="GRIPPED")]
+    counted = [
+        CountedView(9050.0, "egg", "power", "GRIPPED", "held", 1.0),
+        CountedView(9000.0, "egg", "power", "GRIPPED", "held", 1.0),
+        CountedView(8000.0, "grape", "pinch", "EMPTY", "nothing", 1.0),
+    ]
+    rows = grasp_rows(seen, counted)
+    assert [(row.number, row.product) for row in rows] == [(2, "egg"), (None, "egg"), (None, "grape")]
+    assert [row.product for row in rows if GraspFilter(outcome="EMPTY").admits(row)] == ["grape"]
+    assert [row.number for row in rows if GraspFilter(serial="a").admits(row)] == [2]
+
+
+def test_figures_of_a_run_by_their_formulas(clock: Clock) -> None:
+    run = WorkRun(clock)
+    answer = SimpleNamespace(swaps=1, predicted_time=40.0, expected_success=0.9, redundant_sets=[])
+    run.plan([PlannedStep("egg", 4, "power", False, 0.9, 40.0)], answer)
+    run.go_to(WorkPhase.RUNNING)
+    for k, outcome in enumerate(("GRIPPED", "GRIPPED", "SLIPPED")):
+        clock.s += 20.0
+        run.finish(k, outcome, "", 20.0)
+    run.go_to(WorkPhase.PAUSED)
+    clock.s += 20.0
+    figures = run.figures()
+    assert (figures.done, figures.total, figures.gripped) == (3, 4, 2)
+    assert figures.rate_per_h == pytest.approx(3 / 60.0 * 3600.0)
+    assert figures.availability == pytest.approx(60.0 / 80.0)
+    assert figures.performance == pytest.approx(3 * 10.0 / 60.0)
+    assert figures.quality == pytest.approx(2.0 / 3.0)
+    assert figures.oee == pytest.approx(0.75 * 0.5 * 2.0 / 3.0)

@@ -34,6 +34,7 @@ from softgrip_panel.access.origin import OriginRule, is_loopback
 from softgrip_panel.access.record import ActRecord
 from softgrip_panel.access.sessions import LoginBrake, Sessions
 from softgrip_panel.errors import PanelError
+from softgrip_panel.model.bags import BagFolder, BagJobs
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import StopPolicyView
 from softgrip_panel.model.frames import PanelPicture
@@ -62,6 +63,7 @@ PARAMETERS = ParameterTable(
     Parameter("tls_certificate", "", "PEM file with the certificate; empty = no TLS"),
     Parameter("tls_key", "", "PEM file with the certificate's key"),
     Parameter("state_dir", "", "folder for the record of acts and a swap that is going on; empty = kept nowhere"),
+    Parameter("bags_dir", "", "folder of the recorder's bags on this machine; empty = none are listed"),
     Parameter("language", "en", "catalogue of texts"),
     Parameter("watched_finger", "index", "the finger in front of the camera"),
     Parameter("profiles_directory", "", "folder of finger profiles; empty = no prediction is drawn into the picture"),
@@ -129,7 +131,7 @@ class PanelNode(Node):
         desk = ActDesk(self._state, self._calls, self._record)
         site = PanelSite(
             desk, Worker(desk, WorkRun(time.monotonic)), texts, accounts, sessions, LoginBrake(time.monotonic), rule,
-            self.get_namespace(),
+            BagJobs(BagFolder(Path(values["bags_dir"]) if values["bags_dir"] else None)), self.get_namespace(),
             log=self.get_logger().warning,
         )  # fmt: skip
         desk.on_done = self._write_audit

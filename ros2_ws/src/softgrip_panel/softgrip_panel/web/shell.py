@@ -26,6 +26,7 @@ PAGES: Final = {
     "/swap": "nav.swap",
     "/grasps": "nav.grasps",
     "/records": "nav.records",
+    "/bags": "nav.bags",
 }
 
 _HEAD: Final = '<link rel="stylesheet" href="/assets/panel.css"><script type="module" src="/assets/panel.js"></script>'
@@ -52,7 +53,7 @@ def _attributed(made: Any, classes: str, attributes: dict[str, str]) -> Any:
     return made
 
 
-class Choice:
+class ChoiceField:
     """The browser's own list to choose from: it works with keyboard, touch and screen reader everywhere.
 
     Args:

@@ -20,8 +20,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from softgrip_panel.access.accounts import Accounts, check_name
 from softgrip_panel.access.origin import OriginRule
 from softgrip_panel.access.sessions import LoginBrake, Sessions
-from softgrip_panel.errors import AccessError
+from softgrip_panel.errors import AccessError, PanelError
 from softgrip_panel.model import acts
+from softgrip_panel.model.bags import BagJobs
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
@@ -49,6 +50,7 @@ class PanelSite:
         sessions: who is logged in.
         brake: on wrong log-ins.
         rule: host and origin.
+        jobs: bags with their reports and replays.
         namespace: of the cell, for the commands that pages show.
         picture: newest camera frame, None before the first.
         viewers: pages that show live data now.
@@ -63,6 +65,7 @@ class PanelSite:
     sessions: Sessions
     brake: LoginBrake
     rule: OriginRule
+    jobs: BagJobs
     namespace: str = "/"
     picture: PanelPicture | None = None
     viewers: int = 0
@@ -86,6 +89,8 @@ class PanelSite:
         app.add_api_route(
             "/grasps/{number}/{moment}.jpg", self._grasp_picture, methods=["GET"], include_in_schema=False
         )
+        app.add_api_route("/bags/{bag}/files/{name}", self._bag_file, methods=["GET"], include_in_schema=False)
+        app.add_api_route("/bags/{bag}/report", self._bag_report, methods=["GET"], include_in_schema=False)
         app.add_api_route("/label/{serial}", self._label, methods=["GET"], include_in_schema=False)
         app.add_api_websocket_route("/live", self._live)
         pages(self)
@@ -161,6 +166,24 @@ class PanelSite:
         record = self.desk.state.grasps.find(number)
         jpeg = record.pictures.get(moment) if record else None
         return Response(jpeg, media_type="image/jpeg") if jpeg else Response("no such picture\n", status_code=404)
+
+    async def _bag_file(self, bag: str, name: str) -> Response:
+        try:
+            file = self.jobs.folder.file(bag, name)
+        except PanelError as error:
+            return Response(f"{error}\n", status_code=404)
+        return FileResponse(file, filename=name, media_type="application/octet-stream")
+
+    async def _bag_report(self, bag: str) -> Response:
+        try:
+            file = self.jobs.folder.report(bag)
+        except PanelError as error:
+            return Response(f"{error}\n", status_code=404)
+        if not file.is_file():
+            return Response("no report yet\n", status_code=404)
+        # what a bag holds may come from anywhere: its report runs without this site's session
+        headers = {"content-security-policy": "sandbox allow-scripts"}
+        return FileResponse(file, media_type="text/html", headers=headers)
 
     async def _label(self, serial: str) -> Response:
         record = next((one for one in self.desk.state.fingers if one.serial == serial), None)

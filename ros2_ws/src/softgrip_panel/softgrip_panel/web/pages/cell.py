@@ -14,7 +14,7 @@ from softgrip_panel.model.alarms import Alarm
 from softgrip_panel.model.explain import explain_reset
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.state import Notice
-from softgrip_panel.web.shell import Choice, Page, clock_text, element, text_element
+from softgrip_panel.web.shell import ChoiceField, Page, clock_text, element, text_element
 
 #: So many tendons are told in words.
 MAX_TENDONS = 8
@@ -150,14 +150,14 @@ def _actions(page: Page) -> None:
         page.commands(acts.estop(), acts.release(), acts.grasp("egg", confirm_lift=False), acts.home())
 
 
-def product_choice(page: Page) -> Choice:
+def product_choice(page: Page) -> ChoiceField:
     """Return a choice among the products of the cell, which may be heard of later."""
-    choice = Choice(page.t("cell.hold_what"), {})
+    choice = ChoiceField(page.t("cell.hold_what"), {})
     page.shown.keep(lambda: page.state.products, lambda products: choice.set_options({one: one for one in products}))
     return choice
 
 
-def _emulated(page: Page, product: Choice) -> None:
+def _emulated(page: Page, product: ChoiceField) -> None:
     """Make the emulated hands; shown where there are such."""
     with element("div", classes="emulated", id="emulated") as part:
         text_element("h3", page.t("emulated.title"))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from softgrip_panel.web.pages.bags import bags_page
 from softgrip_panel.web.pages.cell import cell_page
 from softgrip_panel.web.pages.grasps import grasps_page
 from softgrip_panel.web.pages.records import label_html, records_page
@@ -19,4 +20,5 @@ def add_pages(site: PanelSite) -> None:
     add_page(site, "/swap", swap_page)
     add_page(site, "/grasps", grasps_page)
     add_page(site, "/records", records_page)
+    add_page(site, "/bags", bags_page)
     site.label = label_html

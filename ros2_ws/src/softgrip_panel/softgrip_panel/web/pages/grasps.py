@@ -12,7 +12,7 @@ from softgrip_panel.model.grasps import GraspRecord
 from softgrip_panel.model.records import GraspFilter, GraspRow, grasp_rows
 from softgrip_panel.web.pages.cell import card
 from softgrip_panel.web.pages.work import table
-from softgrip_panel.web.shell import Choice, Page, clock_text, element, text_element
+from softgrip_panel.web.shell import ChoiceField, Page, clock_text, element, text_element
 
 OUTCOMES = ("", "GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED")
 #: So many rows are drawn; the export has them all.
@@ -34,7 +34,7 @@ def _list(page: Page, show: object) -> None:
         with element("div", classes="row"):
             product = ui.input(page.t("grasps.product")).props("outlined dense").classes("grow")
             serial = ui.input(page.t("grasps.finger")).props("outlined dense").classes("grow")
-            outcome = Choice(page.t("grasps.verdict"), {one: one or page.t("grasps.every") for one in OUTCOMES})
+            outcome = ChoiceField(page.t("grasps.verdict"), {one: one or page.t("grasps.every") for one in OUTCOMES})
         text_element("a", page.t("grasps.export"), "export", href="/grasps.csv", download="grasps.csv")
         body = table(page, "grasps.at", "grasps.product", "grasps.set", "grasps.verdict", "grasps.why", "grasps.show")
 

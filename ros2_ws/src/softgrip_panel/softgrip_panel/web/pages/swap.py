@@ -110,12 +110,12 @@ def _confirmation(page: Page) -> None:
 def _start(page: Page) -> None:
     with card(page, "swap.start", "swap-start"):
         text_element("p", page.t("swap.start_hint"), "note")
-        wanted = ui.input(page.t("swap.wanted")).props("outlined dense").classes("grow")
+        requested = ui.input(page.t("swap.requested")).props("outlined dense").classes("grow")
         with element("div", classes="row"):
             for finger_set in SETS:
 
                 def begin(finger_set: str = finger_set) -> None:
-                    page.begin(acts.swap(finger_set, str(wanted.value or "").replace(",", " ").split()))
+                    page.begin(acts.swap(finger_set, str(requested.value or "").replace(",", " ").split()))
 
                 button = page.button("swap.to", begin, "big", name=f"swap-{finger_set}", finger_set=finger_set)
                 page.shown.enabled(button, lambda: page.may_act and not _view(page).is_open)
