@@ -48,7 +48,8 @@ def executables() -> dict[str, Path]:
         scripts = setup.get("options.entry_points", "console_scripts", fallback="")
         for line in filter(None, map(str.strip, scripts.splitlines())):
             name, module = (part.strip() for part in line.split("="))
-            file = path.parent / (module.partition(":")[0].replace(".", "/") + ".py")
+            # an executable of bringup is a module of another package
+            file = WORKSPACE / module.partition(".")[0] / (module.partition(":")[0].replace(".", "/") + ".py")
             if file.parent.name == "nodes":
                 found[name] = file
     return found

@@ -33,7 +33,7 @@ folders: {{out: out}}
 parameters:
   emulated_cell: {{spool_directions: [1, -1, 1]}}
 """
-EMULATED = ("hardware:=emulated", "gripper:=false", "record:=false")
+EMULATED = ("hardware:=emulated", "speed:=max", "gripper:=false", "record:=false")
 
 
 def commands(document: str) -> list[list[str]]:

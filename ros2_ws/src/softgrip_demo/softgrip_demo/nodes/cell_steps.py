@@ -75,7 +75,7 @@ class FrictionStep:
         yield equal_to("points accepted", len(friction.points), FRICTION_POINTS, remedy)
         yield at_most("average error of the fit", friction.average_error, MAX_AVERAGE_ERROR, "", remedy)
         yield at_most("largest error of the fit", friction.maximum_error, MAX_ERROR, "", remedy)
-        yield equal_to("verdict", friction.verdict, "USABLE", remedy)
+        yield equal_to("verdict", friction.verdict, "usable", remedy)
 
     def _calibrated(self) -> Any:
         link = self.session.link
