@@ -9,7 +9,7 @@ from typing import Protocol
 
 from softgrip_demo.nodes.hands import Hands
 from softgrip_demo.products import serials_of
-from softgrip_driver.commands.person import Person
+from softgrip_driver.commands.person import Terminal
 
 
 class BenchHands(Protocol):
@@ -36,7 +36,7 @@ class PersonHands:
         finger_set: that is to be mounted; slots: of the gripper.
     """
 
-    def __init__(self, person: Person, finger_set: str, slots: Sequence[str]) -> None:
+    def __init__(self, person: Terminal, finger_set: str, slots: Sequence[str]) -> None:
         self._person = person
         self._serials = serials_of(finger_set, slots)
 

@@ -32,11 +32,11 @@ from softgrip_demo.first_run.page import render
 from softgrip_demo.first_run.record import FirstRunRecord, load_record, save_record
 from softgrip_demo.nodes.bench_hands import BenchHands, EmulatorHands, PersonHands
 from softgrip_demo.nodes.cell_session import CellSession
-from softgrip_demo.nodes.cell_steps import ChecksStep, FrictionStep, GraspStep, HomeStep
+from softgrip_demo.nodes.cell_steps import ChecksStep, FrictionStep, GraspCubeStep, HomeStep
 from softgrip_description.cell_file import CellCamera, CellFile, load_cell
 from softgrip_description.errors import CellFileError
 from softgrip_driver.commands.common import add_lockstep_option, clock_of
-from softgrip_driver.commands.person import Person, TerminalPerson, WrittenAnswers, read_answers
+from softgrip_driver.commands.person import Terminal, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.errors import DriverError
 from softgrip_driver.wizard.chain import chain_rate
 
@@ -80,11 +80,11 @@ def cell_steps(session: CellSession, hands: BenchHands, cell: CellFile, finger_s
         HomeStep(session, rate_hz),
         FrictionStep(session, hands),
         ChecksStep(session, hands, finger_set, slots),
-        GraspStep(session, hands, float(values.get("tension_soft_n", TENSION_SOFT_N))),
+        GraspCubeStep(session, hands, float(values.get("tension_soft_n", TENSION_SOFT_N))),
     ]
 
 
-def work(options: argparse.Namespace, person: Person) -> int:
+def work(options: argparse.Namespace, person: Terminal) -> int:
     """Run the checklist, sign, write the page.
 
     Raises:
@@ -173,7 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _person(options: argparse.Namespace) -> Person:
+def _person(options: argparse.Namespace) -> Terminal:
     if options.answers is not None:
         return WrittenAnswers(read_answers(options.answers), takes_defaults=options.yes)
     return WrittenAnswers({}, takes_defaults=True) if options.yes else TerminalPerson()

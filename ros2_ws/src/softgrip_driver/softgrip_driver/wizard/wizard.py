@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
 from softgrip_driver.commands import selftest
-from softgrip_driver.commands.person import Person
+from softgrip_driver.commands.person import Terminal
 from softgrip_driver.configuration import SHIPPED_LOOP_RATE
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.dynamixel.backend import DynamixelBackend
@@ -81,7 +81,7 @@ class SetupWizard:
     def __init__(
         self,
         settings: WizardSettings,
-        person: Person,
+        person: Terminal,
         make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = make_loop,
     ) -> None:
         self._settings, self._person, self._make_loop = settings, person, make_loop

@@ -72,7 +72,7 @@ class FingerBank:
         """Let fingers that were mounted before be as used as they were."""
         for slot, finger in enumerate(self.fingers):
             if finger is not None and (finger.profile, finger.serial) in memories:
-                self.core.remember(slot, memories[finger.profile, finger.serial])
+                self.core.restore(slot, memories[finger.profile, finger.serial])
 
     def pulled_length_m(self) -> Array:
         """How much cable the present joint angles take in [m], (F,)."""

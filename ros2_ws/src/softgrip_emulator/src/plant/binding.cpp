@@ -233,9 +233,9 @@ void bind_fingers(py::module_& module) {
              const Finger* finger = bank.finger(slot);
              return finger == nullptr ? std::vector<double>() : finger->recall();
            })
-      .def("remember",
+      .def("restore",
            [](FingerBank& bank, std::size_t slot, const std::vector<double>& memory) {
-             if (Finger* finger = bank.finger(slot)) finger->remember(memory);
+             if (Finger* finger = bank.finger(slot)) finger->restore(memory);
            })
       .def("step", &step_bank, py::arg("wound_m"), py::arg("dt_s"), py::arg("load").none(true) = py::none())
       .def("adopt", &adopt, py::arg("before"), py::arg("keep"))

@@ -59,10 +59,10 @@ std::vector<double> Finger::recall() const {
   return memory;
 }
 
-void Finger::remember(const std::vector<double>& memory) {
+void Finger::restore(const std::vector<double>& memory) {
   if (memory.size() != Strip::kMemory * strips_.size() + tendon_.memory()) return;
-  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].remember(&memory[Strip::kMemory * j]);
-  tendon_.remember(&memory[Strip::kMemory * strips_.size()]);
+  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].restore(&memory[Strip::kMemory * j]);
+  tendon_.restore(&memory[Strip::kMemory * strips_.size()]);
 }
 
 void Finger::shape(FingerShape& shape, double ago_s) const {

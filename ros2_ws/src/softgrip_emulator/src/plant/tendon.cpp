@@ -200,7 +200,7 @@ double Tendon::lengthened_m() const {
   return length_m * (bedded_ + crept_) + make_.knot_slip_m * std::log1p(loadings_);
 }
 
-void Tendon::remember(const double* memory) {
+void Tendon::restore(const double* memory) {
   bedded_ = memory[0];
   largest_n_ = memory[1];
   loadings_ = memory[2];

@@ -203,7 +203,7 @@ TEST(Strip, RunInItIsSofterUntilItIsBentFurther) {
   double memory[Strip::kMemory];
   used.recall(memory);
   Strip again(make);
-  again.remember(memory);
+  again.restore(memory);
   EXPECT_NEAR(held_moment(again, 0.4, 0.0), half, 1e-3 * half);
 }
 

@@ -75,7 +75,7 @@ class Finger {
 
   // What it will not forget, mounted or not: strips (2 n), then the tendon.
   std::vector<double> recall() const;
-  void remember(const std::vector<double>& memory);
+  void restore(const std::vector<double>& memory);
 
   // The shape now, or as it was `ago_s` before by the speeds of the last step.
   void shape(FingerShape& shape, double ago_s = 0.0) const;

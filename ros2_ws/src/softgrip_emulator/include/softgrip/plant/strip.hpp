@@ -59,7 +59,7 @@ class Strip {
 
   // What the strip will not forget: the largest energy [J/m] that each of its elements has held.
   static constexpr std::size_t kMemory = 2;
-  void remember(const double* energy_j_m);
+  void restore(const double* energy_j_m);
   void recall(double* energy_j_m) const;
 
  private:

@@ -51,7 +51,7 @@ class Tendon {
   void age(double tension_n, double dt_s);
 
   // What the tendon will not forget, `memory` (3 + 2 n): bedding strain, largest tension [N], loadings, wear.
-  void remember(const double* memory);
+  void restore(const double* memory);
   void recall(double* memory) const;
   std::size_t memory() const { return 3 + wear_.size(); }
   // How much longer it has become since it was strung [m].
