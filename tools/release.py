@@ -61,7 +61,8 @@ def main() -> int:
         text = path.read_text(encoding="utf-8")
         path.write_text(PLACES[path.name].sub(rf"\g<1>{requested}\g<3>", text, count=1), encoding="utf-8")
     print(
-        f"{len(versions())} files have version {requested}; now: git commit -am 'release {requested}' && git tag -a v{requested}"
+        f"{len(versions())} files have version {requested}; now: "
+        f"git commit -am 'release {requested}' && git tag -a v{requested}"
     )
     return 0
 
