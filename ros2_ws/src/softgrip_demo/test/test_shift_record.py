@@ -12,10 +12,10 @@ import pytest
 from softgrip_demo.alignment import Instant, MeasuredTip, at_stamp, pair
 from softgrip_demo.film import chain
 from softgrip_demo.record import (
-    PairedSample,
     FrictionPoint,
     FrictionResult,
     GraspResult,
+    PairedSample,
     RecordError,
     ShapeView,
     ShiftClosing,
