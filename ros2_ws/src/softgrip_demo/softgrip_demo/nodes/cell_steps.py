@@ -126,7 +126,7 @@ class ChecksStep:
 
 
 @dataclass(frozen=True)
-class GraspStep:
+class CubeGraspStep:
     """The test cube is gripped and held."""
 
     session: CellSession
