@@ -126,7 +126,7 @@ class ChecksStep:
 
 
 @dataclass(frozen=True)
-class CubeGraspStep:
+class GraspCubeStep:
     """The test cube is gripped and held."""
 
     session: CellSession

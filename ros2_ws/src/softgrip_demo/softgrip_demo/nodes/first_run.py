@@ -32,7 +32,7 @@ from softgrip_demo.first_run.page import render
 from softgrip_demo.first_run.record import FirstRunRecord, load_record, save_record
 from softgrip_demo.nodes.bench_hands import BenchHands, EmulatorHands, PersonHands
 from softgrip_demo.nodes.cell_session import CellSession
-from softgrip_demo.nodes.cell_steps import ChecksStep, CubeGraspStep, FrictionStep, HomeStep
+from softgrip_demo.nodes.cell_steps import ChecksStep, FrictionStep, GraspCubeStep, HomeStep
 from softgrip_description.cell_file import CellCamera, CellFile, load_cell
 from softgrip_description.errors import CellFileError
 from softgrip_driver.commands.common import add_lockstep_option, clock_of
@@ -80,7 +80,7 @@ def cell_steps(session: CellSession, hands: BenchHands, cell: CellFile, finger_s
         HomeStep(session, rate_hz),
         FrictionStep(session, hands),
         ChecksStep(session, hands, finger_set, slots),
-        CubeGraspStep(session, hands, float(values.get("tension_soft_n", TENSION_SOFT_N))),
+        GraspCubeStep(session, hands, float(values.get("tension_soft_n", TENSION_SOFT_N))),
     ]
 
 
