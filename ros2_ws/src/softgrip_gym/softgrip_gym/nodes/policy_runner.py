@@ -106,7 +106,7 @@ class PolicyRunner:
     def _follow(self, product: Product, close_s: float, hold_s: float, token: str) -> int:
         """Act every 50 ms of the cell's time; return how often."""
         known, targets_m = product_observation(product), np.zeros(len(SLOTS))
-        begun_s = now_s = self._next_state(-np.inf)
+        begun_s = now_s = self._next_state(0.0)
         actions, periods = 0, 1
         while now_s - begun_s < close_s + hold_s:
             left = max(0.0, 1.0 - (now_s - begun_s) / close_s)
