@@ -101,9 +101,9 @@ def _service(words: list[str]) -> str:
 
 def _topic(words: list[str]) -> str:
     names = {name for kind, name in interfaces.endpoints() if kind == "topic"} | set(interfaces.OF_EVERY_NODE)
-    wanted = next((word for word in words[3:] if word.startswith("/")), "")
-    known = any(wanted.endswith(f"/{name.strip('/')}") for name in names)
-    return "" if known or not wanted else f"no topic {wanted}"
+    requested_topic = next((word for word in words[3:] if word.startswith("/")), "")
+    known = any(requested_topic.endswith(f"/{name.strip('/')}") for name in names)
+    return "" if known or not requested_topic else f"no topic {requested_topic}"
 
 
 def _target(words: list[str]) -> str:
