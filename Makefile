@@ -101,7 +101,7 @@ tidy: setup  ## list what clang-tidy finds in the C++ cores; some minutes
 	done
 
 clean:  ## remove what was built
-	rm -rf out build $(SRC)/*/build .mypy_cache .ruff_cache
+	rm -rf out build docs/reference/generated $(SRC)/*/build .mypy_cache .ruff_cache
 
 faults: setup  ## every fault of the drives with its time to safe, every process killed and frozen; on an otherwise idle machine
 	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py \

@@ -46,23 +46,20 @@ def main() -> int:
     """Write or check versions."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("version", nargs="?", help="such as 0.2.0")
-    wanted: str | None = parser.parse_args().version
-    if wanted is None:
+    requested: str | None = parser.parse_args().version
+    if requested is None:
         found = sorted(set(versions().values()))
         print(f"{len(versions())} files: {', '.join(found)}")
         return 0 if len(found) == 1 else 1
-    if not VERSION.fullmatch(wanted) or wanted not in changelog_versions():
-        print(
-            f"expected a version with a section in CHANGELOG.md, found {wanted!r}; add '## [{wanted}] - DATE'",
-            file=sys.stderr,
-        )
+    if not VERSION.fullmatch(requested) or requested not in changelog_versions():
+        text = f"expected a version with a section in CHANGELOG.md, found {requested!r}; add '## [{requested}] - DATE'"
+        print(text, file=sys.stderr)
         return 2
     for path in files():
         text = path.read_text(encoding="utf-8")
-        path.write_text(PLACES[path.name].sub(rf"\g<1>{wanted}\g<3>", text, count=1), encoding="utf-8")
-    print(
-        f"{len(versions())} files have version {wanted}; now: git commit -am 'release {wanted}' && git tag -a v{wanted}"
-    )
+        path.write_text(PLACES[path.name].sub(rf"\g<1>{requested}\g<3>", text, count=1), encoding="utf-8")
+    print(f"{len(versions())} files have version {requested}; now:")
+    print(f"git commit -am 'release {requested}' && git tag -a v{requested}")
     return 0
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parent))
 
 from generated import commands, interfaces, parameters
 from generated.markdown import WORKSPACE
