@@ -135,7 +135,7 @@ docs: setup parts-setup docs-setup  ## write the documents that scripts make, th
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 	$(MAKE) site
 
-site: setup parts-setup docs-setup  ## the documentation's site alone, into out/site; a warning is an error
+site: setup docs-setup  ## the documentation's site alone, into out/site; a warning is an error
 	$(BIN)/python tools/docs/reference.py
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
 	@echo "$(OUT)/site/index.html"
