@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-LOCKS = ("requirements.lock", "requirements-capture.lock", "requirements-parts.lock", "requirements-docs.lock")
+LOCKS = tuple(sorted(path.name for path in ROOT.glob("requirements*.lock") if "oldest" not in path.name))
 ENVIRONMENT = ROOT / "out" / "audit"
 FINDING, NOT_DONE = 1, 2
 

@@ -6,8 +6,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -18,12 +19,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from softgrip_model.finger import Finger, close
+from softgrip_model.finger import Finger, MomentLaw, Strip, close
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.gdfe import ConstitutiveLaw, Solver, SolverSettings, VolumeShape
+from softgrip_model.gdfe import ConstitutiveLaw, Mesh, Ogden, Solver, SolverSettings, Supports, VolumeShape, bar
 from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings, ClosingShape
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
-from softgrip_model.gdfe.march import March, march
+from softgrip_model.gdfe.march import Loading, March, march
 from softgrip_model.gdfe.materials import (
     Linear,
     SolidMaterial,
@@ -47,6 +48,7 @@ from softgrip_model.gdfe.thesis_bars import BarCase, difference, five_materials,
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.calculix_cable import ClosedFinger, calculix_closings, closing_of, our_closing
 from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
+from softgrip_testing.calculix_flexures import MODULUS_MPA
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[2]
@@ -123,6 +125,7 @@ def _tension_rows() -> str:
     choices: list[tuple[str, tuple[SolidMaterial, ...], SolverSettings, float, int]] = [
         ("calibrated, polynomials, nu = 0.45", (cheetah(), ninjaflex()), SolverSettings(), 0.45, 2),
         ("calibrated, Ogden, nu = 0.45", (), SolverSettings(), 0.45, 2),
+        ("calibrated, Ogden, nu = 0.49", (), SolverSettings(), 0.49, 2),
         ("rigorous, Ogden, nu = 0.49", (), RIGOROUS, 0.49, 10),
     ]
     for label, materials, settings, poisson, increments in choices:
@@ -130,6 +133,63 @@ def _tension_rows() -> str:
         found = _marched(case, used, settings, increments)
         rows.append(_tension_row(label, joint_position(case, found.last.displacement)))
     return "\n".join(rows)
+
+
+#: What the calibrated law was not calibrated by: axes that are held, stretch along those that are drawn.
+_STATES = (
+    ("uniaxial tension, stretch 1.3", "", "x", 1.3),
+    ("planar, stretch 1.3", "y", "x", 1.3),
+    ("both ways, stretch 1.3", "", "xy", 1.3),
+    ("compression, stretch 0.8", "", "x", 0.8),
+)
+
+
+def _homogeneous_stress(material: Ogden, law: ConstitutiveLaw, *, held: str, drawn: str, stretch: float) -> float:
+    """Return the nominal stress along x [MPa] of a block whose faces stay plane, those of the other axes free."""
+    mesh = bar((2.0, 2.0, 2.0), (2, 2, 2))
+    ends = {axis: _ends_along(mesh, number) for number, axis in enumerate("xyz")}
+    supports = Supports.none(len(mesh.nodes))
+    for axis, (low, high) in ends.items():
+        supports = supports.with_prescribed(low, axis)
+        if axis in held + drawn:
+            supports = supports.with_prescribed(high, axis)
+    moved = np.zeros_like(mesh.nodes)
+    for axis in drawn:
+        moved[ends[axis][1], "xyz".index(axis)] = 2.0 * (stretch - 1.0)
+    solver = Solver(mesh, [material], supports, settings=SolverSettings(law=law))
+    found = _completed(march(solver, lambda share: Loading(share * moved), 10, tolerance=1e-8))
+    return float(found.last.reaction[ends["x"][1], 0].sum()) / 4.0
+
+
+def _ends_along(mesh: Mesh, axis: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    place = mesh.nodes[:, axis]
+    return mesh.nodes_where(place == place.min()), mesh.nodes_where(place == place.max())
+
+
+def _shear_stress(material: Ogden, law: ConstitutiveLaw, shear: float = 0.3) -> float:
+    """Return the nominal shear stress of a block in simple shear [MPa]."""
+    mesh = bar((2.0, 2.0, 2.0), (2, 2, 2))
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(np.arange(len(mesh.nodes), dtype=np.int32))
+    solver = Solver(mesh, [material], supports, settings=SolverSettings(law=law))
+    moved = np.zeros_like(mesh.nodes)
+    moved[:, 0] = shear * mesh.nodes[:, 1]
+    return float(solver.internal_force(moved)[_ends_along(mesh, 1)[1], 0].sum()) / 4.0
+
+
+def _limit_rows() -> str:
+    def apart(stress: Callable[[Ogden, ConstitutiveLaw], float]) -> list[str]:
+        found = []
+        for material in (ninjaflex_ogden(0.45), cheetah_ogden(0.45)):
+            calibrated = stress(material, ConstitutiveLaw.CALIBRATED)
+            rigorous = stress(material, ConstitutiveLaw.RIGOROUS)
+            found.append(f"{100.0 * (calibrated / rigorous - 1.0):+.0f} %")
+        return found
+
+    rows = [
+        _row(name, *apart(functools.partial(_homogeneous_stress, held=held, drawn=drawn, stretch=stretch)))
+        for name, held, drawn, stretch in _STATES
+    ]
+    return "\n".join("  " + row for row in [*rows, _row("simple shear, 0.3", *apart(_shear_stress))])
 
 
 def _bend_rows() -> str:
@@ -190,23 +250,23 @@ def _calibrated_force(increments: int) -> float:
 
 @functools.cache
 def _fingers() -> tuple[tuple[str, float, ClosingShape, Array, float, float], ...]:
-    """Return design, pulled length [mm], our shape, pseudo-rigid tip [mm] and tension [N], the finger's length [mm]."""
+    """Return design, pulled length [mm], our shape, the kernel's tip [mm] and tension [N], the finger's length [mm]."""
     found = []
     pulls_mm = np.array([5.0, 10.0, 15.0, 18.0])
     for name, profile in sorted(load_directory(shipped_directory()).items()):
         finger = Finger.from_profile(profile, "index")
-        rigid = close(finger, assumed_friction(profile).law, pulls_mm)
+        kernel = close(finger, assumed_friction(profile).law, pulls_mm)
         closing = ClosingPath(profile, "index", ClosingSettings(RESOLUTIONS["fine"], travel_mm=19.0, tolerance=1e-5))
         for k, pull in enumerate(pulls_mm):
             shape = closing.shape(1e-3 * pull)
-            other = rigid.tip_mm[0, k], float(rigid.tension_n[0, k, 0])
+            other = kernel.tip_mm[0, k], float(kernel.tension_n[0, k, 0])
             found.append((name, float(pull), shape, *other, finger.length_from_joint_mm))
     return tuple(found)
 
 
 def _finger_rows() -> str:
     rows = []
-    for name, pull, shape, other, pseudo_rigid_n, length in _fingers():
+    for name, pull, shape, other, kernel_n, length in _fingers():
         tip = 1e3 * shape.tip[:2]
         rows.append(
             _row(
@@ -216,20 +276,20 @@ def _finger_rows() -> str:
                 f"{other[0]:.1f}, {other[1]:.1f}",
                 f"{100 * float(np.linalg.norm(tip - other)) / length:.1f}",
                 f"{shape.tension[0]:.2f}",
-                f"{pseudo_rigid_n:.2f}",
+                f"{kernel_n:.2f}",
             )
         )
     return "\n".join(rows)
 
 
 class _Beside(NamedTuple):
-    """One finger at one pulled length: in CalculiX by element type, in our mesh, and pseudo-rigid."""
+    """One finger at one pulled length: in CalculiX by element type, in our mesh, and in the kernel (mode F)."""
 
     design: str
     pulled_mm: float
     calculix: dict[str, ClosedFinger]
     mesh: ClosedFinger
-    rigid_tip_mm: Array
+    kernel_tip_mm: Array
     length_mm: float
 
 
@@ -238,13 +298,16 @@ def _beside_calculix() -> tuple[_Beside, ...]:
     theirs, found = calculix_closings(), []
     profiles = load_directory(shipped_directory())
     for design in sorted({key[0] for key in theirs}):
-        closing, finger = closing_of(design), Finger.from_profile(profiles[design], "index")
+        closing = closing_of(design)
+        finger = dataclasses.replace(
+            Finger.from_profile(profiles[design], "index"), strip=Strip((0.0, 0.0, MODULUS_MPA), MomentLaw.LINEAR)
+        )
         pulls = sorted({key[2] for key in theirs if key[0] == design})
-        rigid = close(finger, assumed_friction(profiles[design]).law, np.array(pulls))
+        kernel = close(finger, assumed_friction(profiles[design]).law, np.array(pulls))
         for k, pull in enumerate(pulls):
             calculix = {element: theirs[design, element, pull] for element in ("C3D8", "C3D8I")}
             ours = our_closing(closing, pull)
-            found.append(_Beside(design, pull, calculix, ours, rigid.tip_mm[0, k], finger.length_from_joint_mm))
+            found.append(_Beside(design, pull, calculix, ours, kernel.tip_mm[0, k], finger.length_from_joint_mm))
     return tuple(found)
 
 
@@ -257,7 +320,7 @@ def _calculix_rows() -> str:
             continue
         gaps = [
             100.0 * float(np.linalg.norm(tip - solid.tip_mm)) / one.length_mm
-            for tip in (one.mesh.tip_mm, incompatible.tip_mm, one.rigid_tip_mm)
+            for tip in (one.mesh.tip_mm, incompatible.tip_mm, one.kernel_tip_mm)
         ]
         joint = float(np.degrees(np.abs(one.mesh.joint_rad - solid.joint_rad).max()))
         tensions = (one.mesh.tension_n, solid.tension_n, incompatible.tension_n)
@@ -308,6 +371,7 @@ def render() -> str:
         "tension_rows": _tension_rows(),
         "bend_rows": _bend_rows(),
         "rotation_rows": _rotation_rows(),
+        "limit_rows": _limit_rows(),
         "thesis_forces": " | ".join(f"{_thesis_tension(VolumeShape.PROJ, n)[1]:.0f}" for n in FORCE_INCREMENTS),
         "calibrated_forces": " | ".join(f"{_calibrated_force(n):.0f}" for n in FORCE_INCREMENTS),
         "finger_hexes": "2,088",
@@ -344,14 +408,14 @@ def _draw_forces(path: Path) -> None:
 
 
 def _draw_fingers(path: Path) -> None:
-    """Tips as the fingers close, of mesh and pseudo-rigid predictor."""
+    """Tips as the fingers close, of mesh and predictor."""
     figure = Figure(figsize=(6.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for colour, design in zip(("C0", "C1", "C2"), sorted({row[0] for row in _fingers()}), strict=True):
         own = [row for row in _fingers() if row[0] == design and row[2].converged]
         tips, others = np.array([1e3 * row[2].tip[:2] for row in own]), np.array([row[3] for row in own])
         axes.plot(*tips.T, "o-", color=colour, label=f"{design}, mesh")
-        axes.plot(*others.T, "x--", color=colour, label=f"{design}, pseudo-rigid")
+        axes.plot(*others.T, "x--", color=colour, label=f"{design}, predictor")
     axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
     axes.grid(visible=True, alpha=0.3)
     axes.legend(fontsize="small")
@@ -359,7 +423,7 @@ def _draw_fingers(path: Path) -> None:
 
 
 def _draw_calculix(path: Path) -> None:
-    """Tips as the fingers close, of CalculiX, our mesh and the pseudo-rigid predictor."""
+    """Tips as the fingers close, of CalculiX, our mesh and the predictor."""
     figure = Figure(figsize=(6.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for colour, design in zip(("C0", "C1", "C2"), sorted({one.design for one in _beside_calculix()}), strict=True):
@@ -368,7 +432,7 @@ def _draw_calculix(path: Path) -> None:
             ("s", "CalculiX C3D8", [one.calculix["C3D8"].tip_mm for one in own]),
             ("^", "CalculiX C3D8I", [one.calculix["C3D8I"].tip_mm for one in own]),
             (".-", "mesh", [one.mesh.tip_mm for one in own]),
-            ("x--", "pseudo-rigid", [one.rigid_tip_mm for one in own]),
+            ("x--", "predictor", [one.kernel_tip_mm for one in own]),
         ):
             axes.plot(*np.array(tips).T, style, color=colour, fillstyle="none", label=f"{design}, {name}")
     axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")

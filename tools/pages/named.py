@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-sys.path.append(str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parent))
 
 from generated import commands, interfaces, parameters
 from generated.markdown import WORKSPACE
@@ -101,9 +101,9 @@ def _service(words: list[str]) -> str:
 
 def _topic(words: list[str]) -> str:
     names = {name for kind, name in interfaces.endpoints() if kind == "topic"} | set(interfaces.OF_EVERY_NODE)
-    requested_topic = next((word for word in words[3:] if word.startswith("/")), "")
-    known = any(requested_topic.endswith(f"/{name.strip('/')}") for name in names)
-    return "" if known or not requested_topic else f"no topic {requested_topic}"
+    required = next((word for word in words[3:] if word.startswith("/")), "")
+    known = any(required.endswith(f"/{name.strip('/')}") for name in names)
+    return "" if known or not required else f"no topic {required}"
 
 
 def _target(words: list[str]) -> str:

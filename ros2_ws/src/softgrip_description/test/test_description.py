@@ -13,7 +13,7 @@ import pytest
 from softgrip_description import finger_joint_names, link_poses, mjcf_of, shipped_hand, slot_pose, urdf_of
 from softgrip_description.geometry import quaternion_of, rotation_of, rpy_of
 from softgrip_description.solids import base_outline, link_outline, prism_inertia, prism_triangles, stl_of
-from softgrip_model.finger import Finger, Kernel
+from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.profile import Profile, load, shipped_directory
 
@@ -31,7 +31,7 @@ def mounted(profile: Profile) -> dict:
 
 def closings(profile: Profile, slot: str):
     """Pulled lengths with the kernel's equilibria: every tenth of a millimetre up to 15 mm."""
-    kernel = Kernel([Finger.from_profile(profile, slot)], FrictionLaw(Law.CAPSTAN, (0.1,), 2.0))
+    kernel = Kernel([Finger.from_profile(profile, slot, JointModel.HINGE)], FrictionLaw(Law.CAPSTAN, (0.1,), 2.0))
     return kernel.solve(np.linspace(0.0, 15.0, 151))
 
 
@@ -84,7 +84,7 @@ def test_mujocos_frictionless_rest_stiffness_is_the_kernels_for_small_closings(p
         mujoco.mj_step(model, data)
     for slot in profile.slots:
         design = profile.finger(slot)
-        kernel = Kernel([Finger.from_profile(profile, slot)], FrictionLaw(Law.CAPSTAN, (1e-9,), 2.0))
+        kernel = Kernel([Finger.from_profile(profile, slot, JointModel.HINGE)], FrictionLaw(Law.CAPSTAN, (1e-9,), 2.0))
         expected = kernel.solve([tension_n], "tension").angle_rad[0, 0, : design.joints]
         found = [float(data.joint(name).qpos[0]) for name in finger_joint_names(slot, design.joints)]
         assert found == pytest.approx(expected, rel=0.05)

@@ -38,7 +38,7 @@ class Task:
         thickness_mm: bounds of h.
         routing_mm: bounds of r.
         moment_law: of the strips.
-        joint_model: mode P or mode F.
+        joint_model: mode F or mode P.
         steps: n of Eq 4.4.
         search: how to search.
     """
@@ -48,7 +48,7 @@ class Task:
     thickness_mm: tuple[float, float] = hand.THICKNESS_BOUNDS_MM
     routing_mm: tuple[float, float] = hand.ROUTING_BOUNDS_MM
     moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT
-    joint_model: JointModel = JointModel.HINGE
+    joint_model: JointModel = JointModel.FLEXURE
     steps: int = STEPS
     search: OptimiserSettings = field(default_factory=OptimiserSettings)
 

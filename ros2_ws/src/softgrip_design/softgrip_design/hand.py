@@ -22,7 +22,7 @@ CABLE = Cable(name="PE braid 0.25 mm", radius_m=0.000125, axial_stiffness_n=None
 
 
 def blank(
-    name: str, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT, joint_model: JointModel = JointModel.HINGE
+    name: str, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT, joint_model: JointModel = JointModel.FLEXURE
 ) -> Finger:
     """Return a finger of the hand with every design variable in the middle of its bounds.
 

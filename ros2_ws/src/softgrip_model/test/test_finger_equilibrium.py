@@ -12,7 +12,19 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.optimize import root
 
-from softgrip_model.finger import FRICTIONLESS, Control, Finger, Kernel, MomentLaw, Status, Strip, close, follow, reason
+from softgrip_model.finger import (
+    FRICTIONLESS,
+    Control,
+    Finger,
+    JointModel,
+    Kernel,
+    MomentLaw,
+    Status,
+    Strip,
+    close,
+    follow,
+    reason,
+)
 from softgrip_model.finger.published import (
     OPTIMISED_ROUTING_MM,
     TANGENT_MODULUS_MPA,
@@ -146,6 +158,7 @@ def test_against_an_independent_solver(joints: int) -> None:
             opening_rad=tuple(rng.uniform(1.2, 2.0, joints)),
             strip=Strip(TANGENT_MODULUS_MPA),
             stop_moment_nmm=0.0,
+            joint_model=JointModel.HINGE,
         )
         pull = 3.0 * joints
         found = close(finger, law, [pull], march=False)
@@ -261,6 +274,7 @@ def test_thumb_with_two_joints(power: Kernel) -> None:
     thumb = Finger(
         link_mm=(40.0, 30.0), thickness_mm=(2.55, 3.18), length_mm=(10.0, 10.0), routing_mm=(5.38, 5.74, 7.58, 7.91),
         width_mm=15.0, strip=Strip(TANGENT_MODULUS_MPA), base_mm=60.0,
+        joint_model=JointModel.HINGE,
     )  # fmt: skip
     law = published("braid-tpu-chapter4").law
     alone = close(thumb, law, [5.0], march=False)

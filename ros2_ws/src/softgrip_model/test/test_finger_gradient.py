@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from softgrip_model.finger import Control, Finger, FingerError, Kernel, MomentLaw, Solution, Status, Strip
+from softgrip_model.finger import Control, Finger, FingerError, JointModel, Kernel, MomentLaw, Solution, Status, Strip
 from softgrip_model.finger.published import TANGENT_MODULUS_MPA, chapter_4_finger
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 from softgrip_model.friction.published import published
@@ -35,6 +35,7 @@ def finger(*, joints: int = 3, elastic: bool = False, moment_law: MomentLaw = Mo
         compliance_per_n=5e-4 if elastic else 0.0,
         lead_mm=120.0,
         base_mm=20.0,
+        joint_model=JointModel.HINGE,
     )
 
 

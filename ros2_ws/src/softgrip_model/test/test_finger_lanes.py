@@ -8,7 +8,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from softgrip_model.finger import FRICTIONLESS, Control, Finger, Kernel, MomentLaw, Solution, Status, Strip, _core
+from softgrip_model.finger import (
+    FRICTIONLESS,
+    Control,
+    Finger,
+    JointModel,
+    Kernel,
+    MomentLaw,
+    Solution,
+    Status,
+    Strip,
+    _core,
+)
 from softgrip_model.finger.design import core_design
 from softgrip_model.finger.published import TANGENT_MODULUS_MPA, chapter_4_finger
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
@@ -67,6 +78,7 @@ def test_every_number_of_joints(joints: int) -> None:
     finger = Finger(
         link_mm=(30.0,) * joints, thickness_mm=tuple(rng.uniform(2.5, 5.0, joints)), length_mm=(10.0,) * joints,
         routing_mm=tuple(rng.uniform(5.0, 9.0, 2 * joints)), width_mm=15.0, strip=Strip(TANGENT_MODULUS_MPA),
+        joint_model=JointModel.HINGE,
     )  # fmt: skip
     both(finger, BRAID, np.linspace(0.05, 6.0, 120) * joints)
 

@@ -10,7 +10,7 @@ import weakref
 import numpy as np
 import pytest
 
-from softgrip_model.finger import FingerError, Kernel
+from softgrip_model.finger import FingerError, JointModel, Kernel
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
 from softgrip_model.finger.matching import Matcher, TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, Configuration, TendonReading, Validity, assumed_friction
@@ -32,8 +32,8 @@ def friction(profiles: dict[str, Profile]) -> ActiveFriction:
 
 
 def test_published_power_finger(profiles: dict[str, Profile]) -> None:
-    """docs: chapter 4 index finger, |strain| tangent law, 20 mm (reference table, no stop)."""
-    configuration = Configuration(profiles, {"index": "power"}, None)
+    """docs: chapter 4 index finger, |strain| tangent law, 20 mm (reference table, no stop); hinges, as the thesis."""
+    configuration = Configuration(profiles, {"index": "power"}, None, JointModel.HINGE)
     (prediction,) = configuration.predict([TendonReading("index", 0.020)])
     np.testing.assert_allclose(np.degrees(prediction.joint_angles), [83.728, 46.710, 45.102], atol=6e-4)
     assert prediction.tension == pytest.approx(14.4452, abs=6e-5)

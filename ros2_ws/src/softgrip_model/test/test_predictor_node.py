@@ -30,6 +30,9 @@ from softgrip_interfaces.msg import (
     PredictionResidual,
 )
 from softgrip_interfaces.srv import PredictFinger
+from softgrip_model.finger import Finger, JointModel, close
+from softgrip_model.friction.published import published
+from softgrip_model.profile import load_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
 
 pytestmark = pytest.mark.ros
@@ -162,7 +165,8 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cell]:
 
 
 def test_it_follows_friction_and_mounted_fingers(cell: Cell) -> None:
-    cell.start(f"profiles_directory:={PROFILES}")
+    """Its numbers are the thesis' (docs/finger.md), which has hinges."""
+    cell.start(f"profiles_directory:={PROFILES}", "joint_model:=hinge", "intervals:=friction")
     own = cell.prediction(0.010, "braid-tpu-chapter4")
     assert [round(math.degrees(angle), 2) for angle in own.joint_angles] == [47.82, 22.55, 23.99]
     assert own.tension == pytest.approx(7.3779, abs=6e-5)
@@ -240,7 +244,10 @@ def test_the_service_predicts_any_profile(cell: Cell) -> None:
     good = ask(profile="pinch", finger="index", pulled_lengths=[0.005, 0.010])
     assert good.success
     assert [state.pulled_length for state in good.states] == [0.005, 0.010]
-    assert math.degrees(good.states[1].joint_angles[0]) == pytest.approx(52.573, abs=6e-4)
+    pinch = load_directory(PROFILES)["pinch"]
+    flexures = Finger.from_profile(pinch, "index", JointModel.FLEXURE)
+    expected = close(flexures, published(pinch.friction_id).law, [10.0], march=False)
+    assert list(good.states[1].joint_angles) == pytest.approx(expected.angle_rad[0, 0].tolist(), abs=1e-12)
     bad = ask(profile="glove", pulled_lengths=[0.005])
     assert not bad.success
     assert bad.message == "unknown profile 'glove'; loaded: hook, pinch, power"

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,17 +43,22 @@ class ReplayableNode:
             node has a trace instead.
         drivers: the driving stream; the first of these topics that is in the bag.
         parameters: set for a replay whatever the bag says; ``{folder}`` is a temporary one.
+        before: what the node did before it had these parameters; set for bags that do not have them.
     """
 
     class_path: str
     result: str = ""
     drivers: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    before: Mapping[str, str] = field(default_factory=dict)
 
 
 NODES = {
     "kinematics_predictor": ReplayableNode(
-        "softgrip_model.nodes.kinematics_predictor:KinematicsPredictor", "/finger/predicted", ("/tendon/state",)
+        "softgrip_model.nodes.kinematics_predictor:KinematicsPredictor",
+        "/finger/predicted",
+        ("/tendon/state",),
+        before={"joint_model": "hinge", "intervals": "friction"},
     ),
     "gdfe_simulator": ReplayableNode(
         "softgrip_model.nodes.gdfe_simulator:GdfeSimulator", "/shape/predicted", ("/tendon/state",)
@@ -135,8 +140,8 @@ def _set_up(recording: RecordedBag, name: str, ros_arguments: Sequence[str], lev
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-") as folder:
         found = recording.set_up(name, Path(folder))
         own = [parameter.format(folder=folder) for parameter in NODES[name].parameters]
-        if LATENESS not in found.parameters:
-            own.append(f"{LATENESS}:=0.0")
+        before = {LATENESS: "0.0", **NODES[name].before}
+        own += [f"{parameter}:={value}" for parameter, value in before.items() if parameter not in found.parameters]
         given = [*found.arguments, *(word for one in [*own, *_NO_CELL] for word in ("-p", one)), *ros_arguments]
         rclpy.init(args=["--ros-args", "--disable-rosout-logs", "--log-level", level, *given])
         try:

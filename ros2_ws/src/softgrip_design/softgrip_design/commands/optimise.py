@@ -75,8 +75,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--joint-model",
         choices=tuple(map(str, JointModel)),
-        default=str(JointModel.HINGE),
-        help="mode P or mode F, docs/finger.md; not for uniform (default: %(default)s)",
+        help=f"mode F or mode P, docs/finger.md (default: {JointModel.FLEXURE}; {JointModel.HINGE} for uniform)",
     )
     made.add_argument("--starts", type=int, default=16, help="of the search, per finger (default: %(default)s)")
     made.add_argument("--seed", type=int, default=1, help="of the starts (default: %(default)s)")
@@ -121,7 +120,7 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
         law,
         weights=Weights(*options.weights),
         moment_law=MomentLaw(options.moment_law),
-        joint_model=JointModel(options.joint_model),
+        joint_model=JointModel(options.joint_model or JointModel.FLEXURE),
         search=OptimiserSettings(starts=options.starts, seed=options.seed),
     )
     design = _with_progress(demonstration, names, task)
@@ -181,7 +180,7 @@ def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float,
 def _uniform(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> int:
     if options.trajectory is not None or options.finger:
         raise DesignError("the uniform objective takes no trajectory and no finger: it is the finger of section 3.4")
-    if JointModel(options.joint_model) is not JointModel.HINGE:
+    if options.joint_model not in {None, str(JointModel.HINGE)}:
         raise DesignError("the uniform objective is the thesis', of hinges; leave --joint-model out")
     uniform = design_uniform(law, OptimiserSettings(starts=options.starts, seed=options.seed))
     identity = options.id or "uniform"

@@ -56,6 +56,16 @@ struct FlexureStudy {
   double attachment = 0.0;  // how far beyond its routing point the cable acts on a link; share of the strip's length
 };
 
+// Flexures like those that the study's numbers were compared with CalculiX on; beyond them nothing is known.
+struct FlexureRange {
+  struct Interval {
+    double low, high;
+    bool holds(double value) const { return value >= low && value <= high; }
+  };
+  Interval thickness_mm{2.5, 5.0}, routing_mm{5.0, 13.0}, length_mm{7.0, 14.0}, width_mm{10.0, 20.0},
+      body_mm{10.0, 14.0}, opening_rad{80.0 * M_PI / 180.0, 100.0 * M_PI / 180.0}, poisson{0.2, 0.45};
+};
+
 struct Cable {
   double compliance_per_N = 0.0;  // 1/EA; 0 = inextensible
   double lead_mm = 0.0;           // from the actuator to the finger's base
@@ -97,6 +107,7 @@ enum Status : std::uint32_t {
   kTensionOutside = 1u << 11,  // friction used outside the calibrated tensions
   kAngleOutside = 1u << 12,    // friction used above the calibrated wrap angles
   kSlack = 1u << 13,           // nothing pulled: straight finger, no tension
+  kFlexureOutside = 1u << 14,  // mode F of a flexure that its study has none like
 };
 
 inline bool finite_positive(double value) {
@@ -123,6 +134,17 @@ inline bool sound(const Design& d) {
     if (taken >= d.link_mm[j]) return false;
   }
   return true;
+}
+
+// Whether every flexure of a design is like those of the study.
+inline bool within(const FlexureRange& range, const Design& d) {
+  bool holds = range.body_mm.holds(d.body_mm) && range.poisson.holds(d.poisson);
+  for (int j = 0; j < d.joints; ++j) {
+    holds = holds && range.thickness_mm.holds(d.thickness_mm[j]) && range.length_mm.holds(d.length_mm[j]) &&
+            range.width_mm.holds(d.width_mm[j]) && range.opening_rad.holds(d.opening_rad[j]) &&
+            range.routing_mm.holds(d.routing_mm[2 * j]) && range.routing_mm.holds(d.routing_mm[2 * j + 1]);
+  }
+  return holds;
 }
 
 }  // namespace softgrip::finger

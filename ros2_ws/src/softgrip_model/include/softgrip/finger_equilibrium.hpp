@@ -51,10 +51,11 @@ struct Finger {
   PerJoint<double> straight_span_mm{}, straight_arm_mm{};
   std::array<double, kMaxJoints + 1> slope_rad{};     // of the cable inside link k-1; 0 before joint 0 and at the tip
   std::array<double, kMaxJoints + 1> link_span_mm{};  // cable inside link k-1
-  double reach_mm = 0.0;                              // pulled length with all grooves shut
+  double reach_mm = 0.0;                              // pulled length with all grooves shut; in mode F a bound of it
   FlexureSides sides;                                 // mode F alone, like the next two
   FlexuresOf<double> flexure;
   PerJoint<std::array<double, 3>> response_per_N{};  // of (q, u, v) of the straight finger
+  std::uint32_t remarks = kOk;                       // on the design, for every one of its states
 
   bool is_flexure() const { return design.joint_model == JointModel::Flexure; }
 
@@ -119,6 +120,11 @@ struct Finger {
 
  private:
   SOFTGRIP_APART void prepare_flexures() {
+    if (!within(FlexureRange{}, design)) remarks |= kFlexureOutside;
+    // a span can vanish where its strip gives; links shorten by less than this
+    constexpr double kMostShortening = 0.1;
+    reach_mm = 0.0;
+    for (int j = 0; j < design.joints; ++j) reach_mm += straight_span_mm[j] + kMostShortening * design.link_mm[j];
     sides = FlexureSides(design);
     flexure = flexures_of(design, sides, design.thickness_mm, design.routing_mm, 1.0,
                           [](const ShapeJet& x, int, int) { return x.value; });
@@ -126,7 +132,9 @@ struct Finger {
       using Local = Jet<4>;  // to q, u, v and the tension
       FlexureState<Local, double> at(flexure.joint[j], Local::variable(0.0, 0), Local::variable(0.0, 1),
                                      Local::variable(0.0, 2));
-      at.load(Local::variable(0.0, 3), [&](const Local& bend) { return strip_moment(flexure, j, bend); }, Local(0.0));
+      at.load(
+          Local::variable(0.0, 3), [&](const Local& bend) { return strip_moment(flexure, j, bend); }, Local(0.0),
+          NoObject{});
       std::array<double, 3> push;
       for (int i = 0; i < 3; ++i) push[i] = -at.residual[i].d[3];
       response_per_N[j] = solved(at.residual, push);
@@ -211,21 +219,20 @@ struct FlexurePass {
     const LinkEndOf<Shape>&exit = f.exit_end[j], &entry = f.entry_end[j];
     FlexureState<Real, Shape> joint(f.joint[j], q, u, v);
     // bends of the cable against links whose ends have turned
-    phi_exit = joint.direction_rad - f.slope_rad[j + 1] + q + exit.turn * link_tension;
+    phi_exit = f.exit_bend(j, joint.direction_rad, q, link_tension);
     log_across = past(finger, phi_exit, log_beyond, coefficients);
     const Real tension = exp(log_across);
-    const Shape before_turn = j > 0 ? f.entry_end[j - 1].turn : Shape(0.0);
-    phi_entry = f.slope_rad[j] - joint.direction_rad + before_turn * tension;
+    phi_entry = f.entry_bend(j, joint.direction_rad, tension);
     log_before = past(finger, phi_entry, log_across, coefficients);
 
     const Moment stop = stop_moment(d.stop, d.opening_rad[j], value_of(q));
     joint.load(
         tension, [&](const Real& bend) { return finger.strip_moment(f, j, bend); },
-        q.through(stop.value_Nmm, stop.d_angle));
+        q.through(stop.value_Nmm, stop.d_angle), NoObject{});
     residual = joint.residual;
     strip_bend_rad = joint.bend_rad;
     span_mm = joint.span_mm;
-    taken_mm = f.straight_span_mm[j] - span_mm + (exit.shortening + entry.shortening) * link_tension;
+    taken_mm = f.straight_span_mm[j] - span_mm + f.link_shortening(j) * link_tension;
     link_turn_rad = (j + 1 < d.joints ? exit.turn + entry.turn : exit.turn) * link_tension;
   }
 
@@ -412,7 +419,7 @@ template <typename Real>
 inline void accept(const Finger& finger, const SweepOf<Real>& sweep, EquilibriumOf<Real>& out) {
   const Design& d = finger.design;
   const Real ds = sweep.log_tip_step;
-  out.status = typename EquilibriumOf<Real>::Flags{};
+  out.status = where(Real{} == Real{}, finger.remarks);
   out.state.log_tip_tension = sweep.log_tension[2 * d.joints].value + ds;
   out.pulled_mm = sweep.pulled_mm.after(ds);
   for (int i = 0; i <= 2 * d.joints; ++i) out.log_tension[i] = sweep.log_tension[i].after(ds);

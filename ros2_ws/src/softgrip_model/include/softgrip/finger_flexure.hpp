@@ -179,11 +179,39 @@ std::array<Right, 3> solved(const std::array<Residual, 3>& residual, const std::
           per * (z * right[0] + (a[1] * c[0] - a[0] * c[1]) * right[1] + (a[0] * b[1] - a[1] * b[0]) * right[2])};
 }
 
+// What objects add to the load that a strip carries, in the frame before its joint: a compressive force (the one that
+// pushes the finger beyond back) and its closing moment about the apex.
+template <typename Real>
+struct ObjectLoad {
+  Real force_x{}, force_y{}, moment{};
+
+  Real with_x(const Real& cable) const { return cable + force_x; }
+  Real with_y(const Real& cable) const { return cable + force_y; }
+  Real with_moment(const Real& cable, const Real& x, const Real& y) const {
+    return cable + moment - x * force_y + y * force_x;
+  }
+};
+
+// A free finger's.
+struct NoObject {
+  template <typename Real>
+  const Real& with_x(const Real& cable) const {
+    return cable;
+  }
+  template <typename Real>
+  const Real& with_y(const Real& cable) const {
+    return cable;
+  }
+  template <typename Real>
+  const Real& with_moment(const Real& cable, const Real&, const Real&) const {
+    return cable;
+  }
+};
+
 // A joint at one state. `Real` carries the derivatives, `Shape` those of the design (or none).
 template <typename Real, typename Shape>
 struct FlexureState {
   Real span_mm, direction_rad;   // of the cable across the groove; the direction in the frame before the joint
-  Real force_x, force_y;         // unit, of the cable's pull
   Real bend_rad;                 // of the strip itself
   std::array<Real, 3> residual;  // [N mm], [mm], [mm]
 
@@ -193,22 +221,22 @@ struct FlexureState {
     const Real dx = u + cosine_ * out_x + sine_ * out_y + f.half_sine * f.entry_mm;
     const Real dy = v - sine_ * out_x + cosine_ * out_y + f.half_cosine * f.entry_mm;
     span_mm = sqrt(Real(dx * dx + dy * dy));
-    force_x = dx / span_mm;
-    force_y = dy / span_mm;
+    along_x_ = dx / span_mm;
+    along_y_ = dy / span_mm;
     direction_rad = direction_of(dy, dx);
   }
 
-  // The strip under the cable's tension, `moment(bend)` what bends it, `stop` what the groove's stop adds.
-  template <typename BendingMoment>
-  void load(const Real& tension, const BendingMoment& moment, const Real& stop) {
+  // The strip under the cable's tension and what objects add; `moment(bend)` bends it, `stop` is the groove's stop's.
+  template <typename BendingMoment, typename Object>
+  void load(const Real& tension, const BendingMoment& moment, const Real& stop, const Object& object) {
     const double half = f_.half_length_mm, length = 2.0 * half;
+    const Real force_x = object.with_x(Real(tension * along_x_)), force_y = object.with_y(Real(tension * along_y_));
+    auto closing = [&](const Real& x, const Real& y) { return object.with_moment(Real(tension * arm(x, y)), x, y); };
     const Real end_x = u_ + half * cosine_, end_y = v_ - half * sine_;
-    const Real at_start = arm(Real(-half), Real(0.0)), at_end = arm(end_x, end_y);
-    const Real n_start = tension * force_x, v_start = tension * force_y;
-    const Real n_end = tension * (force_x * cosine_ - force_y * sine_);
-    const Real v_end = -1.0 * tension * (force_x * sine_ + force_y * cosine_);  // seen from the link beyond
-    const Real m_start = tension * at_start, m_end = tension * at_end;
-    const Real turn_start = f_.before.turn(m_start, n_start, v_start);
+    const Real m_start = closing(Real(-half), Real(0.0)), m_end = closing(end_x, end_y);
+    const Real n_end = force_x * cosine_ - force_y * sine_;
+    const Real v_end = -1.0 * (force_x * sine_ + force_y * cosine_);  // seen from the link beyond
+    const Real turn_start = f_.before.turn(m_start, force_x, force_y);
     const Real turn_end = f_.beyond.turn(m_end, n_end, v_end);
     bend_rad = q_ - turn_start - turn_end;
 
@@ -217,16 +245,15 @@ struct FlexureState {
     Real s, c;
     sine_cosine(heading, s, c);
     const Real bow = (0.125 * length) * bend_rad;
-    const Real at_middle = arm(0.5 * (end_x - half) - s * bow, 0.5 * end_y + c * bow);
-    const Real mean_moment = tension * (at_start + 4.0 * at_middle + at_end) * (1.0 / 6.0);
-    residual[0] = moment(bend_rad) + stop - mean_moment;
+    const Real m_middle = closing(Real(0.5 * (end_x - half) - s * bow), Real(0.5 * end_y + c * bow));
+    residual[0] = moment(bend_rad) + stop - (m_start + 4.0 * m_middle + m_end) * (1.0 / 6.0);
 
-    const Real n_middle = tension * (force_x * c + force_y * s), v_middle = tension * (force_y * c - force_x * s);
+    const Real n_middle = force_x * c + force_y * s, v_middle = force_y * c - force_x * s;
     const Real b2 = bend_rad * bend_rad;
     const Real chord = length * (1.0 - n_middle * f_.axial_per_N) * (1.0 - b2 * (1.0 / 24 - b2 * (1.0 / 1920)));
     const Real aside = (m_end - m_start) * f_.bow_per_Nmm - v_middle * f_.shear_per_N;
-    const Real x = -half - f_.before.along(m_start, n_start, v_start) + chord * c - aside * s;
-    const Real y = -1.0 * f_.before.across(m_start, n_start, v_start) + chord * s + aside * c;
+    const Real x = -half - f_.before.along(m_start, force_x, force_y) + chord * c - aside * s;
+    const Real y = -1.0 * f_.before.across(m_start, force_x, force_y) + chord * s + aside * c;
     const Real root_x = half + f_.beyond.along(m_end, n_end, v_end);
     const Real root_y = -1.0 * f_.beyond.across(m_end, n_end, v_end);
     residual[1] = u_ - (x - cosine_ * root_x - sine_ * root_y);
@@ -236,11 +263,12 @@ struct FlexureState {
  private:
   // Of the cable's line about a point in the frame before the joint, positive where it closes.
   Real arm(const Real& x, const Real& y) const {
-    return (f_.half_cosine * f_.entry_mm + y) * force_x - (f_.half_sine * f_.entry_mm + x) * force_y;
+    return (f_.half_cosine * f_.entry_mm + y) * along_x_ - (f_.half_sine * f_.entry_mm + x) * along_y_;
   }
 
   const FlexureOf<Shape>& f_;
   Real q_, u_, v_, sine_, cosine_;
+  Real along_x_, along_y_;  // of the cable across the groove
 };
 
 // A design's joints and links of mode F, in the numbers that `Real` tells about them.
@@ -251,6 +279,19 @@ struct FlexuresOf {
   PerJoint<Real> straight_span_mm{}, thickness_mm{};
   std::array<Real, kMaxJoints + 1> slope_rad{}, link_span_mm{};  // of the cable inside link k-1
   Real softness{};                                               // 1 over a factor on all moduli
+
+  // Bends of the cable at joint j against the links' ends, which turn with the tension.
+  template <typename Number>
+  Number exit_bend(int j, const Number& span_rad, const Number& q, const Number& link_tension) const {
+    return span_rad - slope_rad[j + 1] + q + exit_end[j].turn * link_tension;
+  }
+  template <typename Number>
+  Number entry_bend(int j, const Number& span_rad, const Number& tension) const {
+    const Real turn = j > 0 ? entry_end[j - 1].turn : Real(0.0);
+    return slope_rad[j] - span_rad + turn * tension;
+  }
+  // By which the link behind joint j becomes shorter under its cable, per newton.
+  Real link_shortening(int j) const { return exit_end[j].shortening + entry_end[j].shortening; }
 };
 
 // What takes integrals of the design: once for each finger.
@@ -332,15 +373,16 @@ FlexuresOf<Real> flexures_of(const Design& d, const FlexureSides& sides, const P
   return out;
 }
 
-// The link behind a joint at a tension: from the frame at its near end to the one at its far end.
+// A link's middle at a tension, seen from the frame at its near end; and the frame at its far end, seen from the
+// middle. The middle's origin is where the near end was before the link gave.
 template <typename Real, typename Shape>
-PoseOf<Real> link_pose(double length_mm, const LinkEndOf<Shape>& exit, const LinkEndOf<Shape>& entry,
-                       const Real& tension) {
-  const PoseOf<Real> behind =
-      PoseOf<Real>::turned(exit.turn * tension, exit.along * tension, -1.0 * exit.across * tension);
-  const PoseOf<Real> ahead = PoseOf<Real>::turned(-1.0 * entry.turn * tension, length_mm - entry.along * tension,
-                                                  -1.0 * entry.across * tension);
-  return behind.inverse().after(ahead);
+PoseOf<Real> link_middle(const LinkEndOf<Shape>& exit, const Real& tension) {
+  return PoseOf<Real>::turned(exit.turn * tension, exit.along * tension, -1.0 * exit.across * tension).inverse();
+}
+template <typename Real, typename Shape>
+PoseOf<Real> link_far_end(double length_mm, const LinkEndOf<Shape>& entry, const Real& tension) {
+  return PoseOf<Real>::turned(-1.0 * entry.turn * tension, length_mm - entry.along * tension,
+                              -1.0 * entry.across * tension);
 }
 
 // Where a finger's links are, from the states of its joints and the tensions in its links.
@@ -358,7 +400,7 @@ struct FlexurePosture {
       angle_rad[j] += q[j] + exit.turn * tension;
       if (j + 1 < d.joints) angle_rad[j + 1] += entry.turn * tension;
       at = at.after(PoseOf<Real>::turned(-1.0 * q[j], shift_mm[j][0], shift_mm[j][1]));
-      at = at.after(link_pose<Real>(d.link_mm[j], exit, entry, tension));
+      at = at.after(link_middle<Real>(exit, tension)).after(link_far_end<Real>(d.link_mm[j], entry, tension));
     }
     x_mm = at.x;
     y_mm = at.y;

@@ -39,7 +39,7 @@ inline Equilibrium slack(const Finger& finger) {
 inline std::uint32_t unsolvable(const Finger& finger, Control control, double target) {
   if (!std::isfinite(target)) return kBadTarget;
   if (control == Control::Tension && target < 0.0) return kBadTarget;
-  const bool rigid = finger.design.cable.compliance_per_N == 0.0 && !finger.is_flexure();
+  const bool rigid = finger.design.cable.compliance_per_N == 0.0;
   if (control == Control::PulledLength && rigid && target >= finger.reach_mm) {
     return kOutOfReach;
   }

@@ -109,4 +109,10 @@ Jet<n> direction_of(const Jet<n>& y, const Jet<n>& x) {
   return out;
 }
 
+// atan(y/x) for x > 0, as lanes have it.
+template <int n>
+Jet<n> arctan(const Jet<n>& y, const Jet<n>& x) {
+  return direction_of(y, x);
+}
+
 }  // namespace softgrip

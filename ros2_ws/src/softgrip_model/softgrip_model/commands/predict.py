@@ -51,8 +51,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--joint-model",
         choices=tuple(map(str, JointModel)),
-        default=str(JointModel.HINGE),
-        help="mode P or mode F, docs/finger.md (default: %(default)s)",
+        default=str(JointModel.FLEXURE),
+        help="mode F or mode P, docs/finger.md (default: %(default)s)",
     )
     made.add_argument("--friction", metavar="ID|FILE", help=f"one of {', '.join(published_ids())}, or a model file")
     made.add_argument("--profiles", type=Path, metavar="DIR", help="folder of profiles (default: softgrip_bringup's)")

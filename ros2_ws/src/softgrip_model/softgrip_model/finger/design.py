@@ -37,8 +37,8 @@ class MomentLaw(StrEnum):
 class JointModel(StrEnum):
     """How links and strips move against each other; docs/finger.md compares them.
 
-    HINGE: rigid links turn about the grooves' apexes (mode P). FLEXURE: strips bend along an arc, shorten and shear,
-    and links give near them (mode F). The thesis' own recipe (mode R) is `replication.replicate`.
+    FLEXURE: strips bend along an arc, shorten and shear, and links give near them (mode F, the default). HINGE: rigid
+    links turn about the grooves' apexes (mode P, the thesis' picture). Its recipe (mode R) is `replication.replicate`.
     """
 
     HINGE = "hinge"
@@ -85,7 +85,7 @@ class Finger:
         stop_margin_rad: a groove's stop starts this far before its flanks meet.
         stop_moment_nmm: its strength, z^3/(1-z) times this; 0 = no stop.
         smoothing_rad: |phi| is taken as sqrt(phi^2 + this^2).
-        joint_model: mode P or mode F.
+        joint_model: mode F or mode P.
         body_mm: depth of the links below the joints' apexes; mode F alone needs it.
         study: constants of mode F.
     """
@@ -104,7 +104,7 @@ class Finger:
     stop_margin_rad: float = math.radians(5.0)
     stop_moment_nmm: float = 1000.0
     smoothing_rad: float = 1e-3
-    joint_model: JointModel = JointModel.HINGE
+    joint_model: JointModel = JointModel.FLEXURE
     body_mm: float = 12.0
     study: FlexureStudy = FLEXURE_STUDY
 
@@ -143,7 +143,7 @@ class Finger:
         return dataclasses.replace(self, joint_model=joint_model)
 
     @classmethod
-    def from_profile(cls, profile: Profile, slot: str, joint_model: JointModel = JointModel.HINGE) -> Finger:
+    def from_profile(cls, profile: Profile, slot: str, joint_model: JointModel = JointModel.FLEXURE) -> Finger:
         """Return the finger that a profile has for a slot.
 
         Raises:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equilibria of fingers whose cable is being pulled (mode P): the compiled kernel behind numpy arrays."""
+"""Equilibria of fingers whose cable is being pulled (modes F and P): the compiled kernel behind numpy arrays."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class Status(IntFlag):
     TENSION_OUTSIDE = 1 << 11
     ANGLE_OUTSIDE = 1 << 12
     SLACK = 1 << 13
-    EXTRAPOLATED = STRAIN_OUTSIDE | TENSION_OUTSIDE | ANGLE_OUTSIDE
+    FLEXURE_OUTSIDE = 1 << 14
+    EXTRAPOLATED = STRAIN_OUTSIDE | TENSION_OUTSIDE | ANGLE_OUTSIDE | FLEXURE_OUTSIDE
 
 
 _REASONS: dict[int, str] = {
@@ -63,6 +64,8 @@ _REASONS: dict[int, str] = {
     int(Status.TENSION_OUTSIDE): "tension outside the friction calibration",
     int(Status.ANGLE_OUTSIDE): "wrap angle above the friction calibration",
     int(Status.SLACK): "cable slack",
+    int(Status.FLEXURE_OUTSIDE): "thickness, routing, length, width, depth, opening or Poisson's ratio outside what "
+    "mode F was compared with CalculiX on",
 }
 
 

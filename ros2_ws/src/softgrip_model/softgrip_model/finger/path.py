@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softgrip_model.finger import _core
-from softgrip_model.finger.design import Finger, JointModel, core_design, core_friction
+from softgrip_model.finger.design import Finger, core_design, core_friction
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Array, Control, Status
 from softgrip_model.friction.laws import FrictionLaw
@@ -151,13 +151,8 @@ def follow(
         settings: steps.
 
     Raises:
-        FingerError: a finger of mode F, another control, targets of another shape, a contact that it does not have.
+        FingerError: another control, targets of another shape, a contact that it does not have.
     """
-    if finger.joint_model is not JointModel.HINGE:
-        raise FingerError(
-            f"expected joints that are hinges, found {finger.joint_model}: paths are followed in mode P; "
-            "take finger.with_joint_model(JointModel.HINGE)"
-        )
     requested = np.asarray(targets, dtype=np.float64)
     if requested.ndim != 1 or control not in _CONTROL_INDEX:
         raise FingerError(f"expected targets (K,) of pulled length or tension, found {requested.shape} of {control}")

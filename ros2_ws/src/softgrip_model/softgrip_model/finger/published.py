@@ -6,7 +6,7 @@ Source: C.-D. Matte, "Toward Predictable Tendon Driven Soft Robots" (2025). Join
 
 from __future__ import annotations
 
-from softgrip_model.finger.design import Finger, MomentLaw, Strip
+from softgrip_model.finger.design import Finger, JointModel, MomentLaw, Strip
 
 #: [MPa], section 3.2.2; alone it makes the linear law.
 YOUNGS_MODULUS_MPA = 21.89
@@ -38,7 +38,7 @@ JOINT_LENGTH_MM = 10.0
 
 
 def chapter_3_finger(routing_mm: tuple[float, ...], joint_length_mm: float = JOINT_LENGTH_MM) -> Finger:
-    """Return a finger of section 3.4 with the given routing; exact |phi| and no stop, as the thesis computes it."""
+    """Return a finger of section 3.4 with the given routing: hinges, exact |phi| and no stop, as the thesis has it."""
     return Finger(
         link_mm=(35.0,) * 3,
         thickness_mm=(3.0,) * 3,
@@ -48,13 +48,14 @@ def chapter_3_finger(routing_mm: tuple[float, ...], joint_length_mm: float = JOI
         strip=Strip((0.0, 0.0, YOUNGS_MODULUS_MPA), MomentLaw.LINEAR),
         stop_moment_nmm=0.0,
         smoothing_rad=0.0,
+        joint_model=JointModel.HINGE,
     )
 
 
 def chapter_4_finger(
     grasp: str, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT, *, stop_moment_nmm: float = 1000.0
 ) -> Finger:
-    """Return the index finger of Fig 4.4 for "power", "hook" or "pinch"."""
+    """Return the index finger of Fig 4.4 for "power", "hook" or "pinch"; hinges, as the thesis computes it."""
     thickness, routing = CHAPTER_4_MM[grasp]
     lengths, width = HAND_MM["index"]
     return Finger(
@@ -65,4 +66,5 @@ def chapter_4_finger(
         width_mm=width,
         strip=Strip(TANGENT_MODULUS_MPA, moment_law),
         stop_moment_nmm=stop_moment_nmm,
+        joint_model=JointModel.HINGE,
     )

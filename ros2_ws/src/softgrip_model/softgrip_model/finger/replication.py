@@ -62,7 +62,10 @@ def replicate(
         FingerError: a finger of mode F, no step, or nothing pulled.
     """
     if finger.joint_model is not JointModel.HINGE:
-        raise FingerError(f"expected joints that are hinges, found {finger.joint_model}: mode R knows no other")
+        raise FingerError(
+            f"expected joints that are hinges, found {finger.joint_model}: mode R knows no other; take "
+            "finger.with_joint_model(JointModel.HINGE)"
+        )
     if steps < 1 or not pulled_mm > 0.0:
         raise FingerError(f"expected at least one step and a pull > 0 mm, found {steps} and {pulled_mm}")
     angle, tension, status = _core.replicate(

@@ -190,8 +190,7 @@ py::dict follow(const sf::Design& design, const fr::Model& friction, const Numbe
     const sf::PathStep& step = steps[i];
     const bool failed = (step.status & sf::kFailure) != sf::kOk;
     auto known = [failed](double value) { return failed ? std::numeric_limits<double>::quiet_NaN() : value; };
-    const sf::Tip at = sf::tip_of(design, step.angle_rad);
-    for (py::ssize_t j = 0; j < n; ++j) angle.mutable_at(i, j) = known(step.angle_rad[j]);
+    for (py::ssize_t j = 0; j < n; ++j) angle.mutable_at(i, j) = known(step.seen_rad[j]);
     for (py::ssize_t j = 0; j <= 2 * n; ++j) tension.mutable_at(i, j) = known(std::exp(step.log_tension[j]));
     for (py::ssize_t j = 0; j < 2 * n; ++j) {
       slip.mutable_at(i, j) = known(step.slip_mm[j]);
@@ -201,8 +200,7 @@ py::dict follow(const sf::Design& design, const fr::Model& friction, const Numbe
       force.mutable_at(i, c) = known(step.force_N[c]);
       gap.mutable_at(i, c) = known(step.gap_mm[c]);
     }
-    tip.mutable_at(i, 0) = known(at.x_mm);
-    tip.mutable_at(i, 1) = known(at.y_mm);
+    for (py::ssize_t k : {0, 1}) tip.mutable_at(i, k) = known(step.tip_mm[k]);
     pulled.mutable_at(i) = known(step.pulled_mm);
     status.mutable_at(i) = step.status;
     iterations.mutable_at(i) = step.iterations;

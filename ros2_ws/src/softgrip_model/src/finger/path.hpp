@@ -7,33 +7,15 @@
 // contradicts.
 #pragma once
 
-#include <vector>
-
-#include "softgrip/finger_contact.hpp"
-#include "softgrip/finger_solver.hpp"
+#include "path_system.hpp"
 
 namespace softgrip::finger {
-
-enum class Slide : std::int8_t { Back = -1, Stuck = 0, Pulled = 1 };
 
 struct PathSettings {
   double largest_pull_step_mm = 0.25;
   double largest_tension_step_N = 0.5;
   // A stuck, inextensible cable leaves the tension between two bends on one link undetermined; this much give decides.
   double least_compliance_per_N = 1e-6;
-};
-
-struct PathStep {
-  PerJoint<double> angle_rad{};
-  PerSpan<double> log_tension{};
-  PerPoint<Slide> slide{};
-  PerPoint<double> slip_mm{};                  // cable that has passed each point towards the actuator
-  std::array<double, kMaxContacts> force_N{};  // N mm at a joint limit
-  std::array<double, kMaxContacts> gap_mm{};   // rad at a joint limit
-  std::array<bool, kMaxContacts> touches{};
-  double pulled_mm = 0.0;
-  int iterations = 0;
-  std::uint32_t status = kSlack;
 };
 
 class Path {
@@ -49,10 +31,12 @@ class Path {
   bool increment(Control control, double target, PathStep& step) const;
   bool settle(Control control, double target, const PathStep& before, PathStep& step) const;
   std::uint32_t flags(const PathStep& step) const;
+  PathSystem system_at(const PathStep& before, PathStep& step, Control control, double target) const;
 
   Finger finger_;
   std::vector<Contact> contacts_;
   PathSettings settings_;
+  PathLayout layout_;
   double compliance_;
   PathStep now_;
 };
