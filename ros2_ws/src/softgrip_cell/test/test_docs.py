@@ -15,7 +15,13 @@ ROOT = Path(__file__).parents[4]
 PAGE = ROOT / "docs" / "cell.md"
 CALL = re.compile(r'ros2 (?:service call|action send_goal)(?: --feedback)? (\S+) (\S+)/(srv|action)/(\S+) "(.*)"')
 CALLS = CALL.findall(PAGE.read_text())
-SERVED = {"/cell/select_product", "/cell/plan_mix", "/cell/confirm_step", "/cell/swap", "/cell/grasp"}
+SERVED = {
+    f"/cell/{name}"
+    for name in (
+        *("select_product", "plan_mix", "confirm_step", "swap", "grasp"),
+        *("list_products", "list_fingers", "list_grasps", "retire_finger", "write_audit"),
+    )
+}
 
 
 def test_every_service_and_action_of_the_cell_is_shown() -> None:
