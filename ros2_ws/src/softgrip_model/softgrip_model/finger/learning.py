@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.digest import text_digest
-from softgrip_model.finger.closing_samples import ClosingCollector, ClosingSample, SamplingRule
+from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInstant, SamplingRule
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Kernel
 from softgrip_model.finger.matching import SPAN_NS
@@ -37,7 +37,7 @@ _MISFIT_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearQuantity:
     """A quantity at K pulled lengths: its value, and its slopes to N deviations and to the pulled length [mm]."""
 
     value: Array
@@ -66,7 +66,7 @@ class ChangedFinger:
         self._kernel = Kernel([causes.changed_finger(z)], causes.changed_law(z))
         self._law_slopes = causes.law_slopes(z)
 
-    def at(self, pulled_mm: Array) -> tuple[Linear, Linear, Linear] | None:
+    def at(self, pulled_mm: Array) -> tuple[LinearQuantity, LinearQuantity, LinearQuantity] | None:
         """Return joint angles [rad], tip [mm] and actuator tension [N] at pulled lengths (K,); None: no equilibrium."""
         causes, z, n = self._causes, self._z, self._causes.finger.joints
         pulled = causes.changed_pull_mm(z, pulled_mm)
@@ -87,7 +87,7 @@ class ChangedFinger:
         values = (share * solution.angle_rad[0, :, :n], tip, share * solution.tension_n[0, :, :1])
         ends = (slice(0, n), slice(n, n + 2), slice(n + 2, n + 3))
         angle, tip_, tension = (
-            Linear(value, slope[:, end], rate[:, end]) for value, end in zip(values, ends, strict=True)
+            LinearQuantity(value, slope[:, end], rate[:, end]) for value, end in zip(values, ends, strict=True)
         )
         return angle, tip_, tension
 
@@ -173,7 +173,7 @@ class Knowledge:
         covariance = memory**2 * self.covariance + (1.0 - memory**2) * np.eye(len(self.mean))
         return Knowledge(self.causes, memory * self.mean, covariance, self.closings, self.misfit)
 
-    def learnt(self, closing: Sequence[ClosingSample]) -> Knowledge:
+    def learnt(self, closing: Sequence[ClosingInstant]) -> Knowledge:
         """Return what is known after one more closing."""
         before = self.faded()
         update = Update.of(self.causes, before.mean, before.covariance, closing)
@@ -204,7 +204,7 @@ class Expectation:
     """(3 K, 3 K) covariance of what no deviation explains"""
 
     @classmethod
-    def of(cls, causes: Causes, z: Array, closing: Sequence[ClosingSample]) -> Expectation | None:
+    def of(cls, causes: Causes, z: Array, closing: Sequence[ClosingInstant]) -> Expectation | None:
         """Return it at deviations z; None where the finger so changed has no equilibrium."""
         pulled = np.array([sample.pulled_mm for sample in closing])
         try:
@@ -224,8 +224,8 @@ class Expectation:
         slope[..., camera + 2] = prior.camera_scale * tip.value
         slope[..., camera + 3] = prior.camera_turn_rad * np.stack([-tip.value[:, 1], tip.value[:, 0]], axis=1)
         factor = 1.0 + prior.tension_gain * z[gain]
-        felt, felt_slope = factor * tension.value, factor * tension.slope
-        felt_slope[..., gain] = prior.tension_gain * tension.value
+        actuator_n, actuator_slope = factor * tension.value, factor * tension.slope
+        actuator_slope[..., gain] = prior.tension_gain * tension.value
         rate = np.concatenate([tip.rate.ravel(), factor * tension.rate.ravel()])
         expected_n = np.array([sample.predicted_n for sample in closing])
         white = np.concatenate(
@@ -237,13 +237,13 @@ class Expectation:
         noise = np.diag(white**2) + prior.scatter_mm**2 * np.outer(rate, rate)
         count = len(z)
         return cls(
-            np.concatenate([seen.ravel(), felt.ravel()]),
-            np.concatenate([slope.reshape(-1, count), felt_slope.reshape(-1, count)]),
+            np.concatenate([seen.ravel(), actuator_n.ravel()]),
+            np.concatenate([slope.reshape(-1, count), actuator_slope.reshape(-1, count)]),
             noise,
         )
 
 
-def measured(closing: Sequence[ClosingSample]) -> Array:
+def measured(closing: Sequence[ClosingInstant]) -> Array:
     """Return the numbers of a closing in the order of `Expectation`, (3 K,)."""
     return np.concatenate(
         [np.array([sample.tip_mm for sample in closing]).ravel(), [sample.tension_n for sample in closing]]
@@ -259,7 +259,7 @@ class Update:
     misfit: float
 
     @classmethod
-    def of(cls, causes: Causes, mean: Array, covariance: Array, closing: Sequence[ClosingSample]) -> Update | None:
+    def of(cls, causes: Causes, mean: Array, covariance: Array, closing: Sequence[ClosingInstant]) -> Update | None:
         """Return it from mean and covariance before the closing; None where no such finger closes like that."""
         seen, z, misfit = measured(closing), mean, 1.0
         gain = expected = None
@@ -306,7 +306,7 @@ class FingerLearner:
         """Return what a prediction at a stamp [ns] goes by."""
         return next((known for since, known in reversed(self._since) if since <= stamp), self._prior)
 
-    def add(self, sample: ClosingSample, *, pulling: bool, free: bool) -> Knowledge | None:
+    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool) -> Knowledge | None:
         """Take one instant; return what is known after the closing that it ends."""
         closing = self._collector.add(sample, pulling=pulling, free=free)
         if not closing:

@@ -59,7 +59,7 @@ class Uncertainty:
     camera_turn_rad: float = 0.003
     model: float = 0.015
     scatter_mm: float = 0.05
-    tip_noise_mm: float = 1.0
+    tip_noise_mm: float = 0.5
     tension_noise: float = 0.05
     tension_floor_n: float = 0.05
     memory: float = 0.99
@@ -117,7 +117,7 @@ class Causes:
     @property
     def zero(self) -> int:
         """Where the zero stands; spool, tension gain and camera follow."""
-        return self._factor + 2 + 3 * self.finger.joints
+        return self.factor + 2 + 3 * self.finger.joints
 
     def changed_finger(self, z: Array) -> Finger:
         """Return the finger with the deviations z."""
@@ -135,15 +135,16 @@ class Causes:
         Raises:
             LawError: coefficients outside the law's domain.
         """
-        return self.law.with_coefficients(self._moved(z) * (1.0 + self.prior.friction * z[self._factor] * self._scaled))
+        return self.law.with_coefficients(self._moved(z) * (1.0 + self.prior.friction * z[self.factor] * self._scaled))
 
     def law_slopes(self, z: Array) -> Array:
         """Return the changed law's coefficients per standard deviation of the first components, (p, p + 1)."""
-        axes = self.coefficients * (1.0 + self.prior.friction * z[self._factor] * self._scaled)[:, None]
+        axes = self.coefficients * (1.0 + self.prior.friction * z[self.factor] * self._scaled)[:, None]
         return np.column_stack([axes, self.prior.friction * self._scaled * self._moved(z)])
 
     @property
-    def _factor(self) -> int:
+    def factor(self) -> int:
+        """Where the friction factor stands; stiffness, thicknesses and routing points follow."""
         return len(self.law.coefficients)
 
     @property
@@ -151,7 +152,7 @@ class Causes:
         return np.array(SCALED_COEFFICIENTS[self.law.law])
 
     def _moved(self, z: Array) -> Array:
-        return np.array(self.law.coefficients) + self.coefficients @ z[: self._factor]
+        return np.array(self.law.coefficients) + self.coefficients @ z[: self.factor]
 
     def changed_pull_mm(self, z: Array, pulled_mm: Array) -> Array:
         """Return what is truly pulled where `pulled_mm` is read."""
