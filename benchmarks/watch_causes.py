@@ -33,12 +33,12 @@ from softgrip_model.profile import load_directory
 Array = NDArray[np.float64]
 
 SETS = ("power", "hook", "pinch")
-CELLS = range(7301, 7303)
+CELLS = range(7301, 7302)
 PULLS_MM = np.arange(1.0, 16.5, 1.0)
 #: Quiet closings before a change, and closings after which it is asked for.
 QUIET, AFTER = 12, 5
 #: Closings of each of the quiet cells, under all conditions.
-LONG_QUIET, QUIET_CELLS = 250, range(7401, 7409)
+LONG_QUIET, QUIET_CELLS = 150, range(7401, 7407)
 #: Share of the stress that creeps, and how fast [s] (docs/emulator.md: 10 % in 6 s).
 CREEP, CREEP_S = 0.10, 6.0
 #: Of a closing: pull [mm], tips [mm], tension; friction and stiffness beside the closing before.

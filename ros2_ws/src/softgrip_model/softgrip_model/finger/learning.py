@@ -37,7 +37,7 @@ _MISFIT_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class LinearQuantity:
+class Linearisation:
     """A quantity at K pulled lengths: its value, and its slopes to N deviations and to the pulled length [mm]."""
 
     value: Array
@@ -66,7 +66,7 @@ class ChangedFinger:
         self._kernel = Kernel([causes.changed_finger(z)], causes.changed_law(z))
         self._law_slopes = causes.law_slopes(z)
 
-    def at(self, pulled_mm: Array) -> tuple[LinearQuantity, LinearQuantity, LinearQuantity] | None:
+    def at(self, pulled_mm: Array) -> tuple[Linearisation, Linearisation, Linearisation] | None:
         """Return joint angles [rad], tip [mm] and actuator tension [N] at pulled lengths (K,); None: no equilibrium."""
         causes, z, n = self._causes, self._z, self._causes.finger.joints
         pulled = causes.changed_pull_mm(z, pulled_mm)
@@ -87,7 +87,7 @@ class ChangedFinger:
         values = (share * solution.angle_rad[0, :, :n], tip, share * solution.tension_n[0, :, :1])
         ends = (slice(0, n), slice(n, n + 2), slice(n + 2, n + 3))
         angle, tip_, tension = (
-            LinearQuantity(value, slope[:, end], rate[:, end]) for value, end in zip(values, ends, strict=True)
+            Linearisation(value, slope[:, end], rate[:, end]) for value, end in zip(values, ends, strict=True)
         )
         return angle, tip_, tension
 
@@ -224,8 +224,8 @@ class Expectation:
         slope[..., camera + 2] = prior.camera_scale * tip.value
         slope[..., camera + 3] = prior.camera_turn_rad * np.stack([-tip.value[:, 1], tip.value[:, 0]], axis=1)
         factor = 1.0 + prior.tension_gain * z[gain]
-        actuator_n, actuator_slope = factor * tension.value, factor * tension.slope
-        actuator_slope[..., gain] = prior.tension_gain * tension.value
+        tension_read, tension_slope = factor * tension.value, factor * tension.slope
+        tension_slope[..., gain] = prior.tension_gain * tension.value
         rate = np.concatenate([tip.rate.ravel(), factor * tension.rate.ravel()])
         expected_n = np.array([sample.predicted_n for sample in closing])
         white = np.concatenate(
@@ -237,8 +237,8 @@ class Expectation:
         noise = np.diag(white**2) + prior.scatter_mm**2 * np.outer(rate, rate)
         count = len(z)
         return cls(
-            np.concatenate([seen.ravel(), actuator_n.ravel()]),
-            np.concatenate([slope.reshape(-1, count), actuator_slope.reshape(-1, count)]),
+            np.concatenate([seen.ravel(), tension_read.ravel()]),
+            np.concatenate([slope.reshape(-1, count), tension_slope.reshape(-1, count)]),
             noise,
         )
 
