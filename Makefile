@@ -13,13 +13,15 @@ UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-heade
 SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
+# what only some need, each with a lock of its own: requirements-<name>.lock
+EXTRAS := parts study docs panel
 CORES := softgrip_model softgrip_emulator softgrip_vision
 # all but the finger kernel's own files, which are not formatted yet
 CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup parts-setup cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs lock mutants sbom audit keys udev test-ros2 clean
+.PHONY: help setup $(EXTRAS:%=%-setup) cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs site docs-test lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -30,11 +32,22 @@ $(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wi
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
 	@touch $@
 
-parts-setup: $(VENV)/.parts  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
+parts-setup:  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
+study-setup:  ## Dask for `sweep` and Gymnasium for softgrip_gym (docs/virtual.md)
+docs-setup:  ## Sphinx and what else makes the documentation's site, 40 MB
+panel-setup:  ## NiceGUI and what else makes the operator's page (docs/panel.md), 90 MB; chromium for its tests where apt may
 
-$(VENV)/.parts: requirements-parts.lock | setup
-	@echo "== solid modelling (build123d, an extra)"
-	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r requirements-parts.lock
+$(EXTRAS:%=%-setup): %-setup: $(VENV)/.%
+
+$(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: requirements-%.lock | setup
+	@echo "== Python packages of $<"
+	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r $<
+	@touch $@
+
+panel-setup: $(VENV)/.browser
+
+$(VENV)/.browser: .ci/browser.sh | setup
+	@bash .ci/browser.sh
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -60,26 +73,27 @@ cpp-tests-of-%: | $(STAMP)
 	@$(WITH_VENV) cmake --build $(OUT)/cpp/$*
 	@$(WITH_VENV) ctest --test-dir $(OUT)/cpp/$* --output-on-failure
 
-demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
+demo: setup $(VENV)/.panel  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED) $(ARGS)
 
-cell: setup  ## the emulated cell in real time, until Ctrl-C
+cell: setup $(VENV)/.panel  ## the emulated cell in real time, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup parts-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+test: setup parts-setup study-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)
 
-lint: setup  ## ruff and mypy, strict; clang-format
+lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@echo "clang-format of the C++"; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	$(BIN)/python tools/vocabulary.py
+	$(BIN)/python tools/pages/links.py
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
 format: setup  ## format Python and C++
@@ -116,22 +130,32 @@ fuzz: setup  ## bytes into every parser: atheris on both ends of the wires, 100,
 mutants: setup  ## deliberate errors that tests must notice, score by area; AREA=guards one area, ARGS=--check the list only
 	$(BIN)/python tools/mutants $(if $(AREA),--area $(AREA)) $(ARGS)
 
-crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
+crash: setup  ## the recorder killed a hundred times, its file cut a hundred times, every call of its writer failed once
+	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
 	$(BIN)/python benchmarks/recorder_crash.py
 
-bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+bench: setup parts-setup study-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 
-docs: setup parts-setup  ## write the documents that scripts make
+docs: setup parts-setup study-setup docs-setup  ## write the documents that scripts make, then the site into out/site
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
+	$(MAKE) site
+
+site: setup parts-setup docs-setup  ## the documentation's site alone, into out/site; a warning is an error
+	$(BIN)/python tools/docs/reference.py
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
+	@echo "$(OUT)/site/index.html"
+
+docs-test: setup parts-setup docs-setup  ## every code block of the tutorials and guides, also the long ones; then the site
+	SOFTGRIP_LONG_BLOCKS=1 $(BIN)/python -m pytest -q -n0 tests/documents
+	$(MAKE) site
 
 lock:  ## write the locks again, with the hash of every file that may be installed
 	$(BIN)/python -m pip install -q uv
 	$(UV_LOCK) requirements.in -o requirements.lock
 	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
-	$(UV_LOCK) --no-deps requirements-capture.in -o requirements-capture.lock
-	$(UV_LOCK) --no-deps requirements-parts.in -o requirements-parts.lock
+	for extra in capture $(EXTRAS); do $(UV_LOCK) --no-deps requirements-$$extra.in -o requirements-$$extra.lock || exit 1; done
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
 	@mkdir -p $(OUT)

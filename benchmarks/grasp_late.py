@@ -3,9 +3,9 @@
 
 A servo whose next goal comes late falls back and catches up; the current for that passes for tension, of all fingers at
 once, and is easily taken for a touch before there is one. All products are grasped with the sets that hold them (Table
-4.2: success), on emulated cells in virtual time (_virtual_cell): punctually, as late as in a shift on two slow
-processors, and worse. `mistaken touch`: the fingers were told to press, or a verdict other than EMPTY fell, before the
-plant shows any contact force. The peer is the same hand with a punctual driver.
+4.2: success), on emulated cells in virtual time: punctually, as late as in a shift on two slow processors, and worse.
+`mistaken touch`: the fingers were told to press, or a verdict other than EMPTY fell, before the plant shows any contact
+force. The peer is the same hand with a punctual driver.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 from _claim import claim
-from _virtual_cell import CHECK, LOADED, OVERLOADED, PUNCTUAL, Lateness, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspTask
 from softgrip_cell.products import TableMark
+from softgrip_testing.virtual_cell import CHECK, LOADED, OVERLOADED, PUNCTUAL, Lateness, VirtualCell, task
 
 SETS = ("power", "pinch")
 SEEDS = (1, 2, 3)

@@ -33,13 +33,13 @@ from random import Random
 import numpy as np
 from _claim import claim
 from _live_cell import outcomes_at_client_s
-from _virtual_cell import HANGS_S, SLOTS, VirtualCell, task
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspOutcome, GraspTask
 from softgrip_cell.products import TableMark
 from softgrip_cell.weight import carried_kg
+from softgrip_testing.virtual_cell import HANGS_S, SLOTS, VirtualCell, task
 
 GRASPS_PER_CELL = 34
 CELLS = ((1, "power"), (3, "pinch"), (2, "power"), (4, "pinch"), (6, "hook"), (5, "pinch"))

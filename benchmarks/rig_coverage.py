@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 from _claim import claim, no_options
-from _virtual_rig import VirtualRig
 
 from softgrip_driver.rig.journal import Request
 from softgrip_driver.rig.plan import ALL_ANGLES_DEG, ALL_LOADS_KG
 from softgrip_driver.rig.procedure import RigSettings
 from softgrip_model.friction.laws import GRAVITY
 from softgrip_model.friction.record import FrictionModel
+from softgrip_testing.virtual_rig import VirtualRig
 
 SEEDS = range(50)
 GAUGE_GAIN_STDDEV = 0.001

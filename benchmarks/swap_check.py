@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from random import Random
 
 from _claim import claim, no_options
-from _virtual_cell import CHECK, SEEN_EVERY, SLOTS, VirtualCell
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.errors import RefusedError
@@ -25,6 +24,7 @@ from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.storage import MountedSlot
 from softgrip_cell.swap.check import EmptyClosing, Finding
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep
+from softgrip_testing.virtual_cell import CHECK, SEEN_EVERY, SLOTS, VirtualCell
 
 CELLS = range(1, 21)
 SETS = ("power", "pinch", "hook")
@@ -104,7 +104,7 @@ def _wear(cell: VirtualCell, rng: Random) -> str:
 
 
 def _soften(cell: VirtualCell, share: float) -> None:
-    worn = [replace(f, moment_coefficients=f.moment_coefficients * share) for f in cell.plant.mounted if f is not None]
+    worn = [replace(f, stiffness=f.stiffness * share) for f in cell.plant.mounted if f is not None]
     cell.plant.mounted[:] = worn
     cell.plant._rebuild(keep=())  # noqa: SLF001  a benchmark may reach into the plant: nobody else wears fingers
     cell.home()

@@ -15,13 +15,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from _claim import claim, no_options
-from _virtual_cell import SLOTS, TIP_NOISE_M, VirtualCell, calibrated
 from numpy.typing import NDArray
 
 from softgrip_emulator.camera.optics import Optics, draw_optics
 from softgrip_emulator.camera.optics import calibrated as calibrated_optics
 from softgrip_model.finger.session import MeasuredFinger, Session
 from softgrip_model.finger.wear import WearSettings
+from softgrip_testing.virtual_cell import SLOTS, TIP_NOISE_M, VirtualCell, calibrated
 
 SEEDS = range(9101, 9151)
 SETS = ("power", "hook", "pinch")

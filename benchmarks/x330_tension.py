@@ -22,7 +22,6 @@ from unittest import mock
 
 import numpy as np
 from _claim import claim, no_options
-from _virtual_cell import SLOTS, VirtualCell
 from _weight_stand import RADIUS_M, WeightStand
 
 from softgrip_driver.commands import calibrate_tension
@@ -33,6 +32,7 @@ from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing
 from softgrip_driver.tendon.backend import Setpoint
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
+from softgrip_testing.virtual_cell import SLOTS, VirtualCell
 
 MODEL = "XL330-M288"
 MASSES_KG = (0.1, 0.3, 0.6, 1.0, 1.6, 2.4)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report known holes in what the three locks name: `make audit`.
+"""Report known holes in what the locks name: `make audit`.
 
 pip-audit asks the package index, in an environment of its own. Returns 0 without a finding, 1 with some, and 2 where
 nothing could be asked: that is no clean bill of health.
@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-LOCKS = ("requirements.lock", "requirements-capture.lock", "requirements-parts.lock")
+LOCKS = tuple(sorted(path.name for path in ROOT.glob("requirements*.lock") if "oldest" not in path.name))
 ENVIRONMENT = ROOT / "out" / "audit"
 FINDING, NOT_DONE = 1, 2
 
 
 def main() -> int:
-    """Audit both locks."""
+    """Audit every lock."""
     python = ENVIRONMENT / "bin" / "python"
     if not python.exists():
         venv.create(ENVIRONMENT, with_pip=True)

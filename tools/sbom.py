@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write what the suite is made of as a CycloneDX 1.6 document: `make sbom`.
 
-Components are the distributions of the three locks with the hashes that may be installed, the licence that each
+Components are the distributions of the locks with the hashes that may be installed, the licence that each
 declares where it is installed, and below it the shared libraries that its wheel carries.
 """
 
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-LOCKS = tuple(ROOT / f"requirements{extra}.lock" for extra in ("", "-capture", "-parts"))
+LOCKS = tuple(path for path in sorted(ROOT.glob("requirements*.lock")) if "oldest" not in path.name)
 _PIN = re.compile(r"(?P<name>[A-Za-z0-9._-]+)==(?P<version>[^\s;\\]+)(?:\s*;\s*(?P<marker>[^\\]+))?")
 _HASH = re.compile(r"--hash=sha256:([0-9a-f]{64})")
 #: The hash with which auditwheel marks a library that it has put into a wheel.

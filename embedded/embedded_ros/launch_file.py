@@ -176,12 +176,14 @@ class LaunchReader:
         if not self._requested(body, frame):
             return
         path = Path(self._text(body, "file", frame))
-        inner = frame.child()
-        inner.scope.file = path
         for item in [*body.get("arg", []), *body.get("let", [])]:
             item = self._checked(item, {"name", "value"}, {"name", "value"}, where)  # noqa: PLW2901  checked form
-            inner.scope.variables[self._text(item, "name", frame)] = self._text(item, "value", frame)
-        self._file(path, inner)
+            frame.scope.variables[self._text(item, "name", frame)] = self._text(item, "value", frame)
+        outer, frame.scope.file = frame.scope.file, path
+        try:
+            self._file(path, frame)
+        finally:
+            frame.scope.file = outer
 
     def _group(self, body: Any, frame: Frame, where: str) -> None:
         if isinstance(body, list):

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 _TRUE = {"true", "1", "yes", "on"}
 _FALSE = {"false", "0", "no", "off"}
 _REFUSED = {
-    "anon", "command", "eval", "exec-in-pkg", "file-content", "filename", "find-exec", "find-pkg-prefix", "optenv",
+    "anon", "eval", "file-content", "filename", "find-exec", "find-pkg-prefix", "optenv",
     "param",
 }  # fmt: skip
 
@@ -134,6 +136,24 @@ def _share(_: Scope, name: str) -> str:
     return str(workspace.package(name).folder)
 
 
+def _executable(_: Scope, name: str, package: str) -> str:
+    return shlex.join(workspace.executable(package, name))
+
+
+def _command(scope: Scope, text: str) -> str:
+    """Run a command and return what it prints; as upstream has it, one that fails or complains is an error."""
+    try:
+        done = subprocess.run(
+            shlex.split(text), env=scope.environment, capture_output=True, text=True, check=False,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+    except (OSError, ValueError) as error:
+        raise LaunchError(f"$(command ...): cannot be run: {error}: {text}") from error
+    if done.returncode or done.stderr:
+        raise LaunchError(done.stderr.strip() or f"$(command ...): ended with exit code {done.returncode}: {text}")
+    return done.stdout
+
+
 def _boolean(value: bool) -> str:
     return "true" if value else "false"
 
@@ -142,6 +162,8 @@ _FUNCTIONS: dict[str, tuple[Callable[..., str], int, int]] = {
     "var": (_variable, 1, 2),
     "env": (_environment, 1, 2),
     "find-pkg-share": (_share, 1, 1),
+    "exec-in-pkg": (_executable, 2, 2),
+    "command": (_command, 1, 1),
     "dirname": (lambda scope: str(scope.file.parent), 0, 0),
     "not": (lambda _, value: _boolean(not truth(value)), 1, 1),
     "and": (lambda _, a, b: _boolean(truth(a) and truth(b)), 2, 2),

@@ -3,20 +3,62 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import itertools
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
-from embedded_ros import workspace
+from embedded_ros import substitutions, workspace
 from embedded_ros.arguments import parse
+from embedded_ros.errors import LaunchError
 from embedded_ros.launch_description import Description
 from embedded_ros.launch_file import LaunchReader
+from softgrip_description.cell_file import load_cell, node_parameters, read_shipped
+from softgrip_description.commands import cell_file
 
 BRINGUP = workspace.package("softgrip_bringup").folder
 LAUNCH = Path(BRINGUP) / "launch" / "cell.launch.yaml"
+#: a cell that differs in everything
+BENCH = """
+schema: 1
+hardware: real
+servos:
+  port: /dev/ttyACM7
+  chain:
+    - {tendon: index, model: XL330-M288, id: 11, direction: 1}
+    - {tendon: middle, model: XL330-M288, id: 12, direction: -1, spool_radius_m: 0.012, slack_m: 0.004}
+    - {tendon: thumb, model: XC330-M288, id: 13, direction: 1, torque: {friction_current_a: 0.03}}
+rig:
+  stage: {kind: grbl, port: /dev/grbl}
+  gauge: {kind: stream, port: /dev/gauge, line: raw}
+camera: {source: /dev/video4, calibration: lens/camera.yaml, exposure_s: 0.01}
+folders: {out: made, profiles: /srv/profiles}
+parameters:
+  tendon_driver: {homing_speed_m_s: 0.003, no_reply_s: 0.07, loop_rate: 50, zero_file: /var/lib/softgrip/zero.yaml}
+  friction_rig: {time_scale: 60.0}
+  grasp_mix_manager: {lift_window_s: 2.0, database_url: "sqlite:////srv/cell.db"}
+  recorder: {root: /srv/bags, record_on_start: false}
+"""
+#: what it comes to
+EXPECTED: dict[str, dict[str, Any]] = {
+    "tendon_driver": {
+        "port": "/dev/ttyACM7", "tendons": ["index", "middle", "thumb"], "servo_ids": [11, 12, 13],
+        "servo_models": ["XL330-M288", "XL330-M288", "XC330-M288"], "directions": [1, -1, 1],
+        "spool_radii_m": [0.010, 0.012, 0.010], "friction_currents_a": [0.0, 0.0, 0.03], "homing_speed_m_s": 0.003,
+        "no_reply_s": 0.07, "loop_rate": 50.0, "zero_file": "/var/lib/softgrip/zero.yaml",
+    },
+    "friction_rig": {
+        "stage": "grbl", "stage_port": "/dev/grbl", "gauge": "stream", "gauge_port": "/dev/gauge", "stream_line": "raw",
+    },
+    "camera": {"source": "/dev/video4", "exposure_s": 0.01},
+    "kinematics_predictor": {"profiles_directory": "/srv/profiles"},
+    "grasp_mix_manager": {"lift_window_s": 2.0, "database_url": "sqlite:////srv/cell.db"},
+    "recorder": {"root": "/srv/bags", "record_on_start": False},
+}  # fmt: skip
 #: nodes that a bench has without any device
 ALWAYS = {"recorder", "friction_rig", "kinematics_predictor", "hand_description", "gdfe_simulator", "camera"}
 
@@ -38,34 +80,24 @@ def nodes(**arguments: str) -> set[str]:
     return {one.label.rpartition("-")[0] for one in described(**arguments).processes}
 
 
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the command of the launch in this process: a process for each of these tests would take half a minute."""
+
+    def run(words: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        out, err = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            code = cell_file.main(words[words.index("cell_file") + 2 :])
+        return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
+
+    monkeypatch.setattr(substitutions.subprocess, "run", run)
+
+
 @pytest.fixture
 def bench(tmp_path: Path) -> str:
-    """A configuration of a bench that differs in everything."""
+    """A cell that differs in everything."""
     path = tmp_path / "bench.yaml"
-    path.write_text(
-        """
-/**/tendon_driver:
-  ros__parameters:
-    port: /dev/ttyACM7
-    servo_ids: [11, 12, 13]
-    directions: [1, -1, 1]
-    homing_speed_m_s: 0.003
-    release_speed_m_s: 0.02
-    break_confirm_s: 0.1
-    no_reply_s: 0.07
-    bus_watchdog_s: 0.1
-    reply_margin_s: 0.006
-    zero_file: /var/lib/softgrip/zero.yaml
-/**/friction_rig:
-  ros__parameters: {stage: grbl, stage_port: /dev/grbl, gauge: stream, stream_line: raw, time_scale: 60.0}
-/**/camera:
-  ros__parameters: {source: /dev/video4, calibration_file: /etc/camera.yaml}
-/**/grasp_mix_manager:
-  ros__parameters: {lift_window_s: 2.0, database_url: "sqlite:////srv/cell.db", stale_s: 0.4}
-/**/recorder:
-  ros__parameters: {root: /srv/bags, record_on_start: false}
-"""
-    )
+    path.write_text(BENCH)
     return str(path)
 
 
@@ -89,11 +121,44 @@ def test_no_argument_is_handed_on_that_was_not_given() -> None:
     assert values_of("recorder")["root"] == "/tmp/out/bags"
 
 
-def test_the_users_file_wins_over_everything_that_is_shipped(bench: str) -> None:
-    for section, body in yaml.safe_load(Path(bench).read_text()).items():
-        found = values_of(section.removeprefix("/**/"), config=bench)
-        own = {name: value for name, value in body["ros__parameters"].items() if name != "time_scale"}
-        assert {name: found[name] for name in own} == own
+@pytest.mark.parametrize("node", EXPECTED)
+def test_the_cell_file_wins_over_everything_that_is_shipped(bench: str, node: str) -> None:
+    found = values_of(node, cell_file=bench)
+    assert {name: found[name] for name in EXPECTED[node]} == EXPECTED[node]
+
+
+def test_paths_of_a_cell_file_are_relative_to_it(bench: str, tmp_path: Path) -> None:
+    calibration = str(tmp_path / "lens/camera.yaml")
+    assert values_of("camera", cell_file=bench)["calibration_file"] == calibration
+    assert values_of("marker_tracker", cell_file=bench)["calibration_file"] == calibration
+    found = values_of("recorder", cell_file=bench)["attachment_roots"]
+    assert found == f"/srv/profiles:{calibration}"
+    (process,) = [
+        one for one in LaunchReader({"cell_file": bench}).read(LAUNCH).processes if one.label.startswith("friction_rig")
+    ]
+    given = parse(process.command).parameters_of("/friction_rig")
+    assert given["model_dir"][0] == str(tmp_path / "made/friction")
+
+
+def test_a_device_that_the_cell_file_leaves_out_is_absent(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text("schema: 1\nhardware: real\ncamera: {source: '0'}\n")
+    assert nodes(cell_file=str(path)) == ALWAYS | {"marker_tracker"}
+    assert values_of("friction_rig", cell_file=str(path))["stage"] == "none"
+
+
+def test_a_cell_file_of_a_bench_lacks_nothing_when_it_is_emulated(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text("schema: 1\nhardware: real\n")
+    found = nodes(cell_file=str(path), hardware="emulated")
+    assert {"emulated_cell", "tendon_driver", "marker_tracker"} <= found
+
+
+def test_a_wrong_cell_file_ends_the_launch_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text("schema: 1\nhardware: reel\n")
+    with pytest.raises(LaunchError, match=r'cell.yaml:2: hardware: expected one of "real", "emulated", found "reel"'):
+        nodes(cell_file=str(path))
 
 
 @pytest.mark.parametrize(
@@ -122,15 +187,15 @@ def test_the_users_file_wins_over_everything_that_is_shipped(bench: str) -> None
         ("recorder", "record", "true", "record_on_start", True),
     ],
 )
-def test_an_argument_wins_over_the_users_file(
+def test_an_argument_wins_over_the_cell_file(
     bench: str, node: str, argument: str, given: str, parameter: str, value: Any
 ) -> None:
-    assert values_of(node, config=bench, **{argument: given})[parameter] == value
+    assert values_of(node, cell_file=bench, **{argument: given})[parameter] == value
 
 
 def test_real_hardware_lives_in_real_time_whatever_anybody_says(bench: str) -> None:
     assert values_of("friction_rig")["time_scale"] == 1.0
-    assert values_of("friction_rig", config=bench, rig_time_scale="60.0")["time_scale"] == 1.0
+    assert values_of("friction_rig", cell_file=bench, rig_time_scale="60.0")["time_scale"] == 1.0
     assert values_of("friction_rig", hardware="emulated", rig_time_scale="20.0")["time_scale"] == 20.0
 
 
@@ -165,20 +230,24 @@ def test_the_speed_of_the_cells_time_is_that_of_the_launch(speed: str, value: fl
     assert set(found["expected"]) <= set(NODES)
 
 
-def test_the_emulated_cell_never_touches_the_devices_of_the_users_file(bench: str) -> None:
-    emulated = {"hardware": "emulated", "config": bench, "wire_dir": "/run/wires"}
+def test_the_emulated_cell_never_touches_the_devices_of_the_cell_file(bench: str) -> None:
+    emulated = {"hardware": "emulated", "cell_file": bench, "wire_dir": "/run/wires"}
     assert values_of("tendon_driver", **emulated)["port"] == "/run/wires/servos"
     assert values_of("friction_rig", **emulated)["stage_port"] == "/run/wires/stand"
     assert values_of("friction_rig", **emulated)["gauge_port"] == "/run/wires/gauge"
     assert values_of("camera", **emulated)["source"] == "@/run/wires/camera.url"
 
 
-def test_the_file_to_copy_says_what_holds_without_it(tmp_path: Path) -> None:
-    template = yaml.safe_load((BRINGUP / "settings" / "bench.yaml").read_text())
-    for section, body in template.items():
-        node = section.removeprefix("/**/")
-        shipped = yaml.safe_load((BRINGUP / "config" / f"{node}.yaml").read_text())[section]["ros__parameters"]
-        assert {name: shipped[name] for name in body["ros__parameters"]} == body["ros__parameters"]
+def test_the_cell_file_to_copy_says_what_holds_without_it() -> None:
+    cell = load_cell(BRINGUP / "settings" / "bench_cell.yaml")
+    shipped = read_shipped(BRINGUP / "config")
+    found = node_parameters(cell, shipped)
+    assert found["tendon_driver"].pop("port").startswith("/dev/serial/by-id/")
+    for node, values in found.items():
+        for name, value in values.items():
+            default = shipped[node][name]
+            one_for_all = isinstance(default, list) and len(default) == 1
+            assert value == (default * 3 if one_for_all else default), name
 
 
 @pytest.mark.parametrize("document", ["README.md", "docs/bench.md"])
@@ -188,5 +257,5 @@ def test_the_launch_lines_of_the_documents_are_read(document: str) -> None:
     assert launches
     for words in launches:
         given = dict(word.split(":=", 1) for word in words if not word.endswith("..."))
-        given.pop("config", None)  # the reader's own
+        given.pop("cell_file", None)  # the reader's own
         assert LaunchReader(given).read(LAUNCH).processes

@@ -103,6 +103,44 @@ launch:
     assert node.command[3] == "talker"
 
 
+def test_what_an_included_file_sets_stays_and_its_arguments_give_way_to_given_ones(tmp_path: Path) -> None:
+    """As upstream: an include opens no scope (ros2/launch pull request 123)."""
+    (tmp_path / "inner.launch.yaml").write_text(
+        "launch:\n- arg: {name: who, default: inner}\n- arg: {name: other, default: inner}\n"
+        "- let: {name: x, value: set}\n"
+    )
+    description = read(
+        tmp_path,
+        f"""
+launch:
+- include: {{file: $(dirname)/inner.launch.yaml}}
+- arg: {{name: who, default: outer}}
+- arg: {{name: other, default: outer}}
+- node: {NODE}, args: $(var who) $(var other) $(var x) $(dirname)}}
+""",
+        who="given",
+    )
+    assert description.processes[0].command[5:9] == ["given", "inner", "set", str(tmp_path)]
+
+
+def test_a_command_gives_what_it_prints(tmp_path: Path) -> None:
+    description = read(
+        tmp_path,
+        f"""
+launch:
+- let: {{name: word, value: two words}}
+- set_env: {{name: WHERE, value: here}}
+- let: {{name: said, value: '$(command ''printf "<%s>" "$(var word)"'')'}}
+- let: {{name: env, value: '$(command ''sh -c "printf $WHERE"'')'}}
+- let: {{name: path, value: $(exec-in-pkg talker talk_interfaces)}}
+- node: {NODE}, args: '"$(var said)" $(var env) "$(var path)"'}}
+""",
+    )
+    said, where, path = description.processes[0].command[5:8]
+    assert (said, where) == ("<two words>", "here")
+    assert path.split()[1:4] == ["-m", "embedded_ros.child", "talker"]
+
+
 def test_a_group_that_is_not_scoped_keeps_what_it_sets(tmp_path: Path) -> None:
     description = read(
         tmp_path,
@@ -139,7 +177,11 @@ launch:
         (f"launch:\n- node: {NODE}, param: [{{from: /no.yaml}}]}}\n", 2, "found nothing at /no.yaml"),
         ("launch:\n- node_container: {}\n", 2, "needs ROS 2"),
         ("launch:\n- set_env: {name: a, value: $(nope x)}\n", 2, "unknown substitution"),
-        ("launch:\n- set_env: {name: a, value: $(command id)}\n", 2, "needs ROS 2"),
+        ("launch:\n- set_env: {name: a, value: $(eval 1)}\n", 2, "needs ROS 2"),
+        ("launch:\n- set_env: {name: a, value: $(command /no/such)}\n", 2, "cannot be run"),
+        ("launch:\n- set_env: {name: a, value: $(command 'sh -c \"echo why >&2; exit 3\"')}\n", 2, "why"),
+        ("launch:\n- set_env: {name: a, value: $(command false)}\n", 2, "exit code 1: false"),
+        ("launch:\n- set_env: {name: a, value: $(exec-in-pkg nope talk_interfaces)}\n", 2, "no executable 'nope'"),
         ("launch:\n- executable: {cmd: id}\n", 2, "needs ROS 2"),
         ("launch:\n- set_env: {name: a, value: $(var x}\n", 2, "closing"),
         ("launch: {}\n", 1, "expected a list of actions"),

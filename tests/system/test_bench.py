@@ -17,11 +17,15 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 #: Emulated servos answer later than real ones and, on a busy machine, live more slowly: this bench's own file says so.
-BENCH_FILE = """
-/**/tendon_driver:
-  ros__parameters:
+CELL_FILE = """
+schema: 1
+hardware: real
+parameters:
+  tendon_driver:
     {reply_margin_s: 0.1, no_reply_s: 5.0, bus_watchdog_s: 0.0, homing_timeout_s: 60.0, loop_rate: 50.0}
 """
+
+TENDONS = ("index", "middle", "thumb")
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Launch = Callable[..., Any]
@@ -36,10 +40,10 @@ def wires(launch: Launch, tmp_path: Path) -> Path:
     return folder
 
 
-def start(launch: Launch, tmp_path: Path, *arguments: str) -> Any:
+def start(launch: Launch, tmp_path: Path, sections: str, *arguments: str) -> Any:
     """Start the launch for a bench."""
-    (tmp_path / "bench.yaml").write_text(BENCH_FILE)
-    given = ("hardware:=real", f"config:={tmp_path}/bench.yaml", f"out:={tmp_path}/out", *arguments)
+    (tmp_path / "cell.yaml").write_text(CELL_FILE + sections)
+    given = (f"cell_file:={tmp_path}/cell.yaml", f"out:={tmp_path}/out", *arguments)
     return launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *given)
 
 
@@ -78,7 +82,10 @@ def end(cell: Any, out: Path) -> None:
 
 @pytest.mark.timeout(180)
 def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, tmp_path: Path, wires: Path) -> None:
-    cell = start(launch, tmp_path, f"servo_port:={wires}/servos", "rig:=false", "camera:=false", "gripper:=false")
+    chain = "".join(
+        f"{{tendon: {name}, model: XL330-M288, id: {i}, direction: 1}}, " for i, name in enumerate(TENDONS, 1)
+    )
+    cell = start(launch, tmp_path, f"servos: {{port: {wires}/servos, chain: [{chain}]}}\n", "gripper:=false")
     until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
     end(cell, tmp_path / "out")
     found = diagnosed(tmp_path / "out")
@@ -91,8 +98,11 @@ def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, 
 
 @pytest.mark.timeout(180)
 def test_a_bench_with_rig_and_camera_alone_reads_both(launch: Launch, tmp_path: Path, wires: Path) -> None:
-    devices = (f"stage_port:={wires}/stand", f"gauge_port:={wires}/gauge", f"camera_source:=@{wires}/camera.url")
-    cell = start(launch, tmp_path, *devices, f"calibration:={wires}/camera_calibration.yaml", "servos:=false")
+    sections = f"""
+rig: {{stage: {{kind: mark10, port: {wires}/stand}}, gauge: {{kind: gcl2, port: {wires}/gauge}}}}
+camera: {{source: "@{wires}/camera.url", calibration: {wires}/camera_calibration.yaml}}
+"""
+    cell = start(launch, tmp_path, sections)
     until_said(cell, ("topic", "echo", "--once", "load_cell/wrench"), "force")
     until_said(cell, ("topic", "echo", "--once", "camera/camera_info"), "width: 640")
     end(cell, tmp_path / "out")

@@ -22,24 +22,41 @@ MAY_IMPORT = {
     "softgrip_time": set(),
     "softgrip_description": {"softgrip_model"},
     "softgrip_design": {"softgrip_description", "softgrip_model"},
-    "softgrip_driver": {"softgrip_model", "softgrip_time"},
+    "softgrip_driver": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_emulator": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_vision": {"softgrip_model"},
     "softgrip_cell": {"softgrip_description", "softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
+    "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_vision"},
     "softgrip_cmake": set(),
     "softgrip_security": set(),
     "softgrip_testing": {
         "softgrip_bag",
+        "softgrip_cell",
         "softgrip_driver",
         "softgrip_emulator",
         "softgrip_model",
         "softgrip_time",
         "softgrip_vision",
     },
-    "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
+    "softgrip_gym": {"softgrip_cell", "softgrip_emulator", "softgrip_model", "softgrip_testing"},
+    "softgrip_sweep": {"softgrip_bag", "softgrip_demo", "softgrip_design", "softgrip_model", "softgrip_testing"},
+    "softgrip_demo": {
+        "softgrip_bag",
+        "softgrip_cell",
+        "softgrip_description",
+        "softgrip_design",
+        "softgrip_driver",
+        "softgrip_model",
+        "softgrip_time",
+        "softgrip_vision",
+    },
 }
+
+
+#: Workbenches: no cell runs them, nothing imports them, and they may use what tests and benchmarks share.
+WORKBENCHES = {"softgrip_gym", "softgrip_sweep"}
 
 
 def is_message_package(name: str) -> bool:
@@ -108,9 +125,14 @@ def test_no_product_code_imports_what_is_for_tests() -> None:
         f"{path.relative_to(WORKSPACE)}:{line}"
         for path in modules()
         for line, module in imports(path)
-        if module.split(".")[0] == "softgrip_testing" and path.relative_to(WORKSPACE).parts[0] != "softgrip_testing"
+        if module.split(".")[0] == "softgrip_testing"
+        and path.relative_to(WORKSPACE).parts[0] not in {"softgrip_testing", *WORKBENCHES}
     }
     assert users == set()
+
+
+def test_nothing_imports_a_workbench() -> None:
+    assert not any(WORKBENCHES & allowed for allowed in MAY_IMPORT.values())
 
 
 def test_nothing_depends_on_bringup() -> None:

@@ -2,7 +2,7 @@
 """Writes the table of the grasp sequence into docs/cell.md, and draws a grasp as the contact test sees it.
 
 `render()` is the page; a test compares it with the committed file. The grasp is one of the emulated cell in virtual
-time (benchmarks/_virtual_cell.py): seed 1, power fingers, an orange that is lifted.
+time (softgrip_testing.virtual_cell): seed 1, power fingers, an orange that is lifted.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from softgrip_cell.grasp.hand import HandState
 from softgrip_cell.grasp.sequence import GraspSequence
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspOutcome, GraspPhase
+from softgrip_testing.virtual_cell import VirtualCell, task
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/cell.md"
@@ -57,9 +58,6 @@ def render() -> str:
 
 def grasp() -> list[tuple[float, GraspPhase, HandState]]:
     """Grasp an orange; return time [s], phase and hand of every sample."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    from _virtual_cell import VirtualCell, task  # noqa: PLC0415  beside the benchmarks, not installed
-
     cell = VirtualCell(1, "power")
     cell.plant.grasp.lifts_itself = False
     cell.home()

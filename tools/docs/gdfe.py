@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -21,10 +21,10 @@ from scipy.optimize import brentq
 
 from softgrip_model.finger import Finger, MomentLaw, Strip, close
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.gdfe import ConstitutiveLaw, Solver, SolverSettings, VolumeShape
+from softgrip_model.gdfe import ConstitutiveLaw, Mesh, Ogden, Solver, SolverSettings, Supports, VolumeShape, bar
 from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings, ClosingShape
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
-from softgrip_model.gdfe.march import March, march
+from softgrip_model.gdfe.march import Loading, March, march
 from softgrip_model.gdfe.materials import (
     Linear,
     SolidMaterial,
@@ -125,6 +125,7 @@ def _tension_rows() -> str:
     choices: list[tuple[str, tuple[SolidMaterial, ...], SolverSettings, float, int]] = [
         ("calibrated, polynomials, nu = 0.45", (cheetah(), ninjaflex()), SolverSettings(), 0.45, 2),
         ("calibrated, Ogden, nu = 0.45", (), SolverSettings(), 0.45, 2),
+        ("calibrated, Ogden, nu = 0.49", (), SolverSettings(), 0.49, 2),
         ("rigorous, Ogden, nu = 0.49", (), RIGOROUS, 0.49, 10),
     ]
     for label, materials, settings, poisson, increments in choices:
@@ -132,6 +133,63 @@ def _tension_rows() -> str:
         found = _marched(case, used, settings, increments)
         rows.append(_tension_row(label, joint_position(case, found.last.displacement)))
     return "\n".join(rows)
+
+
+#: What the calibrated law was not calibrated by: axes that are held, stretch along those that are drawn.
+_STATES = (
+    ("uniaxial tension, stretch 1.3", "", "x", 1.3),
+    ("planar, stretch 1.3", "y", "x", 1.3),
+    ("both ways, stretch 1.3", "", "xy", 1.3),
+    ("compression, stretch 0.8", "", "x", 0.8),
+)
+
+
+def _homogeneous_stress(material: Ogden, law: ConstitutiveLaw, *, held: str, drawn: str, stretch: float) -> float:
+    """Return the nominal stress along x [MPa] of a block whose faces stay plane, those of the other axes free."""
+    mesh = bar((2.0, 2.0, 2.0), (2, 2, 2))
+    ends = {axis: _ends_along(mesh, number) for number, axis in enumerate("xyz")}
+    supports = Supports.none(len(mesh.nodes))
+    for axis, (low, high) in ends.items():
+        supports = supports.with_prescribed(low, axis)
+        if axis in held + drawn:
+            supports = supports.with_prescribed(high, axis)
+    moved = np.zeros_like(mesh.nodes)
+    for axis in drawn:
+        moved[ends[axis][1], "xyz".index(axis)] = 2.0 * (stretch - 1.0)
+    solver = Solver(mesh, [material], supports, settings=SolverSettings(law=law))
+    found = _completed(march(solver, lambda share: Loading(share * moved), 10, tolerance=1e-8))
+    return float(found.last.reaction[ends["x"][1], 0].sum()) / 4.0
+
+
+def _ends_along(mesh: Mesh, axis: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    place = mesh.nodes[:, axis]
+    return mesh.nodes_where(place == place.min()), mesh.nodes_where(place == place.max())
+
+
+def _shear_stress(material: Ogden, law: ConstitutiveLaw, shear: float = 0.3) -> float:
+    """Return the nominal shear stress of a block in simple shear [MPa]."""
+    mesh = bar((2.0, 2.0, 2.0), (2, 2, 2))
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(np.arange(len(mesh.nodes), dtype=np.int32))
+    solver = Solver(mesh, [material], supports, settings=SolverSettings(law=law))
+    moved = np.zeros_like(mesh.nodes)
+    moved[:, 0] = shear * mesh.nodes[:, 1]
+    return float(solver.internal_force(moved)[_ends_along(mesh, 1)[1], 0].sum()) / 4.0
+
+
+def _limit_rows() -> str:
+    def apart(stress: Callable[[Ogden, ConstitutiveLaw], float]) -> list[str]:
+        found = []
+        for material in (ninjaflex_ogden(0.45), cheetah_ogden(0.45)):
+            calibrated = stress(material, ConstitutiveLaw.CALIBRATED)
+            rigorous = stress(material, ConstitutiveLaw.RIGOROUS)
+            found.append(f"{100.0 * (calibrated / rigorous - 1.0):+.0f} %")
+        return found
+
+    rows = [
+        _row(name, *apart(functools.partial(_homogeneous_stress, held=held, drawn=drawn, stretch=stretch)))
+        for name, held, drawn, stretch in _STATES
+    ]
+    return "\n".join("  " + row for row in [*rows, _row("simple shear, 0.3", *apart(_shear_stress))])
 
 
 def _bend_rows() -> str:
@@ -313,6 +371,7 @@ def render() -> str:
         "tension_rows": _tension_rows(),
         "bend_rows": _bend_rows(),
         "rotation_rows": _rotation_rows(),
+        "limit_rows": _limit_rows(),
         "thesis_forces": " | ".join(f"{_thesis_tension(VolumeShape.PROJ, n)[1]:.0f}" for n in FORCE_INCREMENTS),
         "calibrated_forces": " | ".join(f"{_calibrated_force(n):.0f}" for n in FORCE_INCREMENTS),
         "finger_hexes": "2,088",

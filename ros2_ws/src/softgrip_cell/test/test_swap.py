@@ -215,6 +215,23 @@ def test_a_tension_that_rises_otherwise_is_refused_whatever_its_size() -> None:
     assert "course is off" in result.reason
 
 
+@pytest.mark.parametrize(
+    ("stop_mm", "gain", "finding"), [(12.0, 1.1, Finding.GOOD), (14.0, 1.1, Finding.GOOD), (12.0, 1.6, Finding.OFF)]
+)
+def test_nothing_is_compared_where_grooves_close(stop_mm: float, gain: float, finding: Finding) -> None:
+    """The real groove closes 1 mm after or before the predicted one, at 13 mm, with 8 N/mm from there on."""
+    check = EmptyClosing(("index",), SETTINGS)
+    for i in range(320):
+        pulled_mm = 0.05 * i
+        predicted, measured = (0.5 * pulled_mm + 8.0 * max(0.0, pulled_mm - stop) for stop in (13.0, stop_mm))
+        sample = TendonSample(i * 5_000_000, (1e-3 * pulled_mm,), (gain * measured,))
+        free = FreeMotion(sample.stamp_ns, (1e-3 * pulled_mm,), (predicted,), ((0.0, 0.0),), "fm")
+        check.observe(ObservedPair(sample, free))
+    result = check.judge()["index"]
+    assert result.finding is finding
+    assert result.tension_ratio == pytest.approx(gain, abs=0.02)
+
+
 @pytest.mark.parametrize(("gain", "finding"), [(1.0, Finding.GOOD), (1.1, Finding.GOOD), (1.25, Finding.WORN)])
 def test_a_finger_that_changed_since_its_last_check_is_worn(gain: float, finding: Finding) -> None:
     before = closing().judge()["index"].reference

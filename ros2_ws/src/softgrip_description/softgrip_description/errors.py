@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one error of this package."""
+"""The errors of this package; each says which key, what was expected, what was found, what to do."""
 
 
 class HandError(ValueError):
-    """A hand that cannot be used: says which key, what was expected, what was found, what to do."""
+    """A hand that cannot be used."""
+
+
+class CellFileError(ValueError):
+    """A cell file that cannot be used."""

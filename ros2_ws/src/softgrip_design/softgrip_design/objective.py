@@ -100,6 +100,23 @@ class FollowTrajectory:
         kernel = self._kernel.varied(x[None, :n], x[None, n:])
         return kernel.solve(self.target.deflection_rad, Control.DEFLECTION, gradient=gradient, threads=1)
 
+    def scores(self, designs: Array) -> tuple[Array, Array]:
+        """Return E_T [deg] and E_F [N] of many designs at once, in one thread.
+
+        Args:
+            designs: design vectors [mm], (N, variables).
+
+        Returns:
+            errors and forces, (N,) each; NaN where a finger has no equilibrium.
+        """
+        n = self._joints
+        kernel = self._kernel.varied(designs[:, :n], designs[:, n:])
+        solution = kernel.solve(self.target.deflection_rad, Control.DEFLECTION, threads=1)
+        deviation = np.degrees(solution.angle_rad - self.target.angle_rad)
+        error = np.sqrt(np.mean(deviation**2, axis=(1, 2)))
+        failed = solution.failed.reshape(len(designs), -1).any(axis=1)
+        return np.where(failed, np.nan, error), np.where(failed, np.nan, solution.tension_n[:, -1, 0])
+
     def error_deg(self, x: Array) -> float:
         """Return E_T, Eq 4.4 [deg]."""
         return float(np.sqrt(np.mean(self._deviation_deg(self.solve(x)) ** 2)))

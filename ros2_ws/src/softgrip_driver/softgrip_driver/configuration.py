@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -62,6 +63,8 @@ STAGE_SPEED_FACTOR = 1.2
 #: share of the stall torque that a servo can hold until the driver backs off; from some three quarters on its own
 #: overload shutdown may be quicker
 LASTING_SHARE = 0.7
+#: [Hz] of the control loop, where nothing else is said
+SHIPPED_LOOP_RATE = 100.0
 #: periods of the loop that the servos' bus watchdog lasts at least
 WATCHDOG_PERIODS = 2.0
 
@@ -282,6 +285,35 @@ def _servo(
         _winding(own),
         CurrentSensing(own("limited_currents")) if model.senses is CurrentSensing.SUPPLY else None,
     )
+
+
+def required_parameters(servos: Sequence[tuple[ServoModel, float]]) -> dict[str, float | int]:
+    """Return the parameters that servos on spools of a radius [m] ask for beyond what is shipped, by name.
+
+    They are what `checked_configuration` would refuse the shipped ones for.
+    """
+    shipped = TendonLimits()
+    minima = {
+        "homing_tension": max(model.needs.homing_torque / radius for model, radius in servos),
+        "loop_rate": max(model.needs.loop_rate for model, _ in servos),
+    }
+    maxima = {
+        "speed": min(model.needs.speed * radius for model, radius in servos),
+        "acceleration": min(model.needs.acceleration * radius for model, radius in servos),
+        "tension_soft": min(LASTING_SHARE * model.stall_torque / radius for model, radius in servos),
+        "temperature_limit": min(model.temperature_limit for model, _ in servos),
+    }
+    rounding = 1e-6
+    found: dict[str, float | int] = {}
+    for name, bound in minima.items():
+        if bound > getattr(shipped, name, SHIPPED_LOOP_RATE) * (1.0 + rounding):
+            found[LIMIT_PARAMETERS.get(name, name)] = math.ceil(bound * 1e4) / 1e4
+    for name, bound in maxima.items():
+        if bound < getattr(shipped, name) * (1.0 - rounding):
+            found[LIMIT_PARAMETERS[name]] = math.floor(bound * 1e4) / 1e4
+    if any(model.senses is CurrentSensing.NONE for model, _ in servos):
+        found["operating_mode"] = OperatingMode.EXTENDED_POSITION.value
+    return found
 
 
 def _check_needs(model: ServoModel, spool: Spool, limits: TendonLimits, loop_rate: float) -> None:

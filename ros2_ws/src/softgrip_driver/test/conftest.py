@@ -278,12 +278,6 @@ def real_world():
 
 
 @pytest.fixture
-def virtual_rig():
-    """The module of the rig in virtual time."""
-    return load(Path(__file__).resolve().parents[4] / "benchmarks" / "_virtual_rig.py")
-
-
-@pytest.fixture
 def benches():
     """The classes of benches, for who opens one himself: servos, or a stage."""
     return Bench, StageBench

@@ -71,7 +71,7 @@ def test_the_lines_of_the_document_work_in_their_order(bench, tmp_path, capsys) 
         done.append(command)
     assert done == ["scan", "setup", "selftest", "calibrate_cell", "stage"]
     assert bench.plant.travel == pytest.approx(5e-3, abs=3e-5)
-    found = read_calibration(tmp_path / "cell.yaml")
+    found = read_calibration(tmp_path / "gauge.yaml")
     assert found.line == "hx711"
     assert "went +5.0" in capsys.readouterr().out
 
@@ -88,7 +88,7 @@ def test_calibrate_tension_of_the_document_is_understood(monkeypatch) -> None:
     monkeypatch.setattr(module, "run", run)
     assert module.main(words_of(line, Path("/"))[1]) == 0
     settings = common.stream_settings(parsed[0])
-    assert (settings.line, settings.calibration) == ("hx711", "cell.yaml")
+    assert (settings.line, settings.calibration) == ("hx711", "gauge.yaml")
 
 
 def test_gauges_and_faults_of_the_document_exist() -> None:

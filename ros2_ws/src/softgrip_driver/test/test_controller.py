@@ -396,7 +396,7 @@ def test_a_ramp_in_pieces_is_followed_as_one(spring_finger, reading):
                 path = TendonTrajectory.checked([left], [0.020], [], LIMITS.travel, LIMITS.speed)
                 rig.controller.follow({"a": path}, rig.now)
             rig.cycle()
-            goals.append(rig.drive()._m.setpoint)
+            goals.append(rig.drive()._setpoint)
         return np.array(goals)
 
     # From the slack finger's -3 mm to 20 mm in a second; the ends of a ramp are rounded.
@@ -420,7 +420,7 @@ def test_a_curve_that_swings_out_between_its_points_stays_within_the_travel(spri
     ticket, goals = rig.controller.follow({"a": path}, rig.now), []
     while rig.controller.result(ticket)[0] is None:
         rig.cycle()
-        goals.append(rig.drive()._m.setpoint)
+        goals.append(rig.drive()._setpoint)
     assert rig.controller.result(ticket)[0] is MoveOutcome.REACHED
     assert min(goals) > -1e-9
     assert max(goals) < LIMITS.travel + 1e-9
@@ -515,7 +515,7 @@ def test_a_setpoint_that_is_no_number_is_a_fault_that_holds(rig):
     rig.run(rig.move(0.010))
     rig.move(0.020)
     rig.cycle()
-    rig.drive()._m.motion._profile.position = float("nan")
+    rig.drive()._motion._profile.position = float("nan")
     rig.pass_time(0.2)
     assert rig.drive().fault == "invalid_setpoint"
     assert rig.fingers["a"].position - rig.fingers["a"].taut == pytest.approx(0.010, abs=2e-3)

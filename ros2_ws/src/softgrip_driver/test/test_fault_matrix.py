@@ -70,6 +70,7 @@ ROWS = [
     Row("bus_unplugged", "port_lost", reason="plug the adapter in again"),
     Row("servo_silent", "no_reply", arguments=(INDEX,), reason="nothing heard for"),
     Row("wrong_baud", "no_reply", arguments=(INDEX,), reason="nothing heard for"),
+    Row("servo_unplugged", "no_reply", arguments=(INDEX,), reason="nothing heard for", recovery="home"),
     Row("alert", "electrical_shock", on="holding", arguments=(INDEX,), reason="0x10", recovery="home"),
     Row("alert", "input_voltage", on="holding", arguments=(INDEX, ("bits", 1)), reason="supply", recovery="home"),
     Row("overload", "overload", on="holding", arguments=(INDEX,), reason="lower the tension limit", recovery="home"),

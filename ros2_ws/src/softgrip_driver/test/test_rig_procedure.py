@@ -13,6 +13,7 @@ from softgrip_driver.rig.procedure import PlanFailedError, ProcedurePhase, RigSe
 from softgrip_driver.rig.pull import PullSettings, record_pull
 from softgrip_driver.rig.slide import PointVerdict
 from softgrip_model.friction.record import ModelVerdict
+from softgrip_testing.virtual_rig import VirtualRig
 
 #: Four settings that carry a fit: quicker than nine.
 CORNERS = Request(
@@ -25,10 +26,10 @@ CORNERS = Request(
 
 
 @pytest.fixture
-def bench(tmp_path, virtual_rig):
+def bench(tmp_path):
     """The virtual rig, with the settings as keywords."""
 
-    class Bench(virtual_rig.VirtualRig):
+    class Bench(VirtualRig):
         def procedure(self, **settings):
             return super().procedure(RigSettings(**settings))
 

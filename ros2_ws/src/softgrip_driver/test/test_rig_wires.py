@@ -8,12 +8,13 @@ from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.rig.journal import PlanJournal, Request
 from softgrip_driver.rig.procedure import Procedure, RigSettings
 from softgrip_emulator.rig import EmulatedRig
+from softgrip_testing.virtual_rig import RigHands
 
 NINE = Request("9", cable="PE braid", surface="TPU")
 
 
 @pytest.fixture
-def wired(tmp_path, world, virtual_rig):
+def wired(tmp_path, world):
     """Make a rig behind ports, with its procedure."""
     rigs = []
 
@@ -26,7 +27,7 @@ def wired(tmp_path, world, virtual_rig):
         )
         for device in devices:
             device.open()
-        hands = virtual_rig.Hands(rig)
+        hands = RigHands(rig)
         return hands, Procedure(*devices, hands, world.rig_time(), RigSettings(**settings), tmp_path / "plans")
 
     yield make

@@ -16,55 +16,11 @@ from softgrip_driver.errors import DriverError
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
 from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.pty import Line, PtyPort
-from softgrip_time import WallClock
+from softgrip_testing.virtual_clock import PLANT_PERIOD_S, VirtualClock, VirtualRigClock
 
 #: modules of the driver that make a clock where they are given none, or open a port
 CLOCKED = ("dynamixel.bus", "tendon.loop", "stage.backend", "rig.line_port", "commands.stage")
 PORTS = ("dynamixel.port", "rig.line_port")
-PLANT_PERIOD = 0.003
-
-
-class OwnClock(WallClock):
-    """A `softgrip_time.Clock` whose time [s] passes only while somebody waits."""
-
-    scale = 1.0
-
-    def __init__(self):
-        self._now = 100.0
-        self.living = []
-
-    def now_s(self):
-        return self._now
-
-    def wait(self, until_s):
-        """Let the time pass until then."""
-        self.advance(until_s)
-
-    def wait_readable(self, files, until_s):
-        """Wait for bytes of a handle until a time."""
-        return list(files) if files[0].wait(until_s - self._now) else []
-
-    def advance(self, to):
-        """Let everything live until a time."""
-        while self._now < to:
-            self._now = min(to, self._now + PLANT_PERIOD)
-            for live in self.living:
-                live(self._now)
-
-
-class RigTime:
-    """A `RigClock` on a world's clock."""
-
-    def __init__(self, clock):
-        self._clock = clock
-        self.stopped = False
-
-    def now(self):
-        return self._clock.now_s()
-
-    def wait(self, duration):
-        self._clock.wait(self._clock.now_s() + duration)
-        return self.stopped
 
 
 class Cable:
@@ -209,7 +165,7 @@ class OwnWorld:
     quiet = True
 
     def __init__(self, patch):
-        self.clock = OwnClock()
+        self.clock = VirtualClock(100.0)
         self._cables = {}
         for module in CLOCKED:
             patch.setattr(f"softgrip_driver.{module}.WallClock", lambda: self.clock)
@@ -235,7 +191,7 @@ class OwnWorld:
 
     def rig_time(self):
         """The clock of a measurement."""
-        return RigTime(self.clock)
+        return VirtualRigClock(self.clock)
 
     def breathe(self):
         """Let a moment pass, for who polls what takes no time by itself."""
@@ -268,7 +224,7 @@ class RealWorld:
         """Have something live along."""
 
         def run():
-            while not self._stop.wait(PLANT_PERIOD):
+            while not self._stop.wait(PLANT_PERIOD_S):
                 advance(self.clock.now_s())
 
         thread = threading.Thread(target=run, daemon=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from softgrip_emulator.camera.camera_process import CameraProcess
 from softgrip_emulator.camera.exposure_sample import CameraSettings, ExposureSample, Pose
+from softgrip_emulator.camera.optics import draw_optics
 from softgrip_emulator.clock import ScaledCellClock, SetClock
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.errors import EmulatorError
@@ -129,6 +130,7 @@ class EmulatedCell:
         self._ports = [self.bus_port]
         self._on_tick = on_tick
         self._settings = camera or CameraSettings()
+        self._optics = draw_optics(self._settings.width, self._settings.height, seed)
         self.camera = CameraProcess(self._settings, seed, SEEN_SLOT, self._on_exposed)
         self._exposed_s = self._exposure_due_s = 0.0
         self._exposing_since = 0.0
@@ -194,7 +196,6 @@ class EmulatedCell:
         plant = self.plant
         with plant.lock:
             bank = plant.bank
-            chain, _ = bank.chain()
             pulled = plant.wound_m() - plant.taken_slack_m()
             fingers = tuple(
                 EmulatedFingerReading(
@@ -203,7 +204,7 @@ class EmulatedCell:
                     pulled_length_m=float(pulled[i]),
                     tension_n=float(bank.tension_n[i]),
                     joint_angles_rad=bank.q[i, : finger.joints].copy(),
-                    tip_m=chain[i, finger.joints].copy(),
+                    tip_m=plant.points_m(i)[0][-1, :2],
                     span_tensions_n=bank.span_tension_n[i, : 2 * finger.joints].copy(),
                 )
                 for i, (slot, finger) in enumerate(zip(plant.slots, plant.mounted, strict=True))
@@ -221,12 +222,11 @@ class EmulatedCell:
             if finger is None:
                 empty = Pose(np.zeros((0, 2)), np.zeros(0))
                 return ExposureSample(empty, empty, stamp_s, faults)
-            chain, heading = plant.bank.chain()
-            joints = finger.joints
             product = plant.grasp.outline_m(index)
-            now = Pose(chain[index, : joints + 1], heading[index, :joints], finger.body_height_m, product)
-            earlier, earlier_heading = plant.bank.chain(plant.bank.q - _EXPOSURE_S * plant.bank.joint_speed)
-            before = Pose(earlier[index, : joints + 1], earlier_heading[index, :joints], finger.body_height_m, product)
+            now, before = (
+                Pose(self._optics.in_plane(points), headings, finger.body_height_m, product)
+                for points, headings in (plant.points_m(index), plant.points_m(index, _EXPOSURE_S))
+            )
             return ExposureSample(now, before, stamp_s, faults)
 
     def _advance_to(self, now_s: float) -> None:

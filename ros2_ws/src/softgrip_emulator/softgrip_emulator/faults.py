@@ -291,6 +291,11 @@ def _servo_silent(cell: EmulatedCell, slot: str) -> Undo:
     return _set(cell.plant.servos[cell.plant.index(slot)], silenced=True)
 
 
+def _servo_unplugged(cell: EmulatedCell, slot: str) -> Undo:
+    # It boots when it is plugged in again: the plant sees the voltage come back.
+    return _set(cell.plant.servos[cell.plant.index(slot)], is_connected=False)
+
+
 def _alert(cell: EmulatedCell, slot: str, bits: int = EmulatedHardwareError.ELECTRICAL_SHOCK) -> Undo:
     # The bits stay until the servo is rebooted, as on the real one.
     return _set(cell.plant.servos[cell.plant.index(slot)], forced_error_bits=int(bits))
@@ -377,6 +382,7 @@ BUS_FAULTS: dict[str, Cause] = {
     "bus_dead": _bus_dead,
     "bus_unplugged": _unplugged,
     "servo_silent": _servo_silent,
+    "servo_unplugged": _servo_unplugged,
     "alert": _alert,
     "overload": _overload,
     "overheating": _overheating,

@@ -99,7 +99,6 @@ def plain_finger():
     """A finger without scatter or creep and hardly any stretch: E 21.89 MPa, w 13, h 3, l 10, link 35 mm."""
 
     def make(radii_mm=(8.5,) * 6, mu=0.0, presliding_m=1e-4):
-        stiffness = 21.89e6 * 13e-3 * 3e-3**3 / 12.0 / 10e-3
         return FingerTruth(
             profile="plain",
             serial="",
@@ -109,19 +108,36 @@ def plain_finger():
             opening_rad=np.full(3, np.pi / 2),
             entry_radius_m=np.array(radii_mm[0::2]) * 1e-3,
             exit_radius_m=np.array(radii_mm[1::2]) * 1e-3,
-            moment_coefficients=np.array([[stiffness] * 3, [0.0] * 3, [0.0] * 3]),
+            clearance_m=np.zeros(6),
+            width_m=0.013,
+            strip_lengths_m=np.full(3, 0.010),
+            thickness_m=np.full(3, 0.003),
+            stress_tension_pa=np.array([21.89e6, 0.0, 0.0]),
+            stress_compression_pa=np.array([21.89e6, 0.0, 0.0]),
+            stiffness=np.ones(3),
+            poisson=0.0,
             damping_s=1e-2,
-            creep_share=0.0,
-            creep_time_s=1.0,
-            friction_coefficient=np.full(6, mu),
-            friction_tension_exponent=0.0,
+            relaxing_share=np.zeros(4),
+            relaxing_time_s=np.ones(4),
+            softening=0.0,
+            friction_pressure=np.full(6, mu),
+            friction_adhesion=np.zeros(6),
+            bending_n=0.0,
+            bending_share=0.0,
             friction_stribeck_share=0.0,
             friction_stribeck_speed_m_s=1e-3,
-            friction_bite=np.zeros(6),
             presliding_m=presliding_m,
             cable_stiffness_n=1e5,
             lead_length_m=0.0,
             slack_m=0.0,
+            bedding_strain=0.0,
+            bedding_n=1.0,
+            cable_creep_share=0.0,
+            cable_creep_time_s=1.0,
+            knot_slip_m=0.0,
+            wear_per_j=np.zeros(6),
+            mounting_roll_rad=0.0,
+            cable_aside_m=np.zeros(3),
         )
 
     return make

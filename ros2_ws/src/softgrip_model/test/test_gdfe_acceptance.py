@@ -181,14 +181,15 @@ def test_five_materials_by_the_calibrated_law_against_calculix(poisson):
 
 
 def test_tension_of_ogden_materials_by_the_calibrated_law():
-    case, materials = tension()
+    """Joint and force are CalculiX', C3D8R, nu 0.49."""
+    case, materials = tension(poisson=0.49)
     solver = Solver(case.mesh, materials, case.supports)
     found = march(solver, case.loading, 2, first_guess=case.first_guess)
     assert found.completed
-    assert 100.0 * joint_position(case, found.last.displacement) == pytest.approx(35.39, abs=0.03)
-    assert -found.last.reaction[case.left, 0].sum() == pytest.approx(454.2, abs=1.0)
+    assert 100.0 * joint_position(case, found.last.displacement) == pytest.approx(35.31, abs=0.03)
+    assert -found.last.reaction[case.left, 0].sum() == pytest.approx(452.0, abs=1.0)
     mean, _ = difference(found.last.displacement, case.reference())
-    assert mean < 0.005
+    assert mean < 0.002
 
 
 def test_rotation_by_the_calibrated_law_against_calculix():

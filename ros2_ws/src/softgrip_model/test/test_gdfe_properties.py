@@ -33,7 +33,7 @@ from softgrip_model.gdfe import (
     bar,
 )
 from softgrip_model.gdfe.march import Loading, march
-from softgrip_model.gdfe.materials import Ogden, cheetah, neo_hookean, ninjaflex, shear_secant
+from softgrip_model.gdfe.materials import Ogden, cheetah, cheetah_ogden, neo_hookean, ninjaflex
 from softgrip_model.gdfe.mesh_file import read_mesh, write_mesh
 from softgrip_model.gdfe.rigid import check_held
 
@@ -93,15 +93,44 @@ def test_forces_turn_with_the_body(law):
     np.testing.assert_allclose(after, before @ turn.T, atol=1e-9)
 
 
-@pytest.mark.parametrize("material", [ninjaflex(), cheetah(), neo_hookean("rubber", 1.0, 0.45)], ids=lambda m: m.name)
-def test_an_elongated_cube_answers_with_the_materials_stress(material):
-    # incompressible uniaxial state: volume term silent, lateral stress of the energy balanced by a pressure on it
-    stretch = 1.4
-    q = stretch**-0.5
-    strain = (stretch - q) / 1.5
-    mu = float(shear_secant(material, np.array([strain]))[0])
-    nominal = 2.0 * mu * ((stretch - 1.0) + (1.0 - q) * q / stretch)
-    assert nominal == pytest.approx(float(material.nominal_stress(np.array(stretch))), rel=1e-12)
+def drawn_bar_with_free_sides(material, stretch, **settings):
+    """Return the nominal stress of a bar of 2 x 1 x 1, a quarter of a longer one, its sides free."""
+    mesh = bar((2.0, 1.0, 1.0), (4, 2, 2))
+    x, y, z = mesh.nodes.T
+    end = mesh.nodes_where(x == x.max())
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(end, "x")
+    for axis, place in zip("xyz", (x, y, z), strict=True):
+        supports = supports.with_prescribed(mesh.nodes_where(place == place.min()), axis)
+    solver = Solver(mesh, [material], supports, settings=SolverSettings(**settings))
+    moved = np.zeros_like(mesh.nodes)
+    moved[end, 0] = 2.0 * (stretch - 1.0)
+    drawn = march(solver, lambda share: Loading(share * moved), increments=4, tolerance=1e-8).last
+    assert drawn.converged
+    return drawn.reaction[end, 0].sum()
+
+
+@pytest.mark.parametrize("shape", list(VolumeShape))
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45, 0.49])
+@pytest.mark.parametrize("make", [ninjaflex, cheetah], ids=lambda make: make.__name__)
+def test_a_drawn_bar_answers_with_the_measured_stress_whatever_poissons_ratio(make, poisson, shape):
+    material = make(poisson)
+    for stretch in (1.001, 1.02, 1.1, 1.4):
+        measured = float(material.nominal_stress(np.array(stretch)))
+        assert drawn_bar_with_free_sides(material, stretch, volume_shape=shape) == pytest.approx(measured, rel=1e-6)
+
+
+@pytest.mark.parametrize("material", [neo_hookean("rubber", 1.0, 0.3), cheetah_ogden(0.45)], ids=lambda m: m.name)
+def test_a_drawn_bar_answers_as_by_the_rigorous_law(material):
+    for stretch in (1.02, 1.1, 1.2):
+        rigorous = drawn_bar_with_free_sides(material, stretch, law=ConstitutiveLaw.RIGOROUS)
+        assert float(material.uniaxial_stress(np.array(stretch))) == pytest.approx(rigorous, rel=1e-6)
+        assert drawn_bar_with_free_sides(material, stretch) == pytest.approx(rigorous, rel=1e-6)
+
+
+def test_settings_take_names_and_refuse_unknown_ones():
+    assert SolverSettings(law="rigorous") == SolverSettings(law=ConstitutiveLaw.RIGOROUS)
+    with pytest.raises(ValueError, match="exact"):
+        SolverSettings(law="exact")
 
 
 def solved_bar(**settings):

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
@@ -61,6 +63,23 @@ def test_writing_and_reading_is_the_identity(power: Profile, tmp_path: Path) -> 
     assert profile.load(tmp_path / "power.yaml") == calibrated
     assert profile.digest(calibrated) != profile.digest(power)
     assert profile.digest(profile.loads(profile.dumps(power))) == profile.digest(power)
+
+
+def test_the_radius_of_the_holes_may_be_stated(power: Profile) -> None:
+    assert power.cable.hole_radius_m is None
+    stated = dataclasses.replace(power, cable=dataclasses.replace(power.cable, hole_radius_m=0.0006))
+    assert profile.loads(profile.dumps(stated)) == stated
+    assert profile.digest(stated) != profile.digest(power)
+    # a profile from before the key existed reads as one that does not state it, with the digest that it had
+    data = yaml.safe_load(profile.dumps(power))
+    del data["cable"]["hole_radius_m"]
+    assert profile.loads(yaml.safe_dump(data)) == power
+    values = dataclasses.asdict(power)
+    del values["cable"]["hole_radius_m"]
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"))
+    assert profile.digest(power) == hashlib.sha256(text.encode()).hexdigest()[:16]
+    with pytest.raises(ProfileError, match=r"hole_radius_m: expected at least the cable's radius"):
+        profile.validate(dataclasses.replace(power, cable=dataclasses.replace(power.cable, hole_radius_m=0.0001)))
 
 
 def changed(power: Profile, path: str, value: object) -> str:

@@ -20,6 +20,11 @@ from softgrip_cell.observation import ObservedPair, SeenTip
 MIN_SAMPLES: Final = 20
 #: [m] of pulled length that one value of a course stands for.
 SMOOTH_M: Final = 2.0e-3
+#: A groove closes where the prediction rises so many times as steeply as it mostly does. From so far before that place
+#: [m] on nothing is compared: nobody knows better where a printed groove closes, and at what length of a worn-in
+#: cable.
+STOP_STEEPNESS: Final = 4.0
+STOP_MARGIN_M: Final = 1.0e-3
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,17 @@ class _Trace:
         columns = np.stack([self.pulled_m, self.measured_n, self.predicted_n])
         return _Trace(*np.array([np.median(columns[:, places == place], axis=1) for place in np.unique(places)]).T)
 
+    def before_stops(self, reach_m: float) -> _Trace:
+        """Return the closing up to where the prediction has a groove close, or up to `reach_m` at least."""
+        order = np.argsort(self.pulled_m)
+        lengths = np.arange(self.pulled_m.min(), self.pulled_m.max(), 0.5 * SMOOTH_M)
+        rises = np.diff(np.interp(lengths, self.pulled_m[order], self.predicted_n[order]))
+        steep = np.flatnonzero(rises > STOP_STEEPNESS * np.median(rises)) if len(rises) else np.zeros(0, dtype=int)
+        if not len(steep):
+            return self
+        free = self.pulled_m <= max(float(lengths[steep[0]]) - STOP_MARGIN_M, reach_m)
+        return _Trace(self.pulled_m[free], self.measured_n[free], self.predicted_n[free])
+
     @property
     def ratio(self) -> float:
         """Measured over predicted tension, by least squares."""
@@ -156,7 +172,7 @@ class EmptyClosing:
         if missing:
             return _unseen(name, missing)
         tip_m, tip_allowed_m = self._tip_error(index, name)
-        course = trace.smooth()
+        course = trace.before_stops(self._settings.reach_m).smooth()
         finding, reason = self._compare(name, course, tip_m, tip_allowed_m)
         if finding is not Finding.GOOD:
             return FingerCheck(name, finding, reason, course.ratio, tip_m)

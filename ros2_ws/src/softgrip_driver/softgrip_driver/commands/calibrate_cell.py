@@ -24,10 +24,11 @@ from softgrip_model.friction.laws import GRAVITY
 TEXT = """Calibrate a load cell with known weights: counts per newton, offset, linearity and noise, into a file.
 
 Hang the cell as it will pull, and hang each weight on it when asked; the command asks for nothing at first and at the
-end, to see whether the zero stays. Give the file to the drivers as gauge_calibration:
+end, to see whether the zero stays. Write it to a file:
 
-    calibrate_cell --gauge /dev/ttyACM0 --line hx711 --weights 0.2 0.5 1 --file cell.yaml
-    ros2 launch softgrip_bringup cell.launch.yaml ... gauge:=stream stream_line:=hx711 gauge_calibration:=cell.yaml"""
+    calibrate_cell --gauge /dev/ttyACM0 --line hx711 --weights 0.2 0.5 1 --file gauge.yaml
+
+Name the file as the gauge's `calibration` in the cell file (docs/cell_file.md)."""
 
 #: share of the largest weight by which line and zero may be off before the command says so
 MAX_DEVIATION = 0.005

@@ -79,7 +79,7 @@ class Pose:
     """The finger as the camera sees it at one instant.
 
     Attributes:
-        joints_m: (n + 1, 2) joints and tip in the finger's base frame [m].
+        joints_m: (n + 1, 2) where in the finger's plane joints and tip are seen, in its base frame [m].
         headings_rad: (n,) direction of each link [rad], 0 = straight, growing as it closes.
         body_height_m: depth of the body on the closing side.
         product_m: (m, 2) outline of what is behind the finger; m = 0 for nothing.

@@ -47,6 +47,23 @@ class Optics:
     distortion: Array
     homography: Array
 
+    def in_plane(self, points: Array) -> Array:
+        """(n, 2) places in the finger's plane that points (n, 3) beside it are seen at [m]."""
+        centre = self.centre_m
+        share = centre[2] / (centre[2] - points[:, 2])
+        return np.asarray(centre[:2] + share[:, None] * (points[:, :2] - centre[:2]))
+
+    @property
+    def centre_m(self) -> Array:
+        """(3,) where the camera is, in the finger's base frame; the third coordinate towards it [m]."""
+        columns = np.linalg.solve(self.matrix, self.homography)
+        columns = columns / np.linalg.norm(columns[:, 0])
+        columns = columns * np.sign(columns[2, 2])
+        along, across, place = columns.T
+        rotation = np.column_stack([along, across, np.cross(along, across)])
+        centre = -rotation.T @ place
+        return np.asarray(centre * [1.0, 1.0, np.sign(centre[2])])
+
     def to_pixels(self, points: Array) -> Array:
         """(n, 2) pixels of (n, 2) plane points [m]; pixel (0, 0) is the centre of the top left pixel."""
         mapped = points @ self.homography[:, :2].T + self.homography[:, 2]

@@ -32,6 +32,9 @@ from softgrip_emulator.dynamixel.table import (
 
 REBOOT_SILENCE_S: Final = 0.4
 """Measured by a user on an XC330 (emanual#1698); ROBOTIS gives no figure."""
+FACTORY_ID: Final = 1
+FACTORY_BAUD: Final = 57_600
+"""As a servo comes (e-manual, ID(7) and Baud Rate(8))."""
 _RAD_PER_PULSE: Final = 2.0 * math.pi / PULSES_PER_TURN
 _WATCHDOG_UNIT_S: Final = 0.02
 _TICK_MODULO: Final = 32768
@@ -124,7 +127,7 @@ class EmulatedServo:
         model: EmulatedServoModel,
         device_id: int,
         *,
-        baud: int = 57_600,
+        baud: int = FACTORY_BAUD,
         return_delay_us: int = 500,
         limits_winding: bool = False,
     ) -> None:
@@ -157,6 +160,7 @@ class EmulatedServo:
         self.position_glitch_pulses = 0
         self.forced_error_bits = 0
         self.silenced = False
+        self.is_connected = True
         self.fold()
 
     # -- on the bus ------------------------------------------------------------------------------------------------
@@ -197,8 +201,8 @@ class EmulatedServo:
 
     @property
     def powered(self) -> bool:
-        """Whether the supply keeps its processor alive."""
-        return self.shaft.supply_v > self.model.motor.brown_out_v
+        """Whether it hangs on the cable, and the supply keeps its processor alive."""
+        return self.is_connected and self.shaft.supply_v > self.model.motor.brown_out_v
 
     @property
     def alert(self) -> int:

@@ -16,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 
 from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
+from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
 from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
@@ -71,6 +72,14 @@ PARAMETERS = ParameterTable(
     Parameter("servo_ids", [1, 2, 3], "ID of the servo of each slot", "", 0, 252),
     Parameter("servo_model", "xl330_m288", "model of all servos", choices=tuple(available_models())),
     Parameter("servo_baud", 1_000_000, "speed the servos listen at", "bit/s", choices=tuple(BAUD_OF_REGISTER.values())),
+    Parameter(
+        "factory_fresh",
+        False,
+        "servos as they come: ID 1, 57600 baud, each off the cable until servo_unplugged of its slot is cleared",
+    ),
+    Parameter(
+        "spool_directions", [1, 1, 1], "of each slot, -1: the tendon comes off the other side of its spool", "", -1, 1
+    ),
     Parameter("servo_return_delay_us", 500, "return delay set in the servos", "us", 0, 508),
     Parameter(
         "servo_current_limit",
@@ -243,6 +252,9 @@ def _open_cell(values: dict[str, Any], on_tick: Callable[[], None]) -> EmulatedC
             gauge_on=values["gauge_on"],
         )
         cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
+        if values["factory_fresh"]:
+            for slot in values["fingers"]:
+                cell.faults.inject("servo_unplugged", slot)
         if values["fault_plan"]:
             cell.faults.follow(read_plan(Path(values["fault_plan"]).read_text(encoding="utf-8")))
         return cell.open()
@@ -259,20 +271,23 @@ def _profiles(directory: str) -> dict[str, Profile]:
 
 
 def _chain(values: dict[str, Any]) -> list[ServoPlace]:
-    slots, ids = values["fingers"], values["servo_ids"]
-    if len(slots) != len(ids):
-        raise EmulatorError(f"parameter 'servo_ids': expected one for each of {slots}, found {ids}")
+    slots = values["fingers"]
+    for name in ("servo_ids", "spool_directions"):
+        if len(slots) != len(values[name]):
+            raise EmulatorError(f"parameter '{name}': expected one for each of {slots}, found {values[name]}")
+    fresh = values["factory_fresh"]
     return [
         ServoPlace(
             slot,
-            device_id,
+            FACTORY_ID if fresh else device_id,
             values["servo_model"],
-            values["servo_baud"],
+            FACTORY_BAUD if fresh else values["servo_baud"],
             values["servo_return_delay_us"],
             values["spool_radius_m"],
+            direction,
             limits_winding=values["servo_current_limit"] == "winding",
         )
-        for slot, device_id in zip(slots, ids, strict=True)
+        for slot, device_id, direction in zip(slots, values["servo_ids"], values["spool_directions"], strict=True)
     ]
 
 

@@ -17,7 +17,8 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank
 from softgrip_emulator.plant.grasp import PlantGrasp
 from softgrip_emulator.plant.motor import Motor
-from softgrip_emulator.plant.products import product
+from softgrip_emulator.plant.out_of_plane import leave_plane, twist
+from softgrip_emulator.plant.products import PlantProduct, product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class ServoPlace:
     baud: int = 1_000_000
     return_delay_us: int = 500
     spool_radius_m: float = 0.010
+    spool_direction: int = 1
+    """-1: the tendon comes off the other side, so that a negative rotation winds it."""
     limits_winding: bool = False
     """Which current an XL330 or XC330 limits: the winding's, or the supply's (see `EmulatedServo`)."""
 
@@ -123,12 +126,15 @@ class CellPlant:
             servo.shaft.angle_rad = rng.uniform(-12.0, 12.0)
             servo.shaft.supply_v = self.supply.voltage_v
             servo.lose_power(-10.0)
-            radius = place.spool_radius_m * rng.normal(1.0, 0.003)
+            radius = place.spool_direction * place.spool_radius_m * rng.normal(1.0, 0.003)
             self.servos.append(servo)
             self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
         self.grasp = PlantGrasp(self.slots)
         self._crate = np.random.default_rng([seed, 0x5052])
         self.mounted: list[FingerTruth | None] = [None] * len(self.places)
+        self._memories: dict[tuple[str, str], list[float]] = {}
+        # A workshop's room; nobody tells the predictor.
+        self._temperature_c = float(np.random.default_rng([seed, 0x524F]).uniform(21.0, 26.0))
         self.now_s = 0.0
         self.lost_time_s = 0.0
         self._powered = [True] * len(self.servos)
@@ -160,8 +166,12 @@ class CellPlant:
                 self.disturbances.extra_slack_m.pop(self.slots[index], None)
             self._rebuild(keep=[i for i in range(len(self.slots)) if i not in drawn])
 
-    def place(self, name: str, offset_m: float = 0.0) -> None:
+    def place(self, name: str | PlantProduct, offset_m: float = 0.0) -> None:
         """Present the next item of a product to the fingers; an empty name takes it away.
+
+        Args:
+            name: one of the shipped products, or any other as itself.
+            offset_m: from the grasp's middle, along the palm [m].
 
         Raises:
             EmulatorError: no such product, or an offset beyond the palm.
@@ -170,9 +180,9 @@ class CellPlant:
             raise EmulatorError(
                 f"place: expected an offset within {_MAX_OFFSET_M} m of the grasp's middle, found {offset_m}"
             )
-        kind = product(name) if name else None
+        kind = product(name) if name and isinstance(name, str) else name
         with self.lock:
-            item = None if kind is None else kind.copy_of(self._crate)
+            item = kind.copy_of(self._crate) if isinstance(kind, PlantProduct) else None
             self.grasp.place(item, next((f.profile for f in self.mounted if f is not None), ""), offset_m)
             self._calm_s = 0.0
 
@@ -188,14 +198,25 @@ class CellPlant:
         described = self.profiles[profile]
         if slot not in described.slots:
             raise EmulatorError(f"mount: profile '{profile}' has no finger for '{slot}', it has {described.slots}")
-        return draw_finger(described.finger(slot), described.material, profile=profile, serial=serial, seed=self.seed)
+        return draw_finger(
+            described.finger(slot),
+            described.material,
+            described.cable,
+            profile=profile,
+            serial=serial,
+            seed=self.seed,
+        )
 
     def _rebuild(self, keep: Sequence[int]) -> None:
         """New bank for the mounted fingers; those in `keep` stay as they are, the others start straight and loose."""
         before = getattr(self, "bank", None)
         wound = self._spool_radii_m * [servo.shaft.angle_rad for servo in self.servos]
         zero = getattr(self, "_wound_zero", wound)
+        if before is not None:
+            self._memories |= before.memories()
         self.bank = FingerBank(self.mounted)
+        self.bank.recall(self._memories)
+        self.bank.warm(self._temperature_c)
         self._wound_zero = np.array([zero[i] if i in keep else wound[i] for i in range(len(wound))])
         if before is not None:
             self.bank.adopt(before, keep)
@@ -265,6 +286,43 @@ class CellPlant:
         if self._restless_at_m is not None and np.abs(wound_m - self._restless_at_m).max() > _OTHER_POSTURE_M:
             self._restless_at_m = None
         return self._restless_at_m is not None
+
+    def points_m(self, index: int, ago_s: float = 0.0) -> tuple[Array, Array]:
+        """Joints and tip of a mounted finger (n + 1, 3) in its base frame [m], and directions of its links (n,) [rad].
+
+        The third coordinate is out of the plane that a camera is calibrated for.
+
+        Args:
+            index: of the slot.
+            ago_s: so long before now, by the speeds of the last step [s].
+
+        Raises:
+            EmulatorError: no finger is there.
+        """
+        finger = self.mounted[index]
+        if finger is None:
+            raise EmulatorError(f"slot {self.slots[index]}: expected a mounted finger, found none")
+        joints = finger.joints
+        chain, headings = self.bank.chain(ago_s)
+        turned = twist(
+            finger,
+            self.bank.q[index, :joints],
+            self.bank.span_tension_n[index, : 2 * joints : 2],
+            float(self.grasp.forces_n[index]),
+        )
+        heading = headings[index, :joints]
+        return leave_plane(finger, chain[index, : joints + 1], heading, turned), heading
+
+    @property
+    def temperature_c(self) -> float:
+        """Of the room, and so of the fingers [degC]."""
+        return self._temperature_c
+
+    @temperature_c.setter
+    def temperature_c(self, temperature_c: float) -> None:
+        with self.lock:
+            self._temperature_c = temperature_c
+            self.bank.warm(temperature_c)
 
     def wound_m(self) -> Array:
         """Cable each spool has wound since its finger was mounted [m]."""

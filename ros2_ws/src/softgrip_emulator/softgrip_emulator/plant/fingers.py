@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from softgrip_emulator.plant import _core
+from softgrip_emulator.plant.material import in_room
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -58,6 +59,21 @@ class FingerBank:
         """Take over the state of fingers that stay mounted."""
         self.core.adopt(before.core, keep)
 
+    def warm(self, temperature_c: float) -> None:
+        """Bring all fingers to a temperature [degC]."""
+        self.core.set_room(*in_room(temperature_c))
+
+    def memories(self) -> dict[tuple[str, str], list[float]]:
+        """What strips and tendons do not forget, by profile and serial number."""
+        named = [(i, finger) for i, finger in enumerate(self.fingers) if finger is not None]
+        return {(finger.profile, finger.serial): self.core.recall(i) for i, finger in named}
+
+    def recall(self, memories: Mapping[tuple[str, str], list[float]]) -> None:
+        """Let fingers that were mounted before be as used as they were."""
+        for slot, finger in enumerate(self.fingers):
+            if finger is not None and (finger.profile, finger.serial) in memories:
+                self.core.restore(slot, memories[finger.profile, finger.serial])
+
     def pulled_length_m(self) -> Array:
         """How much cable the present joint angles take in [m], (F,)."""
         return self.core.pulled_length_m()
@@ -68,15 +84,15 @@ class FingerBank:
         Args:
             wound_m: cable wound on each spool since mounting [m], (F,).
             dt_s: step [s].
-            load: what products do to the joints: torques [N m], (F, J), closing positive, and their stiffness against
-                closing [N m/rad], (F, J, J).
+            load: what products do to the links: force on their poses [N, N, N m a joint], (F, 3J), and its stiffness
+                against their motion, (F, 3J, 3J).
         """
         self.core.step(wound_m, dt_s, load)
 
-    def chain(self, q: Array | None = None) -> tuple[Array, Array]:
-        """Joints and tip in each finger's base frame [m], (F, J+1, 2), and direction angles of the links [rad], (F, J).
+    def chain(self, ago_s: float = 0.0) -> tuple[Array, Array]:
+        """Middles of the strips and tip in each finger's base frame [m], (F, J+1, 2), and link directions (F, J).
 
         Args:
-            q: joint angles (F, J) [rad]; the present ones when not given.
+            ago_s: so long before now, by the speeds of the last step [s].
         """
-        return self.core.chain(self.q if q is None else q)
+        return self.core.chain(ago_s)

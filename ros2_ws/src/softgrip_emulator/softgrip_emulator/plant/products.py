@@ -90,7 +90,17 @@ class GraspWorld:
 @cache
 def products() -> dict[str, PlantProduct]:
     """All products by name."""
-    rows = yaml.safe_load((_DATA / "products.yaml").read_text(encoding="utf-8"))
+    return _read("products.yaml")
+
+
+@cache
+def published_products() -> dict[str, PlantProduct]:
+    """The same products by published masses and dimensions, frozen: not tuned towards Table 4.2."""
+    return _read("products_published.yaml")
+
+
+def _read(file: str) -> dict[str, PlantProduct]:
+    rows = yaml.safe_load((_DATA / file).read_text(encoding="utf-8"))
     return {name: PlantProduct(name=name, **row) for name, row in rows.items()}
 
 

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from softgrip_model.friction.laws import GRAVITY
-
 if TYPE_CHECKING:
     from softgrip_emulator.rig.truth import RigTruth
 
+_GRAVITY_M_S2: Final = 9.81
 #: Below it the cable does not touch the surface: it runs over the guide pulley alone.
 _OFF_THE_SURFACE: Final = float(np.radians(1.0))
 #: Wave lengths of the printed surface's waves [m], the longest about a layer stack.
@@ -71,7 +70,7 @@ class RigPlant:
             truth = self.truth
             on_surface = angle > _OFF_THE_SURFACE
             true_angle = max(angle + self._rng.normal(0.0, truth.angle_stddev), 0.0) if on_surface else 0.0
-            tension = load_kg * GRAVITY * float(1.0 + self._rng.normal(0.0, truth.load_stddev))
+            tension = load_kg * _GRAVITY_M_S2 * float(1.0 + self._rng.normal(0.0, truth.load_stddev))
             if tension <= 0.0:
                 self.setting = Setting(true_angle, 0.0, 0.0, 0.0)
                 self.force = 0.0

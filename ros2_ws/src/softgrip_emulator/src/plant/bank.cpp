@@ -27,9 +27,10 @@ void FingerBank::step(const double* wound_m, double dt_s, const JointLoad* load)
     if (!fingers_[i]) continue;
     FingerLoad on_finger;
     if (load != nullptr) {
-      on_finger = {&load->torque_nm[i * joints_], &load->stiffness[i * joints_ * joints_], joints_};
+      const std::size_t row = kFreedoms * joints_;
+      on_finger = {&load->force[i * row], &load->stiffness[i * row * row], row};
     }
-    fingers_[i]->step(wound_m[i], slack_m[i], broken[i] != 0, friction_scale, dt_s, on_finger);
+    fingers_[i]->step(wound_m[i], slack_m[i], broken[i] != 0, conditions, dt_s, on_finger);
   }
 }
 

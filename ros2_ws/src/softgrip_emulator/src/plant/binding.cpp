@@ -5,6 +5,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <array>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -38,38 +40,68 @@ auto view_of(std::vector<T> FingerBank::* values, std::size_t per_joint) {
   };
 }
 
-FingerMake make_of(const py::object& truth) {
+StressLaw law_of(const py::object& truth, double stiffness) {
+  StressLaw law;
+  law.tension = truth.attr("stress_tension_pa").cast<std::array<double, 3>>();
+  law.compression = truth.attr("stress_compression_pa").cast<std::array<double, 3>>();
+  for (auto* row : {&law.tension, &law.compression}) {
+    for (double& coefficient : *row) coefficient *= stiffness;
+  }
+  return law;
+}
+
+TendonMake tendon_of(const py::object& truth) {
   const auto values = [&](const char* name) { return truth.attr(name).cast<std::vector<double>>(); };
   const auto value = [&](const char* name) { return truth.attr(name).cast<double>(); };
-  FingerMake make;
+  TendonMake make;
   make.link_m = values("link_lengths_m");
   make.opening_rad = values("opening_rad");
   make.entry_radius_m = values("entry_radius_m");
   make.exit_radius_m = values("exit_radius_m");
-  const auto moments = truth.attr("moment_coefficients").cast<std::vector<std::vector<double>>>();
-  if (moments.size() != 3) throw std::invalid_argument("moment_coefficients: expected 3 rows");
-  make.moment_linear = moments[0];
-  make.moment_quadratic = moments[1];
-  make.moment_cubic = moments[2];
-  make.friction_coefficient = values("friction_coefficient");
-  make.friction_bite = values("friction_bite");
-  make.body_height_m = value("body_height_m");
-  make.damping_s = value("damping_s");
-  make.creep_share = value("creep_share");
-  make.creep_time_s = value("creep_time_s");
-  make.friction_tension_exponent = value("friction_tension_exponent");
+  make.clearance_m = values("clearance_m");
+  make.friction_pressure = values("friction_pressure");
+  make.friction_adhesion = values("friction_adhesion");
+  make.bending_n = value("bending_n");
+  make.bending_share = value("bending_share");
   make.friction_stribeck_share = value("friction_stribeck_share");
   make.friction_stribeck_speed_m_s = value("friction_stribeck_speed_m_s");
   make.presliding_m = value("presliding_m");
   make.cable_stiffness_n = value("cable_stiffness_n");
   make.lead_length_m = value("lead_length_m");
+  make.bedding_strain = value("bedding_strain");
+  make.bedding_n = value("bedding_n");
+  make.creep_share = value("cable_creep_share");
+  make.creep_time_s = value("cable_creep_time_s");
+  make.knot_slip_m = value("knot_slip_m");
+  make.wear_per_j = values("wear_per_j");
+  return make;
+}
+
+FingerMake make_of(const py::object& truth) {
+  const auto values = [&](const char* name) { return truth.attr(name).cast<std::vector<double>>(); };
+  const auto value = [&](const char* name) { return truth.attr(name).cast<double>(); };
+  FingerMake make;
+  make.tendon = tendon_of(truth);
+  make.body_height_m = value("body_height_m");
   make.slack_m = value("slack_m");
-  for (const auto* row : {&make.opening_rad, &make.entry_radius_m, &make.exit_radius_m, &make.moment_linear,
-                          &make.moment_quadratic, &make.moment_cubic}) {
-    if (row->size() != make.joints()) throw std::invalid_argument("finger: expected one value for each link");
+  const TendonMake& tendon = make.tendon;
+  const std::size_t joints = tendon.joints();
+  if (joints == 0 || joints > kMaxJoints) throw std::invalid_argument("finger: expected 1 to 6 links");
+  const auto length_m = values("strip_lengths_m"), thickness_m = values("thickness_m"), stiffness = values("stiffness");
+  for (const auto* row :
+       {&tendon.opening_rad, &tendon.entry_radius_m, &tendon.exit_radius_m, &length_m, &thickness_m, &stiffness}) {
+    if (row->size() != joints) throw std::invalid_argument("finger: expected one value for each link");
   }
-  for (const auto* row : {&make.friction_coefficient, &make.friction_bite}) {
-    if (row->size() != 2 * make.joints()) throw std::invalid_argument("finger: expected two contacts for each link");
+  for (const auto* row :
+       {&tendon.clearance_m, &tendon.friction_pressure, &tendon.friction_adhesion, &tendon.wear_per_j}) {
+    if (row->size() != 2 * joints) throw std::invalid_argument("finger: expected two contacts for each link");
+  }
+  const auto relaxing_share = truth.attr("relaxing_share").cast<std::array<double, kRelaxations>>();
+  const auto relaxing_time_s = truth.attr("relaxing_time_s").cast<std::array<double, kRelaxations>>();
+  for (std::size_t j = 0; j < joints; ++j) {
+    make.strips.push_back({length_m[j], thickness_m[j], value("width_m"), law_of(truth, stiffness[j]), value("poisson"),
+                           j == 0 ? 0.0 : 1.0, 1.0, value("damping_s"), relaxing_share, relaxing_time_s,
+                           value("softening")});
   }
   return make;
 }
@@ -80,20 +112,20 @@ std::unique_ptr<FingerBank> make_bank(const std::vector<std::optional<py::object
   return std::make_unique<FingerBank>(makes);
 }
 
-std::unique_ptr<JointLoad> make_load(const Array& torque_nm, const Array& stiffness) {
-  if (torque_nm.ndim() != 2 || stiffness.size() != torque_nm.size() * torque_nm.shape(1)) {
-    throw std::invalid_argument("load: expected torques (F, J) and their stiffness (F, J, J)");
+std::unique_ptr<JointLoad> make_load(const Array& force, const Array& stiffness) {
+  if (force.ndim() != 2 || stiffness.size() != force.size() * force.shape(1)) {
+    throw std::invalid_argument("load: expected forces (F, 3 J) and their stiffness (F, 3 J, 3 J)");
   }
-  return std::make_unique<JointLoad>(JointLoad{{torque_nm.data(), torque_nm.data() + torque_nm.size()},
-                                               {stiffness.data(), stiffness.data() + stiffness.size()}});
+  return std::make_unique<JointLoad>(
+      JointLoad{{force.data(), force.data() + force.size()}, {stiffness.data(), stiffness.data() + stiffness.size()}});
 }
 
 void step_bank(FingerBank& bank, const Array& wound_m, double dt_s, const JointLoad* load) {
   if (wound_m.size() != static_cast<py::ssize_t>(bank.slots())) {
     throw std::invalid_argument("wound_m: expected one value for each slot");
   }
-  if (load != nullptr && load->torque_nm.size() != bank.q.size()) {
-    throw std::invalid_argument("load: expected torques (F, J) as the bank has slots and joints");
+  if (load != nullptr && load->force.size() != kFreedoms * bank.q.size()) {
+    throw std::invalid_argument("load: expected forces (F, 3 J) as the bank has slots and joints");
   }
   bank.step(wound_m.data(), dt_s, load);
 }
@@ -113,24 +145,24 @@ py::array_t<double> pulled_length(const FingerBank& bank) {
   return pulled;
 }
 
-// Joints and tip, (F, J + 1, 2), and headings, (F, J); rows of shorter fingers repeat the tip and the last heading.
-py::tuple chain(const FingerBank& bank, const Array& q) {
+// Middles of the strips and tip, (F, J + 1, 2), and headings, (F, J), some time ago; rows of shorter fingers repeat the
+// tip and the last heading.
+py::tuple chain(const FingerBank& bank, double ago_s) {
   const std::size_t slots = bank.slots(), joints = bank.joints();
-  if (q.size() != static_cast<py::ssize_t>(slots * joints)) throw std::invalid_argument("q: expected (F, J) angles");
   py::array_t<double> points(Shape{py::ssize_t(slots), py::ssize_t(joints + 1), 2});
   py::array_t<double> headings(Shape{py::ssize_t(slots), py::ssize_t(joints)});
+  FingerShape shape;
   for (std::size_t i = 0; i < slots; ++i) {
-    double* row = points.mutable_data() + i * 2 * (joints + 1);
+    double* point = points.mutable_data() + i * 2 * (joints + 1);
     double* heading = headings.mutable_data() + i * joints;
-    const Finger* finger = bank.finger(i);
-    const std::size_t real = finger == nullptr ? 0 : finger->make().joints();
-    row[0] = row[1] = 0.0;
-    if (finger != nullptr) finger->chain(q.data() + i * joints, row, heading);
-    for (std::size_t j = real; j < joints; ++j) {
-      heading[j] = j == 0 ? 0.0 : heading[j - 1];
-      row[2 * j + 2] = row[2 * j];
-      row[2 * j + 3] = row[2 * j + 1];
+    shape.joints.assign(1, Eigen::Vector2d::Zero());
+    shape.heading_rad.clear();
+    if (bank.finger(i) != nullptr) bank.finger(i)->shape(shape, ago_s);
+    for (std::size_t j = 0; j <= joints; ++j) {
+      Eigen::Map<Eigen::Vector2d>(point + 2 * j) = shape.joints[std::min(j, shape.joints.size() - 1)];
     }
+    const std::size_t real = shape.heading_rad.size();
+    for (std::size_t j = 0; j < joints; ++j) heading[j] = real == 0 ? 0.0 : shape.heading_rad[std::min(j, real - 1)];
   }
   return py::make_tuple(points, headings);
 }
@@ -184,17 +216,31 @@ const JointLoad* load_of(Grasp& grasp, const FingerBank& bank, const Array& woun
 
 void bind_fingers(py::module_& module) {
   py::class_<JointLoad>(module, "JointLoad")
-      .def(py::init(&make_load), py::arg("torque_nm"), py::arg("stiffness"))
-      .def_property_readonly("torque_nm", [](const JointLoad& load) { return load.torque_nm; })
+      .def(py::init(&make_load), py::arg("force"), py::arg("stiffness"))
+      .def_property_readonly("force", [](const JointLoad& load) { return load.force; })
       .def_property_readonly("stiffness", [](const JointLoad& load) { return load.stiffness; });
   py::class_<FingerBank>(module, "FingerBank")
       .def(py::init(&make_bank), py::arg("fingers"))
       .def_property_readonly("joints", &FingerBank::joints)
-      .def_readwrite("friction_scale", &FingerBank::friction_scale)
+      .def_property(
+          "friction_scale", [](const FingerBank& bank) { return bank.conditions.friction_scale; },
+          [](FingerBank& bank, double scale) { bank.conditions.friction_scale = scale; })
+      .def(
+          "set_room", [](FingerBank& bank, double stiffness, double pace) { bank.conditions.room = {stiffness, pace}; },
+          py::arg("stiffness"), py::arg("pace"))
+      .def("recall",
+           [](const FingerBank& bank, std::size_t slot) {
+             const Finger* finger = bank.finger(slot);
+             return finger == nullptr ? std::vector<double>() : finger->recall();
+           })
+      .def("restore",
+           [](FingerBank& bank, std::size_t slot, const std::vector<double>& memory) {
+             if (Finger* finger = bank.finger(slot)) finger->restore(memory);
+           })
       .def("step", &step_bank, py::arg("wound_m"), py::arg("dt_s"), py::arg("load").none(true) = py::none())
       .def("adopt", &adopt, py::arg("before"), py::arg("keep"))
       .def("pulled_length_m", &pulled_length)
-      .def("chain", &chain, py::arg("q"))
+      .def("chain", &chain, py::arg("ago_s") = 0.0)
       .def("q", view_of(&FingerBank::q, 1))
       .def("joint_speed", view_of(&FingerBank::joint_speed, 1))
       .def("span_tension_n", view_of(&FingerBank::span_tension_n, 2))

@@ -3,6 +3,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -165,29 +166,31 @@ void Grasp::drag(double stiffness, double dt_s) {
   }
 }
 
-// What the contacts do to fingers and joints.
+// What the contacts do to the fingers and the poses of their links.
 void Grasp::press(const FingerBank& bank, double stiffness) {
-  const std::size_t joints = bank.joints();
-  load_.torque_nm.assign(places_.size() * joints, 0.0);
-  load_.stiffness.assign(places_.size() * joints * joints, 0.0);
+  const std::size_t row = kFreedoms * bank.joints();
+  load_.force.assign(places_.size() * row, 0.0);
+  load_.stiffness.assign(places_.size() * row * row, 0.0);
   std::fill(on_fingers_n.begin(), on_fingers_n.end(), 0.0);
   for (const Contact& contact : contacts_) {
     const Pads& pads = pads_[contact.slot];
     const Eigen::Vector2d force_n = contact.on_finger_n();
     on_fingers_n[2 * contact.slot] += force_n.x();
     on_fingers_n[2 * contact.slot + 1] += force_n.y();
-    double* torque_nm = &load_.torque_nm[contact.slot * joints];
-    double* rows = &load_.stiffness[contact.slot * joints * joints];
-    const std::size_t moving = Pads::joints_of(contact.pad);
+    double* force = &load_.force[contact.slot * row];
+    double* rows = &load_.stiffness[contact.slot * row * row];
+    const std::size_t moving = Pads::freedoms_of(contact.pad);
+    std::array<Eigen::Vector2d, kFreedoms * kMaxJoints> levers;
+    for (std::size_t j = 0; j < moving; ++j) levers[j] = pads.lever(contact.pad, j);
     for (std::size_t j = 0; j < moving; ++j) {
-      const Eigen::Vector2d lever = pads.lever(contact.pad, j);
-      torque_nm[j] += lever.dot(force_n);
+      const Eigen::Vector2d& lever = levers[j];
+      force[j] += lever.dot(force_n);
       const double by_normal = contact.push_n > 0.0 ? lever.dot(contact.normal) : 0.0;
       const double by_tangent = contact.sticks ? lever.dot(contact.tangent) : 0.0;
       for (std::size_t k = 0; k < moving; ++k) {
-        const Eigen::Vector2d other = pads.lever(contact.pad, k);
+        const Eigen::Vector2d& other = levers[k];
         const double both = by_normal * other.dot(contact.normal) + by_tangent * other.dot(contact.tangent);
-        rows[j * joints + k] += stiffness * both;
+        rows[j * row + k] += stiffness * both;
       }
     }
   }

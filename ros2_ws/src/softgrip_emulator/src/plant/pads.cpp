@@ -24,27 +24,30 @@ void Pads::follow(const Finger* finger) {
   points_m_.clear();
   if (finger == nullptr) return;
   const FingerMake& make = finger->make();
-  chain_m_.resize(2 * make.joints() + 2);
-  heading_rad_.resize(make.joints());
-  finger->chain(finger->q(), chain_m_.data(), heading_rad_.data());
+  finger->shape(shape_);
   for (std::size_t link = 0; link < make.joints(); ++link) {
-    const double cos = std::cos(heading_rad_[link]), sin = std::sin(heading_rad_[link]);
+    const double cos = std::cos(shape_.heading_rad[link]), sin = std::sin(shape_.heading_rad[link]);
     for (std::size_t pad = 0; pad < kPadsPerLink; ++pad) {
-      const double reach_m = make.link_m[link] * kAlongLink[pad];
+      const double reach_m = make.link_m()[link] * kAlongLink[pad];
       const double depth_m = kDepth[pad] * make.body_height_m;
-      const double x = chain_m_[2 * link] + reach_m * cos - depth_m * sin;
-      const double y = chain_m_[2 * link + 1] - reach_m * sin - depth_m * cos;
+      const double x = shape_.origins[link].x() + reach_m * cos - depth_m * sin;
+      const double y = shape_.origins[link].y() - reach_m * sin - depth_m * cos;
       in_finger_m_.emplace_back(x, y);
       points_m_.push_back(origin_m_ + to_world(x, y));
     }
   }
 }
 
-Eigen::Vector2d Pads::lever(std::size_t pad, std::size_t joint) const {
-  // Turning closes, i.e. (x, y) goes by (y, -x).
-  const double arm_x = in_finger_m_[pad].x() - chain_m_[2 * joint];
-  const double arm_y = in_finger_m_[pad].y() - chain_m_[2 * joint + 1];
-  return to_world(arm_y, -arm_x);
+Eigen::Vector2d Pads::lever(std::size_t pad, std::size_t freedom) const {
+  const std::size_t joint = freedom / kFreedoms;
+  if (freedom % kFreedoms == 2) {
+    // Turning closes, i.e. (x, y) goes by (y, -x).
+    const Eigen::Vector2d arm = in_finger_m_[pad] - shape_.origins[joint];
+    return to_world(arm.y(), -arm.x());
+  }
+  const double heading = joint == 0 ? 0.0 : shape_.heading_rad[joint - 1];
+  const double cos = std::cos(heading), sin = std::sin(heading);
+  return freedom % kFreedoms == 0 ? to_world(cos, -sin) : to_world(-sin, -cos);
 }
 
 }  // namespace softgrip::plant

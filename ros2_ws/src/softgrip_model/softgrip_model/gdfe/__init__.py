@@ -7,7 +7,7 @@ Start with `Solver(bar(...), [ninjaflex()], supports)`, or, for a finger, with
 
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable, RoutingPoint
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.materials import Linear, Ogden, SolidMaterial, StressPolynomial
+from softgrip_model.gdfe.materials import Linear, Ogden, SolidMaterial, StressPolynomial, VolumeShape
 from softgrip_model.gdfe.mesh import Mesh, bar
 from softgrip_model.gdfe.solver import (
     ConstitutiveLaw,
@@ -19,7 +19,6 @@ from softgrip_model.gdfe.solver import (
     SolverSettings,
     State,
     Supports,
-    VolumeShape,
 )
 from softgrip_model.gdfe.surroundings import Acts, Contact, FollowerPatch, Obstacle, ObstacleShape, Surroundings
 

@@ -17,10 +17,10 @@ from softgrip_model.gdfe import case_values as values
 from softgrip_model.gdfe.case_loads import CaseLoads, face_nodes, parse_loads
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.march import Loading
-from softgrip_model.gdfe.materials import Linear, Ogden, SolidMaterial, StressPolynomial, neo_hookean
+from softgrip_model.gdfe.materials import Linear, Ogden, SolidMaterial, StressPolynomial, VolumeShape, neo_hookean
 from softgrip_model.gdfe.mesh import Mesh, bar
 from softgrip_model.gdfe.mesh_file import read_mesh
-from softgrip_model.gdfe.solver import ConstitutiveLaw, Supports, VolumeShape
+from softgrip_model.gdfe.solver import ConstitutiveLaw, Supports
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]

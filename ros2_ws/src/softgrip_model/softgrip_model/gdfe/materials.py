@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials as the calibrated law takes them: shear secant modulus over equivalent strain, from a stress curve.
+"""Materials as the calibrated law takes them: shear secant modulus over equivalent strain, from a uniaxial test.
 
 Stresses in MPa with lengths in mm and forces in N, or any other consistent set.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +23,13 @@ Array = NDArray[np.float64]
 TABLE_END = 4.0
 #: Pieces of a table.
 TABLE_CELLS = 512
+
+
+class VolumeShape(StrEnum):
+    """How the volume-conserving shape V^v is found (gdfe: scale or projection)."""
+
+    PROJ = "proj"
+    SCALE = "scale"
 
 
 class SolidMaterial(Protocol):
@@ -42,8 +50,8 @@ class SolidMaterial(Protocol):
         """Nominal uniaxial strains that the material was measured at, or is stable at."""
         ...
 
-    def nominal_stress(self, stretch: Array) -> Array:
-        """Return the uniaxial nominal stress of the incompressible material at stretches > 0 (any shape)."""
+    def uniaxial_stress(self, stretch: Array) -> Array:
+        """Return the nominal stress of a uniaxial test, with the material's own nu, at stretches > 0 (any shape)."""
         ...
 
     def initial_modulus(self) -> float:
@@ -71,7 +79,7 @@ class Linear:
         if not 0.0 < self.modulus < math.inf:
             raise GdfeError(f"material {self.name!r}: expected a Young's modulus above 0, found {self.modulus!r}")
 
-    def nominal_stress(self, stretch: Array) -> Array:
+    def uniaxial_stress(self, stretch: Array) -> Array:
         """Return E (stretch - 1)."""
         return np.asarray(self.modulus * (stretch - 1.0))
 
@@ -113,6 +121,10 @@ class StressPolynomial:
         slope = polynomial.deriv()(self.strain_range[1])
         return np.asarray(np.sign(strain) * (polynomial(inside) + slope * (size - inside)))
 
+    def uniaxial_stress(self, stretch: Array) -> Array:
+        """Return the stress at stretches (any shape): the test was done on the material as it is."""
+        return self.nominal_stress(stretch)
+
     def tangent_modulus(self, strain: Array) -> Array:
         """Return the slope of the stress at strains (any shape), at the end of the range beyond it."""
         slope = np.polynomial.Polynomial((0.0, *self.coefficients)).deriv()
@@ -141,7 +153,7 @@ class Ogden:
             raise GdfeError(
                 f"material {self.name!r}: expected as many mu as alpha, found {len(self.moduli)}, {len(self.exponents)}"
             )
-        if 0.0 in self.exponents or self.initial_modulus() <= 0.0:
+        if 0.0 in self.exponents or self.shear_modulus <= 0.0:
             raise GdfeError(f"material {self.name!r}: expected alpha other than 0 and a positive sum of mu")
 
     @property
@@ -164,9 +176,30 @@ class Ogden:
             )
         )
 
+    def uniaxial_stress(self, stretch: Array) -> Array:
+        """Return the nominal stress at stretches (any shape) where the sides, free of stress, give way as nu has it.
+
+        With l_i' = l_i J^(-1/3): tau_i = sum 2 mu / alpha (l_i'^alpha - mean_k l_k'^alpha) + K J (J - 1), tau_2 = 0.
+        """
+        along = np.asarray(stretch, dtype=np.float64)
+
+        def stresses(across: Array) -> tuple[Array, Array]:
+            volume = along * across**2
+            unit = np.cbrt(volume)
+            pressure = self.bulk_modulus * volume * (volume - 1.0)
+            shape = sum(
+                2.0 * mu / alpha * ((along / unit) ** alpha - (across / unit) ** alpha) / 3.0
+                for mu, alpha in zip(self.moduli, self.exponents, strict=True)
+            )
+            return 2.0 * shape + pressure, pressure - shape
+
+        # between sides that stay where they are and sides that keep the volume
+        ends = np.minimum(along**-0.5, 1.0), np.maximum(along**-0.5, 1.0)
+        return np.asarray(stresses(_root(lambda across: stresses(across)[1], *ends))[0] / along)
+
     def initial_modulus(self) -> float:
-        """Return 3 sum mu: Young's modulus of the incompressible material at rest."""
-        return 3.0 * sum(self.moduli)
+        """Return 2 mu (1 + nu): Young's modulus at rest."""
+        return 2.0 * self.shear_modulus * (1.0 + self.poisson)
 
     def stable(self, stretches: Array) -> NDArray[np.bool_]:
         """Say whether Drucker's condition holds at principal stretches (..., 3), taken at constant volume, (...).
@@ -207,34 +240,66 @@ def cheetah_ogden(poisson: float = 0.45) -> Ogden:
     return Ogden("Cheetah", (-5.497378, 2.499418, 12.259373), (3.303409, 3.722506, -4.762911), poisson, (-0.31, 4.0))
 
 
-def stretch_of_equivalent_strain(strain: Array) -> Array:
-    """Return l >= 1 with l - l^(-1/2) = 1.5 strain: the uniaxial stretch of an equivalent strain (nu = 0.5)."""
-    goal = 1.5 * np.asarray(strain, dtype=np.float64)
-    stretch = 1.0 + goal
-    for _ in range(50):
-        step = (stretch - stretch**-0.5 - goal) / (1.0 + 0.5 * stretch**-1.5)
-        stretch = stretch - step
-        if np.max(np.abs(step), initial=0.0) < 1e-14:
-            break
-    return stretch
+def _root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
+    """Return where increasing functions of arrays change their sign between two ends, element by element."""
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        above = function(middle) > 0.0
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return 0.5 * (low + high)
 
 
-def shear_secant(material: SolidMaterial, strain: Array) -> Array:
-    """Return mu(eps_eq) that gives the material's uniaxial stress back.
+def _drawn_by_projection(strain: Array, lame_per_mu: float) -> tuple[Array, Array]:
+    """Return stretch and stress per mu of a bar with free sides at equivalent strains, V^v by projection.
 
-    mu = P(l) / (2 [(l - 1) + (1 - q) q / l]), q = l^(-1/2): the bracket is the exact incompressible uniaxial response
-    of the energy mu |F - R|^2 with the volume constraint.
+    With the principal stretches L and L^(-1/2) of F*: F* - F is k / L along and k L^(1/2) across. No stress across,
+    2 (q - 1) = 3 lame/mu k L^(1/2), gives k = 2 (1/L - L^(-1/2)) / (2 + 3 lame/mu).
+    """
+
+    def stretches(kept: Array) -> tuple[Array, Array, Array]:
+        k = 2.0 * (1.0 / kept - kept**-0.5) / (2.0 + 3.0 * lame_per_mu)
+        return kept - k / kept, kept**-0.5 - k * kept**0.5, k
+
+    def beyond(kept: Array) -> Array:
+        along, across, _ = stretches(kept)
+        return np.asarray((along - across) / 1.5 - strain)
+
+    kept = _root(beyond, np.ones_like(strain), 1.0 + 1.5 * strain)
+    along, _, k = stretches(kept)
+    return along, 2.0 * (along - 1.0) - 3.0 * lame_per_mu * k / kept
+
+
+def _drawn_by_scale(strain: Array, lame_per_mu: float) -> tuple[Array, Array]:
+    """Return the same for V^v by scale: F* = J^(-1/3) F, no stress across: 2 (q - 1) + s q = 0, s as below."""
+
+    def swelling(across: Array) -> Array:
+        return np.asarray(3.0 * lame_per_mu * (1.0 - np.cbrt(1.0 / ((across + 1.5 * strain) * across**2))))
+
+    def across_stress(across: Array) -> Array:
+        return 2.0 * (across - 1.0) + swelling(across) * across
+
+    across = _root(across_stress, np.full_like(strain, 1e-3), np.ones_like(strain))
+    along = across + 1.5 * strain
+    return along, 2.0 * (along - 1.0) + swelling(across) * along
+
+
+def shear_secant(material: SolidMaterial, strain: Array, shape: VolumeShape = VolumeShape.PROJ) -> Array:
+    """Return mu(eps_eq) with which a uniaxial test of the law, sides free, gives the material's stress back.
+
+    Args:
+        material: what is tested.
+        strain: equivalent strains (nu = 0.5), (n,).
+        shape: how the law finds V^v, by which its sides give way.
     """
     strain = np.asarray(strain, dtype=np.float64)
+    at_rest = material.initial_modulus() / (2.0 * (1.0 + material.poisson))
     if isinstance(material, Linear):
-        return np.full_like(strain, material.modulus / (2.0 * (1.0 + material.poisson)))
-    # at rest numerator and bracket vanish alike: P = E (l - 1), bracket = 1.5 (l - 1)
-    safe = np.maximum(strain, 1e-6)
-    stretch = stretch_of_equivalent_strain(safe)
-    q = stretch**-0.5
-    bracket = (stretch - 1.0) + (1.0 - q) * q / stretch
-    secant = material.nominal_stress(stretch) / (2.0 * bracket)
-    return np.asarray(np.where(strain < 1e-6, material.initial_modulus() / 3.0, secant))
+        return np.full_like(strain, at_rest)
+    lame_per_mu = 2.0 * material.poisson / (1.0 - 2.0 * material.poisson)
+    drawn = _drawn_by_scale if shape is VolumeShape.SCALE else _drawn_by_projection
+    # stress and stress per mu vanish alike at rest
+    stretch, stress_per_mu = drawn(np.maximum(strain, 1e-6), lame_per_mu)
+    return np.asarray(np.where(strain < 1e-6, at_rest, material.uniaxial_stress(stretch) / stress_per_mu))
 
 
 def secant_table(modulus: Callable[[Array], Array]) -> Array:

@@ -15,7 +15,15 @@ from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.gdfe import _core
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable, friction_numbers
 from softgrip_model.gdfe.errors import GdfeError
-from softgrip_model.gdfe.materials import TABLE_CELLS, TABLE_END, Ogden, SolidMaterial, secant_table, shear_secant
+from softgrip_model.gdfe.materials import (
+    TABLE_CELLS,
+    TABLE_END,
+    Ogden,
+    SolidMaterial,
+    VolumeShape,
+    secant_table,
+    shear_secant,
+)
 from softgrip_model.gdfe.mesh import Mesh
 from softgrip_model.gdfe.surroundings import Acts, Contact, Surroundings, Vector, contacts_of
 
@@ -29,13 +37,6 @@ class ConstitutiveLaw(StrEnum):
     CALIBRATED = "calibrated"
     THESIS = "thesis"
     RIGOROUS = "rigorous"
-
-
-class VolumeShape(StrEnum):
-    """How the volume-conserving shape V^v is found (gdfe: scale or projection)."""
-
-    PROJ = "proj"
-    SCALE = "scale"
 
 
 class Metric(StrEnum):
@@ -134,6 +135,18 @@ class SolverSettings:
     step_limit: float = 0.0
     sections_after: int = -1
 
+    def __post_init__(self) -> None:
+        """Take names for what they name.
+
+        Raises:
+            ValueError: an unknown one.
+        """
+        for field_name, kind in (
+            ("law", ConstitutiveLaw), ("volume_shape", VolumeShape), ("metric", Metric), ("ordering", Ordering),
+            ("method", Method),
+        ):  # fmt: skip
+            object.__setattr__(self, field_name, kind(getattr(self, field_name)))
+
     def core(self) -> _core.Settings:
         """Return them as the core takes them."""
         return _core.Settings(
@@ -223,7 +236,9 @@ class Solver:
                 f"{', '.join(material.name for material in materials)}"
             )
         self.materials = tuple(materials)
-        tables = np.vstack([secant_table(partial(shear_secant, m)) for m in materials])
+        tables = np.vstack(
+            [secant_table(partial(shear_secant, m, shape=self.settings.volume_shape)) for m in materials]
+        )
         lame_per_mu = [2.0 * m.poisson / (1.0 - 2.0 * m.poisson) for m in materials]
         weights = self._matrix_weights(tables, lame_per_mu)
         try:

@@ -141,12 +141,13 @@ def _build_dataclass(kind: Any, data: Any, where: str) -> Any:
         raise ProfileError(f"{where}: expected a mapping, found {data!r}")
     hints = typing.get_type_hints(kind)
     unknown = sorted(str(key) for key in data if key not in hints)
-    missing = sorted(key for key in hints if key not in data)
+    optional = {field.name for field in dataclasses.fields(kind) if field.default is not dataclasses.MISSING}
+    missing = sorted(key for key in hints if key not in data and key not in optional)
     if unknown or missing:
         raise ProfileError(
             f"{where or 'profile'}: missing keys {missing}, unknown keys {unknown}; it has {sorted(hints)}"
         )
-    return kind(**{key: _build(hint, data[key], f"{prefix}{key}") for key, hint in hints.items()})
+    return kind(**{key: _build(hint, data[key], f"{prefix}{key}") for key, hint in hints.items() if key in data})
 
 
 def _build_tuple(arguments: tuple[Any, ...], data: Any, where: str) -> Any:

@@ -44,6 +44,8 @@ class Cable:
     """EA; None = treated as inextensible."""
     lead_length_m: float
     """Cable between the actuator and the finger's first routing point (matters only when it stretches)."""
+    hole_radius_m: float | None = None
+    """Of the passages that it runs through; None = not stated."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,10 @@ class Profile:
 
 def digest(profile: Profile) -> str:
     """Sixteen hex digits that change when anything in the profile does."""
-    text = json.dumps(dataclasses.asdict(profile), sort_keys=True, separators=(",", ":"))
+    values = dataclasses.asdict(profile)
+    if profile.cable.hole_radius_m is None:  # not stated: the digest of profiles from before the key existed
+        del values["cable"]["hole_radius_m"]
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return text_digest(text)
 
 
@@ -170,6 +175,11 @@ def _cable_problems(cable: Cable) -> list[str]:
     found = _positive("cable.radius_m", cable.radius_m)
     if cable.axial_stiffness_n is not None:
         found += _positive("cable.axial_stiffness_n", cable.axial_stiffness_n)
+    if cable.hole_radius_m is not None and not cable.radius_m <= cable.hole_radius_m < math.inf:
+        found.append(
+            f"cable.hole_radius_m: expected at least the cable's radius, {cable.radius_m!r}, "
+            f"found {cable.hole_radius_m!r}"
+        )
     if not 0.0 <= cable.lead_length_m < math.inf:
         found.append(f"cable.lead_length_m: expected 0 or more, found {cable.lead_length_m!r}")
     return found

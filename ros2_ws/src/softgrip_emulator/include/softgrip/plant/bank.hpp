@@ -11,9 +11,10 @@
 
 namespace softgrip::plant {
 
-// What products do to the joints: torque [N m], (F, J), closing positive, and stiffness against closing, (F, J, J).
+// What products do to the links: force on the poses [N, N, N m a joint], (F, 3 J), and its stiffness against their
+// motion, (F, 3 J, 3 J).
 struct JointLoad {
-  std::vector<double> torque_nm, stiffness;
+  std::vector<double> force, stiffness;
 };
 
 class FingerBank {
@@ -32,13 +33,14 @@ class FingerBank {
   std::size_t slots() const { return fingers_.size(); }
   std::size_t joints() const { return joints_; }
   const Finger* finger(std::size_t slot) const { return fingers_[slot].get(); }
+  Finger* finger(std::size_t slot) { return fingers_[slot].get(); }
 
   std::vector<double> q, joint_speed;  // (F, J)
   std::vector<double> span_tension_n;  // (F, 2 J)
   std::vector<double> tension_n;       // (F)
   std::vector<double> slack_m;         // (F) loose cable, set by whoever mounts
   std::vector<unsigned char> broken;   // (F) whether the tendon is
-  double friction_scale = 1.0;         // wear of the cable guides
+  Conditions conditions;               // friction of the cable guides, the room
 
  private:
   std::size_t joints_ = 1;

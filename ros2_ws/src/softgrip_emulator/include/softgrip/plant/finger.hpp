@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// One mounted finger: joints, tendon, friction with memory. SI units.
+// One mounted finger: links, the strips between them, and the tendon that closes it. SI units.
 //
-// Motion is overdamped (a finger of soft TPU weighs ten grams), so joints follow first-order equations; they are
-// stepped linearly implicit because tendon, groove stops and contacts are stiff. Friction at each routing contact
-// carries a bristle state s in -1..1: T(after) = T(before) exp(-s mu phi). It turns round over a short cable travel
-// (Dahl), which gives hysteresis; a coefficient that falls with speed gives stick-slip.
+// Links are rigid; every strip is a beam (strip.hpp), so a link can shift and turn against the one before. Motion is
+// overdamped (a finger of soft TPU weighs ten grams), so the poses follow first-order equations; they are stepped
+// linearly implicit because strips, tendon, groove stops and contacts are stiff.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,18 +11,29 @@
 #include <cstddef>
 #include <vector>
 
+#include "softgrip/plant/strip.hpp"
+#include "softgrip/plant/tendon.hpp"
+
 namespace softgrip::plant {
 
-// What a finger is made of; n values per joint or 2 n per routing contact, base to tip (plant/truth.py explains them).
-struct FingerMake {
-  std::vector<double> link_m, opening_rad, entry_radius_m, exit_radius_m;  // n
-  std::vector<double> moment_linear, moment_quadratic, moment_cubic;       // n
-  std::vector<double> friction_coefficient, friction_bite;                 // 2 n
-  double body_height_m, damping_s, creep_share, creep_time_s;
-  double friction_tension_exponent, friction_stribeck_share, friction_stribeck_speed_m_s;
-  double presliding_m, cable_stiffness_n, lead_length_m, slack_m;
+// A link's pose against the link before: along, inward, turn.
+constexpr std::size_t kFreedoms = 3;
+constexpr std::size_t kMaxJoints = 6;
 
-  std::size_t joints() const { return link_m.size(); }
+// What a finger is made of (plant/truth.py explains the values).
+struct FingerMake {
+  std::vector<StripMake> strips;  // n
+  TendonMake tendon;
+  double body_height_m, slack_m;
+
+  std::size_t joints() const { return strips.size(); }
+  const std::vector<double>& link_m() const { return tendon.link_m; }
+};
+
+// What is so for all fingers: the room, and friction against that of new guides.
+struct Conditions {
+  double friction_scale = 1.0;
+  Room room;
 };
 
 // Where the bank keeps what others see of a finger.
@@ -34,12 +44,19 @@ struct FingerView {
   double* tension_n;       // at the spool
 };
 
-// Torque on the joints from outside [N m], (n), closing positive, and its stiffness against closing [N m/rad], (n, n)
-// in rows `stride` apart; null when nothing touches the finger.
+// Force on the poses from outside, (3 n) [N, N, N m a joint], and its stiffness against their motion, (3 n, 3 n) in
+// rows `stride` apart; null when nothing touches the finger.
 struct FingerLoad {
-  const double* torque_nm = nullptr;
+  const double* force = nullptr;
   const double* stiffness = nullptr;
   std::size_t stride = 0;
+};
+
+// Where a finger's points are in its base frame [m], and the directions of its links [rad].
+struct FingerShape {
+  std::vector<Eigen::Vector2d> joints;   // n + 1: middles of the strips, and the tip
+  std::vector<Eigen::Vector2d> origins;  // n: where each link's end of its joint has gone
+  std::vector<double> heading_rad;       // n
 };
 
 class Finger {
@@ -47,52 +64,42 @@ class Finger {
   Finger(FingerMake make, FingerView view);
 
   // One step [s] with `wound_m` of cable wound on the spool since mounting, `slack_m` of it loose.
-  void step(double wound_m, double slack_m, bool broken, double friction_scale, double dt_s, const FingerLoad& load);
+  void step(double wound_m, double slack_m, bool broken, const Conditions& conditions, double dt_s,
+            const FingerLoad& load);
 
   // Become what another copy of this finger is.
   void adopt(const Finger& before);
 
-  // How much cable the present joint angles take in [m].
-  double pulled_length_m() const;
+  // How much cable the present shape takes in [m].
+  double pulled_length_m() const { return tendon_.pulled_length_m(); }
 
-  // Joints and tip in the finger's base frame [m], `points` (n + 1, 2), and direction angles of the links [rad],
-  // `heading` (n).
-  void chain(const double* q, double* points, double* heading) const;
+  // What it will not forget, mounted or not: strips (2 n), then the tendon.
+  std::vector<double> recall() const;
+  void restore(const std::vector<double>& memory);
+
+  // The shape now, or as it was `ago_s` before by the speeds of the last step.
+  void shape(FingerShape& shape, double ago_s = 0.0) const;
 
   const FingerMake& make() const { return make_; }
-  const double* q() const { return view_.q; }
 
  private:
-  struct Pull {
-    double tension_n;
-    double rate_n_per_m;  // how the tension falls with cable that comes out
-  };
+  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kFreedoms * kMaxJoints, 1>;
+  using Matrix =
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kFreedoms * kMaxJoints, kFreedoms * kMaxJoints>;
 
-  void shape();
-  void measure_spans();
-  double log_ratio(std::size_t contact, double wrap_rad) const;
-  void find_ratios(double friction_scale);
-  Pull pull_of(double wound_m, double slack_m, bool broken) const;
-  void solve(const Pull& pull, double dt_s, const FingerLoad& load);
-  void slide(double dt_s);
-  void measure_beyond(std::vector<double>& beyond_m) const;
+  void solve(const Tendon::Pull& pull, double dt_s, const FingerLoad& load, const Room& room);
+  double move(double dt_s, const Room& room);
 
   FingerMake make_;
   FingerView view_;
-  // What follows from the make.
-  std::vector<double> half_, entry_along_, entry_inward_, radii_squared_, radii_product_, stop_;  // n
-  std::vector<double> link_slope_;                                                                // n + 1
-  std::vector<double> link_span_;  // n: cable on the link behind each joint [m]
-  double straight_m_ = 0.0;        // cable in all grooves of the straight finger
-  // State besides the view.
-  std::vector<double> relaxed_nm_;                         // n
-  std::vector<double> bristle_, slid_from_m_, speed_m_s_;  // 2 n
-  std::vector<double> span_m_, arm_m_;                     // n: cable in each groove, its lever arm about the joint
-  // Work space.
-  std::vector<double> ratio_, beyond_m_, elastic_;
-  Eigen::VectorXd torque_, change_;
-  Eigen::MatrixXd matrix_;
-  Eigen::PartialPivLU<Eigen::MatrixXd> factors_;
+  std::vector<Strip> strips_;  // n
+  Tendon tendon_;
+  std::vector<double> stop_rad_;                   // n
+  std::vector<Pose> speed_;                        // n: of the links
+  std::vector<Eigen::Vector2d> middle_speed_m_s_;  // n: of the strips' middles
+  Vector force_, change_;
+  Matrix matrix_;
+  Eigen::PartialPivLU<Matrix> factors_;
 };
 
 }  // namespace softgrip::plant

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where on the fingers a product can press: pad points on the inner side of every link, and how joints move them.
+// Where on the fingers a product can press: pad points on the inner side of every link, and how poses move them.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,16 +29,16 @@ class Pads {
   std::size_t count() const { return points_m_.size(); }
   // In the world [m].
   const Eigen::Vector2d& point(std::size_t pad) const { return points_m_[pad]; }
-  // Joints that move a pad: those of its own link and of the links before.
-  static std::size_t joints_of(std::size_t pad) { return pad / kPadsPerLink + 1; }
-  // How a pad moves with one of its joints, in the world [m/rad].
-  Eigen::Vector2d lever(std::size_t pad, std::size_t joint) const;
+  // Freedoms that move a pad: the poses of its own link and of the links before.
+  static std::size_t freedoms_of(std::size_t pad) { return kFreedoms * (pad / kPadsPerLink + 1); }
+  // How a pad moves with one of them, in the world [m/m or m/rad].
+  Eigen::Vector2d lever(std::size_t pad, std::size_t freedom) const;
 
  private:
   Eigen::Vector2d to_world(double x, double y) const { return x * forward_ - y * inward_; }
 
   Eigen::Vector2d origin_m_, forward_, inward_;
-  std::vector<double> chain_m_, heading_rad_;            // (n + 1, 2), (n): in the finger's base frame
+  FingerShape shape_;                                    // in the finger's base frame
   std::vector<Eigen::Vector2d> in_finger_m_, points_m_;  // (P): in the finger's base frame, in the world
 };
 

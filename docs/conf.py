@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation's site: `make site` builds it into out/site, without a network.
+
+The source folder is the repository, so that a link from one page to another, or to a file of the code, is the same on
+the forge and on the site.
+"""
+
+import enum
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tools" / "docs"))
+
+project = "softgrip"
+author = "softgrip maintainers"
+copyright = "softgrip maintainers, Apache-2.0"  # noqa: A001  Sphinx' name
+root_doc = "docs/index"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+
+include_patterns = [
+    "docs/**.md",
+    "embedded/README.md",
+    "CHANGELOG.md",
+    "CODE_OF_CONDUCT.md",
+    "CONTRIBUTING.md",
+    "DEVELOPING.md",
+    "SECURITY.md",
+]
+exclude_patterns = [
+    ".*",
+    "out",
+    "build",
+    "**/build",
+    "ros2_ws",
+    "tests",
+    "benchmarks",
+    "tools",
+    "docker",
+    "**/__pycache__",
+]
+
+myst_heading_anchors = 4
+myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline"]
+myst_links_external_new_tab = False
+
+# Docstrings name types of numpy, rclpy and the standard library; without a network nothing can resolve those.
+nitpicky = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_default_options = {"members": True}
+autodoc_mock_imports = ["mediapipe"]
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+# a package's face and its module both show a class that both name
+suppress_warnings = ["ref.python"]
+
+html_theme = "furo"
+html_title = "softgrip"
+html_static_path = ["site"]
+html_css_files = ["softgrip.css"]
+html_extra_path = ["site/index.html"]
+html_show_sphinx = False
+html_copy_source = False
+html_theme_options = {
+    "top_of_page_buttons": [],
+    "light_css_variables": {"font-stack": "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"},
+    "dark_css_variables": {"font-stack": "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"},
+}
+pygments_style = "friendly"
+
+
+def _without_substitutions(_app: Any, _what: str, _name: str, _obj: Any, _options: Any, lines: list[str]) -> None:
+    """Keep |x| of the formulas in docstrings from being read as a substitution of reStructuredText."""
+    lines[:] = [re.sub(r"(``[^`]*``)|\|", lambda found: found[1] or r"\|", line) for line in lines]
+
+
+def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, lines: list[str]) -> None:
+    """Add the names of an enumeration's values to its docstring."""
+    if what == "class" and issubclass(obj, enum.Enum):
+        lines += ["", "Values: " + ", ".join(f"``{one.name}``" for one in obj), ""]
+
+
+def setup(app: Any) -> None:
+    """Connect."""
+    app.connect("autodoc-process-docstring", _without_substitutions, priority=400)
+    app.connect("autodoc-process-docstring", _with_values, priority=900)

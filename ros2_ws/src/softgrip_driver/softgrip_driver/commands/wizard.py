@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run softgrip_driver wizard`: from servos as they come to a named, verified, tensioned chain, in a cell file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from softgrip_description.errors import CellFileError
+from softgrip_driver.commands.common import DONE, FAILED, add_lockstep_option, clock_of, number, parser, run
+from softgrip_driver.commands.person import Terminal, TerminalPerson, WrittenAnswers, read_answers
+from softgrip_driver.dynamixel.adapter import stable_names
+from softgrip_driver.dynamixel.registers import BAUD_CODES
+from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.wizard.direction import SpoolPull
+from softgrip_driver.wizard.tensioning import TensioningPlan
+from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
+
+TEXT = """Lead from servos as they come (ID 1, 57600 baud) to a chain that is ready, and write it into a cell file.
+
+1. each servo gets its ID: put them on the cable one after the other, as you are asked to
+2. the direction of each spool, by a small pull (about 2 N, 20 mm at most)
+3. tensioning: wind, hold, release until the zero stays; ends with a stated slack
+4. self-test
+
+It can be left at any time (Ctrl-C lets go of everything) and goes on where it was: what the cell file has is done.
+To do a step again take its value out of the file: the servo, its direction, its slack_m.
+
+    wizard --port /dev/serial/by-id/usb-FTDI_... --tendons index middle thumb --file cell.yaml"""
+
+
+def work(options: argparse.Namespace) -> int:
+    """Lead."""
+    person = _person(options)
+    settings = WizardSettings(
+        options.file,
+        _stable(options.port, person),
+        options.baud,
+        tuple(options.tendons),
+        options.spool_radius_mm * 1e-3,
+        options.slack_mm * 1e-3,
+        SpoolPull(reach_m=options.reach_mm * 1e-3),
+        TensioningPlan(tension_n=options.tension),
+        options.reply_margin,
+        options.seconds,
+        options.rate,
+        clock_of(options),
+    )
+    try:
+        is_good = SetupWizard(settings, person).run()
+    except CellFileError as error:
+        raise ConfigurationError(str(error)) from error
+    person.say(
+        f"written to {options.file}; start: ros2 launch softgrip_bringup cell.launch.yaml cell_file:={options.file}"
+    )
+    return DONE if is_good else FAILED
+
+
+def _person(options: argparse.Namespace) -> Terminal:
+    if options.answers is not None:
+        return WrittenAnswers(read_answers(options.answers), takes_defaults=options.yes)
+    return WrittenAnswers({}, takes_defaults=True) if options.yes else TerminalPerson()
+
+
+def _stable(port: str, person: Terminal) -> str:
+    """Return the name of a port that stays, where it has one; ask where none was given and several are there."""
+    names = dict(stable_names())
+    if not port and len(names) == 1:
+        port = str(*names)
+    for name, device in names.items():
+        if str(device) == port:
+            person.say(f"{port} is {name}; that name stays")
+            return str(name)
+    return port
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    arguments = parser("wizard", TEXT)
+    arguments.add_argument("--file", type=Path, default=Path("cell.yaml"), help="cell file, default %(default)s")
+    arguments.add_argument(
+        "--port", default="", help="of the servo bus; default: that of the file, or the only one there is"
+    )
+    arguments.add_argument(
+        "--tendons", nargs="+", default=[], metavar="NAME", help="one for each servo, in order of the chain"
+    )
+    arguments.add_argument(
+        "--baud", type=int, choices=sorted(BAUD_CODES), default=1_000_000, help="default %(default)s"
+    )
+    arguments.add_argument(
+        "--spool-radius-mm", type=number(1.0, 100.0), default=10.0, metavar="MM", help="to the middle of the tendon"
+    )
+    arguments.add_argument("--slack-mm", type=number(0.0, 50.0), default=5.0, metavar="MM", help="left at the end")
+    arguments.add_argument("--reach-mm", type=number(2.0, 100.0), default=20.0, metavar="MM", help="of a small pull")
+    arguments.add_argument("--tension", type=number(2.0, 35.0), default=5.0, metavar="N", help="of the tensioning")
+    arguments.add_argument(
+        "--reply-margin", type=number(5e-4, 1.0), default=0.02, metavar="S", help="default %(default)s s"
+    )
+    arguments.add_argument("--seconds", type=number(0.1, 60.0), default=3.0, metavar="S", help="of the self-test")
+    arguments.add_argument(
+        "--rate", type=number(1.0, 1000.0), default=100.0, metavar="HZ", help="that the bus must reach"
+    )
+    add_lockstep_option(arguments)
+    arguments.add_argument("--answers", type=Path, metavar="FILE", help="YAML, key: answer; for runs without a person")
+    arguments.add_argument("--yes", action="store_true", help="take all defaults and wait for nobody")
+    return run(work, arguments, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which way a spool winds its tendon in: the way in which a small pull is held within a short way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.errors import ConfigurationError, NoReplyError
+from softgrip_driver.tendon.backend import DriveReading, Setpoint
+
+#: [m] that a goal may be ahead of a spool that is held
+MAX_AHEAD_M = 0.003
+#: a spool is held that is slower than this [m/s] for so long [s] while its goal is ahead
+HELD_SPEED_M_S, HELD_FOR_S = 1e-3, 0.25
+#: [m] beyond the way that was held in one direction, which must be free in the other
+BEYOND_M = 0.003
+_READ_TIMEOUT_S = 1.0
+
+
+@dataclass(frozen=True)
+class SpoolPull:
+    """A small pull.
+
+    Attributes:
+        reach_m: [m] longest way.
+        speed_m_s: [m/s] of the tendon.
+        tension_n: [N] limit, above what turns the gears.
+    """
+
+    reach_m: float = 0.02
+    speed_m_s: float = 0.01
+    tension_n: float = 2.0
+
+    def find_end(self, backend: DynamixelBackend) -> float | None:
+        """Wind in from here; return the way [m] after which something held it, None where nothing did within reach.
+
+        It is paid out again, and torque is off afterwards on every path.
+
+        Raises:
+            DriverError: of the servo.
+        """
+        (name,) = backend.tendons
+        backend.power(name, True)
+        try:
+            start = read_drive(backend).position
+            end = self._wind_in(backend, start)
+            self._pay_out(backend, start)
+        finally:
+            backend.power(name, False)
+        return None if end is None else end - start
+
+    def _wind_in(self, backend: DynamixelBackend, start: float) -> float | None:
+        (name,), clock = backend.tendons, backend.bus.clock
+        goal, last = start, clock.now_s()
+        held_since: float | None = None
+        while True:
+            reading = read_drive(backend)
+            now = clock.now_s()
+            goal = min(
+                goal + self.speed_m_s * (now - last), reading.position + MAX_AHEAD_M, start + self.reach_m + MAX_AHEAD_M
+            )
+            last = now
+            if reading.position >= start + self.reach_m:
+                return None
+            is_held = abs(reading.velocity) < HELD_SPEED_M_S and goal - reading.position > 0.5 * MAX_AHEAD_M
+            held_since = (held_since or now) if is_held else None
+            if held_since is not None and now - held_since > HELD_FOR_S:
+                return reading.position
+            backend.write({name: Setpoint(goal, self.tension_n)})
+
+    def _pay_out(self, backend: DynamixelBackend, to: float) -> None:
+        (name,), clock = backend.tendons, backend.bus.clock
+        here = read_drive(backend).position
+        began, deadline = clock.now_s(), clock.now_s() + 2.0 * abs(here - to) / self.speed_m_s + 2.0
+        while read_drive(backend).position > to + HELD_SPEED_M_S * HELD_FOR_S and clock.now_s() < deadline:
+            goal = max(to, here - self.speed_m_s * (clock.now_s() - began))
+            backend.write({name: Setpoint(goal, self.tension_n)})
+
+
+def read_drive(backend: DynamixelBackend) -> DriveReading:
+    """Return a reading of the only drive of a backend; raises NoReplyError where none comes in a second."""
+    (name,) = backend.tendons
+    deadline = backend.bus.clock.now_s() + _READ_TIMEOUT_S
+    while backend.bus.clock.now_s() < deadline:
+        reading = backend.read().get(name)
+        if reading is not None:
+            return reading
+    raise NoReplyError(f"tendon '{name}': expected a reading within 1 s, found none; check cable and supply")
+
+
+def find_direction(find_end: Callable[[int], float | None], reach_m: float) -> int:
+    """Return the direction in which a tendon is wound in.
+
+    Args:
+        find_end: wind in, taking a direction (1, -1) for the right one, and return the way [m] until it was held.
+        reach_m: [m] that was tried.
+
+    Raises:
+        ConfigurationError: held in neither direction, or in both.
+    """
+    ends = {direction: find_end(direction) for direction in (1, -1)}
+    held = {direction: end for direction, end in ends.items() if end is not None}
+    if not held:
+        raise ConfigurationError(
+            f"expected a tendon that holds the spool within {reach_m * 1e3:g} mm of one direction, found none; "
+            "tie it to spool and finger, take up its slack by hand, and let the finger be straight"
+        )
+    first = min(held, key=lambda direction: held[direction])
+    if len(held) == 2 and held[-first] - held[first] < BEYOND_M:
+        ways = " and ".join(f"{end * 1e3:.1f} mm" for end in held.values())
+        raise ConfigurationError(
+            f"expected a spool that is free in one direction, found it held after {ways}; is it jammed, or the tendon "
+            "taut already? let out some tendon by hand"
+        )
+    return first

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The wizard: each step does what the cell file lacks, and writes it back, so that it can be left at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
+from softgrip_driver.commands import selftest
+from softgrip_driver.commands.person import Terminal
+from softgrip_driver.configuration import SHIPPED_LOOP_RATE
+from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
+from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError
+from softgrip_driver.tendon.gripper import GripperController
+from softgrip_driver.tendon.loop import BusLoop
+from softgrip_driver.wizard.chain import (
+    chain_backend,
+    chain_controller,
+    chain_parameters,
+    chain_rate,
+    make_loop,
+    open_bus,
+)
+from softgrip_driver.wizard.chain import model_of as servo_model
+from softgrip_driver.wizard.direction import SpoolPull, find_direction
+from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
+from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
+from softgrip_time import Clock
+
+Result = TypeVar("Result")
+
+#: small pulls: [N], or what turns the gears and so much more
+MIN_PULL_N, PULL_SHARE = 2.0, 1.3
+
+
+@dataclass(frozen=True)
+class WizardSettings:
+    """What is asked for.
+
+    Attributes:
+        file: the cell file, read where it is there.
+        port: of the bus; empty = that of the file.
+        baud: [1/s] that the chain gets.
+        tendons: in order of the chain; none = those of the file.
+        spool_radius_m: [m] of every spool.
+        slack_m: [m] of loose tendon at the end.
+        pull, tensioning: how it is pulled.
+        reply_margin_s: [s] for a reply beyond that of its bytes.
+        selftest_s: [s] of the self-test. rate_hz: [Hz] that it must reach.
+        clock: that is waited on; None = the computer's.
+    """
+
+    file: Path
+    port: str = ""
+    baud: int = 1_000_000
+    tendons: tuple[str, ...] = ()
+    spool_radius_m: float = 0.010
+    slack_m: float = 0.005
+    pull: SpoolPull = field(default_factory=SpoolPull)
+    tensioning: TensioningPlan = field(default_factory=TensioningPlan)
+    reply_margin_s: float = 0.02
+    selftest_s: float = 3.0
+    rate_hz: float = SHIPPED_LOOP_RATE
+    clock: Clock | None = None
+
+
+class SetupWizard:
+    """Leads from servos as they come to a chain that is ready.
+
+    Args:
+        settings: what is asked for.
+        person: who does what a hand must do.
+        make_loop: the driver's loop over a backend, a controller and a rate [Hz].
+    """
+
+    def __init__(
+        self,
+        settings: WizardSettings,
+        person: Terminal,
+        make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = make_loop,
+    ) -> None:
+        self._settings, self._person, self._make_loop = settings, person, make_loop
+        self._cell = load_cell(settings.file) if settings.file.exists() else CellFile("real")
+        chain = self._cell.servos or ServoChain("", settings.baud)
+        self._chain = replace(chain, port=settings.port or chain.port, baud=chain.baud or settings.baud)
+        self._tendons = settings.tendons or tuple(servo.tendon for servo in chain.chain)
+
+    @property
+    def baud(self) -> int:
+        """[1/s] of the chain."""
+        return self._chain.baud or self._settings.baud
+
+    def run(self) -> bool:
+        """Do what is missing; return whether the self-test is good.
+
+        Raises:
+            DriverError: of a step that the person does not try again.
+            CellFileError: the cell file.
+        """
+        if not self._chain.port or not self._tendons:
+            raise ConfigurationError(
+                "expected a port and tendons, found none in the cell file; give --port and --tendons"
+            )
+        for number, tendon in enumerate(self._tendons, start=1):
+            self._until_done(f"connect.{tendon}", partial(self._name, tendon, number))
+        self._check_chain()
+        for tendon in self._tendons:
+            self._until_done(f"tie.{tendon}", partial(self._turn, tendon))
+        self._until_done("straight", self._tension)
+        return self._test()
+
+    # --- steps -----------------------------------------------------------------------------------------------------
+
+    def _name(self, tendon: str, number: int) -> None:
+        """Give the servo of a tendon its ID."""
+        if self._servo(tendon) is not None:
+            return
+        known = {servo.servo_id for servo in self._chain.chain}
+        others = "alone on the cable" if not known else "at the end of the chain"
+        self._person.confirm(
+            f"connect.{tendon}", f"Switch the supply off, put the servo of '{tendon}' {others}, switch it on"
+        )
+        found = find_new_servo(self._chain.port, self.baud, known, self._settings.clock)
+        model = model_of(found)
+        if past := describe_past(found):
+            self._person.say(past)
+        new_id = next(one for one in range(number, 253) if one not in known)
+        done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s, self._settings.clock)
+        radius = self._settings.spool_radius_m
+        self._keep(ChainServo(tendon, model.name, new_id, spool_radius_m=radius))
+        self._person.say(f"{tendon}: {model.name}; {'; '.join(done)}")
+
+    def _check_chain(self) -> None:
+        """See that every servo of the chain answers, once, and how soon."""
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
+            for servo in self._chain.chain:
+                if not is_verified(bus, servo.servo_id, servo.model):
+                    raise DeviceNotFoundError(
+                        f"{servo.tendon}: expected one {servo.model} with ID {servo.servo_id}, found another or more; "
+                        f"see `ros2 run softgrip_driver scan --port {self._chain.port}`"
+                    )
+            late_s = bus.turnaround(self._chain.chain[0].servo_id)
+        self._person.say(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
+        if late_s > SLOW_ADAPTER_S:
+            self._person.say(
+                f"! the adapter keeps bytes back: expected replies within {SLOW_ADAPTER_S * 1e3:.0f} ms, found "
+                f"{late_s * 1e3:.0f} ms; {LATENCY_REMEDY}"
+            )
+
+    def _turn(self, tendon: str) -> None:
+        """Find the direction of a spool."""
+        servo = self._servo(tendon)
+        if servo is None or servo.direction is not None:
+            return
+        self._person.confirm(
+            f"tie.{tendon}",
+            f"Tie the tendon of '{tendon}' to its spool and finger, take up most of its slack, keep your hands away",
+        )
+        torque_n = servo_model(servo).needs.homing_torque / (servo.spool_radius_m or self._settings.spool_radius_m)
+        pull = replace(self._settings.pull, tension_n=max(MIN_PULL_N, PULL_SHARE * torque_n))
+
+        def find_end(direction: int) -> float | None:
+            backend = self._backend([replace(servo, direction=direction)])
+            try:
+                with backend.bus.clock.stepping():
+                    backend.connect()
+                    return pull.find_end(backend)
+            finally:
+                backend.disconnect()
+
+        direction = find_direction(find_end, pull.reach_m)
+        self._keep(replace(servo, direction=direction))
+        self._person.say(
+            f"{tendon}: a {'positive' if direction > 0 else 'negative'} rotation pulls (direction {direction})"
+        )
+
+    def _tension(self) -> None:
+        """Wind, hold, release all tendons."""
+        servos = [servo for servo in self._servos() if servo.slack_m is None]
+        if not servos:
+            return
+        self._person.confirm("straight", "See that the fingers are straight and free, keep your hands away")
+        plan = self._settings.tensioning
+        backend, controller = self._backend(servos), chain_controller(self._chain, servos)
+        try:
+            with backend.bus.clock.stepping():
+                backend.connect()
+            loop = self._make_loop(backend, controller, chain_rate(self._chain))
+            zeros = Tensioner(loop, controller, plan, self._person.say).settle()
+            goals = {name: one.zero_m - self._settings.slack_m for name, one in zeros.items()}
+            with backend.bus.clock.stepping():
+                rest = release(backend, goals, plan)
+        finally:
+            backend.disconnect()
+        for servo in servos:
+            zero, slack_m = zeros[servo.tendon], zeros[servo.tendon].zero_m - rest[servo.tendon]
+            self._keep(replace(servo, slack_m=round(slack_m, 5)))
+            settled = (
+                "" if zero.has_settled else "; it has not settled: look for a knot that slips, then tension it again"
+            )
+            self._person.say(
+                f"{servo.tendon}: slack {slack_m * 1e3:.1f} mm, zero within {abs(zero.shift_m) * 1e3:.2f} mm{settled}"
+            )
+
+    def _test(self) -> bool:
+        """Measure the bus with the driver's own cycles."""
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
+            found = selftest.measure(bus, self._settings.selftest_s)
+        is_good = found.rate >= self._settings.rate_hz and found.servos == len(self._chain.chain)
+        self._person.say(
+            f"self-test: {found.servos} servos, {found.rate:.0f} Hz (at least {self._settings.rate_hz:.0f}), "
+            f"lost answers {found.lost_share:.2%}: {'good' if is_good else 'not good'}"
+        )
+        for cause in selftest.causes(found, self._settings.rate_hz):
+            self._person.say(f"-> {cause}")
+        return is_good
+
+    # --- helpers ---------------------------------------------------------------------------------------------------
+
+    def _until_done(self, key: str, step: Callable[[], None]) -> None:
+        while True:
+            try:
+                step()
+            except DriverError as error:
+                if not self._person.try_again(key, str(error)):
+                    raise
+            else:
+                return
+
+    def _servo(self, tendon: str) -> ChainServo | None:
+        return next((servo for servo in self._chain.chain if servo.tendon == tendon), None)
+
+    def _servos(self) -> Sequence[ChainServo]:
+        return [servo for servo in self._chain.chain if servo.tendon in self._tendons]
+
+    def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
+        return chain_backend(self._chain, servos, self._settings.reply_margin_s, self._person.say, self._settings.clock)
+
+    def _keep(self, servo: ChainServo) -> None:
+        """Put a servo into the cell file."""
+        self._chain = self._chain.with_servo(servo)
+        parameters = {node: dict(values) for node, values in self._cell.parameters.items()}
+        if required := chain_parameters(self._chain):
+            parameters["tendon_driver"] = required | parameters.get("tendon_driver", {})
+        self._cell = replace(self._cell, servos=self._chain, parameters=parameters)
+        save_cell(self._cell, self._settings.file)

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run the code blocks of a page as a reader does: in order, in one folder, Python blocks in one interpreter.
+
+A comment in the line above a block says what else is to be known:
+
+    <!-- output -->            what the block before prints: every line, numbers to their last digit; ... for any text
+    <!-- file: my.yaml -->     the block is a file
+    <!-- long -->              takes long: run by `make docs-test`
+    <!-- background -->        goes on while the blocks below run, and is ended after the last
+    <!-- elsewhere: why -->    needs what is not here, such as a servo; only the names in it are checked
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import named
+
+ROOT = Path(__file__).resolve().parents[2]
+#: What a reader has in the folder that the commands are typed in.
+TOP = ("Makefile", "benchmarks", "docs", "embedded", "examples", "ros2_ws", "tests", "tools", "requirements.lock")
+TOP += (
+    "requirements-capture.lock",
+    "requirements-parts.lock",
+    "requirements-docs.lock",
+    ".ci",
+    ".venv",
+    "pyproject.toml",
+)
+LANGUAGES = ("sh", "python", "yaml", "text")
+BACKGROUND_START_S = 180.0
+_BLOCK = re.compile(
+    r"(?:^<!-- (?P<mark>[a-z]+)(?:: (?P<value>[^\n]*?))? -->\n)?^```(?P<language>[a-z]*)\n(?P<text>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+_NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e[-+]?\d+)?")
+
+
+class BlockError(AssertionError):
+    """A block did not do what its page says."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of code.
+
+    Attributes:
+        line: of its first line in the page.
+        mark, value: of the comment above it.
+    """
+
+    page: Path
+    line: int
+    language: str
+    text: str
+    mark: str = ""
+    value: str = ""
+
+    @property
+    def place(self) -> str:
+        """Return where it is."""
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def blocks_of(page: Path) -> list[Block]:
+    """Return the blocks of a page in order.
+
+    Raises:
+        BlockError: a block without a known language.
+    """
+    source = page.read_text(encoding="utf-8")
+    found = []
+    for one in _BLOCK.finditer(source):
+        line = source.count("\n", 0, one.start("text")) + 1
+        block = Block(page, line, one["language"], one["text"], one["mark"] or "", one["value"] or "")
+        if block.language not in LANGUAGES:
+            raise BlockError(f"{block.place}: expected one of {', '.join(LANGUAGES)}, found '{block.language}'")
+        if block.language in {"yaml", "text"} and not block.mark:
+            raise BlockError(f"{block.place}: expected a comment above that says what it is, found none")
+        found.append(block)
+    return found
+
+
+class Reader:
+    """Types the blocks of one page.
+
+    Args:
+        folder: empty one to work in.
+        long: run blocks that take long as well.
+    """
+
+    def __init__(self, folder: Path, *, long: bool = False) -> None:
+        self._folder, self._long = folder, long
+        self._names: dict[str, Any] = {"__name__": "__main__"}
+        self._printed = ""
+        self._background: list[subprocess.Popen[str]] = []
+        for name in TOP:
+            (folder / name).symlink_to(ROOT / name)
+
+    def run(self, page: Path) -> int:
+        """Run the blocks; returns how many were run.
+
+        Raises:
+            BlockError: one failed or printed something else.
+        """
+        count = 0
+        with contextlib.chdir(self._folder):
+            try:
+                for block in blocks_of(page):
+                    count += self._do(block)
+            finally:
+                self._end()
+        return count
+
+    def _do(self, block: Block) -> bool:
+        if block.mark == "elsewhere":
+            check_names(block)
+            return False
+        if block.mark in {"long", "background"} and not self._long:
+            check_names(block)
+            self._printed = ""
+            return False
+        if block.mark == "file":
+            self._write(block)
+        elif block.mark == "output":
+            if self._printed:
+                compare(block, self._printed)
+        elif block.language == "python":
+            self._printed = self._python(block)
+        elif block.language == "sh":
+            self._shell(block)
+        return True
+
+    def _write(self, block: Block) -> None:
+        check_names(block)
+        path = self._folder / block.value
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(block.text, encoding="utf-8")
+
+    def _python(self, block: Block) -> str:
+        printed = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(printed):
+                exec(compile("\n" * (block.line - 1) + block.text, str(block.page), "exec"), self._names)  # noqa: S102  the page's own
+        except Exception as error:
+            raise BlockError(f"{block.place}: {type(error).__name__}: {error}") from error
+        return printed.getvalue()
+
+    def _shell(self, block: Block) -> None:
+        environment = os.environ | {"PATH": f"{ROOT / '.venv/bin'}:{os.environ['PATH']}", "COLUMNS": "120"}
+        command = ["bash", "-euo", "pipefail", "-c", block.text]
+        if block.mark == "background":
+            self._start(command, environment, block)
+            return
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+        if done.returncode:
+            raise BlockError(
+                f"{block.place}: exit code {done.returncode}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+            )
+        self._printed = done.stdout + done.stderr
+
+    def _start(self, command: list[str], environment: Mapping[str, str], block: Block) -> None:
+        """Start what goes on, and wait for the words that the page says it is ready with."""
+        log = (self._folder / f"background-{len(self._background)}.log").open("w+")
+        process = subprocess.Popen(
+            command, stdout=log, stderr=subprocess.STDOUT, text=True, env=environment, start_new_session=True
+        )
+        self._background.append(process)
+        deadline = time.monotonic() + BACKGROUND_START_S
+        while block.value not in Path(log.name).read_text():
+            if process.poll() is not None or time.monotonic() > deadline:
+                raise BlockError(
+                    f"{block.place}: expected '{block.value}', found\n{Path(log.name).read_text()[-2000:]}"
+                )
+            time.sleep(0.2)
+
+    def _end(self) -> None:
+        for process in self._background:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGINT)
+            try:
+                process.wait(30.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def compare(block: Block, printed: str) -> None:
+    """Check that what was printed has the lines of an output block, in their order.
+
+    Raises:
+        BlockError: a line is missing.
+    """
+    lines = [line.rstrip() for line in printed.splitlines()]
+    at = 0
+    for expected in filter(str.strip, block.text.splitlines()):
+        if expected.strip() == "...":
+            continue
+        match = next((i for i in range(at, len(lines)) if alike(expected, lines[i])), None)
+        if match is None:
+            raise BlockError(f"{block.place}: expected the line\n  {expected}\nin what was printed:\n{printed}")
+        at = match + 1
+
+
+def alike(expected: str, printed: str) -> bool:
+    """Return whether a line is the expected one: words alike, numbers within one and a half of the last digit."""
+    if "..." in expected:
+        pattern = ".*".join(map(re.escape, " ".join(expected.split()).split("...")))
+        return re.fullmatch(pattern, " ".join(printed.split())) is not None
+    numbers = [list(_NUMBER.finditer(line)) for line in (expected, printed)]
+    words = [" ".join(_NUMBER.sub("#", line).split()) for line in (expected, printed)]
+    if words[0] != words[1] or len(numbers[0]) != len(numbers[1]):
+        return False
+    return all(abs(float(a[0]) - float(b[0])) <= 1.5 * 10.0 ** -len(a[1] or "") for a, b in zip(*numbers, strict=True))
+
+
+def check_names(block: Block) -> None:
+    """Check that the commands of a block that cannot be run here exist, with the options that it gives them.
+
+    Raises:
+        BlockError: one does not.
+    """
+    if block.language == "python":
+        compile(block.text, block.place, "exec")
+    elif block.language == "yaml":
+        _raise(block, named.parameter_problem(yaml.safe_load(block.text)))
+    elif block.language == "sh":
+        for line in block.text.replace("\\\n", " ").splitlines():
+            _raise(block, named.problem_of(shlex.split(line, comments=True)))
+
+
+def _raise(block: Block, problem: str) -> None:
+    if problem:
+        raise BlockError(f"{block.place}: {problem}")
+
+
+def pages() -> Iterator[Path]:
+    """Yield the pages whose blocks are run: tutorials and how-to guides."""
+    for folder in ("tutorials", "how-to"):
+        yield from sorted((ROOT / "docs" / folder).glob("*.md"))
