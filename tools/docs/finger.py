@@ -279,6 +279,7 @@ def uncertainties() -> dict[str, str]:
         "u_scale": f"{100 * PRIOR.camera_scale:g}",
         "u_turn": f"{PRIOR.camera_turn_rad:g}",
         "u_model": f"{100 * PRIOR.model:g}",
+        "u_stretch": f"{PRIOR.stretch_mm_per_n:g}",
         "u_scatter": f"{PRIOR.scatter_mm:g}",
     }
 
