@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from _claim import claim, no_options
-from _virtual_cell import PROFILES
 from numpy.typing import NDArray
 from scipy.optimize import root
 
@@ -28,7 +27,7 @@ from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.finger.uncertainty import PRIOR, SCALED_COEFFICIENTS, Causes
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.friction.laws import FrictionLaw
-from softgrip_model.profile import load_directory
+from softgrip_model.profile import load_directory, shipped_directory
 
 Array = NDArray[np.float64]
 
@@ -116,7 +115,7 @@ class TrueFinger:
     """A printed finger of a set, closed again and again."""
 
     def __init__(self, finger_set: str, seed: int) -> None:
-        profile = load_directory(PROFILES)[finger_set]
+        profile = load_directory(shipped_directory())[finger_set]
         self.believed, friction = Finger.from_profile(profile, "index"), assumed_friction(profile)
         self.law = friction.law
         self._rng = np.random.default_rng([seed, SETS.index(finger_set)])

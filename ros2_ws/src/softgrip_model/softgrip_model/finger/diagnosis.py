@@ -101,7 +101,7 @@ class WatchSettings:
     """
 
     baseline: int = 5
-    settled: int = 20
+    settled: int = 12
     window: int = 5
     limit: float = 6.0
     worn_limit: float = 15.0
