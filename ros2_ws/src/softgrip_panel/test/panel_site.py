@@ -19,6 +19,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 
+from softgrip_model.finger import Finger
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, mesh_finger
+from softgrip_model.profile import load
 from softgrip_panel.access.accounts import Accounts
 from softgrip_panel.access.origin import OriginRule
 from softgrip_panel.access.record import ActRecord
@@ -29,15 +32,18 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import (
     CellView,
     FingerRecordView,
+    FingerView,
     MountedView,
     OwnerView,
     ProductView,
+    ResidualView,
     SafetyView,
     StopPolicyView,
     TendonView,
     TensionView,
 )
 from softgrip_panel.model.frames import PanelPicture
+from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.swap import STEPS
 from softgrip_panel.model.work import Worker, WorkRun
@@ -151,9 +157,26 @@ class PretendedCell:
         return ActResult(success=True, message="released")
 
 
+PROFILES = Path(__file__).resolve().parents[2] / "softgrip_bringup" / "profiles"
+
+
+def rest_shape() -> PanelShape:
+    """The power hand's index finger at rest, with a strain that rises from base to tip."""
+    loaded = load(PROFILES / "power.yaml")
+    finger = Finger.from_profile(loaded, "index")
+    mesh = mesh_finger(finger, RESOLUTIONS["coarse"], 1e3 * loaded.finger("index").body_height_m).mesh
+    strain = np.linspace(0.0, 0.2, len(mesh.hexes)).astype("<f4")
+    vertices = (1e-3 * mesh.nodes).astype("<f4")
+    return PanelShape(
+        0, "index", mesh.digest, vertices.tobytes(), mesh.surface().ravel().astype(np.uint32), strain.tobytes(),
+        converged=True, pulled_length_m=0.0, rate_hz=10.0, reason="",
+    )  # fmt: skip
+
+
 def feed(site: PanelSite, stop: threading.Event) -> None:
     """Play the streams: ten times a second."""
-    state, number = site.desk.state, 0
+    state, number, shape = site.desk.state, 0, rest_shape()
+    site.owners, site.shape_profile = FaceOwners(PROFILES), "power"
     while not stop.wait(0.1):
         number += 1
         phase = 0.5 - 0.5 * math.cos(number / 15.0)
@@ -170,6 +193,11 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
             number, jpeg, (640, 480), {"predicted": [(u, v + 6) for u, v in chain], "measured": chain}
         )
         state.grasps.observe_picture(jpeg)
+        site.shape = replace(shape, number=number)
+        angles = tuple(phase * k for k in (0.3, 0.5, 0.7))
+        state.predicted = tuple(FingerView(name, angles) for name in SLOTS)
+        state.measured = (FingerView("index", angles),)
+        state.residuals["index"] = ResidualView("index", 0.0012, 1.1, 0.4, 0.2, "OK", "")
 
 
 def make_site(folder: Path, port: int) -> PanelSite:

@@ -139,6 +139,21 @@ def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
     assert browser.count("svg path") > 0
 
 
+def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: PanelBrowser) -> None:
+    browser.open("/fingers")
+    drawn = "const c = document.getElementById('shape'); return [Number(c.dataset.number || 0), c.dataset.coloured]"
+    browser.wait(lambda: browser.script(drawn)[0] > 2, "a shape")
+    assert browser.script(drawn)[1] == "true"
+    browser.wait_for_text("#shape-said", "0 .. 20.0 %")
+    colours = browser.script(
+        "const c = document.getElementById('shape');"
+        "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+        "let [blue, red] = [0, 0]; for (let k = 0; k < d.length; k += 4) { if (d[k + 3] < 200) continue;"
+        "if (d[k + 2] > d[k] + 60) blue += 1; if (d[k] > d[k + 2] + 60) red += 1; } return [blue, red];"
+    )
+    assert min(colours) > 200  # the base is blue, the tip is red
+
+
 def test_a_hostile_name_is_text_and_nothing_else(browser: PanelBrowser) -> None:
     for path in PAGES:
         browser.open(path)

@@ -17,8 +17,10 @@ from softgrip_panel.model.facts import (
     ComponentHealth,
     CountedView,
     FingerRecordView,
+    FingerView,
     OwnerView,
     ProductView,
+    ResidualView,
     SafetyView,
     StopPolicyView,
     TendonView,
@@ -74,6 +76,9 @@ class PanelState:
         self.catalogue: tuple[ProductView, ...] = ()
         self.fingers: tuple[FingerRecordView, ...] = ()
         self.counted: tuple[CountedView, ...] = ()
+        self.predicted: tuple[FingerView, ...] = ()
+        self.measured: tuple[FingerView, ...] = ()
+        self.residuals: dict[str, ResidualView] = {}
         self.is_emulated = False
         self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
         self._numbers = 0

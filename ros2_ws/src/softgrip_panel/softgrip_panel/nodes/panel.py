@@ -15,7 +15,16 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, JointState
 
-from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, SafetyState, TendonOwners, TendonStatusArray
+from softgrip_interfaces.msg import (
+    CellState,
+    FingerMarkers,
+    FingerStates,
+    PredictedShape,
+    PredictionResidual,
+    SafetyState,
+    TendonOwners,
+    TendonStatusArray,
+)
 from softgrip_interfaces.srv import ListFingers, ListGrasps, ListProducts, PlaceObject, WriteAudit
 from softgrip_nodekit import (
     LATCHED,
@@ -39,6 +48,7 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import StopPolicyView
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.overlay import ChainOverlay
+from softgrip_panel.model.shapes import FaceOwners
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.nodes import convert
@@ -86,7 +96,8 @@ class PanelNode(Node):
         self._record = ActRecord(folder / "acts.jsonl" if folder else None, time.time)
         self._calls = RosCalls(self, self._on_accepted, self._on_feedback, self._read_result)
         self._newest: dict[str, tuple[Any, bytes]] = {}
-        self._pictures = 0
+        self._pictures = self._shapes = 0
+        self._predicted: FingerStates | None = None
         self._overlay = ChainOverlay(values["watched_finger"], values["profiles_directory"], values["calibration_file"])
         self._site, self._server, address = self._open_site(values)
         self._subscribe()
@@ -135,6 +146,7 @@ class PanelNode(Node):
             log=self.get_logger().warning,
         )  # fmt: skip
         desk.on_done = self._write_audit
+        site.owners = FaceOwners(Path(values["profiles_directory"]) if values["profiles_directory"] else None)
         host = values["host"] if is_loopback(values["host"]) else next(iter(sorted(names)))
         address = f"{'https' if tls else 'http'}://{host}:{port}/"
         try:
@@ -155,6 +167,8 @@ class PanelNode(Node):
             (TendonStatusArray, "tendon/status"),
             (FingerStates, "finger/predicted"),
             (FingerStates, "finger/measured"),
+            (PredictedShape, "shape/predicted"),
+            (PredictionResidual, "finger/residual"),
             (FingerMarkers, "finger/markers"),
             (CompressedImage, "camera/image_raw/compressed"),
         ):
@@ -204,9 +218,25 @@ class PanelNode(Node):
         if predicted is not None:
             self._overlay.predict({one.finger: tuple(one.joint_angles) for one in predicted.fingers})
             self._predicted = predicted
+            self._state.predicted = convert.finger_views(predicted)
         if tendons is not None:
-            self._state.observe_tensions(convert.tension_views(tendons, getattr(self, "_predicted", None)))
+            self._state.observe_tensions(convert.tension_views(tendons, self._predicted))
+        self._sample_fingers()
         self._sample_picture()
+
+    def _sample_fingers(self) -> None:
+        measured, residual, shape = (
+            self._take(topic) for topic in ("finger/measured", "finger/residual", "shape/predicted")
+        )
+        if measured is not None:
+            self._state.measured = convert.finger_views(measured)
+        if residual is not None:
+            self._state.residuals[residual.finger] = convert.residual_view(residual)
+        if shape is not None:
+            self._shapes += 1
+            self._site.shape = convert.shape_view(shape, self._shapes)
+            mounted = self._state.cell.mounted if self._state.cell else ()
+            self._site.shape_profile = next((one.profile for one in mounted if one.slot == shape.finger), "power")
 
     def _sample_picture(self) -> None:
         markers = self._take("finger/markers")

@@ -27,6 +27,7 @@ PAGES: Final = {
     "/grasps": "nav.grasps",
     "/records": "nav.records",
     "/bags": "nav.bags",
+    "/fingers": "nav.fingers",
 }
 
 _HEAD: Final = '<link rel="stylesheet" href="/assets/panel.css"><script type="module" src="/assets/panel.js"></script>'
