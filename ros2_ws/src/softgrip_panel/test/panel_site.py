@@ -43,6 +43,7 @@ from softgrip_panel.model.facts import (
     TensionView,
 )
 from softgrip_panel.model.frames import PanelPicture
+from softgrip_panel.model.friction import FrictionModelView, RigPoint
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.swap import STEPS
@@ -142,6 +143,25 @@ class PretendedCell:
                 swap.observe(step, f"Do {step}.", "t0ken", needs_confirmation=True)
         return ActResult(success=True, message="next")
 
+    def _calibrate(self, act: Act, who: str) -> ActResult:
+        self.state.rig = replace(
+            self.state.rig.begun(), phase="SET_UP", index=0, total=2, angle_rad=1.5708, load_kg=0.5,
+            instruction="Set 90 deg and hang 0.50 kg.",
+        )  # fmt: skip
+        return ActResult(success=True, message="begun")
+
+    def _confirm_rig(self, act: Act, who: str) -> ActResult:
+        rig = self.state.rig
+        rig = rig.with_point(RigPoint(rig.index, rig.angle_rad, rig.load_kg, 4.9, 6.1, 0.04, "ACCEPTED", ""))
+        self.state.rig = rig.ended("SUCCEEDED: usable", "braid-new") if rig.index else replace(
+            rig, index=1, load_kg=1.0, instruction="Set 90 deg and hang 1.00 kg."
+        )  # fmt: skip
+        return ActResult(success=True, message="measured")
+
+    def _activate_friction(self, act: Act, who: str) -> ActResult:
+        self.state.friction_active = act.call.request["id"]
+        return ActResult(success=True, message="active")
+
     def _retire_finger(self, act: Act, who: str) -> ActResult:
         serial = act.call.request["serial"]
         if not act.call.request["reason"].strip():
@@ -224,6 +244,13 @@ def make_site(folder: Path, port: int) -> PanelSite:
     )
     (folder / "bags" / "softgrip_20261125").mkdir(parents=True, exist_ok=True)
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
+    state.friction_models = (
+        FrictionModelView(
+            "braid-old", "matte", (("alpha", 0.21, 0.02), ("n", 0.9, 0.01)), 0.02, 0.05, 9, 90_000.0, "USABLE", "",
+            is_active=True,
+        ),
+    )  # fmt: skip
+    state.friction_active = "braid-old"
     accounts = Accounts(folder / "users.yaml" if (folder / "users.yaml").exists() else None)
     sessions = Sessions(time.monotonic, state.control.forget)
     desk = ActDesk(state, PretendedCell(state, folder / "calls"), ActRecord(folder / "acts.jsonl", time.time))

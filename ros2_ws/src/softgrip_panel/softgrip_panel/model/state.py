@@ -26,6 +26,7 @@ from softgrip_panel.model.facts import (
     TendonView,
     TensionView,
 )
+from softgrip_panel.model.friction import FrictionModelView, RigProgress
 from softgrip_panel.model.grasps import GraspHistory
 from softgrip_panel.model.swap import SwapProgress
 
@@ -78,6 +79,9 @@ class PanelState:
         self.counted: tuple[CountedView, ...] = ()
         self.predicted: tuple[FingerView, ...] = ()
         self.measured: tuple[FingerView, ...] = ()
+        self.rig = RigProgress()
+        self.friction_models: tuple[FrictionModelView, ...] = ()
+        self.friction_active = ""
         self.residuals: dict[str, ResidualView] = {}
         self.is_emulated = False
         self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)

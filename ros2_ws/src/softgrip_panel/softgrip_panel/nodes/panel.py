@@ -19,13 +19,14 @@ from softgrip_interfaces.msg import (
     CellState,
     FingerMarkers,
     FingerStates,
+    FrictionSample,
     PredictedShape,
     PredictionResidual,
     SafetyState,
     TendonOwners,
     TendonStatusArray,
 )
-from softgrip_interfaces.srv import ListFingers, ListGrasps, ListProducts, PlaceObject, WriteAudit
+from softgrip_interfaces.srv import ListFingers, ListFrictionModels, ListGrasps, ListProducts, PlaceObject, WriteAudit
 from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
@@ -105,6 +106,7 @@ class PanelNode(Node):
         self._product_client = self.create_client(ListProducts, "cell/list_products")
         self._finger_client = self.create_client(ListFingers, "cell/list_fingers")
         self._grasp_client = self.create_client(ListGrasps, "cell/list_grasps")
+        self._friction_client = self.create_client(ListFrictionModels, "friction/list")
         self._lists_due = 0
         self._audit_client = self.create_client(WriteAudit, "cell/write_audit")
         self._place_client = self.create_client(PlaceObject, "emulator/place_object")
@@ -161,6 +163,7 @@ class PanelNode(Node):
             SafetyState, "safety/state", lambda message: state.observe_safety(convert.safety_view(message)), LATCHED
         )
         self.create_subscription(TendonOwners, "tendon/owners", self._on_owners, LATCHED)
+        self.create_subscription(FrictionSample, "rig/sample", self._on_rig_sample, RELIABLE)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         for kind, topic in (
             (JointState, "tendon/state"),
@@ -261,6 +264,7 @@ class PanelNode(Node):
             self._lists_due = LISTS_EVERY
             self._ask(self._product_client, ListProducts.Request(), self._on_products)
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
+            self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
             self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
         problem = self._record.problem
         health = Health.WARN if problem else Health.OK
@@ -287,6 +291,16 @@ class PanelNode(Node):
         if response.success:
             self._state.counted = convert.counted_views(response)
 
+    def _on_friction(self, future: Any) -> None:
+        response = future.result()
+        if response.success:
+            self._state.friction_models = convert.friction_model_views(response)
+            self._state.friction_active = response.active
+
+    def _on_rig_sample(self, message: FrictionSample) -> None:
+        with self._state.locked() as state:
+            state.rig = state.rig.with_point(convert.rig_point(message))
+
     @staticmethod
     def _ask(client: Any, request: Any, on_answer: Any) -> None:
         """Call a service that is there."""
@@ -302,9 +316,14 @@ class PanelNode(Node):
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.begin(goal.finger_set, who, time.time())
-            self._lists_due = 0
+        elif act == "calibrate":
+            with self._state.locked() as state:
+                state.rig = state.rig.begun()
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
+        if act == "calibrate":
+            with self._state.locked() as state:
+                state.rig = convert.rig_progress(state.rig, feedback)
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.observe(
@@ -327,6 +346,10 @@ class PanelNode(Node):
                     fingers=convert.grasp_decision(result),
                 )
                 return outcome == "GRIPPED", f"{outcome}: {result.reason}"
+            if act == "calibrate":
+                outcome = convert.RIG_OUTCOMES.get(result.outcome, "?")
+                state.rig = state.rig.ended(f"{outcome}: {result.reason}", result.model.id)
+                return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"
             outcome = convert.SWAP_OUTCOMES.get(result.outcome, "?")
             state.swap.end(success=outcome == "SUCCEEDED", message=result.reason)
             return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"

@@ -28,6 +28,7 @@ PAGES: Final = {
     "/records": "nav.records",
     "/bags": "nav.bags",
     "/fingers": "nav.fingers",
+    "/friction": "nav.friction",
 }
 
 _HEAD: Final = '<link rel="stylesheet" href="/assets/panel.css"><script type="module" src="/assets/panel.js"></script>'
