@@ -104,7 +104,7 @@ class PanelBrowser:
 
     def press(self, name: str) -> None:
         """Press the button of a name, once it can be pressed."""
-        from selenium.common.exceptions import ElementClickInterceptedException  # noqa: PLC0415
+        from selenium.common import exceptions  # noqa: PLC0415
 
         css = f"[data-name='{name}']"
         state = "const e = document.querySelector(arguments[0]); return !!e && !e.disabled && e.offsetParent !== null;"
@@ -116,8 +116,8 @@ class PanelBrowser:
             self.script("arguments[0].scrollIntoView({block: 'center'});", button)
             try:
                 button.click()
-            except ElementClickInterceptedException:
-                return False  # a notice lies over it for a moment
+            except (exceptions.ElementClickInterceptedException, exceptions.ElementNotInteractableException):
+                return False  # it is being drawn, or a notice lies over it
             return True
 
         self.wait(pressed, f"button {name} that can be pressed")
