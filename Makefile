@@ -127,7 +127,7 @@ mutants: setup  ## deliberate errors that tests must notice, score by area; AREA
 crash: setup  ## the recorder killed a hundred times and its file cut a hundred times: seconds lost, bags repaired
 	$(BIN)/python benchmarks/recorder_crash.py
 
-bench: setup parts-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+bench: setup parts-setup panel-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 

@@ -220,6 +220,10 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
         state.residuals["index"] = ResidualView("index", 0.0012, 1.1, 0.4, 0.2, "OK", "")
 
 
+def is_secure(folder: Path) -> bool:
+    return (folder / "panel.pem").exists()
+
+
 def make_site(folder: Path, port: int) -> PanelSite:
     state = PanelState(time.time, time.monotonic)
     state.policy = StopPolicyView("let_go", 5.0)
@@ -256,7 +260,7 @@ def make_site(folder: Path, port: int) -> PanelSite:
     desk = ActDesk(state, PretendedCell(state, folder / "calls"), ActRecord(folder / "acts.jsonl", time.time))
     worker, jobs = Worker(desk, WorkRun(time.monotonic)), BagJobs(BagFolder(folder / "bags"))
     return PanelSite(
-        desk, worker, Texts(), accounts, sessions, LoginBrake(time.monotonic), OriginRule(port), jobs
+        desk, worker, Texts(), accounts, sessions, LoginBrake(time.monotonic), OriginRule(port, is_secure(folder)), jobs
     )  # fmt: skip
 
 
@@ -265,9 +269,10 @@ def main() -> None:
     bound = listen("127.0.0.1", 0 if len(sys.argv) < 3 else int(sys.argv[2]))
     port = bound.getsockname()[1]
     site = make_site(folder, port)
-    server = WebServer(site.app(add_pages), bound)
+    tls = (folder / "panel.pem", folder / "panel.key") if is_secure(folder) else None
+    server = WebServer(site.app(add_pages), bound, tls)
     server.start()
-    print(f"http://127.0.0.1:{port}/", flush=True)  # noqa: T201
+    print(f"{'https' if tls else 'http'}://127.0.0.1:{port}/", flush=True)  # noqa: T201
     stop = threading.Event()
     threading.Thread(target=feed, args=(site, stop), daemon=True).start()
     sys.stdin.read()  # until the test is over

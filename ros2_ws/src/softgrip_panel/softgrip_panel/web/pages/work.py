@@ -143,7 +143,7 @@ def _items(page: Page, run: WorkRun) -> None:
                         text_element("td", item.finger_set)
                         text_element("td", item.outcome or "...", "verdict", data_state=item.outcome)
                         text_element("td", product.table_marks.get(item.finger_set, "-") if product else "-")
-                        text_element("td", item.reason)
+                        text_element("td", item.reason, "why")
 
         page.shown.keep(lambda: run.items, write)
 
