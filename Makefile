@@ -134,7 +134,7 @@ crash: setup  ## the recorder killed a hundred times, its file cut a hundred tim
 	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
 	$(BIN)/python benchmarks/recorder_crash.py
 
-bench: setup parts-setup study-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+bench: setup parts-setup study-setup panel-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 

@@ -16,11 +16,16 @@ PAGE = ROOT / "docs" / "cell.md"
 CALL = re.compile(r'ros2 (?:service call|action send_goal)(?: --feedback)? (\S+) (\S+)/(srv|action)/(\S+) "(.*)"')
 CALLS = CALL.findall(PAGE.read_text())
 SERVED = {
-    f"/cell/{name}"
-    for name in (
-        *("select_product", "plan_mix", "confirm_step", "swap", "grasp"),
-        *("list_products", "list_fingers", "list_grasps", "retire_finger", "write_audit"),
-    )
+    "/cell/confirm_step",
+    "/cell/grasp",
+    "/cell/list_fingers",
+    "/cell/list_grasps",
+    "/cell/list_products",
+    "/cell/plan_mix",
+    "/cell/retire_finger",
+    "/cell/select_product",
+    "/cell/swap",
+    "/cell/write_audit",
 }
 
 
