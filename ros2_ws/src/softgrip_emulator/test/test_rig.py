@@ -138,12 +138,12 @@ def test_true_friction_is_of_the_size_of_the_published_pairs_and_no_law_that_is_
         grid.ravel() for grid in np.meshgrid(np.radians(np.linspace(10, 90, 9)), 9.81 * np.linspace(0.2, 1, 5))
     )
     published_ratios = [published(name).law.ratio(angle, low) for name in TABLE_3_2]
-    least, most = np.min(published_ratios, axis=0), np.max(published_ratios, axis=0)
+    lowest, highest = np.min(published_ratios, axis=0), np.max(published_ratios, axis=0)
     errors = []
     for seed in range(12):
         true = FrictionTruth.from_seed(seed).ratio(angle, low)
-        assert (true > 0.95 * least).all()
-        assert (true < 1.08 * most).all()
+        assert (true > 0.95 * lowest).all()
+        assert (true < 1.08 * highest).all()
         fitted = fit(Measurements(angle, low, true * low), radius_mm=3.125).law.ratio(angle, low)
         errors.append(np.abs(fitted / true - 1.0).max())
     # Without any noise the best fit of Eq 3.9 is off by some per mille to per cent (docs/emulator.md).
