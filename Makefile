@@ -14,7 +14,7 @@ SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
 # what only some need, each with a lock of its own: requirements-<name>.lock
-EXTRAS := parts study docs
+EXTRAS := parts study docs panel
 CORES := softgrip_model softgrip_emulator softgrip_vision
 # all but the finger kernel's own files, which are not formatted yet
 CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
@@ -35,12 +35,19 @@ $(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wi
 parts-setup:  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
 study-setup:  ## Dask for `sweep` and Gymnasium for softgrip_gym (docs/virtual.md)
 docs-setup:  ## Sphinx and what else makes the documentation's site, 40 MB
+panel-setup:  ## NiceGUI and what else makes the operator's page (docs/panel.md), 90 MB; chromium for its tests where apt may
 
 $(EXTRAS:%=%-setup): %-setup: $(VENV)/.%
 
 $(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: requirements-%.lock | setup
 	@echo "== Python packages of $<"
 	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r $<
+	@touch $@
+
+panel-setup: $(VENV)/.browser
+
+$(VENV)/.browser: .ci/browser.sh | setup
+	@bash .ci/browser.sh
 	@touch $@
 
 cores: model plant tracker  ## rebuild the C++ cores
@@ -66,17 +73,17 @@ cpp-tests-of-%: | $(STAMP)
 	@$(WITH_VENV) cmake --build $(OUT)/cpp/$*
 	@$(WITH_VENV) ctest --test-dir $(OUT)/cpp/$* --output-on-failure
 
-demo: setup  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
+demo: setup $(VENV)/.panel  ## one shift of the emulated cell, its table, page and summary in out/demo; SEED=2 for another cell, ARGS="speed:=1.0" in real time
 	@$(WITH_VENV) python tools/demo.py $(OUT)/demo --seed $(SEED) $(ARGS)
 
-cell: setup  ## the emulated cell in real time, until Ctrl-C
+cell: setup $(VENV)/.panel  ## the emulated cell in real time, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
 # Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup parts-setup study-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+test: setup parts-setup study-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest $(REAL_TIME)

@@ -5,6 +5,7 @@ The source folder is the repository, so that a link from one page to another, or
 the forge and on the site.
 """
 
+import enum
 import re
 import sys
 from pathlib import Path
@@ -48,9 +49,9 @@ myst_links_external_new_tab = False
 # Docstrings name types of numpy, rclpy and the standard library; without a network nothing can resolve those.
 nitpicky = False
 autodoc_member_order = "bysource"
-autodoc_typehints = "description"
+autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
-autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_default_options = {"members": True}
 autodoc_mock_imports = ["mediapipe"]
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -78,6 +79,13 @@ def _without_substitutions(_app: Any, _what: str, _name: str, _obj: Any, _option
     lines[:] = [re.sub(r"(``[^`]*``)|\|", lambda found: found[1] or r"\|", line) for line in lines]
 
 
+def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, lines: list[str]) -> None:
+    """Add the names of an enumeration's values to its docstring."""
+    if what == "class" and issubclass(obj, enum.Enum):
+        lines += ["", "Values: " + ", ".join(f"``{one.name}``" for one in obj), ""]
+
+
 def setup(app: Any) -> None:
     """Connect."""
     app.connect("autodoc-process-docstring", _without_substitutions, priority=400)
+    app.connect("autodoc-process-docstring", _with_values, priority=900)

@@ -19,7 +19,8 @@ LOG = "log.txt"
 
 #: Lines of the log that the terminal shows: the shift's own, and why a process ended.
 SHOWN = re.compile(
-    r"^\[shift-\d+\] (?:\[INFO\] \[[\d.]+\] \[shift\]: )?(?P<said>.*)|(?P<bad>.*(?:cannot start:|process has died).*)"
+    r"^\[shift-\d+\] (?:\[INFO\] \[[\d.]+\] \[shift\]: )?(?P<said>.*)"
+    r"|.*(?P<page>the page is at http.*)|(?P<bad>.*(?:cannot start:|process has died).*)"
 )
 
 
@@ -79,7 +80,7 @@ def run_cell(arguments: argparse.Namespace) -> int:
                     log.flush()
                     match = SHOWN.match(line)
                     if match:
-                        print((match["bad"] or match["said"]).rstrip(), flush=True)
+                        print((match["bad"] or match["page"] or match["said"]).rstrip(), flush=True)
                 return launch.wait()
             except KeyboardInterrupt:
                 launch.send_signal(signal.SIGINT)

@@ -25,6 +25,7 @@ TABLES = {
     "hand_description": "softgrip_description.nodes.hand_description",
     "kinematics_predictor": "softgrip_model.nodes.kinematics_predictor",
     "marker_tracker": "softgrip_vision.nodes.marker_tracker",
+    "panel": "softgrip_panel.nodes.panel",
     "recorder": "softgrip_bag.nodes.recorder",
     "tendon_driver": "softgrip_driver.nodes.tendon_parameters",
 }

@@ -15,18 +15,23 @@ ROOT = Path(__file__).resolve().parents[2]
 LONG = bool(os.environ.get("SOFTGRIP_LONG_BLOCKS"))
 
 
+#: Pages whose language is held to the aims of tools/pages/statistics.py, besides the tutorials and guides.
+WRITTEN = [ROOT / "docs" / f"{name}.md" for name in ("bags", "cell", "driver", "gdfe", "index", "explanation")]
+
+
 def tool(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools/pages" / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(f"pages_{name}", ROOT / "tools/pages" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
+    sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
 
 blocks = tool("blocks")
 links = tool("links")
+statistics = tool("statistics")
 PAGES = list(blocks.pages())
 
 
@@ -34,6 +39,20 @@ PAGES = list(blocks.pages())
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
 def test_what_a_page_says_to_type_works(page: Path, tmp_path: Path) -> None:
     blocks.Reader(tmp_path, long=LONG).run(page)
+
+
+@pytest.mark.parametrize("page", [*WRITTEN, *PAGES], ids=lambda page: page.stem)
+def test_sentences_and_paragraphs_are_short(page: Path) -> None:
+    found = statistics.statistics_of(page.read_text(encoding="utf-8"))
+    assert found.mean <= statistics.MAX_MEAN_WORDS
+    assert found.longest <= statistics.MAX_PARAGRAPH_WORDS
+
+
+def test_words_and_sentences_are_counted_without_tables_and_code() -> None:
+    running = "One two three. Four: five, e.g. six?\n\n* seven `eight`"  # nine words, four ends, seven in the first
+    text = f"# A b c\n\n    code is left out\n\n|a|b|\n|---|---|\n|c d|e|\n\n![p](p.png)\n\n{running}\n"
+    found = statistics.statistics_of(text)
+    assert (found.words, found.sentences, found.longest, found.figures, found.table_rows) == (9, 4, 7, 1, 2)
 
 
 def test_every_link_leads_somewhere() -> None:

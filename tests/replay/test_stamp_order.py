@@ -53,7 +53,15 @@ class Case:
 
 
 CASES = {
-    "predictor": Case("kinematics_predictor", "closings", "/tendon/state", 2160, 130, (), "/finger/measured"),
+    "predictor": Case(
+        "kinematics_predictor",
+        "closings",
+        "/tendon/state",
+        2160,
+        130,
+        ("-p", "joint_model:=flexure"),
+        "/finger/measured",
+    ),
     "simulator": Case("gdfe_simulator", "shapes", "/tendon/state", 0, 60, ("-p", "resolution:=coarse"), "", "power"),
     "tracker": Case("marker_tracker", "frames", "/camera/image_raw/compressed", 0, 14, (), "", "pinch"),
 }

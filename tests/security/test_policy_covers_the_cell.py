@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from softgrip_panel.model.acts import EXAMPLES, Act, CallKind
 from softgrip_security.policy import Grant, Policy, PolicyIdentity
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,7 +48,8 @@ def executables() -> dict[str, Path]:
         scripts = setup.get("options.entry_points", "console_scripts", fallback="")
         for line in filter(None, map(str.strip, scripts.splitlines())):
             name, module = (part.strip() for part in line.split("="))
-            file = path.parent / (module.partition(":")[0].replace(".", "/") + ".py")
+            # an executable of bringup is a module of another package
+            file = WORKSPACE / module.partition(".")[0] / (module.partition(":")[0].replace(".", "/") + ".py")
             if file.parent.name == "nodes":
                 found[name] = file
     return found
@@ -101,6 +103,12 @@ def test_what_a_node_makes_is_granted(policy: Policy, node: str) -> None:
         f"{where}: {grant} {name}" for grant, name, where in made if not is_granted(policy.identity(node), grant, name)
     ]
     assert missing == [], "add them to softgrip_security/data/access.yaml, or do without"
+
+
+@pytest.mark.parametrize("act", EXAMPLES, ids=lambda act: act.name)
+def test_what_a_click_at_the_panel_calls_is_granted_to_it(policy: Policy, act: Act) -> None:
+    grant = Grant.CALL if act.call.kind is CallKind.SERVICE else Grant.CALL_ACTION
+    assert is_granted(policy.identity("panel"), grant, act.call.name)
 
 
 def documented() -> list[str]:

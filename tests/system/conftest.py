@@ -132,6 +132,8 @@ def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
         domain = next(_DOMAINS) if domain is None else domain
         has_place = any(argument.startswith("wire_dir:=") for argument in arguments)
         place = [f"wire_dir:={tmp_path}/wires-{domain}"] if "launch" in arguments and not has_place else []
+        if "launch" in arguments and not any(argument.startswith("panel:=") for argument in arguments):
+            place.append("panel:=false")  # a test of the page asks for it
         log = tmp_path / f"log-{domain}-{len(launched)}.txt"
         launched.append(Launched([*arguments, *place], domain, log))
         return launched[-1]

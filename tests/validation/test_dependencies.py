@@ -23,6 +23,7 @@ KEYS = {
     "distributed": "python3-distributed-pip",
     "cv2": "python3-opencv",
     "dynamixel_sdk": "dynamixel_sdk",
+    "gymnasium": "python3-gymnasium-pip",
     "jinja2": "python3-jinja2",
     "lz4": "python3-lz4",
     "mcap": "python3-mcap-pip",
@@ -48,7 +49,11 @@ OPTIONAL = {
     ("softgrip_design/parts/files.py", "lib3mf"),
     ("softgrip_design/parts/solid.py", "build123d"),
     ("softgrip_design/parts/solid.py", "manifold3d"),
+    ("softgrip_testing/browser.py", "axe_selenium_python"),
+    ("softgrip_testing/browser.py", "selenium"),
 }
+#: Folder, modules: what only the operator's page needs; softgrip_panel/nodes/panel.py says how to get them.
+OPTIONAL_FOLDERS = {"softgrip_panel/web": {"fastapi", "nicegui", "segno", "starlette", "uvicorn"}}
 #: CMake package or library -> rosdep key; Python, OpenMP and threads come with the compiler and ROS.
 LIBRARIES = {
     "Eigen3": "eigen",
@@ -91,7 +96,11 @@ def used_modules(package: str) -> dict[str, str]:
                 names = [node.module]
             for name in names:
                 top = name.split(".")[0]
-                if (str(path.relative_to(WORKSPACE / package)), top) not in OPTIONAL:
+                file = str(path.relative_to(WORKSPACE / package))
+                extra = {
+                    one for folder, modules in OPTIONAL_FOLDERS.items() if file.startswith(folder) for one in modules
+                }
+                if (file, top) not in OPTIONAL and top not in extra:
                     found.setdefault(top, f"{path.relative_to(ROOT)}:{node.lineno}")
     return found
 

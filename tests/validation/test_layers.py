@@ -28,6 +28,7 @@ MAY_IMPORT = {
     "softgrip_cell": {"softgrip_description", "softgrip_model"},
     "softgrip_bag": {"softgrip_model"},
     "softgrip_bringup": set(),
+    "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_vision"},
     "softgrip_cmake": set(),
     "softgrip_security": set(),
     "softgrip_testing": {
@@ -39,13 +40,23 @@ MAY_IMPORT = {
         "softgrip_time",
         "softgrip_vision",
     },
+    "softgrip_gym": {"softgrip_cell", "softgrip_emulator", "softgrip_model", "softgrip_testing"},
     "softgrip_sweep": {"softgrip_bag", "softgrip_demo", "softgrip_design", "softgrip_model", "softgrip_testing"},
-    "softgrip_demo": {"softgrip_bag", "softgrip_cell", "softgrip_design", "softgrip_model", "softgrip_vision"},
+    "softgrip_demo": {
+        "softgrip_bag",
+        "softgrip_cell",
+        "softgrip_description",
+        "softgrip_design",
+        "softgrip_driver",
+        "softgrip_model",
+        "softgrip_time",
+        "softgrip_vision",
+    },
 }
 
 
 #: Workbenches: no cell runs them, nothing imports them, and they may use what tests and benchmarks share.
-WORKBENCHES = {"softgrip_sweep"}
+WORKBENCHES = {"softgrip_gym", "softgrip_sweep"}
 
 
 def is_message_package(name: str) -> bool:

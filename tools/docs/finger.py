@@ -40,6 +40,7 @@ from softgrip_model.finger.published import (
     chapter_4_finger,
 )
 from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
+from softgrip_model.finger.uncertainty import PRIOR
 from softgrip_model.friction.laws import FrictionLaw, LambdaSign, Law
 from softgrip_model.friction.published import published
 from softgrip_testing.calculix_flexures import OTHER_SEEDS, STUDY_SEEDS, UNSEEN_SEEDS, closings
@@ -264,6 +265,23 @@ def wear_table() -> str:
     return table(head, rows)
 
 
+def uncertainties() -> dict[str, str]:
+    """Return the standard deviations of what a prediction does not know."""
+    return {
+        "u_friction": f"{100 * PRIOR.friction:g}",
+        "u_stiffness": f"{100 * PRIOR.stiffness:g}",
+        "u_print": f"{PRIOR.thickness_mm:g}",
+        "u_zero": f"{PRIOR.zero_mm:g}",
+        "u_spool": f"{100 * PRIOR.spool:g}",
+        "u_gain": f"{100 * PRIOR.tension_gain:g}",
+        "u_camera": f"{PRIOR.camera_mm:g}",
+        "u_scale": f"{100 * PRIOR.camera_scale:g}",
+        "u_turn": f"{PRIOR.camera_turn_rad:g}",
+        "u_model": f"{100 * PRIOR.model:g}",
+        "u_scatter": f"{PRIOR.scatter_mm:g}",
+    }
+
+
 def values() -> dict[str, str]:
     """Return every number and table of the text."""
     frictionless = replicate(chapter_3_finger(UNIFORM_ROUTING_MM), FRICTIONLESS)
@@ -286,6 +304,7 @@ def values() -> dict[str, str]:
         "link": f"{FLEXURE_STUDY.link:g}",
         "spread": f"{FLEXURE_STUDY.spread:g}",
         "attachment": f"{FLEXURE_STUDY.attachment:g}",
+        **uncertainties(),
         "designs": designs_table(),
         "shares": shares_table(),
         "wear": wear_table(),

@@ -28,6 +28,10 @@ from typing import Any
 
 import yaml
 
+sys.path.insert(0, str(Path(__file__).parent))
+
+import named
+
 ROOT = Path(__file__).resolve().parents[2]
 #: What a reader has in the folder that the commands are typed in.
 TOP = ("Makefile", "benchmarks", "docs", "embedded", "examples", "ros2_ws", "tests", "tools", "requirements.lock")
@@ -144,6 +148,7 @@ class Reader:
         return True
 
     def _write(self, block: Block) -> None:
+        check_names(block)
         path = self._folder / block.value
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(block.text, encoding="utf-8")
@@ -233,39 +238,15 @@ def check_names(block: Block) -> None:
     if block.language == "python":
         compile(block.text, block.place, "exec")
     elif block.language == "yaml":
-        yaml.safe_load(block.text)
+        _raise(block, named.parameter_problem(yaml.safe_load(block.text)))
     elif block.language == "sh":
         for line in block.text.replace("\\\n", " ").splitlines():
-            problem = _problem(shlex.split(line, comments=True))
-            if problem:
-                raise BlockError(f"{block.place}: {problem}")
+            _raise(block, named.problem_of(shlex.split(line, comments=True)))
 
 
-def _problem(words: list[str]) -> str:
-    sys.path.insert(0, str(ROOT / "tools/pages"))
-    from generated import commands  # noqa: PLC0415  half of the workspace; few pages need it
-
-    if words[:2] == ["ros2", "run"]:
-        package, name = words[2:4]
-        known = commands.executables()
-        module = known.get(package, {}).get(name)
-        if module is None:
-            return f"expected one of {', '.join(known.get(package, known))}, found {package} {name}"
-        if commands.is_node(module):
-            return ""
-        words = words[: words.index("--ros-args")] if "--ros-args" in words else words
-        text = commands.help_of(name, module)
-        missing = [word for word in words[4:] if word.startswith("--") and word.partition("=")[0] not in text]
-        return f"{name}: expected options of its --help, found {missing}" if missing and "{" not in text else ""
-    if words[:2] == ["ros2", "launch"]:
-        given = {name.partition(":=")[0] for name in words[4:]}
-        known_arguments = {row[0].strip("`") for row in commands.launch_arguments()[words[3]]}
-        return f"{words[3]}: no argument {sorted(given - known_arguments)}" if given - known_arguments else ""
-    if words[:1] == ["make"]:
-        targets = {target.strip("`").split()[1] for target, _ in commands.targets()}
-        asked = {word for word in words[1:] if "=" not in word}
-        return f"make: no target {sorted(asked - targets)}" if asked - targets else ""
-    return ""
+def _raise(block: Block, problem: str) -> None:
+    if problem:
+        raise BlockError(f"{block.place}: {problem}")
 
 
 def pages() -> Iterator[Path]:

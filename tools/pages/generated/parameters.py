@@ -11,7 +11,8 @@ from typing import Any
 from generated.markdown import ROOT, code, table
 
 
-def _tool(name: str) -> ModuleType:
+def tool(name: str) -> ModuleType:
+    """Return a script of tools/ as a module."""
     spec = importlib.util.spec_from_file_location(f"tools_{name}", ROOT / "tools" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -22,25 +23,25 @@ def _tool(name: str) -> ModuleType:
 
 def page() -> str:
     """Return the page."""
-    tool = _tool("parameters")
+    scripts = tool("parameters")
     parts = [
         "# Parameters\n",
         "A value outside its bounds is refused, with what was expected and what was found. *Live*: may be set",
         "while the node runs (`ros2 param set`). Your own values go into one file: `config:=` of the launch file.\n",
     ]
-    for node, module in tool.TABLES.items():
+    for node, module in scripts.TABLES.items():
         rows = importlib.import_module(module).PARAMETERS.rows
         parts += [
             f"## {node}\n",
-            table(("name", "default", "unit", "bounds", "live", "meaning"), [_row(row, tool) for row in rows]),
+            table(("name", "default", "unit", "bounds", "live", "meaning"), [_row(row, scripts) for row in rows]),
         ]
     return "\n".join(parts)
 
 
-def _row(row: Any, tool: ModuleType) -> tuple[str, ...]:
+def _row(row: Any, scripts: ModuleType) -> tuple[str, ...]:
     low = "" if row.minimum is None else f"{row.minimum:g}"
     high = "" if row.maximum is None else f"{row.maximum:g}"
     bounds = f"{low} .. {high}" if low or high else ", ".join(map(str, row.choices))
     former = f" Former name: `{row.former}`." if row.former else ""
-    default = code(tool.yaml_value(row.default))
+    default = code(scripts.yaml_value(row.default))
     return code(row.name), default, row.unit, bounds, "yes" if row.changeable else "", row.description + former

@@ -118,8 +118,8 @@ def test_taking_away_and_wrong_requests(cell):
         plant.place("egg", float("nan"))
 
 
-def test_all_fifteen_products_fit_the_open_hand(cell):
-    assert len(products()) == 15
+def test_all_fifteen_products_and_the_test_cube_fit_the_open_hand(cell):
+    assert len(products()) == 15 + 1
     for finger_set in ("power", "pinch", "hook"):
         plant = cell(finger_set)
         for name, product in products().items():

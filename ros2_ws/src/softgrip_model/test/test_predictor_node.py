@@ -166,7 +166,7 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cell]:
 
 def test_it_follows_friction_and_mounted_fingers(cell: Cell) -> None:
     """Its numbers are the thesis' (docs/finger.md), which has hinges."""
-    cell.start(f"profiles_directory:={PROFILES}", "joint_model:=hinge")
+    cell.start(f"profiles_directory:={PROFILES}", "joint_model:=hinge", "intervals:=friction")
     own = cell.prediction(0.010, "braid-tpu-chapter4")
     assert [round(math.degrees(angle), 2) for angle in own.joint_angles] == [47.82, 22.55, 23.99]
     assert own.tension == pytest.approx(7.3779, abs=6e-5)

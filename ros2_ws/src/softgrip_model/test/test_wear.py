@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from softgrip_model.finger import FRICTIONLESS, Kernel, Strip
+from softgrip_model.finger.closing_samples import ClosingSample
 from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import TendonReading
 from softgrip_model.finger.published import chapter_4_finger
@@ -208,7 +209,9 @@ def one_closing(believed: FrictionLaw, true: FrictionLaw, stiffness_factor: floa
     monitor = WearMonitor(finger, believed, WearSettings())
     for pull in np.linspace(1.0, 18.0, 18):
         expected, seen = Kernel([finger], believed).solve([pull]), Kernel([made], true).solve([pull])
-        monitor.add(expected, seen.tip_mm[0, 0], float(seen.tension_n[0, 0, 0]), pulling=True, free=True)
-    monitor.add(expected, seen.tip_mm[0, 0], 0.0, pulling=False, free=True)
+        found, tension = float(expected.tension_n[0, 0, 0]), float(seen.tension_n[0, 0, 0])
+        sample = ClosingSample(0, pull, seen.tip_mm[0, 0], tension, found)
+        monitor.add(sample, pulling=True, free=True)
+    monitor.add(sample, pulling=False, free=True)
     assert monitor.shift is not None
     return monitor.shift

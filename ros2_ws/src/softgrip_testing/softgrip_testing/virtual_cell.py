@@ -15,6 +15,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softgrip_cell.grasp.commands import Close, Command, Open, Press
 from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
@@ -30,6 +31,7 @@ from softgrip_driver.dynamixel.registers import MODELS, ControlItem, CurrentSens
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, Ticket
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.tendon.trajectory import TendonTrajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.plant.cell import CellPlant, default_chain
@@ -41,6 +43,8 @@ from softgrip_model.finger.wear import WearSettings
 from softgrip_model.friction.fit import fit
 from softgrip_model.friction.measurements import Measurements
 from softgrip_model.profile import Profile, load_directory, shipped_directory
+
+Array = NDArray[np.float64]
 
 SLOTS = ("index", "middle", "thumb")
 
@@ -187,7 +191,7 @@ class VirtualCell:
         self._camera_noise = Random(seed)
         self._backend.connect()
         self.mount(finger_set, copy)
-        self._cycle()
+        self.cycle()
         for drive in self.controller.drives.values():
             self._act({drive.tendon: drive.switch_on()})
 
@@ -221,7 +225,7 @@ class VirtualCell:
     def finish(self, ticket: Ticket, limit_s: float) -> MoveOutcome | None:
         """Live until a ticket is done."""
         for _ in range(round(limit_s / self.period_s)):
-            self._cycle()
+            self.cycle()
             outcome, _ = self.controller.result(ticket)
             if outcome is not None:
                 return outcome
@@ -230,14 +234,40 @@ class VirtualCell:
     def cycles(self) -> Iterator[tuple[ModelSample, ...]]:
         """Live one driver period after the other; yields the three tendons' samples."""
         while True:
-            self._cycle()
+            self.cycle()
             yield self.samples()
+
+    def live(self) -> tuple[ModelSample, ...]:
+        """Live one driver period; return what tendon/state would carry then."""
+        self.cycle()
+        return self.samples()
+
+    def follow(self, lengths_m: Sequence[float], within_s: float, slots: Sequence[str] = SLOTS) -> None:
+        """Stream targets as tendon/trajectory does.
+
+        Args:
+            lengths_m: pulled length of each slot's tendon [m].
+            within_s: when they are to be reached from now [s].
+            slots: of the tendons.
+
+        Raises:
+            RuntimeError: the driver refuses, for instance after a fault.
+        """
+        limits = {slot: self.controller.drives[slot].limits for slot in slots}
+        trajectories = {
+            slot: TendonTrajectory.checked((within_s,), (length_m,), (), limits[slot].travel, limits[slot].speed)
+            for slot, length_m in zip(slots, lengths_m, strict=True)
+        }
+        ticket = self.controller.follow(trajectories, self.plant.now_s)
+        if ticket.refusal:
+            raise RuntimeError(ticket.refusal)
 
     def samples(self) -> tuple[ModelSample, ...]:
         """What tendon/state would carry now."""
         return tuple(ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots())
 
-    def _cycle(self) -> None:
+    def cycle(self) -> None:
+        """Live one driver period."""
         self.plant.advance_to(self._begin_s(), alone=True)
         self._read_s = self.plant.now_s
         readings = {name: replace(r, time=self._read_s) for name, r in self._backend.read().items()}
@@ -268,7 +298,7 @@ class VirtualCell:
 
     def observe(self) -> ObservedPair:
         """Live one driver period and return what the manager would see of it."""
-        self._cycle()
+        self.cycle()
         samples = self.samples()
         predictions = self.session.predict(samples, SLOTS)
         pulled = tuple(sample.pulled_length for sample in samples)
@@ -327,12 +357,15 @@ class VirtualCell:
             return False
         return self.controller.result(self._closing)[0] in (MoveOutcome.REACHED, MoveOutcome.TENSION_LIMIT)
 
+    def tip_m(self) -> Array:
+        """Where the index finger's tip is, (2,) [m] in the finger's base frame."""
+        assert self.plant.bank.fingers[0] is not None, "the index slot is empty"
+        return np.array(self.plant.points_m(0)[0][-1][:2])
+
     def see_tip(self, rng: Random) -> SeenTip:
         """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
-        finger = self.plant.bank.fingers[0]
-        assert finger is not None, "the index slot is empty"
-        x, y, _ = self.plant.points_m(0)[0][-1]
-        tip_m = (float(x) + rng.gauss(0.0, TIP_NOISE_M), float(y) + rng.gauss(0.0, TIP_NOISE_M))
+        x, y = self.tip_m().tolist()
+        tip_m = (x + rng.gauss(0.0, TIP_NOISE_M), y + rng.gauss(0.0, TIP_NOISE_M))
         return SeenTip(self.now_ns, SLOTS[0], tip_m, TIP_NOISE_M)
 
     def _seen(self) -> Iterator[SeenTip]:
@@ -405,7 +438,7 @@ def calibrated(seed: int) -> ActiveFriction:
     angle, low_n = (g.ravel() for g in np.meshgrid(np.radians([10.0, 50.0, 90.0]), 9.81 * np.array([0.2, 0.6, 1.0])))
     high_n = truth.ratio(angle, low_n) * low_n * rng.normal(1.0, 0.01, angle.size)
     found = fit(Measurements(angle, low_n, high_n), radius_mm=3.125)
-    return ActiveFriction(f"nine points, seed {seed}", found.law)
+    return ActiveFriction(f"nine points, seed {seed}", found.law, found.covariance)
 
 
 def task(

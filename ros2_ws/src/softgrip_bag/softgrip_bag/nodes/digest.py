@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
-from softgrip_bag.nodes.trace import runs
+from softgrip_bag.nodes.trace import TraceStep, runs
 from softgrip_bag.old_definitions import ENUMERATIONS, old_name
 from softgrip_bag.reader import RawMessage
 from softgrip_bag.story import (
@@ -188,20 +188,21 @@ def _grasps(bag: RecordedBag) -> list[RecordedGrasp]:
                 if step.name == f"goal {bag.cell}/cell/grasp":
                     product = deserialize_message(step.data[_UUID:], GraspAction.Goal).product
                 elif step.name == f"finished {bag.cell}/cell/grasp":
-                    result = deserialize_message(step.data, GraspAction.Result)
-                    outcome = (
-                        old_name("softgrip_interfaces/Grasp_Result", "outcome", result.outcome)
-                        if bag.is_before_unset
-                        else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
-                    )
-                    found.append(
-                        RecordedGrasp(
-                            step.wall, product, outcome, result.reason, result.latency, result.duration, result.evidence
-                        )
-                    )
+                    found.append(grasp_result(bag, step, product))
     except BagError:
         return found  # what is there of a trace with a gap
     return found
+
+
+def grasp_result(bag: RecordedBag, step: TraceStep, product: str) -> RecordedGrasp:
+    """Return how a grasp ended, of the trace's step that says so."""
+    result = deserialize_message(step.data, GraspAction.Result)
+    outcome = (
+        old_name("softgrip_interfaces/Grasp_Result", "outcome", result.outcome)
+        if bag.is_before_unset
+        else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
+    )
+    return RecordedGrasp(step.wall, product, outcome, result.reason, result.latency, result.duration, result.evidence)
 
 
 def _constant(kind: Any, value: int, names: set[str] | None = None) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cell controller's client: everything a line needs of the cell, over services and actions only::
+"""A cell controller's client: everything a line needs of the cell, over services and actions only.
 
     controller = CellController(node)
     choice = controller.select("egg")

@@ -11,21 +11,28 @@ import yaml
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
+from softgrip_cell.finger_records import FingerRecord
 from softgrip_cell.gates import DriverFacts, FrictionFacts, SafetyFacts
 from softgrip_cell.grasp.contact import ContactState
+from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.values import GraspEvidence, GraspOutcome, GraspPhase, GraspVerdict
 from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
+from softgrip_cell.outcomes import SuccessEstimate
 from softgrip_cell.planner import PlannedOrder
-from softgrip_cell.storage.journal import MountedSlot, SlotState
+from softgrip_cell.products import Product
+from softgrip_cell.storage.journal import CountedGrasp, MountedSlot, SlotState
 from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
     FingerEvidence,
+    FingerRecordEntry,
     FingerStates,
     FrictionModel,
+    GraspEntry,
     MountedFinger,
     PlanStep,
+    ProductEntry,
     SafetyState,
     TendonStatus,
     TendonStatusArray,
@@ -227,6 +234,53 @@ def plan_step(step: PlannedOrder) -> PlanStep:
         expected_success=step.expected_success,
         predicted_time=step.predicted_time_s,
         reason=step.reason,
+    )
+
+
+def product_entry(product: Product, estimates: Mapping[str, SuccessEstimate]) -> ProductEntry:
+    """Return a product with what is known of it as a message."""
+    marks = [product.marks.get(name) for name in estimates]
+    return ProductEntry(
+        id=product.id,
+        name=product.name,
+        grasp=product.grasp.value,
+        mass=product.mass_kg,
+        finger_sets=list(estimates),
+        table_marks=["" if mark is None else mark.value for mark in marks],
+        expected_success=[one.mean for one in estimates.values()],
+        grasps=[one.grasps for one in estimates.values()],
+    )
+
+
+def finger_record_entry(record: FingerRecord, check: Any | None) -> FingerRecordEntry:
+    """Return a finger record as a message; ``check`` is the document of its last check, None before the first."""
+    reference = None if check is None else FreeReference.from_document(check)
+    return FingerRecordEntry(
+        serial=record.serial,
+        profile=record.profile,
+        finger=record.finger,
+        printed=record.printed.isoformat(),
+        material=record.material,
+        cable=record.cable,
+        state=record.state.value,
+        cycles=record.cycles,
+        cycle_limit=record.cycle_limit,
+        calibrated=record.calibrated.isoformat() if record.calibrated else "",
+        objection=record.objection() or "",
+        check_lengths=list(reference.pulled_m) if reference else [],
+        check_tensions=list(reference.tension_n) if reference else [],
+    )
+
+
+def grasp_entry(grasp: CountedGrasp) -> GraspEntry:
+    """Return a counted grasp as a message."""
+    return GraspEntry(
+        stamp=to_time_message(grasp.at_ns),
+        product=grasp.product,
+        finger_set=grasp.finger_set,
+        outcome=grasp.outcome,
+        reason=grasp.reason,
+        duration=grasp.duration_s,
     )
 
 

@@ -24,6 +24,7 @@ from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.nodes.grasp_server import GraspServer
 from softgrip_cell.nodes.parameters import PARAMETERS, agreements, check_settings, grasp_settings, motion_limits
+from softgrip_cell.nodes.record_server import RecordServer
 from softgrip_cell.nodes.swap_server import SwapServer
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_cell.observation import Observation, ObservationOrder, SeenTip, StreamSilence, TendonSample
@@ -106,6 +107,7 @@ class GraspMixManager(Node):
         self._swap = SwapServer(
             self._node_io, self._cell, self._driver, lock, check, self._slots, values["swap_limit_s"]
         )
+        RecordServer(self._node_io, self._cell, self._library, self._journal, self._publish_state)
         self._state_publisher = self.create_publisher(CellState, "cell/state", LATCHED)
         self._node_io.create_service(SelectProduct, "cell/select_product", self._on_select)
         self._node_io.create_service(PlanMix, "cell/plan_mix", self._on_plan)
@@ -129,7 +131,7 @@ class GraspMixManager(Node):
 
     def _open_cell(self, values: dict[str, Any]) -> Cell:
         """Fill an empty database from the shipped files and take up what the last run left."""
-        library = Library(self._database, self._node_io.now_ns)
+        library = self._library = Library(self._database, self._node_io.now_ns)
 
         def prepare() -> None:
             self._database.open()
@@ -149,7 +151,7 @@ class GraspMixManager(Node):
             self.get_logger().error(f"{error}; the cell is at fault until it can be used")
         limits = FrictionLimits(values["friction_age_limit_s"], values["friction_range_factor"])
         self._node_io.start(self._save, self._load)
-        journal = CellJournal(self._database, self._slots, self._node_io.now_ns)
+        journal = self._journal = CellJournal(self._database, self._slots, self._node_io.now_ns)
         clocks = Clocks(now_ns=self._node_io.now_ns, monotonic_s=self._node_io.monotonic_s)
         thumb = self._slots.index(values["thumb"])
         cell = Cell(library, journal, thumb, limits, clocks, agreements(values), prepare)

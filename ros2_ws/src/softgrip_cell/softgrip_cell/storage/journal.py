@@ -74,6 +74,18 @@ class Counts:
     mean_swap_s: float
 
 
+@dataclass(frozen=True)
+class CountedGrasp:
+    """One grasp of the outcome table; ``at_ns`` of its end, in nanoseconds since the Unix epoch."""
+
+    at_ns: int
+    product: str
+    finger_set: str
+    outcome: str
+    reason: str
+    duration_s: float
+
+
 class CellJournal:
     """Slots, the open operation, outcomes and swaps.
 
@@ -332,6 +344,15 @@ class CellJournal:
                 select(FINGER_RECORD.c.reference).where(FINGER_RECORD.c.serial == serial)
             ).scalar()
         return None if found is None else json.loads(found)
+
+    def grasps(self, limit: int) -> list[CountedGrasp]:
+        """Return the newest counted grasps, newest first."""
+        query = select(OUTCOME).order_by(OUTCOME.c.id.desc()).limit(limit)
+        with self._database.read() as connection:
+            return [
+                CountedGrasp(row.at_ns, row.product, row.finger_set, row.outcome, row.reason, row.duration_s)
+                for row in connection.execute(query)
+            ]
 
     def tallies(self) -> dict[tuple[str, str], Tally]:
         """Return counted grasps per (product, finger set)."""

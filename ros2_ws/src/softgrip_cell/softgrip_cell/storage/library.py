@@ -17,7 +17,14 @@ from softgrip_cell.errors import ConflictError, RefusedError
 from softgrip_cell.finger_records import FingerRecord, FingerState, finger_record_document
 from softgrip_cell.products import Catalogue, Product
 from softgrip_cell.storage.engine import Database
-from softgrip_cell.storage.schema import AUDIT, ENTRY, FINGER_RECORD
+from softgrip_cell.storage.schema import (
+    ACTION_LENGTH,
+    AUDIT,
+    ENTRY,
+    FINGER_RECORD,
+    SUBJECT_LENGTH,
+    WHO_LENGTH,
+)
 from softgrip_cell.yaml_fields import Fields
 
 
@@ -151,6 +158,32 @@ class Library:
         if found is None:
             raise RefusedError(f"expected the serial of a known finger, found '{serial}'")
         return self.save_finger_record(replace(found, state=state), who)
+
+    def retire_finger(self, serial: str, who: str, reason: str) -> FingerRecord:
+        """Take a finger out of use for good; name and reason go into the audit table.
+
+        Raises:
+            RefusedError: there is no such finger, or it is retired.
+        """
+        found = self.finger_records().get(serial)
+        if found is None or found.state is FingerState.RETIRED:
+            raise RefusedError(f"expected the serial of a finger that is not retired, found '{serial}'")
+        with self._database.write() as connection:
+            saved = self._save_finger_record(connection, replace(found, state=FingerState.RETIRED), who)
+            self._database.audit(connection, self._now_ns(), who, "retire finger", serial, {"reason": reason})
+        return saved
+
+    def note(self, who: str, action: str, subject: str, detail: str) -> None:
+        """Write into the audit table what a person did; texts longer than its columns are cut."""
+        with self._database.write() as connection:
+            self._database.audit(
+                connection,
+                self._now_ns(),
+                who[:WHO_LENGTH],
+                action[:ACTION_LENGTH],
+                subject[:SUBJECT_LENGTH],
+                {"detail": detail},
+            )
 
     def audit(self, limit: int = 100) -> list[AuditEntry]:
         """Return the latest changes, newest first."""

@@ -13,6 +13,11 @@ SCHEMA_VERSION: Final = 2
 #: Versions that lack nothing but tables, which are added when such a database is opened.
 EXTENSIBLE_VERSIONS: Final = frozenset({1})
 
+#: Longest texts of the audit table.
+WHO_LENGTH: Final = 80
+ACTION_LENGTH: Final = 40
+SUBJECT_LENGTH: Final = 160
+
 METADATA: Final = MetaData()
 
 META = Table(
@@ -109,8 +114,8 @@ AUDIT = Table(
     METADATA,
     Column("id", Integer, primary_key=True, autoincrement=True),
     Column("at_ns", BigInteger, nullable=False),
-    Column("who", String(80), nullable=False),
-    Column("action", String(40), nullable=False),
-    Column("subject", String(160), nullable=False),
+    Column("who", String(WHO_LENGTH), nullable=False),
+    Column("action", String(ACTION_LENGTH), nullable=False),
+    Column("subject", String(SUBJECT_LENGTH), nullable=False),
     Column("detail", Text, nullable=False),
 )

@@ -21,7 +21,8 @@ MIN_SAMPLES: Final = 20
 #: [m] of pulled length that one value of a course stands for.
 SMOOTH_M: Final = 2.0e-3
 #: A groove closes where the prediction rises so many times as steeply as it mostly does. From so far before that place
-#: [m] on nothing is compared: none knows better where a printed groove closes, and at which length of a worn-in cable.
+#: [m] on nothing is compared: nobody knows better where a printed groove closes, and at what length of a worn-in
+#: cable.
 STOP_STEEPNESS: Final = 4.0
 STOP_MARGIN_M: Final = 1.0e-3
 

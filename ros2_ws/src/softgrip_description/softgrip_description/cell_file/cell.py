@@ -6,8 +6,6 @@ A device whose section is left out is one that the cell does not have. Paths in 
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -18,6 +16,7 @@ import yaml
 from softgrip_description.cell_file.marked_yaml import MarkedDocument, Place, place_text, read_marked
 from softgrip_description.cell_file.schema import cell_schema, find_problems
 from softgrip_description.errors import CellFileError
+from softgrip_model.durable import write_durably
 
 Section = TypeVar("Section")
 
@@ -284,18 +283,7 @@ def save_cell(cell: CellFile, path: Path) -> None:
     """Write a cell file whole, or not at all; raises CellFileError where that cannot be done."""
     path = path.expanduser()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(cell_text(cell))
-                file.flush()
-                os.fsync(file.fileno())
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except OSError:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        write_durably(path, cell_text(cell).encode())
     except OSError as error:
         raise CellFileError(f"{path}: expected a file that can be written, found: {error}; choose another") from error
 

@@ -8,12 +8,14 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_driver.errors import ConfigurationError, DriverError
 from softgrip_driver.rig.build import GAUGES, StreamSettings
 from softgrip_driver.rig.line_format import FORMATS
+from softgrip_time import Clock, SimulatedClock, WallClock
 
 #: exit codes
 DONE, FAILED = 0, 1
@@ -95,6 +97,27 @@ def stream_settings(options: argparse.Namespace) -> StreamSettings:
     return StreamSettings(
         options.gauge_baud, options.line, options.counts_per_newton, options.request, options.gauge_calibration
     )
+
+
+def add_lockstep_option(arguments: argparse.ArgumentParser) -> None:
+    """Add --lockstep."""
+    arguments.add_argument(
+        "--lockstep", type=Path, metavar="SOCKET", help="an emulated cell's time (docs/emulator.md), for its bench only"
+    )
+
+
+def clock_of(options: argparse.Namespace) -> Clock:
+    """Return the clock that `add_lockstep_option` asks for.
+
+    Raises:
+        ConfigurationError: there is no such cell.
+    """
+    if options.lockstep is None:
+        return WallClock()
+    try:
+        return SimulatedClock(options.lockstep, "bench")
+    except OSError as error:
+        raise ConfigurationError(f"--lockstep: expected the socket of an emulated cell, found: {error}") from error
 
 
 def run(

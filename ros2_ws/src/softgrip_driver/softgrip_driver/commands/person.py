@@ -12,7 +12,7 @@ import yaml
 from softgrip_driver.errors import ConfigurationError
 
 
-class Person(Protocol):
+class Terminal(Protocol):
     """Answers questions. A question has a key, by which an answers file names it."""
 
     def say(self, text: str) -> None:

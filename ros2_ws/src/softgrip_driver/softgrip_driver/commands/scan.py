@@ -16,6 +16,7 @@ from softgrip_driver.dynamixel.bringup import BOOT_LOADER_REMEDY, SHARED_ID_REME
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, HARDWARE_ERROR, MODEL_NAMES, HardwareError
 from softgrip_driver.errors import DriverError, PortLostError
+from softgrip_time import Clock
 
 TEXT = """Find Dynamixel servos: every serial port (or --port), every baud rate, every ID.
 Nothing is written and nothing moves.
@@ -46,10 +47,10 @@ class Found:
 HEAD = f"{'port':<16}{'baud':>9}{'ID':>5}  {'model':<12}{'number':>6}{'fw':>5}  hardware error"
 
 
-def scan_port(port: str, bauds: Sequence[int], wait: float) -> Iterator[Found]:
+def scan_port(port: str, bauds: Sequence[int], wait: float, clock: Clock | None = None) -> Iterator[Found]:
     """Yield the servos of one port; raises PortLostError when it cannot be opened."""
     for baud in bauds:
-        bus = Bus(port, baud, reply_margin=0.02)
+        bus = Bus(port, baud, 0.02, clock)
         bus.open()
         try:
             for servo_id, (model, firmware) in sorted(bus.broadcast_ping(wait).items()):

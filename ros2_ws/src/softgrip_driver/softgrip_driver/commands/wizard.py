@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from softgrip_description.errors import CellFileError
-from softgrip_driver.commands.common import DONE, FAILED, number, parser, run
-from softgrip_driver.commands.person import Person, TerminalPerson, WrittenAnswers, read_answers
+from softgrip_driver.commands.common import DONE, FAILED, add_lockstep_option, clock_of, number, parser, run
+from softgrip_driver.commands.person import Terminal, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.dynamixel.adapter import stable_names
 from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_driver.errors import ConfigurationError
@@ -46,6 +46,7 @@ def work(options: argparse.Namespace) -> int:
         options.reply_margin,
         options.seconds,
         options.rate,
+        clock_of(options),
     )
     try:
         is_good = SetupWizard(settings, person).run()
@@ -57,13 +58,13 @@ def work(options: argparse.Namespace) -> int:
     return DONE if is_good else FAILED
 
 
-def _person(options: argparse.Namespace) -> Person:
+def _person(options: argparse.Namespace) -> Terminal:
     if options.answers is not None:
         return WrittenAnswers(read_answers(options.answers), takes_defaults=options.yes)
     return WrittenAnswers({}, takes_defaults=True) if options.yes else TerminalPerson()
 
 
-def _stable(port: str, person: Person) -> str:
+def _stable(port: str, person: Terminal) -> str:
     """Return the name of a port that stays, where it has one; ask where none was given and several are there."""
     names = dict(stable_names())
     if not port and len(names) == 1:
@@ -101,6 +102,7 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument(
         "--rate", type=number(1.0, 1000.0), default=100.0, metavar="HZ", help="that the bus must reach"
     )
+    add_lockstep_option(arguments)
     arguments.add_argument("--answers", type=Path, metavar="FILE", help="YAML, key: answer; for runs without a person")
     arguments.add_argument("--yes", action="store_true", help="take all defaults and wait for nobody")
     return run(work, arguments, args)

@@ -12,6 +12,7 @@ from softgrip_driver.dynamixel.bringup import BOOT_LOADER_REMEDY, FACTORY_BAUD
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODEL_NAMES, MODELS, ServoModel
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, WrongDeviceError
+from softgrip_time import Clock
 
 #: [s] for the answers at each baud rate
 SCAN_WAIT_S = 0.2
@@ -24,13 +25,14 @@ SUPPLY_REMEDY = (
 )
 
 
-def find_new_servo(port: str, baud: int, known_ids: Collection[int]) -> Found:
+def find_new_servo(port: str, baud: int, known_ids: Collection[int], clock: Clock | None = None) -> Found:
     """Return the only servo that is not one of the chain.
 
     Args:
         port: of the bus.
         baud: [1/s] of the chain.
         known_ids: IDs of the chain.
+        clock: that is waited on; the computer's where none is given.
 
     Raises:
         ConfigurationError: several new ones, with one ID or with different ones.
@@ -39,7 +41,7 @@ def find_new_servo(port: str, baud: int, known_ids: Collection[int]) -> Found:
     """
     # The first round may meet a servo that boots.
     for _ in range(SCAN_ROUNDS):
-        found = list(scan_port(port, _BAUDS, SCAN_WAIT_S))
+        found = list(scan_port(port, _BAUDS, SCAN_WAIT_S, clock))
         _refuse_shared(found, baud, known_ids)
         new = [one for one in found if not (one.baud == baud and one.servo_id in known_ids)]
         if new:
@@ -85,14 +87,14 @@ def describe_past(found: Found) -> str:
     )
 
 
-def name_servo(found: Found, servo_id: int, baud: int, reply_margin: float) -> list[str]:
+def name_servo(found: Found, servo_id: int, baud: int, reply_margin: float, clock: Clock | None = None) -> list[str]:
     """Give a servo its ID and baud rate, verify both and its supply; return what was done.
 
     Raises:
         WrongDeviceError: another supply than its model takes, or a setting that it does not keep.
         DriverError: as `assign`.
     """
-    bus = Bus(found.port, found.baud, reply_margin)
+    bus = Bus(found.port, found.baud, reply_margin, clock)
     bus.open()
     try:
         done = assign(bus, found.servo_id, servo_id, baud)

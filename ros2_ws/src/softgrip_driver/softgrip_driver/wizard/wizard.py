@@ -11,26 +11,29 @@ from typing import TypeVar
 
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
 from softgrip_driver.commands import selftest
-from softgrip_driver.commands.person import Person
-from softgrip_driver.configuration import LIMIT_PARAMETERS, SHIPPED_LOOP_RATE, required_parameters
+from softgrip_driver.commands.person import Terminal
+from softgrip_driver.configuration import SHIPPED_LOOP_RATE
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import ServoConfiguration
-from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError
-from softgrip_driver.tendon.gripper import GripperController, Policies
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.gripper import GripperController
 from softgrip_driver.tendon.loop import BusLoop
-from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_driver.wizard.chain import (
+    chain_backend,
+    chain_controller,
+    chain_parameters,
+    chain_rate,
+    make_loop,
+    open_bus,
+)
+from softgrip_driver.wizard.chain import model_of as servo_model
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
 from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
+from softgrip_time import Clock
 
 Result = TypeVar("Result")
 
-#: [s] of silence that is no fault here, and after which a servo stops: somebody stands beside, pulls are small
-NO_REPLY_S, WATCHDOG_S = 0.3, 0.6
 #: small pulls: [N], or what turns the gears and so much more
 MIN_PULL_N, PULL_SHARE = 2.0, 1.3
 
@@ -49,6 +52,7 @@ class WizardSettings:
         pull, tensioning: how it is pulled.
         reply_margin_s: [s] for a reply beyond that of its bytes.
         selftest_s: [s] of the self-test. rate_hz: [Hz] that it must reach.
+        clock: that is waited on; None = the computer's.
     """
 
     file: Path
@@ -62,6 +66,7 @@ class WizardSettings:
     reply_margin_s: float = 0.02
     selftest_s: float = 3.0
     rate_hz: float = SHIPPED_LOOP_RATE
+    clock: Clock | None = None
 
 
 class SetupWizard:
@@ -76,8 +81,8 @@ class SetupWizard:
     def __init__(
         self,
         settings: WizardSettings,
-        person: Person,
-        make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = BusLoop,
+        person: Terminal,
+        make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = make_loop,
     ) -> None:
         self._settings, self._person, self._make_loop = settings, person, make_loop
         self._cell = load_cell(settings.file) if settings.file.exists() else CellFile("real")
@@ -120,21 +125,19 @@ class SetupWizard:
         self._person.confirm(
             f"connect.{tendon}", f"Switch the supply off, put the servo of '{tendon}' {others}, switch it on"
         )
-        found = find_new_servo(self._chain.port, self.baud, known)
+        found = find_new_servo(self._chain.port, self.baud, known, self._settings.clock)
         model = model_of(found)
         if past := describe_past(found):
             self._person.say(past)
         new_id = next(one for one in range(number, 253) if one not in known)
-        done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s)
+        done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s, self._settings.clock)
         radius = self._settings.spool_radius_m
         self._keep(ChainServo(tendon, model.name, new_id, spool_radius_m=radius))
         self._person.say(f"{tendon}: {model.name}; {'; '.join(done)}")
 
     def _check_chain(self) -> None:
         """See that every servo of the chain answers, once, and how soon."""
-        bus = Bus(self._chain.port, self.baud, self._settings.reply_margin_s)
-        bus.open()
-        try:
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
             for servo in self._chain.chain:
                 if not is_verified(bus, servo.servo_id, servo.model):
                     raise DeviceNotFoundError(
@@ -142,8 +145,6 @@ class SetupWizard:
                         f"see `ros2 run softgrip_driver scan --port {self._chain.port}`"
                     )
             late_s = bus.turnaround(self._chain.chain[0].servo_id)
-        finally:
-            bus.close()
         self._person.say(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
         if late_s > SLOW_ADAPTER_S:
             self._person.say(
@@ -160,14 +161,15 @@ class SetupWizard:
             f"tie.{tendon}",
             f"Tie the tendon of '{tendon}' to its spool and finger, take up most of its slack, keep your hands away",
         )
-        torque_n = MODELS[servo.model].needs.homing_torque / self._radius(servo)
+        torque_n = servo_model(servo).needs.homing_torque / (servo.spool_radius_m or self._settings.spool_radius_m)
         pull = replace(self._settings.pull, tension_n=max(MIN_PULL_N, PULL_SHARE * torque_n))
 
         def find_end(direction: int) -> float | None:
             backend = self._backend([replace(servo, direction=direction)])
             try:
-                backend.connect()
-                return pull.find_end(backend)
+                with backend.bus.clock.stepping():
+                    backend.connect()
+                    return pull.find_end(backend)
             finally:
                 backend.disconnect()
 
@@ -184,16 +186,15 @@ class SetupWizard:
             return
         self._person.confirm("straight", "See that the fingers are straight and free, keep your hands away")
         plan = self._settings.tensioning
-        parameters = self._required()
-        limits = _limits(parameters)
-        rate = float(parameters.get("loop_rate", SHIPPED_LOOP_RATE))
-        backend = self._backend(servos)
-        controller = GripperController({one.tendon: limits for one in servos}, Policies(), None, 1.0 / rate)
+        backend, controller = self._backend(servos), chain_controller(self._chain, servos)
         try:
-            backend.connect()
-            zeros = Tensioner(self._make_loop(backend, controller, rate), controller, plan, self._person.say).settle()
+            with backend.bus.clock.stepping():
+                backend.connect()
+            loop = self._make_loop(backend, controller, chain_rate(self._chain))
+            zeros = Tensioner(loop, controller, plan, self._person.say).settle()
             goals = {name: one.zero_m - self._settings.slack_m for name, one in zeros.items()}
-            rest = release(backend, goals, plan)
+            with backend.bus.clock.stepping():
+                rest = release(backend, goals, plan)
         finally:
             backend.disconnect()
         for servo in servos:
@@ -208,12 +209,8 @@ class SetupWizard:
 
     def _test(self) -> bool:
         """Measure the bus with the driver's own cycles."""
-        bus = Bus(self._chain.port, self.baud, self._settings.reply_margin_s)
-        bus.open()
-        try:
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
             found = selftest.measure(bus, self._settings.selftest_s)
-        finally:
-            bus.close()
         is_good = found.rate >= self._settings.rate_hz and found.servos == len(self._chain.chain)
         self._person.say(
             f"self-test: {found.servos} servos, {found.rate:.0f} Hz (at least {self._settings.rate_hz:.0f}), "
@@ -241,44 +238,14 @@ class SetupWizard:
     def _servos(self) -> Sequence[ChainServo]:
         return [servo for servo in self._chain.chain if servo.tendon in self._tendons]
 
-    def _radius(self, servo: ChainServo) -> float:
-        return servo.spool_radius_m or self._settings.spool_radius_m
-
-    def _required(self) -> dict[str, float | int]:
-        return required_parameters([(MODELS[one.model], self._radius(one)) for one in self._chain.chain])
+    def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
+        return chain_backend(self._chain, servos, self._settings.reply_margin_s, self._person.say, self._settings.clock)
 
     def _keep(self, servo: ChainServo) -> None:
         """Put a servo into the cell file."""
         self._chain = self._chain.with_servo(servo)
         parameters = {node: dict(values) for node, values in self._cell.parameters.items()}
-        if required := self._required():
+        if required := chain_parameters(self._chain):
             parameters["tendon_driver"] = required | parameters.get("tendon_driver", {})
         self._cell = replace(self._cell, servos=self._chain, parameters=parameters)
         save_cell(self._cell, self._settings.file)
-
-    def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
-        parameters = self._required()
-        mode = OperatingMode(int(parameters.get("operating_mode", OperatingMode.CURRENT_BASED_POSITION)))
-        limits = _limits(parameters)
-        rows = [
-            ServoConfiguration(
-                servo.tendon,
-                servo.servo_id,
-                model,
-                Spool(self._radius(servo), servo.direction or 1),
-                TorqueModel(model.torque_per_ampere, model.no_load_current),
-                mode,
-                limits.tension_hard,
-                limits.speed,
-            )
-            for servo in servos
-            for model in (MODELS[servo.model],)
-        ]
-        bus = Bus(self._chain.port, self.baud, self._settings.reply_margin_s)
-        return DynamixelBackend(bus, rows, WATCHDOG_S, report=self._person.say)
-
-
-def _limits(parameters: dict[str, float | int]) -> TendonLimits:
-    by_parameter = {parameter: name for name, parameter in LIMIT_PARAMETERS.items()}
-    given = {by_parameter[name]: float(value) for name, value in parameters.items() if name in by_parameter}
-    return TendonLimits(**({"no_reply": NO_REPLY_S} | given))

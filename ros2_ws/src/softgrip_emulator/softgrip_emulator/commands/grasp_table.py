@@ -54,7 +54,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("profiles", type=Path, help="folder of finger profiles, e.g. softgrip_bringup/profiles")
     parser.add_argument("--tensions", type=float, nargs="+", default=[8.0, 14.0, 20.0], metavar="N", help="[N]")
-    parser.add_argument("--products", nargs="+", choices=sorted(products()), default=list(products()), metavar="NAME")
+    parser.add_argument("--products", nargs="+", choices=sorted(products()), default=list(TABLE_42), metavar="NAME")
     parser.add_argument("--seed", type=int, default=1, help="of fingers and products")
     options = parser.parse_args(args)
     console = Console()
@@ -68,7 +68,7 @@ def main(args: Sequence[str] | None = None) -> int:
         row = [
             outcome(grasp(profiles, name, product, n, options.seed)) for name in FINGER_SETS for n in options.tensions
         ]
-        table.add_row(product, *row, " ".join(TABLE_42[product]))
+        table.add_row(product, *row, " ".join(TABLE_42.get(product, ())))
     console.print(table)
     return 0
 

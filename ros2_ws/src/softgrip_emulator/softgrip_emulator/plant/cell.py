@@ -132,7 +132,7 @@ class CellPlant:
         self.grasp = PlantGrasp(self.slots)
         self._crate = np.random.default_rng([seed, 0x5052])
         self.mounted: list[FingerTruth | None] = [None] * len(self.places)
-        self._histories: dict[tuple[str, str], list[float]] = {}
+        self._memories: dict[tuple[str, str], list[float]] = {}
         # A workshop's room; nobody tells the predictor.
         self._temperature_c = float(np.random.default_rng([seed, 0x524F]).uniform(21.0, 26.0))
         self.now_s = 0.0
@@ -213,9 +213,9 @@ class CellPlant:
         wound = self._spool_radii_m * [servo.shaft.angle_rad for servo in self.servos]
         zero = getattr(self, "_wound_zero", wound)
         if before is not None:
-            self._histories |= before.histories()
+            self._memories |= before.memories()
         self.bank = FingerBank(self.mounted)
-        self.bank.restore(self._histories)
+        self.bank.recall(self._memories)
         self.bank.warm(self._temperature_c)
         self._wound_zero = np.array([zero[i] if i in keep else wound[i] for i in range(len(wound))])
         if before is not None:

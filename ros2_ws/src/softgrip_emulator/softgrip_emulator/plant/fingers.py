@@ -63,16 +63,16 @@ class FingerBank:
         """Bring all fingers to a temperature [degC]."""
         self.core.set_room(*in_room(temperature_c))
 
-    def histories(self) -> dict[tuple[str, str], list[float]]:
+    def memories(self) -> dict[tuple[str, str], list[float]]:
         """What strips and tendons do not forget, by profile and serial number."""
         named = [(i, finger) for i, finger in enumerate(self.fingers) if finger is not None]
-        return {(finger.profile, finger.serial): self.core.history(i) for i, finger in named}
+        return {(finger.profile, finger.serial): self.core.recall(i) for i, finger in named}
 
-    def restore(self, histories: Mapping[tuple[str, str], list[float]]) -> None:
+    def recall(self, memories: Mapping[tuple[str, str], list[float]]) -> None:
         """Let fingers that were mounted before be as used as they were."""
         for slot, finger in enumerate(self.fingers):
-            if finger is not None and (finger.profile, finger.serial) in histories:
-                self.core.restore_history(slot, histories[finger.profile, finger.serial])
+            if finger is not None and (finger.profile, finger.serial) in memories:
+                self.core.restore(slot, memories[finger.profile, finger.serial])
 
     def pulled_length_m(self) -> Array:
         """How much cable the present joint angles take in [m], (F,)."""

@@ -228,14 +228,14 @@ void bind_fingers(py::module_& module) {
       .def(
           "set_room", [](FingerBank& bank, double stiffness, double pace) { bank.conditions.room = {stiffness, pace}; },
           py::arg("stiffness"), py::arg("pace"))
-      .def("history",
+      .def("recall",
            [](const FingerBank& bank, std::size_t slot) {
              const Finger* finger = bank.finger(slot);
-             return finger == nullptr ? std::vector<double>() : finger->history();
+             return finger == nullptr ? std::vector<double>() : finger->recall();
            })
-      .def("restore_history",
-           [](FingerBank& bank, std::size_t slot, const std::vector<double>& history) {
-             if (Finger* finger = bank.finger(slot)) finger->restore_history(history);
+      .def("restore",
+           [](FingerBank& bank, std::size_t slot, const std::vector<double>& memory) {
+             if (Finger* finger = bank.finger(slot)) finger->restore(memory);
            })
       .def("step", &step_bank, py::arg("wound_m"), py::arg("dt_s"), py::arg("load").none(true) = py::none())
       .def("adopt", &adopt, py::arg("before"), py::arg("keep"))

@@ -52,17 +52,17 @@ void Finger::adopt(const Finger& before) {
   middle_speed_m_s_ = before.middle_speed_m_s_;
 }
 
-std::vector<double> Finger::history() const {
-  std::vector<double> past(Strip::kHistory * strips_.size() + tendon_.history_size());
-  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].history(&past[Strip::kHistory * j]);
-  tendon_.history(&past[Strip::kHistory * strips_.size()]);
-  return past;
+std::vector<double> Finger::recall() const {
+  std::vector<double> memory(Strip::kMemory * strips_.size() + tendon_.memory());
+  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].recall(&memory[Strip::kMemory * j]);
+  tendon_.recall(&memory[Strip::kMemory * strips_.size()]);
+  return memory;
 }
 
-void Finger::restore_history(const std::vector<double>& past) {
-  if (past.size() != Strip::kHistory * strips_.size() + tendon_.history_size()) return;
-  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].restore_history(&past[Strip::kHistory * j]);
-  tendon_.restore_history(&past[Strip::kHistory * strips_.size()]);
+void Finger::restore(const std::vector<double>& memory) {
+  if (memory.size() != Strip::kMemory * strips_.size() + tendon_.memory()) return;
+  for (std::size_t j = 0; j < strips_.size(); ++j) strips_[j].restore(&memory[Strip::kMemory * j]);
+  tendon_.restore(&memory[Strip::kMemory * strips_.size()]);
 }
 
 void Finger::shape(FingerShape& shape, double ago_s) const {

@@ -160,11 +160,11 @@ void Strip::move(const Pose& change, double share, double dt_s, const Room& room
   }
 }
 
-void Strip::restore_history(const double* energy_j_m) {
+void Strip::restore(const double* energy_j_m) {
   for (std::size_t i = 0; i < kElements; ++i) bonds_[i + 1].largest_j_m = energy_j_m[i];
 }
 
-void Strip::history(double* energy_j_m) const {
+void Strip::recall(double* energy_j_m) const {
   for (std::size_t i = 0; i < kElements; ++i) energy_j_m[i] = bonds_[i + 1].largest_j_m;
 }
 

@@ -200,18 +200,18 @@ double Tendon::lengthened_m() const {
   return length_m * (bedded_ + crept_) + make_.knot_slip_m * std::log1p(loadings_);
 }
 
-void Tendon::restore_history(const double* past) {
-  bedded_ = past[0];
-  largest_n_ = past[1];
-  loadings_ = past[2];
-  std::copy_n(past + 3, wear_.size(), wear_.begin());
+void Tendon::restore(const double* memory) {
+  bedded_ = memory[0];
+  largest_n_ = memory[1];
+  loadings_ = memory[2];
+  std::copy_n(memory + 3, wear_.size(), wear_.begin());
 }
 
-void Tendon::history(double* past) const {
-  past[0] = bedded_;
-  past[1] = largest_n_;
-  past[2] = loadings_;
-  std::copy_n(wear_.begin(), wear_.size(), past + 3);
+void Tendon::recall(double* memory) const {
+  memory[0] = bedded_;
+  memory[1] = largest_n_;
+  memory[2] = loadings_;
+  std::copy_n(wear_.begin(), wear_.size(), memory + 3);
 }
 
 }  // namespace softgrip::plant

@@ -164,9 +164,9 @@ TEST(PlantFinger, ABraidBedsInOnceAndItsKnotDrawsTight) {
   make.tendon.bedding_strain = 0.0;
   make.tendon.knot_slip_m = 1e-4;
   RestingFinger knotted(make, 0.006);
-  const std::vector<double> past = knotted.finger.history();
+  const std::vector<double> memory = knotted.finger.recall();
   // One loading is up to 10 N and back; this was up only.
-  EXPECT_NEAR(past[4 + 2], knotted.tension / 20.0, 0.05);
+  EXPECT_NEAR(memory[4 + 2], knotted.tension / 20.0, 0.05);
 }
 
 TEST(PlantFinger, AContactWearsWithForceTimesWay) {
@@ -174,11 +174,11 @@ TEST(PlantFinger, AContactWearsWithForceTimesWay) {
   make.tendon.friction_pressure.assign(4, 0.2);
   make.tendon.wear_per_j = {0.0, 5.0, 0.0, 0.0};
   RestingFinger resting(make, 0.006);
-  const std::vector<double> past = resting.finger.history();
-  EXPECT_EQ(past[4 + 3], 0.0);
-  EXPECT_GT(past[4 + 4], 0.0);
+  const std::vector<double> memory = resting.finger.recall();
+  EXPECT_EQ(memory[4 + 3], 0.0);
+  EXPECT_GT(memory[4 + 4], 0.0);
   // At most the whole tension round the whole bend along all the cable that came by.
-  EXPECT_LT(past[4 + 4], 5.0 * resting.tension * resting.q[0] * 0.006);
+  EXPECT_LT(memory[4 + 4], 5.0 * resting.tension * resting.q[0] * 0.006);
 }
 
 TEST(PlantFinger, ABrokenTendonLetsItGo) {

@@ -200,10 +200,10 @@ TEST(Strip, RunInItIsSofterUntilItIsBentFurther) {
   EXPECT_NEAR(half / held_moment(elastic, 0.4, 0.0), 0.8, 0.01);
   EXPECT_NEAR(there / held_moment(elastic, 1.2, 0.0), 1.0, 0.01);
   // Another copy that remembers is as soft.
-  double history[Strip::kHistory];
-  used.history(history);
+  double memory[Strip::kMemory];
+  used.recall(memory);
   Strip again(make);
-  again.restore_history(history);
+  again.restore(memory);
   EXPECT_NEAR(held_moment(again, 0.4, 0.0), half, 1e-3 * half);
 }
 

@@ -10,26 +10,45 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from softgrip_model.digest import text_digest
+from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.predictor import Configuration
 from softgrip_model.finger.wear import WearMonitor
 
 
 @dataclass(frozen=True)
 class ActiveConfiguration:
-    """Fingers and friction, the judges of their wear (slot -> monitor), and whether the fingers are free of objects."""
+    """What predictions and residuals go by.
+
+    Attributes:
+        configuration: fingers and friction.
+        monitors: judges of their wear, by slot.
+        free: the fingers are free of objects.
+        learners: what their closings have taught, by slot; empty: nothing is learnt.
+    """
 
     configuration: Configuration
     monitors: Mapping[str, WearMonitor]
     free: bool
+    learners: Mapping[str, FingerLearner] = field(default_factory=dict)
+
+    def known(self, stamp: int) -> dict[str, Knowledge]:
+        """Return what a prediction at a stamp [ns] knows of each finger."""
+        return {slot: learner.at(stamp) for slot, learner in self.learners.items()}
 
     @property
     def digest(self) -> str:
-        """Name of everything here but the friction and the monitors."""
+        """Name of everything here but the friction, the monitors and what was learnt."""
         digest = self.configuration.digest
         return digest if self.free else text_digest(f"{digest};not free")
+
+    def digest_at(self, stamp: int) -> str:
+        """Return the digest with what is known at a stamp [ns]; that of before when nothing is ever learnt."""
+        known = sorted(self.known(stamp).items())
+        parts = [f"{slot}:{one.causes.prior}:{one.digest}" for slot, one in known]
+        return text_digest(";".join([self.digest, *parts])) if parts else self.digest
 
     def holds(self, slot: str, profile: str) -> bool:
         """Whether a slot holds a finger of a profile; empty: of any."""

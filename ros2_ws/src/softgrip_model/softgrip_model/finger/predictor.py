@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from softgrip_model.finger.design import Finger, JointModel
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.finger.kernel import Kernel, Solution, Status, reason
+from softgrip_model.finger.learning import Knowledge
+from softgrip_model.finger.uncertainty import Causes, Uncertainty
 from softgrip_model.friction.acceptance import model_digest
 from softgrip_model.friction.errors import ModelFileError
 from softgrip_model.friction.laws import FrictionLaw
@@ -65,7 +68,7 @@ class TendonReading:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One finger, n joints; lengths in m. Numbers are NaN when it failed."""
+    """One finger, n joints; lengths in m unless named otherwise. Numbers are NaN when it failed."""
 
     finger: str
     profile: str
@@ -74,14 +77,19 @@ class Prediction:
     """(n,) [rad]"""
     joint_angles_stddev: Array | None
     """(n,) [rad]; None when the friction's covariance is unknown."""
-    tip: tuple[float, float]
-    """[m] in the finger's base frame."""
+    tip_mm: tuple[float, float]
+    """[mm] in the finger's base frame, as the kernel has it."""
     tip_stddev: tuple[float, float]
     """[m]; NaN when unknown."""
     tensions: Array
     """(2 n + 1,) [N], span by span from the actuator to the tip."""
     validity: Validity
     reason: str
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """[m] in the finger's base frame."""
+        return 1e-3 * self.tip_mm[0], 1e-3 * self.tip_mm[1]
 
     @property
     def tension(self) -> float:
@@ -162,21 +170,27 @@ class Configuration:
         """Return what is assumed for a slot."""
         return self.friction or self._own[slot]
 
-    def predict(self, readings: Sequence[TendonReading]) -> list[Prediction]:
-        """Predict every mounted finger that has a reading: a pure function of configuration and readings.
+    def predict(self, readings: Sequence[TendonReading], known: Mapping[str, Knowledge] = {}) -> list[Prediction]:
+        """Predict every mounted finger that has a reading: a pure function of configuration, readings and knowledge.
 
         Readings of slots where nothing is mounted are left out.
-        """
-        known = [reading for reading in readings if reading.finger in self.fingers]
-        if not known:
-            return []
-        kernel = self._kernel(tuple(reading.finger for reading in known))
-        targets = np.array([[1e3 * reading.pulled_length] for reading in known])
-        solution = kernel.solve(targets, march=False, gradient=True, threads=1)
-        return [self._prediction(reading, solution, i, 0) for i, reading in enumerate(known)]
 
-    def closing(self, slot: str, pulled_lengths: Sequence[float]) -> list[Prediction]:
-        """Predict one finger at several pulled lengths [m].
+        Args:
+            readings: of the tendons.
+            known: of fingers, slot -> what joint angles and tip are predicted with; of others the friction's
+                covariance alone is known.
+        """
+        mounted = [reading for reading in readings if reading.finger in self.fingers]
+        if not mounted:
+            return []
+        kernel = self._kernel(tuple(reading.finger for reading in mounted))
+        targets = np.array([[1e3 * reading.pulled_length] for reading in mounted])
+        solution = kernel.solve(targets, march=False, gradient=True, threads=1)
+        predicted = [self._prediction(reading, solution, i, 0) for i, reading in enumerate(mounted)]
+        return [_as_known(one, known.get(one.finger)) for one in predicted]
+
+    def closing(self, slot: str, pulled_lengths: Sequence[float], known: Knowledge | None = None) -> list[Prediction]:
+        """Predict one finger at several pulled lengths [m], with what is known of it.
 
         Raises:
             FingerError: nothing is mounted in that slot.
@@ -185,7 +199,13 @@ class Configuration:
             raise FingerError(f"no finger in slot {slot!r}; mounted: {', '.join(self.fingers) or 'none'}")
         lengths = [float(length) for length in pulled_lengths]
         solution = self._kernel((slot,)).solve(1e3 * np.array([lengths]), march=False, gradient=True, threads=1)
-        return [self._prediction(TendonReading(slot, length), solution, 0, k) for k, length in enumerate(lengths)]
+        predicted = [self._prediction(TendonReading(slot, length), solution, 0, k) for k, length in enumerate(lengths)]
+        return [_as_known(one, known) for one in predicted]
+
+    def causes(self, slot: str, prior: Uncertainty) -> Causes:
+        """Return what a mounted finger may differ in."""
+        friction = self.friction_of(slot)
+        return Causes(self.fingers[slot], friction.law, friction.covariance, prior)
 
     def solve(self, slot: str, pulled_length: float) -> Solution:
         """Return the kernel's own answer (mm) for one finger at one pulled length [m]."""
@@ -211,7 +231,7 @@ class Configuration:
             pulled_length=reading.pulled_length,
             joint_angles=solution.angle_rad[i, k, :n],
             joint_angles_stddev=None if stddev is None else stddev[:n],
-            tip=(1e-3 * x_mm, 1e-3 * y_mm),
+            tip_mm=(x_mm, y_mm),
             tip_stddev=(1e-3 * sx_mm, 1e-3 * sy_mm),
             tensions=solution.tension_n[i, k, : 2 * n + 1],
             validity=validity,
@@ -228,6 +248,28 @@ class Configuration:
         slopes = solution.gradient.friction[i, k]
         variance = ((slopes @ covariance) * slopes).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _as_known(prediction: Prediction, known: Knowledge | None) -> Prediction:
+    """Return joint angles and tip as a finger is known; tensions stay those of the profile's finger.
+
+    The cell keeps tables of tensions beside the profile's (docs/cell.md), which must not move under it.
+    """
+    if known is None or prediction.validity is Validity.FAILED:
+        return prediction
+    found = known.predict(np.array([1e3 * prediction.pulled_length]))
+    if found is None:
+        why = "; ".join(filter(None, (prediction.reason, "no equilibrium of the finger as it is known")))
+        return dataclasses.replace(prediction, validity=Validity.EXTRAPOLATED, reason=why)
+    x_mm, y_mm = found.tip_mm[0].tolist()
+    sx_mm, sy_mm = found.tip_stddev_mm[0].tolist()
+    return dataclasses.replace(
+        prediction,
+        joint_angles=found.angle_rad[0],
+        joint_angles_stddev=found.angle_stddev_rad[0],
+        tip_mm=(x_mm, y_mm),
+        tip_stddev=(1e-3 * sx_mm, 1e-3 * sy_mm),
+    )
 
 
 def _trust(status: int, reading: TendonReading) -> tuple[Validity, str]:

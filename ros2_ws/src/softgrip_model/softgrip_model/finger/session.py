@@ -10,11 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
+from softgrip_model.finger.closing_samples import ClosingSample
 from softgrip_model.finger.design import JointModel
 from softgrip_model.finger.errors import FingerError
-from softgrip_model.finger.kernel import Status
+from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.matching import Matcher, TendonInput
-from softgrip_model.finger.predictor import PAYING_OUT, ActiveFriction, Configuration, Prediction, TendonReading
+from softgrip_model.finger.predictor import (
+    PAYING_OUT,
+    ActiveFriction,
+    Configuration,
+    Prediction,
+    TendonReading,
+    Validity,
+)
+from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.profile import Profile
 
@@ -57,8 +66,17 @@ class Session:
         mounted: Mapping[str, str],
         wear: WearSettings,
         joint_model: JointModel = JointModel.FLEXURE,
+        uncertainty: Uncertainty | None = PRIOR,
     ) -> None:
         """Start with the given fingers (slot -> profile id) and each profile's own friction, computed by a mode.
+
+        Args:
+            profiles: by id.
+            mounted: slot -> profile id.
+            wear: how wear is judged.
+            joint_model: how fingers are computed.
+            uncertainty: what predictions do not know, and learn; None: the friction's covariance is all, nothing is
+                learnt.
 
         Raises:
             FingerError: an unknown profile.
@@ -72,6 +90,8 @@ class Session:
         self._free = True
         self._timeline = Timeline()
         self._joint_model = joint_model
+        self._uncertainty = uncertainty
+        self._learnt: list[tuple[str, Knowledge]] = []
         self._adopt(mounted, None)
 
     def learn(self, friction: ActiveFriction) -> None:
@@ -101,7 +121,12 @@ class Session:
     @property
     def in_use(self) -> ActiveConfiguration:
         """What a tendon sample that comes now is predicted and judged with."""
-        return ActiveConfiguration(self.configuration, self._monitors, self._free)
+        return ActiveConfiguration(self.configuration, self._monitors, self._free, self._learners)
+
+    def take_learnt(self) -> list[tuple[str, Knowledge]]:
+        """Return slot and knowledge of every closing that was learnt from since the last call."""
+        taken, self._learnt = self._learnt, []
+        return taken
 
     def on_tendons(self, tendons: Sequence[TendonInput], names: Sequence[str]) -> list[Residual]:
         """Take the tendons' state at one stamp; return the residuals that became known by it."""
@@ -121,7 +146,7 @@ class Session:
             TendonReading(name, sample.pulled_length, sample.velocity)
             for name, sample in zip(names, tendons, strict=True)
         ]
-        return self.configuration.predict(readings)
+        return self.configuration.predict(readings, self.in_use.known(tendons[0].stamp) if tendons else {})
 
     def on_measured(self, stamp: int, fingers: Sequence[MeasuredFinger]) -> list[Residual]:
         """Take what the camera saw at a stamp [ns]; return the residuals that became known by it."""
@@ -147,11 +172,25 @@ class Session:
         if friction:
             law = self._known_friction(profile, friction)
         requested = Configuration(self._profiles, dict.fromkeys(slots, profile), law, self._joint_model)
-        return [prediction for name in slots for prediction in requested.closing(name, pulled_lengths)]
+        return [
+            prediction
+            for name in slots
+            for prediction in requested.closing(name, pulled_lengths, self._known(requested, name))
+        ]
 
     def verdicts(self) -> dict[str, tuple[WearVerdict, str]]:
         """Return the verdict on every mounted finger."""
         return {slot: monitor.judge() for slot, monitor in self._monitors.items()}
+
+    def _known(self, requested: Configuration, slot: str) -> Knowledge | None:
+        """Return what is known of a finger that was asked for: of the one that is mounted, what it has taught."""
+        if self._uncertainty is None:
+            return None
+        now = self.configuration
+        same = requested.mounted[slot] == now.mounted.get(slot)
+        if same and requested.friction_of(slot).digest == now.friction_of(slot).digest:
+            return self._learners[slot].newest
+        return Knowledge.prior(requested.causes(slot, self._uncertainty))
 
     def _known_friction(self, profile: str, friction: str) -> ActiveFriction | None:
         if friction in self._frictions:
@@ -168,6 +207,10 @@ class Session:
             slot: WearMonitor(finger, configuration.friction_of(slot).law, self._wear)
             for slot, finger in configuration.fingers.items()
         }
+        self._learners = {}
+        if self._uncertainty is not None:
+            prior = self._uncertainty
+            self._learners = {slot: FingerLearner(configuration.causes(slot, prior)) for slot in configuration.fingers}
 
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())
@@ -181,19 +224,16 @@ class Session:
                 residuals.append(self._residual(in_use, tendon, measured))
         return residuals
 
-    @staticmethod
-    def _residual(in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger) -> Residual:
+    def _residual(self, in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger) -> Residual:
         slot = measured.finger
-        solution = in_use.configuration.solve(slot, tendon.pulled_length)
+        known = in_use.known(tendon.stamp)
+        reading = TendonReading(slot, tendon.pulled_length, tendon.velocity)
+        (predicted,) = in_use.configuration.predict([reading], known)
         finger, monitor = in_use.configuration.fingers[slot], in_use.monitors[slot]
-        tip_mm = 1e3 * np.array(measured.tip)
-        slack = bool(int(solution.status[0, 0]) & Status.SLACK)
-        if not solution.failed[0, 0] and not slack:
-            pulling = tendon.velocity > PAYING_OUT
-            monitor.add(solution, tip_mm, tendon.tension, pulling=pulling, free=in_use.free)
+        if predicted.validity is not Validity.FAILED and predicted.tension > 0.0:
+            self._observe(in_use, tendon, measured, predicted.tension)
         verdict, why = monitor.judge()
-        error_mm = float(np.linalg.norm(tip_mm - solution.tip_mm[0, 0]))
-        predicted = solution.angle_rad[0, 0]
+        error_mm = float(np.linalg.norm(1e3 * np.array(measured.tip) - np.array(predicted.tip_mm)))
         angles = measured.joint_angles if len(measured.joint_angles) == finger.joints else (math.nan,) * finger.joints
         return Residual(
             stamp=tendon.stamp,
@@ -201,10 +241,24 @@ class Session:
             pulled_length=tendon.pulled_length,
             tip_error=1e-3 * error_mm,
             tip_error_percent=100.0 * error_mm / finger.length_from_joint_mm,
-            joint_angle_errors=tuple(float(a - p) for a, p in zip(angles, predicted, strict=True)),
-            tension_error=tendon.tension - float(solution.tension_n[0, 0, 0]),
+            joint_angle_errors=tuple(float(a - p) for a, p in zip(angles, predicted.joint_angles, strict=True)),
+            tension_error=tendon.tension - predicted.tension,
             cusum_friction=monitor.cusum_friction,
             cusum_stiffness=monitor.cusum_stiffness,
             verdict=verdict,
             reason=why,
         )
+
+    def _observe(
+        self, in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger, predicted_n: float
+    ) -> None:
+        """Have a finger's monitor and learner take one instant."""
+        slot, pulling = measured.finger, tendon.velocity > PAYING_OUT
+        sample = ClosingSample(
+            tendon.stamp, 1e3 * tendon.pulled_length, 1e3 * np.array(measured.tip), tendon.tension, predicted_n
+        )
+        in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free)
+        if slot in in_use.learners:
+            learnt = in_use.learners[slot].add(sample, pulling=pulling, free=in_use.free)
+            if learnt is not None:
+                self._learnt.append((slot, learnt))

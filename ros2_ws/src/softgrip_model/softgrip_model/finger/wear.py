@@ -14,20 +14,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_model.finger.closing_samples import ClosingCollector, ClosingSample, SamplingRule
 from softgrip_model.finger.design import Finger
-from softgrip_model.finger.kernel import Kernel, Solution
-from softgrip_model.friction.laws import FrictionLaw, Law
+from softgrip_model.finger.kernel import Kernel
+from softgrip_model.finger.uncertainty import SCALED_COEFFICIENTS
+from softgrip_model.friction.laws import FrictionLaw
 
 Array = NDArray[np.float64]
-
-#: Pulled lengths that differ by less are the same.
-_ROUNDING_MM = 1e-6
 
 #: Gauss-Newton ends after so many steps, or when none of the shifts changes by more than this.
 _MAX_STEPS, _SETTLED_SHIFT = 6, 1e-4
@@ -36,8 +36,6 @@ _MIN_SHIFT, _LARGEST_SHIFT = -0.9, 4.0
 
 #: Beside a shift of the friction, one of the stiffness with a smaller share of its deviations is what the model lacks.
 _MIN_BESIDE = 0.25
-
-_SCALED = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.0, 0.0, 1.0, 1.0)}
 
 
 class WearVerdict(IntEnum):
@@ -141,25 +139,17 @@ class Cusum:
         return max(self.up, self.down)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """One instant of a closing."""
-
-    pulled_mm: float
-    seen: Array
-    """(3,) tip x, tip y [mm], actuator tension [N]"""
-    tension_noise_n: float
-
-
 class WearMonitor:
     """Watches one mounted finger under one friction model; make a new one when either changes."""
 
     def __init__(self, finger: Finger, law: FrictionLaw, settings: WearSettings) -> None:
         self._finger, self._law, self._settings = finger, law, settings
-        self._scaled = np.array(_SCALED[law.law]) * np.array(law.coefficients)
+        self._scaled = np.array(SCALED_COEFFICIENTS[law.law]) * np.array(law.coefficients)
         self._friction = Cusum(settings)
         self._stiffness = Cusum(settings)
-        self._samples: list[_Sample] = []
+        self._collector = ClosingCollector(
+            SamplingRule(settings.spacing_mm, settings.min_pulled_mm, settings.min_samples)
+        )
         self.closings = 0
         """Closings that counted."""
         self.shift: WearShift | None = None
@@ -175,31 +165,17 @@ class WearMonitor:
         """Decision statistic; alarm above the settings' limit."""
         return self._stiffness.statistic
 
-    def add(self, solution: Solution, tip_mm: Array, tension_n: float, *, pulling: bool, free: bool) -> None:
+    def add(self, sample: ClosingSample, *, pulling: bool, free: bool) -> None:
         """Take one instant.
 
         Args:
-            solution: the prediction, one finger and one target.
-            tip_mm: measured, (2,).
-            tension_n: measured at the actuator.
+            sample: pulled length, prediction and measurement.
             pulling: the cable is being pulled.
             free: nothing is held: only then the free model says what to expect.
         """
-        pulled = float(solution.pulled_mm[0, 0])
-        if not free:
-            self._forget()
-            return
-        if not pulling:
-            self._finish()
-            return
-        furthest_mm = self._samples[-1].pulled_mm if self._samples else 0.0
-        next_mm = max(self._settings.min_pulled_mm, furthest_mm + self._settings.spacing_mm)
-        if pulled < next_mm - _ROUNDING_MM or not (np.isfinite(tip_mm).all() and math.isfinite(tension_n)):
-            return
-        tension_noise = self._settings.tension_stddev * float(solution.tension_n[0, 0, 0])
-        self._samples.append(
-            _Sample(pulled, np.append(tip_mm, tension_n), tension_noise + self._settings.tension_floor_n)
-        )
+        closing = self._collector.add(sample, pulling=pulling, free=free)
+        if closing:
+            self._finish(closing)
 
     def judge(self) -> tuple[WearVerdict, str]:
         """Return the verdict and what moved, by how much."""
@@ -218,19 +194,17 @@ class WearMonitor:
             return WearVerdict.WATCH, both
         return WearVerdict.OK, ""
 
-    def _finish(self) -> None:
-        if len(self._samples) >= self._settings.min_samples:
-            self.shift = shift = self._estimate()
-            self.closings += 1
-            self._friction.add(shift.friction, shift.friction_stddev)
-            self._stiffness.add(shift.stiffness, shift.stiffness_stddev)
-        self._forget()
+    def _finish(self, closing: Sequence[ClosingSample]) -> None:
+        self.shift = shift = self._estimate(closing)
+        self.closings += 1
+        self._friction.add(shift.friction, shift.friction_stddev)
+        self._stiffness.add(shift.stiffness, shift.stiffness_stddev)
 
-    def _estimate(self) -> WearShift:
+    def _estimate(self, closing: Sequence[ClosingSample]) -> WearShift:
         found = WearShift(math.nan, math.nan, math.nan, math.nan)
         at = np.zeros(2)
         for _ in range(_MAX_STEPS):
-            linear = self._linearised(at)
+            linear = self._linearised(closing, at)
             if linear is None:
                 break
             slopes, residual = linear
@@ -246,7 +220,7 @@ class WearMonitor:
                 break
         return found
 
-    def _linearised(self, shift: Array) -> tuple[Array, Array] | None:
+    def _linearised(self, closing: Sequence[ClosingSample], shift: Array) -> tuple[Array, Array] | None:
         """Return slopes (3 K, 2) to both shifts and residuals (3 K,) of the K samples, in standard deviations.
 
         None where the finger so shifted has no equilibrium at some of them.
@@ -255,7 +229,7 @@ class WearMonitor:
         a, b, c = (modulus * (1.0 + shift[1]) for modulus in strip.modulus_mpa)
         finger = dataclasses.replace(self._finger, strip=dataclasses.replace(strip, modulus_mpa=(a, b, c)))
         law = self._law.with_coefficients(np.array(self._law.coefficients) + shift[0] * self._scaled)
-        solution = Kernel([finger], law).solve([s.pulled_mm for s in self._samples], gradient=True, threads=1)
+        solution = Kernel([finger], law).solve([s.pulled_mm for s in closing], gradient=True, threads=1)
         if solution.failed.any() or solution.gradient is None:
             return None
         n = finger.joints
@@ -269,9 +243,10 @@ class WearMonitor:
         )
         expected = np.column_stack([solution.tip_mm[0], solution.tension_n[0, :, 0]])
         tip_noise = self._settings.tip_stddev_mm
-        noise = np.array([[tip_noise, tip_noise, sample.tension_noise_n] for sample in self._samples])
-        residual = (np.array([sample.seen for sample in self._samples]) - expected) / noise
+        noise = np.array([[tip_noise, tip_noise, self._tension_noise(sample)] for sample in closing])
+        seen_now = np.array([[*sample.tip_mm, sample.tension_n] for sample in closing])
+        residual = (seen_now - expected) / noise
         return (slopes / noise[:, :, None]).reshape(-1, 2), residual.ravel()
 
-    def _forget(self) -> None:
-        self._samples.clear()
+    def _tension_noise(self, sample: ClosingSample) -> float:
+        return self._settings.tension_stddev * sample.predicted_n + self._settings.tension_floor_n

@@ -260,11 +260,11 @@ def _drawn_by_projection(strain: Array, lame_per_mu: float) -> tuple[Array, Arra
         k = 2.0 * (1.0 / kept - kept**-0.5) / (2.0 + 3.0 * lame_per_mu)
         return kept - k / kept, kept**-0.5 - k * kept**0.5, k
 
-    def excess(kept: Array) -> Array:
+    def beyond(kept: Array) -> Array:
         along, across, _ = stretches(kept)
         return np.asarray((along - across) / 1.5 - strain)
 
-    kept = _root(excess, np.ones_like(strain), 1.0 + 1.5 * strain)
+    kept = _root(beyond, np.ones_like(strain), 1.0 + 1.5 * strain)
     along, _, k = stretches(kept)
     return along, 2.0 * (along - 1.0) - 3.0 * lame_per_mu * k / kept
 

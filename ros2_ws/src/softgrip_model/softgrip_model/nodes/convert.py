@@ -122,7 +122,7 @@ def predicted_message(header: Header, predictions: Sequence[Prediction], in_use:
         fingers=[finger_state(prediction) for prediction in predictions],
         friction_model=in_use.configuration.friction_id,
         friction_digest=in_use.configuration.friction_digest,
-        configuration=in_use.digest,
+        configuration=in_use.digest_at(nanoseconds(header.stamp)),
     )
 
 

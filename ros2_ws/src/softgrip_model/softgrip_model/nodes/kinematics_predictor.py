@@ -24,6 +24,7 @@ from softgrip_model.finger import FingerError, JointModel
 from softgrip_model.finger.matching import MAX_GAP_NS, SPAN_NS
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.finger.session import Residual, Session
+from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.nodes import convert
@@ -43,7 +44,7 @@ from softgrip_nodekit import (
     run,
 )
 
-_WEAR = WearSettings()
+_WEAR, _PRIOR = WearSettings(), PRIOR
 
 PARAMETERS = ParameterTable(
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
@@ -55,6 +56,20 @@ PARAMETERS = ParameterTable(
         "how fingers are computed: flexure (mode F) or hinge (mode P), docs/finger.md",
         choices=tuple(map(str, JointModel)),
     ),
+    Parameter(
+        "intervals",
+        "all",
+        "what standard deviations hold: all that may differ, learnt from closings, or the friction's covariance alone",
+        choices=("all", "friction"),
+    ),
+    Parameter(
+        "zero_stddev_m", 1e-3 * _PRIOR.zero_mm, "of the pulled length's zero before it was learnt", "m", 0.0, 0.01
+    ),
+    Parameter("print_stddev_m", 1e-3 * _PRIOR.thickness_mm, "of printed strips and routing", "m", 0.0, 0.002),
+    Parameter("camera_stddev_m", 1e-3 * _PRIOR.camera_mm, "of the camera's plane", "m", 0.0, 0.01),
+    Parameter("model_stddev", _PRIOR.model, "error of the kernel at full closing, share of the length", "", 0.0, 0.2),
+    Parameter("stiffness_stddev", _PRIOR.stiffness, "of the material's modulus, relative", "", 0.0, 0.25),
+    Parameter("friction_stddev", _PRIOR.friction, "of ln Rf beside the rig's, relative", "", 0.0, 0.25),
     Parameter("tip_stddev_m", 1e-3 * _WEAR.tip_stddev_mm, "noise of the measured tip", "m", 1e-5, 0.02),
     Parameter("tension_stddev", _WEAR.tension_stddev, "noise of the measured tension, relative", "", 0.001, 1.0),
     Parameter("baseline_closings", _WEAR.baseline, "empty closings that set the baseline", "", 2, 100),
@@ -89,6 +104,22 @@ def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str
     return dict(zip(fingers, each, strict=True))
 
 
+def _uncertainty(values: dict[str, Any]) -> Uncertainty | None:
+    if values["intervals"] == "friction":
+        return None
+    return Uncertainty(
+        friction=values["friction_stddev"],
+        stiffness=values["stiffness_stddev"],
+        thickness_mm=1e3 * values["print_stddev_m"],
+        routing_mm=1e3 * values["print_stddev_m"],
+        zero_mm=1e3 * values["zero_stddev_m"],
+        camera_mm=1e3 * values["camera_stddev_m"],
+        model=values["model_stddev"],
+        tip_noise_mm=1e3 * values["tip_stddev_m"],
+        tension_noise=values["tension_stddev"],
+    )
+
+
 class KinematicsPredictor(Node):
     """Translates between topics and a `Session`."""
 
@@ -121,7 +152,7 @@ class KinematicsPredictor(Node):
         )
         try:
             profiles, model = _load_profiles(values["profiles_directory"]), JointModel(values["joint_model"])
-            return Session(profiles, mounted, wear, model)
+            return Session(profiles, mounted, wear, model, _uncertainty(values))
         except (FingerError, ProfileError) as error:
             raise StartupError(str(error)) from error
 
@@ -144,6 +175,9 @@ class KinematicsPredictor(Node):
         self._publish_residuals(self._session.on_measured(stamp, convert.measured_fingers(message)))
 
     def _publish_residuals(self, residuals: Sequence[Residual]) -> None:
+        for slot, known in self._session.take_learnt():
+            self._report(f"finger {slot} as learnt", Health.OK, known.summary())
+            self.get_logger().info(f"{slot}: {known.summary()}")
         for residual in residuals:
             self._residual.publish(convert.residual_message(residual))
             self._report(f"finger {residual.finger}", _HEALTH[residual.verdict], residual.reason or "as predicted")

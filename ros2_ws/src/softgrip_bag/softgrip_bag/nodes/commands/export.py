@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write each topic of a bag as a table: a row per message, a column per field."""
+"""Write each topic of a bag as a table (a row per message, a column per field), or grasps as a LeRobotDataset."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message
+from rich.console import Console
+from rich.progress import track
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import flat, message_class, tree
@@ -24,30 +26,64 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="ros2 run softgrip_bag export",
         description=__doc__,
-        epilog="Columns are named as in `ros2 topic echo --csv`'s order: path.to.field, lists by index. Arrays of over "
-        "64 numbers (images, meshes) give their length only.",
+        epilog="Columns of tables are named as in `ros2 topic echo --csv`'s order: path.to.field, lists by index. "
+        "Arrays of over 64 numbers (images, meshes) give their length only.",
     )
-    parser.add_argument("bag", type=Path, help="folder of the bag, or one .mcap file")
+    parser.add_argument("bags", metavar="BAG", nargs="+", type=Path, help="folder of a bag, or one .mcap file")
     form = parser.add_mutually_exclusive_group(required=True)
     form.add_argument("--csv", action="store_true", help="one .csv per topic")
     form.add_argument("--parquet", action="store_true", help="one .parquet per topic")
+    form.add_argument(
+        "--lerobot", type=Path, metavar="OUT", help="the grasps as a LeRobotDataset v3.0 (docs/archive.md)"
+    )
+    parser.add_argument("--fps", type=int, default=20, help="frames a second of --lerobot")
     parser.add_argument("--topics", nargs="+", help="only these")
     parser.add_argument("-o", "--output", type=Path, help="folder; default: BAG-tables beside the bag")
     options = parser.parse_args(args)
-    folder = options.output or options.bag.with_name(f"{options.bag.stem}-tables")
+    if options.fps < 1:
+        parser.error(f"expected at least one frame a second, found {options.fps}")
+    if options.output and len(options.bags) > 1:
+        parser.error("expected one bag with --output")
     try:
-        bag = RecordedBag(options.bag)
-        for topic in bag.topics:
-            if topic.messages and (options.topics is None or topic.name in options.topics):
-                bag.check_definition(topic)
-                print(write(bag, topic.name, folder, parquet=options.parquet))
+        if options.lerobot:
+            _write_dataset(options.bags, options.lerobot, options.fps)
+        else:
+            for path in options.bags:
+                _write_tables(path, options)
     except BagError as error:
         print(error, file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"{folder}: cannot be written: {error.strerror}", file=sys.stderr)
+        print(
+            f"{error.filename or options.lerobot or options.output}: cannot be written: {error.strerror}",
+            file=sys.stderr,
+        )
         return 2
     return 0
+
+
+def _write_dataset(bags: Sequence[Path], folder: Path, rate_hz: int) -> None:
+    """Write the grasps of bags as one dataset; a bag without a grasp is named and left out."""
+    from softgrip_bag.lerobot import write_lerobot  # noqa: PLC0415  a second that tables need not wait for
+    from softgrip_bag.nodes.grasp_episodes import grasp_episodes  # noqa: PLC0415  as above
+
+    episodes = []
+    for bag in track(bags, "reading", console=Console(stderr=True), disable=not sys.stderr.isatty()):
+        found = grasp_episodes(bag, rate_hz)
+        if not found:
+            print(f"{bag}: no grasp in it", file=sys.stderr)
+        episodes += found
+    write_lerobot(folder, episodes, rate_hz)
+    print(f"{folder}: {len(episodes)} grasps, {sum(one.is_success for one in episodes)} held")
+
+
+def _write_tables(path: Path, options: argparse.Namespace) -> None:
+    folder = options.output or path.with_name(f"{path.stem}-tables")
+    bag = RecordedBag(path)
+    for topic in bag.topics:
+        if topic.messages and (options.topics is None or topic.name in options.topics):
+            bag.check_definition(topic)
+            print(write(bag, topic.name, folder, parquet=options.parquet))
 
 
 def rows(bag: RecordedBag, topic: str) -> list[Row]:

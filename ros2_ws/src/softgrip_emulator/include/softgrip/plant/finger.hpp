@@ -74,8 +74,8 @@ class Finger {
   double pulled_length_m() const { return tendon_.pulled_length_m(); }
 
   // What it will not forget, mounted or not: strips (2 n), then the tendon.
-  std::vector<double> history() const;
-  void restore_history(const std::vector<double>& past);
+  std::vector<double> recall() const;
+  void restore(const std::vector<double>& memory);
 
   // The shape now, or as it was `ago_s` before by the speeds of the last step.
   void shape(FingerShape& shape, double ago_s = 0.0) const;

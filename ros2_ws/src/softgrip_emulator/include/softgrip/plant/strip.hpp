@@ -58,12 +58,12 @@ class Strip {
   Eigen::Vector2d middle_m() const { return nodes_[kElements / 2].head<2>(); }
 
   // What the strip will not forget: the largest energy [J/m] that each of its elements has held.
-  static constexpr std::size_t kHistory = 2;
-  void restore_history(const double* energy_j_m);
-  void history(double* energy_j_m) const;
+  static constexpr std::size_t kMemory = 2;
+  void restore(const double* energy_j_m);
+  void recall(double* energy_j_m) const;
 
  private:
-  static constexpr std::size_t kElements = kHistory, kNodes = kElements + 1, kBonds = kElements + 2;
+  static constexpr std::size_t kElements = kMemory, kNodes = kElements + 1, kBonds = kElements + 2;
 
   struct Bond {
     Eigen::Vector3d force = Eigen::Vector3d::Zero();  // elastic [N, N, N m]

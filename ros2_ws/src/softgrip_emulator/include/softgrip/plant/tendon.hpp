@@ -50,10 +50,10 @@ class Tendon {
   // Let the cable bed in, creep and slip in its knot under the tension at the spool.
   void age(double tension_n, double dt_s);
 
-  // What the tendon will not forget, `history_size` (3 + 2 n): bedding strain, largest tension [N], loadings, wear.
-  void restore_history(const double* past);
-  void history(double* past) const;
-  std::size_t history_size() const { return 3 + wear_.size(); }
+  // What the tendon will not forget, `memory` (3 + 2 n): bedding strain, largest tension [N], loadings, wear.
+  void restore(const double* memory);
+  void recall(double* memory) const;
+  std::size_t memory() const { return 3 + wear_.size(); }
   // How much longer it has become since it was strung [m].
   double lengthened_m() const;
 

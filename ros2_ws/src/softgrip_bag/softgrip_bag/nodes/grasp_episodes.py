@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a bag to its grasps as episodes: the manager's trace says when each began and what it commanded."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from softgrip_bag.episode import GraspEpisode, StampedSeries, TendonCommand, commanded
+from softgrip_bag.errors import BagError
+from softgrip_bag.nodes.digest import grasp_result
+from softgrip_bag.nodes.messages import message_class, stamp_of
+from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.nodes.trace import TraceStep, runs
+from softgrip_bag.story import RecordedGrasp
+from softgrip_interfaces.action import Grasp as GraspAction
+from softgrip_interfaces.action import MoveTendon
+
+_TRACE, _STATE, _MODE = "/grasp_mix_manager/trace", "/tendon/state", "/cell/state"
+_PREDICTED, _MEASURED, _IMAGE = "/finger/predicted", "/finger/measured", "/camera/image_raw/compressed"
+_UUID = 16
+#: That a tendon of the cell may be pulled at most [m]: what a move to a tension may wind in (thesis: 20 mm).
+FULL_LENGTH_M = 0.020
+
+
+@dataclass
+class _Topics:
+    """What a bag holds of each topic, by stamp."""
+
+    tendons: tuple[str, ...] = ()
+    states: list[tuple[int, list[float]]] = field(default_factory=list)
+    predicted: list[tuple[int, list[float]]] = field(default_factory=list)
+    measured: list[tuple[int, list[float]]] = field(default_factory=list)
+    images: list[tuple[int, bytes]] = field(default_factory=list)
+    finger_sets: list[tuple[int, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _TracedGrasp:
+    """A grasp of the trace: when it began and ended, what it commanded and how it ended."""
+
+    begun_ns: int
+    ended_ns: int
+    moves: tuple[tuple[int, Any], ...]
+    result: RecordedGrasp
+
+
+def grasp_episodes(path: Path, rate_hz: int) -> list[GraspEpisode]:
+    """Return the grasps of a bag that moved a tendon, in their order.
+
+    Args:
+        path: of the bag.
+        rate_hz: of the frames.
+
+    Raises:
+        BagError: no bag, or one without the manager's trace or tendon/state.
+    """
+    bag = RecordedBag(path)
+    for topic in (_TRACE, _STATE):
+        if bag.cell + topic not in bag.types:
+            raise BagError(f"{path}: expected {topic}, found only {', '.join(sorted(bag.types))}")
+    topics = _read(bag)
+    return [_episode(path, grasp, topics, rate_hz) for grasp in _traced(bag) if grasp.moves and topics.states]
+
+
+def _read(bag: RecordedBag) -> _Topics:
+    found = _Topics()
+    names = {bag.cell + topic for topic in (_STATE, _MODE, _PREDICTED, _MEASURED, _IMAGE)}
+    for raw in bag.read(names & set(bag.types)):
+        message = deserialize_message(raw.data, message_class(raw.type_name))
+        stamp = stamp_of(message)
+        match raw.topic.removeprefix(bag.cell):
+            case "/tendon/state":
+                found.tendons = found.tendons or tuple(message.name)
+                found.states.append((stamp, [*message.position, *message.effort]))
+            case "/cell/state":
+                found.finger_sets.append((raw.received, str(message.finger_set)))
+            case "/finger/predicted":
+                found.predicted.append((stamp, [a for one in message.fingers for a in one.joint_angles]))
+            case "/finger/measured":
+                found.measured.append((stamp, [a for one in message.fingers for a in one.joint_angles]))
+            case _:
+                found.images.append((stamp, bytes(message.data)))
+    return found
+
+
+def _traced(bag: RecordedBag) -> Iterator[_TracedGrasp]:
+    for steps in runs(bag, bag.cell + _TRACE):
+        yield from _grasps_of(bag, steps)
+
+
+def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep]) -> Iterator[_TracedGrasp]:
+    product, begun_ns = "", 0
+    moves: list[tuple[int, Any]] = []
+    for step in steps:
+        name = step.name.replace(f" {bag.cell}/", " /", 1)
+        if name == "goal /cell/grasp":
+            product, begun_ns = deserialize_message(step.data[_UUID:], GraspAction.Goal).product, step.wall
+            moves = []
+        elif name == "sent /tendon/move":
+            moves.append((step.wall, deserialize_message(step.data, MoveTendon.Goal)))
+        elif name == "finished /cell/grasp":
+            yield _TracedGrasp(begun_ns, step.wall, tuple(moves), grasp_result(bag, step, product))
+            moves = []
+
+
+def _episode(path: Path, grasp: _TracedGrasp, topics: _Topics, rate_hz: int) -> GraspEpisode:
+    states = _series(topics.states)
+    count = len(topics.tendons)
+    first_ns = next((stamp for stamp in states.stamps_ns if stamp >= grasp.begun_ns), states.stamps_ns[-1])
+    period_ns = round(1e9 / rate_hz)
+    frames = max(1, (grasp.ended_ns - first_ns) // period_ns + 1)
+    times_ns = first_ns + period_ns * np.arange(frames, dtype=np.int64)
+    values, stamps = states.at(times_ns.tolist())
+    lengths_m, tensions_n = values[:, :count], values[:, count:]
+    commands = _commands(grasp, topics.tendons)
+    length_m, tension_n = commanded(commands, times_ns.tolist(), lengths_m, FULL_LENGTH_M)
+    predicted, _ = _series(topics.predicted).at(times_ns.tolist())
+    measured, measured_stamps = _series(topics.measured).at(times_ns.tolist())
+    images, image_stamps = _images(topics.images, times_ns.tolist())
+    return GraspEpisode(
+        bag=path.name,
+        product=grasp.result.product,
+        finger_set=next((one for time, one in reversed(topics.finger_sets) if time <= grasp.ended_ns), ""),
+        outcome=grasp.result.outcome,
+        reason=grasp.result.reason,
+        evidence=grasp.result.evidence,
+        tendons=topics.tendons,
+        times_ns=times_ns,
+        state_stamps_ns=stamps,
+        lengths_m=lengths_m,
+        tensions_n=tensions_n,
+        commanded_lengths_m=length_m,
+        commanded_tensions_n=tension_n,
+        predicted_rad=np.nan_to_num(predicted),
+        measured_rad=np.nan_to_num(measured),
+        measured_stamps_ns=measured_stamps,
+        images=images,
+        image_stamps_ns=image_stamps,
+    )
+
+
+def _series(found: Sequence[tuple[int, list[float]]]) -> StampedSeries:
+    """Return what a topic held; messages with other counts than most are left out."""
+    by_count: dict[int, list[tuple[int, list[float]]]] = defaultdict(list)
+    for stamp, values in sorted(found, key=lambda one: one[0]):
+        by_count[len(values)].append((stamp, values))
+    rows = max(by_count.values(), key=len, default=[])
+    table = np.array([values for _, values in rows], float).reshape(len(rows), len(rows[0][1]) if rows else 0)
+    return StampedSeries(tuple(stamp for stamp, _ in rows), table)
+
+
+def _images(found: Sequence[tuple[int, bytes]], times_ns: Sequence[int]) -> tuple[tuple[bytes, ...], Any]:
+    """Return the last image at or before each time; before the first one, that one with its later stamp."""
+    if not found:
+        return (), np.zeros(0, np.int64)
+    ordered = sorted(found, key=lambda one: one[0])
+    numbers, _ = StampedSeries(tuple(s for s, _ in ordered), np.arange(len(ordered), dtype=float)[:, None]).at(times_ns)
+    chosen = [ordered[int(number)] for number in numbers[:, 0]]
+    return tuple(data for _, data in chosen), np.array([stamp for stamp, _ in chosen], np.int64)
+
+
+def _commands(grasp: _TracedGrasp, tendons: Sequence[str]) -> list[TendonCommand]:
+    made = []
+    for time_ns, goal in grasp.moves:
+        names = list(goal.tendons) or list(tendons)
+        targets = list(goal.targets) * (len(names) if len(goal.targets) == 1 else 1)
+        for name, target in zip(names, targets, strict=True):
+            is_length = goal.mode == MoveTendon.Goal.LENGTH
+            made.append(
+                TendonCommand(
+                    time_ns,
+                    tendons.index(name),
+                    float(target) if is_length else math.nan,
+                    float(goal.speed),
+                    float(goal.tension_limit) if is_length else float(target),
+                )
+            )
+    return made

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps on the ports and the servos' bus, before any node runs: the figures of scan, selftest and the wizard."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from stat import S_ISCHR
+
+from softgrip_demo.errors import FirstRunError
+from softgrip_demo.first_run.figures import Figure, at_least, at_most, equal_to, within
+from softgrip_description.cell_file import CellFile, ServoChain
+from softgrip_driver.commands import selftest
+from softgrip_driver.dynamixel import registers as reg
+from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
+from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import HardwareError
+from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
+from softgrip_driver.wizard.naming import SUPPLY_REMEDY
+from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan
+from softgrip_time import Clock
+
+#: [s] of latency timer that `make udev` sets
+MAX_LATENCY_TIMER_S = 0.001
+#: share of answers that may be lost on a good cable
+MAX_LOST_SHARE = 0.001
+#: [m] by which the zero may move between two homings: position_tolerance_m of the driver
+MAX_ZERO_SHIFT_M = 3e-4
+#: relative uncertainty of a tension: that of the data sheet (parameter tension_stddev_share)
+MAX_TENSION_SHARE = 0.15
+
+
+@dataclass
+class BenchBus:
+    """What the steps on the bus share.
+
+    Attributes:
+        cell: the cell file.
+        reply_margin_s: [s] for a reply beyond the time of its bytes.
+        selftest_s: [s] of the self-test.
+        clock: that is waited on; None = the computer's.
+        say: told what happens.
+    """
+
+    cell: CellFile
+    reply_margin_s: float = 0.02
+    selftest_s: float = 3.0
+    clock: Clock | None = None
+    say: Callable[[str], object] = field(default=lambda _: None)
+
+    @property
+    def chain(self) -> ServoChain:
+        """The servos; a step that needs them is left out without."""
+        assert self.cell.servos is not None
+        return self.cell.servos
+
+    def open(self) -> AbstractContextManager[Bus]:
+        """Give the open bus, and close it; raises DriverError."""
+        return open_bus(self.chain, self.reply_margin_s, self.clock)
+
+    @cached_property
+    def measured(self) -> selftest.Measurement:
+        """The self-test, measured once for the steps that look at it."""
+        with self.open() as bus:
+            return selftest.measure(bus, self.selftest_s)
+
+
+@dataclass(frozen=True)
+class PortsStep:
+    """Every port of the cell file is there and may be opened."""
+
+    bench: BenchBus
+    key = "ports"
+    title = "Ports"
+    needs = ()
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield a figure for each port."""
+        cell = self.bench.cell
+        ports = {"servos": cell.servos.port} if cell.servos else {}
+        ports |= {"stage": cell.rig.stage.port, "gauge": cell.rig.gauge.port} if cell.rig else {}
+        for name, port in ports.items():
+            yield equal_to(name, _state_of(Path(port)), "a port that may be opened", _port_remedy(port))
+
+
+def _state_of(path: Path) -> str:
+    try:
+        if not S_ISCHR(path.stat().st_mode):
+            return "something that is no port"
+    except OSError:
+        return "nothing there"
+    return "a port that may be opened" if os.access(path, os.R_OK | os.W_OK) else "a port of others"
+
+
+def _port_remedy(port: str) -> str:
+    return naming_advice(port) or (
+        f"{port}: plug it in, see `ls /dev/serial/by-id`; be in the group dialout (`sudo usermod -aG dialout $USER`)"
+    )
+
+
+@dataclass(frozen=True)
+class IdsStep:
+    """Every servo of the chain answers, once, as the model that it is said to be, without an error."""
+
+    bench: BenchBus
+    key = "ids"
+    title = "Servos: IDs and models"
+    needs = ("servos",)
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield three figures for each servo."""
+        chain = self.bench.chain
+        with self.bench.open() as bus:
+            found = bus.broadcast_ping(0.5)
+            if not found:
+                raise FirstRunError(
+                    f"{chain.port}: expected servos at {bus.port.baudrate} baud, found none; {SUPPLY_REMEDY}"
+                )
+            for servo in chain.chain:
+                number = found.get(servo.servo_id, (0, 0))[0]
+                shown = reg.MODEL_NAMES.get(number, f"model {number}" if number else "nobody")
+                who = f"{servo.tendon}, ID {servo.servo_id}"
+                yield equal_to(who, shown, model_of(servo).name, f"run the wizard for it; on the bus: {sorted(found)}")
+                if number:
+                    is_shared = bus.is_shared(servo.servo_id)
+                    yield equal_to(
+                        f"{who}: servos with this ID", "several" if is_shared else "1", "1", SHARED_ID_REMEDY
+                    )
+                    error = HardwareError(bus.read(servo.servo_id, reg.HARDWARE_ERROR, attempts=3))
+                    remedy = f"remove the cause, then `ros2 run softgrip_driver setup --id {servo.servo_id} --reboot`"
+                    yield equal_to(f"{who}: hardware error", error.name or "none", "none", remedy)
+
+
+@dataclass(frozen=True)
+class RateStep:
+    """The bus carries the driver's cycles at the wanted rate, without loss."""
+
+    bench: BenchBus
+    key = "rate"
+    title = "Bus: rate and losses"
+    needs = ("servos",)
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield rate and losses."""
+        found, rate = self.bench.measured, chain_rate(self.bench.chain)
+        remedy = "; ".join(selftest.causes(found, rate)) or "close other programs"
+        yield at_least("the driver's cycles", found.rate, rate, "Hz", remedy)
+        yield at_most("lost answers", found.lost_share, MAX_LOST_SHARE, "", remedy)
+        yield equal_to("damaged packets", found.corrupt, 0, remedy)
+
+
+@dataclass(frozen=True)
+class LatencyStep:
+    """The adapter hands bytes over at once."""
+
+    bench: BenchBus
+    key = "latency"
+    title = "Bus: latency"
+    needs = ("servos",)
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield how late replies are, and the adapter's timer where it has one."""
+        found = self.bench.measured
+        yield at_most("replies beyond their bytes", found.turnaround * 1e3, SLOW_ADAPTER_S * 1e3, "ms", LATENCY_REMEDY)
+        if found.latency_timer is not None:
+            timer = found.latency_timer * 1e3
+            yield at_most("latency timer of the adapter", timer, MAX_LATENCY_TIMER_S * 1e3, "ms", LATENCY_REMEDY)
+
+
+@dataclass(frozen=True)
+class SupplyStep:
+    """Each servo has the supply that its model takes, and is cool."""
+
+    bench: BenchBus
+    key = "supply"
+    title = "Servos: supply and temperature"
+    needs = ("servos",)
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield voltage and temperature of each servo."""
+        chain = self.bench.chain
+        with self.bench.open() as bus:
+            for servo in chain.chain:
+                model = model_of(servo)
+                volts = bus.read(servo.servo_id, reg.PRESENT_VOLTAGE, attempts=3) * reg.VOLT_PER_UNIT
+                yield within(f"{servo.tendon}: supply", volts, model.voltage_range, "V", SUPPLY_REMEDY)
+                degc = float(bus.read(servo.servo_id, reg.PRESENT_TEMPERATURE, attempts=3))
+                remedy = "let it cool down; something may press on its tendon"
+                yield at_most(f"{servo.tendon}: temperature", degc, model.temperature_limit - 15.0, "degC", remedy)
+
+
+@dataclass(frozen=True)
+class ZeroStep:
+    """Directions are known, slack was left, and homing finds the same zero twice."""
+
+    bench: BenchBus
+    key = "zero"
+    title = "Tendons: zero"
+    needs = ("servos",)
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield the slack of the tensioning and the shift of the zero for each tendon."""
+        chain = self.bench.chain
+        for servo in chain.chain:
+            remedy = "run `ros2 run softgrip_driver wizard` with this cell file"
+            yield equal_to(f"{servo.tendon}: direction", "known" if servo.direction else "unknown", "known", remedy)
+            yield equal_to(f"{servo.tendon}: tensioned", "no" if servo.slack_m is None else "yes", "yes", remedy)
+        if any(servo.direction is None for servo in chain.chain):
+            return
+        backend = chain_backend(chain, chain.chain, self.bench.reply_margin_s, self.bench.say, self.bench.clock)
+        controller = chain_controller(chain, chain.chain)
+        plan = replace(TensioningPlan(), rounds=3)
+        try:
+            with backend.bus.clock.stepping():
+                backend.connect()
+            loop = make_loop(backend, controller, chain_rate(chain))
+            zeros = Tensioner(loop, controller, plan, self.bench.say).settle()
+        finally:
+            backend.disconnect()
+        for name, zero in zeros.items():
+            shift = abs(zero.shift_m) * 1e3
+            remedy = "look for a knot that slips, a turn on a turn, a finger that sticks; then tension it again"
+            yield at_most(f"{name}: zero moved by", shift, MAX_ZERO_SHIFT_M * 1e3, "mm", remedy)
+
+
+@dataclass(frozen=True)
+class TensionStep:
+    """How well tensions are known."""
+
+    bench: BenchBus
+    key = "tension"
+    title = "Servos: tension constants"
+    needs = ("servos",)
+
+    def measure(self) -> Iterator[Figure]:
+        """Yield the relative uncertainty of each tendon's tension."""
+        for servo in self.bench.chain.chain:
+            share, source = servo.torque.tension_stddev_share, "calibrate_tension"
+            if share is None:
+                share, source = MAX_TENSION_SHARE, "the data sheet"
+            remedy = "run calibrate_tension with a gauge in the tendon, and put its lines into the cell file"
+            yield at_most(f"{servo.tendon}: uncertainty, from {source}", share, MAX_TENSION_SHARE, "", remedy)

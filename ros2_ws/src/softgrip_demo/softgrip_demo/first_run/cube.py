@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first thing that a new cell grasps: a cube that anybody can print, as a product of the catalogue."""
+
+from __future__ import annotations
+
+import time
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.finger_records import read_finger_records
+from softgrip_cell.products import Fragility, GraspType, Product, ProductShape, ProductSurface, Recipe
+from softgrip_cell.storage import Database, Library
+
+#: 45 mm in PLA, which the thesis prints its palm of; 2 walls and 15 % infill weigh about 40 g (printer's estimate:
+#: weigh yours). The recipe is that of an orange (shipped catalogue), which is wider and as robust.
+TEST_CUBE = Product(
+    "test_cube",
+    "Test cube",
+    GraspType.POWER,
+    ProductShape.BALL,
+    (0.045, 0.045, 0.045),
+    0.040,
+    ProductSurface.SMOOTH,
+    Fragility.ROBUST,
+    Recipe(8.0, 25.0, 0.020, 0.012),
+)
+
+
+def add_test_cube(database_url: str, who: str) -> None:
+    """Put the cube into the database of a cell that does not run; an empty one is filled as the manager would.
+
+    Raises:
+        CellError: the database cannot be used.
+    """
+    database = Database(database_url)
+    library = Library(database, time.time_ns)
+    with database:
+        if library.is_empty():
+            library.import_catalogue(read_catalogue(), who)
+            library.import_finger_records(read_finger_records().values(), who)
+        if TEST_CUBE.id not in library.catalogue().products:
+            library.save_product(TEST_CUBE, who)

@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first run: figures beside bounds, going on where it was left, the signed page; faults of the bus."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from softgrip_cell.storage import Database, Library
+from softgrip_demo.errors import FirstRunError
+from softgrip_demo.first_run import figures
+from softgrip_demo.first_run.bus_steps import (
+    BenchBus,
+    IdsStep,
+    LatencyStep,
+    PortsStep,
+    RateStep,
+    SupplyStep,
+    TensionStep,
+    ZeroStep,
+)
+from softgrip_demo.first_run.checklist import Checklist
+from softgrip_demo.first_run.cube import TEST_CUBE, add_test_cube
+from softgrip_demo.first_run.figures import Figure, StepStatus
+from softgrip_demo.first_run.page import render
+from softgrip_demo.first_run.record import FirstRunRecord, load_record, save_record
+from softgrip_demo.nodes.first_run import sign, verify
+from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, TorqueValues
+from softgrip_driver.commands.selftest import Measurement
+from softgrip_emulator.dynamixel.chain import DynamixelChain
+from softgrip_emulator.dynamixel.servo import EmulatedServo
+from softgrip_emulator.dynamixel.table import load_model
+from softgrip_emulator.wire.pty import PtyPort
+from softgrip_emulator.wire.usb_adapter import UsbAdapter
+
+CELL = CellFile("real")
+
+
+@dataclass
+class Step:
+    """A step that gives the figures it was made with."""
+
+    key: str
+    figures: tuple[Figure, ...] = ()
+    error: Exception | None = None
+    needs: tuple[str, ...] = ()
+    title: str = "A step"
+    runs: int = 0
+
+    def measure(self) -> Iterator[Figure]:
+        self.runs += 1
+        yield from self.figures
+        if self.error:
+            raise self.error
+
+
+GOOD = figures.at_most("length", 1.0, 2.0, "mm", "shorten it")
+BAD = figures.at_most("length", 3.0, 2.0, "mm", "shorten it")
+
+
+@pytest.fixture
+def cell_file(tmp_path: Path) -> Path:
+    path = tmp_path / "cell.yaml"
+    path.write_text("schema: 1\nhardware: real\n")
+    return path
+
+
+def run(steps: list[Step], tmp_path: Path, lines: list[str], again: tuple[str, ...] = ()) -> FirstRunRecord:
+    path = tmp_path / "record.json"
+    return Checklist(steps, load_record(path, tmp_path / "cell.yaml"), path, lines.append).run(CELL, again)
+
+
+@pytest.mark.parametrize(
+    ("figure", "is_good"),
+    [
+        (figures.at_most("a", 2.0, 2.0, "", ""), True),
+        (figures.at_most("a", 2.001, 2.0, "", ""), False),
+        (figures.at_most("a", float("nan"), 2.0, "", ""), False),
+        (figures.at_least("a", 2.0, 2.0, "", ""), True),
+        (figures.at_least("a", 1.999, 2.0, "", ""), False),
+        (figures.within("a", 3.7, (3.7, 6.0), "V", ""), True),
+        (figures.within("a", 6.1, (3.7, 6.0), "V", ""), False),
+        (figures.equal_to("a", 9, 9, ""), True),
+        (figures.equal_to("a", 8, 9, ""), False),
+    ],
+)
+def test_a_figure_is_good_within_its_bound(figure: Figure, is_good: bool) -> None:
+    assert figure.is_good is is_good
+
+
+def test_it_stops_at_the_first_bad_step_and_goes_on_there(tmp_path: Path, cell_file: Path) -> None:
+    lines: list[str] = []
+    steps = [Step("one", (GOOD,)), Step("two", (GOOD, BAD)), Step("three", (GOOD,))]
+    record = run(steps, tmp_path, lines)
+    assert [report.status for report in record.reports.values()] == [StepStatus.GOOD, StepStatus.BAD]
+    assert "  -> length: expected at most 2 mm, found 3 mm; shorten it" in lines
+    assert not record.is_good
+    steps[1].figures = (GOOD,)
+    record = run(steps, tmp_path, lines)
+    assert [step.runs for step in steps] == [1, 2, 1]
+    assert record.is_good
+    run(steps, tmp_path, lines, again=("one",))
+    assert [step.runs for step in steps] == [2, 2, 1]
+
+
+def test_a_step_that_can_not_go_on_keeps_what_it_measured(tmp_path: Path, cell_file: Path) -> None:
+    record = run([Step("one", (GOOD,), FirstRunError("expected a, found b; do c"))], tmp_path, [])
+    (report,) = record.reports.values()
+    assert (report.status, report.figures, report.complaints) == (
+        StepStatus.BAD,
+        (GOOD,),
+        ["expected a, found b; do c"],
+    )
+
+
+def test_a_device_that_the_cell_lacks_is_left_out(tmp_path: Path, cell_file: Path) -> None:
+    step = Step("rig", (BAD,), needs=("servos", "rig"))
+    (report,) = run([step], tmp_path, []).reports.values()
+    assert (step.runs, report.status, report.problem) == (
+        0,
+        StepStatus.LEFT_OUT,
+        "the cell file has no servos and no rig",
+    )
+
+
+def test_another_cell_file_begins_from_the_first_step(tmp_path: Path, cell_file: Path) -> None:
+    step = Step("one", (GOOD,))
+    run([step], tmp_path, [])
+    cell_file.write_text("schema: 1\nhardware: emulated\n")
+    run([step], tmp_path, [])
+    assert step.runs == 2
+
+
+def test_a_damaged_record_is_named(tmp_path: Path, cell_file: Path) -> None:
+    (tmp_path / "record.json").write_text("{")
+    with pytest.raises(FirstRunError, match="delete it to begin from the first step"):
+        load_record(tmp_path / "record.json", cell_file)
+
+
+def test_the_signature_holds_for_every_figure(tmp_path: Path, cell_file: Path) -> None:
+    path, said = tmp_path / "record.json", []
+    checklist = Checklist([Step("one", (GOOD,))], load_record(path, cell_file), path, said.append)
+    record = sign(checklist.run(CELL), "Ada")
+    assert replace(record, name="Bob").digest != record.digest
+    save_record(record, path)
+    assert verify(path, cell_file, said.append) == 0
+    data = json.loads(path.read_text())
+    data["reports"][0]["figures"][0]["found"] = "0.5 mm"
+    path.write_text(json.dumps(data))
+    assert verify(path, cell_file, said.append) == 1
+    assert record.with_report(record.reports["one"]).name == ""
+
+
+def test_the_page_shows_every_figure_and_runs_nothing_of_what_it_shows(tmp_path: Path, cell_file: Path) -> None:
+    hostile = figures.equal_to("<script>alert(1)</script>", "<b>", "a", "<i>do</i>")
+    record = run([Step("one", (GOOD,)), Step("two", (hostile,), FirstRunError("<u>"))], tmp_path, [])
+    page = render(record)
+    assert all(text in page for text in ("1 mm", "at most 2 mm", "not good", "Not signed", "&lt;script&gt;"))
+    assert not any(text in page for text in ("<script", "<b>", "<i>", "<u>"))
+    signed = sign(record, "Ada")
+    assert signed.digest in render(signed)
+
+
+def test_the_cube_is_put_beside_the_shipped_products_once(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/cell.db"
+    add_test_cube(url, "test")
+    add_test_cube(url, "test")
+    database = Database(url)
+    with database:
+        products = Library(database, lambda: 0).catalogue().products
+    assert len(products) == 15 + 1
+    assert products[TEST_CUBE.id] == TEST_CUBE
+
+
+# --- the bus, over a pseudo-terminal ----------------------------------------------------------------------------------
+
+
+class Bus:
+    """Servos on a port, and the cell file that they should be."""
+
+    def __init__(self, folder: Path, latency_s: float | None = None, supply_v: float = 5.0) -> None:
+        self.servos = [EmulatedServo(load_model("xl330_m288"), number, baud=1_000_000) for number in (1, 2)]
+        for servo in self.servos:
+            servo.shaft.supply_v = supply_v
+            servo.registers.put("return_delay_time", 0)
+            servo.step(0.0, 0.001)
+        chain = DynamixelChain(self.servos, before=self._live)
+        self.port = PtyPort(folder / "servos", chain if latency_s is None else UsbAdapter(chain, latency_s)).start()
+        rows = tuple(
+            ChainServo(name, "XL330-M288", number, 1, 0.010, 0.005) for number, name in enumerate(("index", "thumb"), 1)
+        )
+        self.cell = CellFile("real", servos=ServoChain(str(folder / "servos"), 1_000_000, rows))
+        self.bench = BenchBus(self.cell, reply_margin_s=0.1, selftest_s=0.3)
+
+    def _live(self, now_s: float) -> None:
+        for servo in self.servos:
+            servo.step(now_s, 0.001)
+
+
+@pytest.fixture
+def bus(tmp_path: Path) -> Iterator[Bus]:
+    made = Bus(tmp_path)
+    yield made
+    made.port.close()
+
+
+def wrong(step: object) -> list[Figure]:
+    return [figure for figure in step.measure() if not figure.is_good]  # type: ignore[attr-defined]
+
+
+def test_a_good_bus_passes(bus: Bus) -> None:
+    for kind in (PortsStep, IdsStep, SupplyStep, TensionStep):
+        assert wrong(kind(bus.bench)) == []
+
+
+def test_two_servos_with_one_id_are_named(bus: Bus) -> None:
+    bus.servos[1].registers.put("id", 1)
+    bus.servos[1].shaft.angle_rad = 1.7
+    found = {figure.name: figure for figure in wrong(IdsStep(bus.bench))}
+    assert found["index, ID 1: servos with this ID"].found == "several"
+    assert "one at a time" in found["index, ID 1: servos with this ID"].remedy
+    assert found["thumb, ID 2"].found == "nobody"
+
+
+def test_a_servo_at_another_baud_rate_is_named(bus: Bus) -> None:
+    bus.servos[1].registers.put("baud_rate", 1)
+    (figure,) = wrong(IdsStep(bus.bench))
+    assert (figure.name, figure.found) == ("thumb, ID 2", "nobody")
+    assert "wizard" in figure.remedy
+
+
+def test_a_bus_without_supply_is_named(bus: Bus) -> None:
+    for servo in bus.servos:
+        servo.is_connected = False
+    with pytest.raises(FirstRunError, match="found none; check that the servos' supply is on"):
+        wrong(IdsStep(bus.bench))
+
+
+def test_a_wrong_supply_is_named(bus: Bus) -> None:
+    for servo in bus.servos:
+        servo.shaft.supply_v = 7.4
+    assert {figure.found for figure in wrong(SupplyStep(bus.bench))} == {"7.4 V"}
+
+
+def test_an_adapter_with_its_16_ms_is_named(tmp_path: Path) -> None:
+    bus = Bus(tmp_path, latency_s=0.016)
+    try:
+        (figure,) = wrong(LatencyStep(bus.bench))
+        assert "make udev" in figure.remedy
+        assert any("make udev" in one.remedy for one in wrong(RateStep(bus.bench)))
+    finally:
+        bus.port.close()
+
+
+def test_an_adapters_timer_is_looked_at_where_it_has_one() -> None:
+    bench = BenchBus(CELL)
+    bench.__dict__["measured"] = Measurement(3, 1_000_000, 400.0, 0.002, 0.003, 0.001, 0.0, 0, {1: 0.0}, 0.016)
+    (figure,) = wrong(LatencyStep(bench))
+    assert (figure.name, figure.found) == ("latency timer of the adapter", "16 ms")
+
+
+def test_a_reversed_or_unknown_spool_and_a_missing_port_are_named(bus: Bus, tmp_path: Path) -> None:
+    assert bus.cell.servos is not None
+    row = replace(bus.cell.servos.chain[0], direction=None, slack_m=None)
+    bench = replace(bus.bench, cell=replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,))))
+    assert [(figure.name, figure.found) for figure in wrong(ZeroStep(bench))] == [
+        ("index: direction", "unknown"), ("index: tensioned", "no"),
+    ]  # fmt: skip
+    missing = replace(bus.bench, cell=CellFile("real", servos=ServoChain(str(tmp_path / "none"))))
+    (figure,) = wrong(PortsStep(missing))
+    assert figure.found == "nothing there"
+
+
+def test_a_poor_calibration_is_named(bus: Bus) -> None:
+    assert bus.cell.servos is not None
+    row = replace(bus.cell.servos.chain[0], torque=TorqueValues(tension_stddev_share=0.3))
+    bench = replace(bus.bench, cell=replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,))))
+    (figure,) = wrong(TensionStep(bench))
+    assert "calibrate_tension" in figure.remedy

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain of a cell file as the driver's backend, with the limits that its servos ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from softgrip_description.cell_file import ChainServo, ServoChain
+from softgrip_driver.configuration import LIMIT_PARAMETERS, SHIPPED_LOOP_RATE, required_parameters
+from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.dynamixel.bringup import ServoConfiguration
+from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.registers import MODELS, OperatingMode, ServoModel
+from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.tendon.gripper import GripperController, Policies
+from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.loop import BusLoop
+from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_time import Clock
+
+#: [1/s], [m] where the cell file does not say
+BAUD, SPOOL_RADIUS_M = 1_000_000, 0.010
+#: [s] of silence that is no fault here, and after which a servo stops: somebody stands beside, pulls are small
+NO_REPLY_S, WATCHDOG_S = 0.3, 0.6
+
+
+def model_of(servo: ChainServo) -> ServoModel:
+    """Return the model of a servo; raises ConfigurationError for one that is not known."""
+    if servo.model not in MODELS:
+        raise ConfigurationError(f"{servo.tendon}: expected a model of {sorted(MODELS)}, found {servo.model}")
+    return MODELS[servo.model]
+
+
+def chain_parameters(chain: ServoChain) -> dict[str, float | int]:
+    """Return the parameters of tendon_driver that the servos of a chain ask for beyond what is shipped."""
+    return required_parameters([(model_of(one), one.spool_radius_m or SPOOL_RADIUS_M) for one in chain.chain])
+
+
+def chain_rate(chain: ServoChain) -> float:
+    """Return the rate [Hz] of the control loop that a chain asks for."""
+    return float(chain_parameters(chain).get("loop_rate", SHIPPED_LOOP_RATE))
+
+
+@contextmanager
+def open_bus(chain: ServoChain, reply_margin_s: float, clock: Clock | None = None) -> Iterator[Bus]:
+    """Give the open bus of a chain, and close it; raises DriverError."""
+    bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s, clock)
+    bus.open()
+    try:
+        with bus.clock.stepping():
+            yield bus
+    finally:
+        bus.close()
+
+
+def chain_backend(
+    chain: ServoChain,
+    servos: Sequence[ChainServo],
+    reply_margin_s: float,
+    report: Callable[[str], object],
+    clock: Clock | None = None,
+) -> DynamixelBackend:
+    """Return the backend of some servos of a chain, not connected; a direction that is not known is taken for 1."""
+    parameters = chain_parameters(chain)
+    mode = OperatingMode(int(parameters.get("operating_mode", OperatingMode.CURRENT_BASED_POSITION)))
+    limits = _limits(parameters)
+    rows = []
+    for servo in servos:
+        model = model_of(servo)
+        spool = Spool(servo.spool_radius_m or SPOOL_RADIUS_M, servo.direction or 1)
+        torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
+        rows.append(
+            ServoConfiguration(
+                servo.tendon, servo.servo_id, model, spool, torque, mode, limits.tension_hard, limits.speed
+            )
+        )
+    bus = Bus(chain.port, chain.baud or BAUD, reply_margin_s, clock)
+    return DynamixelBackend(bus, rows, WATCHDOG_S, report=report)
+
+
+def chain_controller(chain: ServoChain, servos: Sequence[ChainServo]) -> GripperController:
+    """Return a controller of some tendons of a chain that nothing blocks."""
+    limits = _limits(chain_parameters(chain))
+    return GripperController({one.tendon: limits for one in servos}, Policies(), None, 1.0 / chain_rate(chain))
+
+
+def make_loop(backend: DynamixelBackend, controller: GripperController, rate: float) -> BusLoop:
+    """Return the driver's loop, in the time of its bus."""
+    return BusLoop(backend, controller, rate, clock=backend.bus.clock)
+
+
+def _limits(parameters: dict[str, float | int]) -> TendonLimits:
+    by_parameter = {parameter: name for name, parameter in LIMIT_PARAMETERS.items()}
+    given = {by_parameter[name]: float(value) for name, value in parameters.items() if name in by_parameter}
+    return TendonLimits(**({"no_reply": NO_REPLY_S} | given))

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Installs what setup.cfg declares, plus the files that ROS 2 looks for in share/."""
+
+from setuptools import setup
+
+PACKAGE = "softgrip_panel"
+
+setup(
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+)

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Acts as values: what a click calls, who may do it, and the `ros2` command that does the same.
+
+A page makes an act (`estop()`, `grasp("egg")`) and hands it to the node; nothing else of the panel reaches the cell.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import yaml
+
+from softgrip_panel.model.roles import Role
+
+
+class CallKind(StrEnum):
+    """How ROS is asked."""
+
+    SERVICE = "service"
+    ACTION = "action"
+
+
+@dataclass(frozen=True)
+class RosCall:
+    """A service or action with its request.
+
+    Attributes:
+        kind: service or action.
+        name: relative to the cell's namespace.
+        type_name: as `ros2` writes it, such as "std_srvs/srv/Trigger".
+        request: field values.
+    """
+
+    kind: CallKind
+    name: str
+    type_name: str
+    request: Mapping[str, Any] = field(default_factory=dict)
+
+    def command_line(self, namespace: str = "/") -> str:
+        """Return the `ros2` command that does the same."""
+        full = f"{namespace.rstrip('/')}/{self.name}"
+        request = yaml.safe_dump(dict(self.request), default_flow_style=True, sort_keys=False, width=10_000).strip()
+        verb = ["service", "call"] if self.kind is CallKind.SERVICE else ["action", "send_goal", "--feedback"]
+        return shlex.join(["ros2", *verb, full, self.type_name, request])
+
+
+@dataclass(frozen=True)
+class Act:
+    """What a person wants done.
+
+    Attributes:
+        name: of the act, for texts ("act.NAME") and the record.
+        call: what does it.
+        role: at least needed.
+        needs_control: only the owner of control may; stopping and letting go are everybody's.
+        subject: what it is about, for the record.
+        timeout_s: longest wait for the answer [s].
+        is_secret: its request holds a token, which no page and no record shows.
+    """
+
+    name: str
+    call: RosCall
+    role: Role = Role.OPERATE
+    needs_control: bool = True
+    subject: str = ""
+    timeout_s: float = 10.0
+    is_secret: bool = False
+
+
+@dataclass(frozen=True)
+class ActResult:
+    """What came of it: the cell's own words, and how long it took [s]."""
+
+    success: bool
+    message: str
+    took_s: float = 0.0
+    answer: Any = None
+
+
+def _service(name: str, type_name: str, **request: Any) -> RosCall:
+    return RosCall(CallKind.SERVICE, name, type_name, request)
+
+
+def _action(name: str, type_name: str, **goal: Any) -> RosCall:
+    return RosCall(CallKind.ACTION, name, type_name, goal)
+
+
+_TRIGGER = "std_srvs/srv/Trigger"
+_INTERFACES = "softgrip_interfaces"
+
+
+def estop() -> Act:
+    """Stop: whoever sees the page may."""
+    return Act("estop", _service("estop", _TRIGGER), Role.LOOK, needs_control=False, timeout_s=5.0)
+
+
+def estop_reset() -> Act:
+    """End the emergency stop."""
+    return Act("estop_reset", _service("estop_reset", _TRIGGER))
+
+
+def release() -> Act:
+    """Let go slowly of what is held; a person may always ask for it."""
+    return Act("release", _service("tendon/release", _TRIGGER), needs_control=False)
+
+
+def home() -> Act:
+    """Find the zero of every tendon."""
+    return Act("home", _service("tendon/home", _TRIGGER), timeout_s=60.0)
+
+
+def grasp(product: str, *, confirm_lift: bool = True, trial: bool = False) -> Act:
+    """Grasp a product and hold it."""
+    call = _action("cell/grasp", f"{_INTERFACES}/action/Grasp", product=product, confirm_lift=confirm_lift, trial=trial)
+    return Act("grasp", call, subject=product, timeout_s=120.0)
+
+
+def select(product: str) -> Act:
+    """Ask how a product is to be grasped."""
+    call = _service("cell/select_product", f"{_INTERFACES}/srv/SelectProduct", product=product)
+    return Act("select", call, needs_control=False, subject=product)
+
+
+def plan(products: Sequence[str], quantities: Sequence[int], *, keep_order: bool) -> Act:
+    """Ask for the order of work."""
+    call = _service(
+        "cell/plan_mix",
+        f"{_INTERFACES}/srv/PlanMix",
+        products=list(products),
+        quantities=list(quantities),
+        keep_order=keep_order,
+    )
+    return Act("plan", call, Role.LOOK, needs_control=False, subject=f"{sum(quantities)} products")
+
+
+def swap(finger_set: str, serials: Sequence[str] = ()) -> Act:
+    """Swap fingers, step by step."""
+    call = _action("cell/swap", f"{_INTERFACES}/action/SwapFingers", finger_set=finger_set, serials=list(serials))
+    return Act("swap", call, subject=finger_set, timeout_s=600.0)
+
+
+def confirm_step(step: str, token: str, serials: Sequence[str] = ()) -> Act:
+    """Say that a step of the swap is done."""
+    call = _service(
+        "cell/confirm_step", f"{_INTERFACES}/srv/ConfirmStep", step=step, token=token, serials=list(serials)
+    )
+    return Act("confirm_step", call, subject=" ".join((step, *serials)), is_secret=True)
+
+
+def retire_finger(serial: str, who: str, reason: str) -> Act:
+    """Take a finger out of use for good."""
+    call = _service("cell/retire_finger", f"{_INTERFACES}/srv/RetireFinger", serial=serial, who=who, reason=reason)
+    return Act("retire_finger", call, Role.ENGINEER, needs_control=False, subject=serial)
+
+
+def start_recording() -> Act:
+    """Begin a bag."""
+    return Act("start_recording", _service("recorder/start", f"{_INTERFACES}/srv/StartRecording", path=""))
+
+
+def stop_recording() -> Act:
+    """End the bag."""
+    return Act("stop_recording", _service("recorder/stop", f"{_INTERFACES}/srv/StopRecording"), timeout_s=30.0)
+
+
+def split_recording() -> Act:
+    """Go on in a new file."""
+    return Act("split_recording", _service("recorder/split", f"{_INTERFACES}/srv/SplitRecording"), timeout_s=30.0)
+
+
+def snapshot(seconds: float = 0.0) -> Act:
+    """Write the last seconds to a bag of their own."""
+    call = _service("recorder/snapshot", f"{_INTERFACES}/srv/SnapshotRecording", path="", seconds=seconds)
+    return Act("snapshot", call, needs_control=False, timeout_s=30.0)
+
+
+def place_object(product: str) -> Act:
+    """Emulated cell only: put a product between the fingers; an empty name takes it away."""
+    call = _service("emulator/place_object", f"{_INTERFACES}/srv/PlaceObject", product=product, offset=0.0)
+    return Act("place_object", call, subject=product)
+
+
+def mount_fingers(fingers: Sequence[str], serials: Sequence[str], profiles: Sequence[str]) -> Act:
+    """Emulated cell only: put fingers into the slots; empty serials leave them empty."""
+    call = _service(
+        "emulator/mount",
+        f"{_INTERFACES}/srv/MountFingers",
+        fingers=list(fingers),
+        serials=list(serials),
+        profiles=list(profiles),
+    )
+    return Act("mount_fingers", call, subject=" ".join(filter(None, serials)))
+
+
+#: One of each, for the documentation and for the tests of access: what the panel may ever call.
+EXAMPLES: tuple[Act, ...] = (
+    estop(),
+    estop_reset(),
+    release(),
+    home(),
+    select("egg"),
+    grasp("egg"),
+    plan(["egg", "grape"], [10, 5], keep_order=False),
+    swap("power"),
+    confirm_step("insert", "0f2c", ["PW-I-01", "PW-M-01", "PW-T-01"]),
+    retire_finger("PW-I-01", "Ada", "tore at joint 1"),
+    start_recording(),
+    stop_recording(),
+    split_recording(),
+    snapshot(30.0),
+    place_object("egg"),
+    mount_fingers(["index", "middle", "thumb"], ["PW-I-01", "PW-M-01", "PW-T-01"], ["power", "power", "power"]),
+)

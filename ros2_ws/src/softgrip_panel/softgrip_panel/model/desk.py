@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where every act passes: role, control, the cell's answer, the record, and a notice for all pages."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Protocol
+
+from softgrip_panel.access.record import ActRecord
+from softgrip_panel.errors import ActRefusedError
+from softgrip_panel.model.acts import Act, ActResult
+from softgrip_panel.model.control import ControlDesk
+from softgrip_panel.model.roles import Person, Role
+from softgrip_panel.model.state import PanelState
+
+
+class CellCalls(Protocol):
+    """The way to the cell; the node is one, tests have another."""
+
+    def call(self, act: Act, who: str) -> Awaitable[ActResult]:
+        """Do it and wait for what comes of it; never raises for what the cell refuses."""
+        ...
+
+    def cancel(self, act_name: str) -> None:
+        """Ask for the end of a running action."""
+        ...
+
+
+class ActDesk:
+    """Checks, does, and writes down.
+
+    Args:
+        state: what pages show.
+        calls: the way to the cell.
+        record: of acts.
+    """
+
+    def __init__(self, state: PanelState, calls: CellCalls, record: ActRecord) -> None:
+        self.state = state
+        self._calls = calls
+        self._record = record
+        #: Called with who, act, subject and what came of it, for other records.
+        self.on_done: Callable[[str, str, str, str], object] = lambda *_: None
+
+    async def perform(self, person: Person, act: Act) -> ActResult:
+        """Do an act and return what came of it; a refusal is a result, too."""
+        try:
+            self._check(person, act.role, needs_control=act.needs_control)
+        except ActRefusedError as error:
+            return self._done(person, act.name, act.subject, ActResult(success=False, message=str(error)))
+        return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
+
+    def stop_action(self, person: Person, act_name: str) -> ActResult:
+        """Cancel a running grasp or swap: whoever operates may, since it ends a motion."""
+        try:
+            self._check(person, Role.OPERATE, needs_control=False)
+        except ActRefusedError as error:
+            return self._done(person, f"cancel_{act_name}", "", ActResult(success=False, message=str(error)))
+        self._calls.cancel(act_name)
+        return self._done(person, f"cancel_{act_name}", "", ActResult(success=True, message="asked to end"))
+
+    def take_control(self, person: Person) -> ActResult:
+        """Take control, or ask its owner for it."""
+        owner = self.state.control.view.owner
+
+        def ask(desk: ControlDesk) -> str:
+            desk.ask(person)
+            return "has control" if desk.has(person) else f"asked {owner.name if owner else 'nobody'} for it"
+
+        return self._change_control(person, "take_control", ask)
+
+    def hand_over(self, person: Person) -> ActResult:
+        """Give control to whoever asks."""
+        return self._change_control(person, "hand_over", lambda desk: f"{desk.hand_over(person).name} has control")
+
+    def give_back(self, person: Person) -> ActResult:
+        """Have control no longer."""
+
+        def give(desk: ControlDesk) -> str:
+            desk.give_back(person)
+            return "gave control back"
+
+        return self._change_control(person, "give_back", give)
+
+    def force_control(self, person: Person, reason: str) -> ActResult:
+        """Take control from its owner, with a reason."""
+
+        def force(desk: ControlDesk) -> str:
+            desk.force(person, reason)
+            return f"took control: {reason.strip()}"
+
+        return self._change_control(person, "force_control", force)
+
+    def acknowledge(self, person: Person, key: str) -> ActResult:
+        """Acknowledge an alarm."""
+        try:
+            with self.state.locked():
+                self._check(person, Role.OPERATE, needs_control=False)
+                self.state.alarms.acknowledge(key, person.name)
+        except ActRefusedError as error:
+            return self._done(person, "acknowledge", key, ActResult(success=False, message=str(error)))
+        return self._done(person, "acknowledge", key, ActResult(success=True, message="acknowledged"))
+
+    def refuse(self, person: Person, act: str, message: str) -> ActResult:
+        """Write down that something was asked for that cannot be done."""
+        return self._done(person, act, "", ActResult(success=False, message=message))
+
+    def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
+        """Write down what happened beside acts: log-ins, refused requests."""
+        self._record.write(who, act, subject, success=success, message=message)
+
+    def _check(self, person: Person, role: Role, *, needs_control: bool) -> None:
+        if person.role < role:
+            raise ActRefusedError(f"expected the role {role.word}, found {person.role.word}; log in as one who may")
+        if needs_control:
+            with self.state.locked():
+                self.state.control.check(person)
+
+    def _change_control(self, person: Person, name: str, change: Callable[[ControlDesk], str]) -> ActResult:
+        try:
+            with self.state.locked():
+                message = change(self.state.control)
+        except ActRefusedError as error:
+            return self._done(person, name, "", ActResult(success=False, message=str(error)))
+        return self._done(person, name, "", ActResult(success=True, message=message))
+
+    def _done(self, person: Person, act: str, subject: str, result: ActResult) -> ActResult:
+        self._record.write(person.name, act, subject, success=result.success, message=result.message)
+        self.state.note(person.name, act, subject, success=result.success, message=result.message)
+        self.on_done(person.name, act, subject, f"{'done' if result.success else 'refused'}: {result.message}")
+        return result

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What messages say, as values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class MountedView:
+    """One slot: which finger is in it, and whether the check has seen it ("verified", "to be verified", ...)."""
+
+    slot: str
+    serial: str
+    profile: str
+    state: str
+
+
+@dataclass(frozen=True)
+class CellView:
+    """cell/state."""
+
+    mode: str = "UNKNOWN"
+    finger_set: str = ""
+    mounted: tuple[MountedView, ...] = ()
+    product: str = ""
+    picks: int = 0
+    gripped: int = 0
+    empty: int = 0
+    slipped: int = 0
+    tendon_faults: int = 0
+    aborted: int = 0
+    swaps: int = 0
+    mean_swap_s: float = 0.0
+    availability: float = 1.0
+    fault: str = ""
+    reason: str = ""
+
+    @property
+    def quality(self) -> float:
+        """Share of the picks that ended GRIPPED; NaN before the first."""
+        return self.gripped / self.picks if self.picks else math.nan
+
+
+@dataclass(frozen=True)
+class SafetyView:
+    """safety/state."""
+
+    estop: bool = False
+    estop_reason: str = ""
+    locked: bool = False
+    lock_owner: str = ""
+    lock_reason: str = ""
+
+
+@dataclass(frozen=True)
+class TendonView:
+    """One tendon of tendon/status."""
+
+    name: str
+    state: str
+    homed: bool
+    fault: str = ""
+    reason: str = ""
+    temperature_c: float = math.nan
+    voltage_v: float = math.nan
+
+
+@dataclass(frozen=True)
+class TensionView:
+    """One tendon of tendon/state, beside what the free motion would need; NaN where nobody knows."""
+
+    name: str
+    pulled_length_m: float
+    tension_n: float
+    free_tension_n: float = math.nan
+
+    @property
+    def contact_tension_n(self) -> float:
+        """Tension minus predicted free-motion tension [N]."""
+        return self.tension_n - self.free_tension_n
+
+
+@dataclass(frozen=True)
+class StopPolicyView:
+    """What an emergency stop does: parameters of the driver; "" = not read yet."""
+
+    estop_policy: str = ""
+    tension_hold_n: float = math.nan
+
+
+@dataclass(frozen=True)
+class OwnerView:
+    """Who may command a tendon."""
+
+    tendon: str
+    owner: str
+    requested_by: str = ""
+
+
+@dataclass(frozen=True)
+class ComponentHealth:
+    """One status of /diagnostics: level 0 good, 1 warning, 2 error, 3 stale."""
+
+    name: str
+    level: int
+    message: str
+
+
+@dataclass(frozen=True)
+class ProductView:
+    """One product of the catalogue; marks and expected success by finger set."""
+
+    id: str
+    name: str
+    grasp: str
+    mass_kg: float
+    table_marks: Mapping[str, str]
+    expected_success: Mapping[str, float]
+    grasps: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class FingerRecordView:
+    """One printed finger; the check is (pulled length [m], tension [N]) of its last empty closing."""
+
+    serial: str
+    profile: str
+    finger: str
+    printed: str
+    material: str
+    cable: str
+    state: str
+    cycles: int
+    cycle_limit: int
+    calibrated: str
+    objection: str
+    check: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class CountedView:
+    """One grasp of the cell's database; `at_s` of its end, in seconds since the Unix epoch."""
+
+    at_s: float
+    product: str
+    finger_set: str
+    outcome: str
+    reason: str
+    duration_s: float

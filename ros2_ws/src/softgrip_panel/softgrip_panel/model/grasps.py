@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Grasps as the panel saw them: verdict, reason, tensions over time with the sample that decided, pictures."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+from softgrip_panel.model.facts import CellView, TensionView
+
+#: So many grasps are kept with their curves and pictures.
+MAX_GRASPS = 200
+#: A curve holds so many samples; the panel takes ten a second.
+MAX_SAMPLES = 600
+
+
+@dataclass(frozen=True)
+class GraspSample:
+    """Tensions at a moment; `at_s` since the grasp began [s], tensions in newtons by tendon, measured and free."""
+
+    at_s: float
+    tension_n: tuple[float, ...]
+    free_tension_n: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class FingerDecision:
+    """What the verdict knew of one finger."""
+
+    finger: str
+    state: str
+    contact_tension_n: float
+    threshold_n: float
+
+
+@dataclass
+class GraspRecord:
+    """One grasp; times in seconds since the Unix epoch."""
+
+    number: int
+    started_s: float
+    product: str
+    finger_set: str
+    serials: tuple[str, ...]
+    tendons: tuple[str, ...] = ()
+    samples: list[GraspSample] = field(default_factory=list)
+    outcome: str = ""
+    reason: str = ""
+    duration_s: float = 0.0
+    latency_s: float = 0.0
+    decided_s: float | None = None
+    fingers: tuple[FingerDecision, ...] = ()
+    pictures: dict[str, bytes] = field(default_factory=dict)
+    ended_s: float | None = None
+
+
+class GraspHistory:
+    """Keeps the last grasps of the cell, whoever ordered them; the panel's own with verdict and evidence.
+
+    Args:
+        now_s: seconds since the Unix epoch.
+    """
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        self._now_s = now_s
+        self._records: deque[GraspRecord] = deque(maxlen=MAX_GRASPS)
+        self._running: GraspRecord | None = None
+        self._last_picture = b""
+        self._numbers = 0
+        self._counts: CellView | None = None
+
+    @property
+    def records(self) -> tuple[GraspRecord, ...]:
+        """Newest first."""
+        return tuple(reversed(self._records))
+
+    def find(self, number: int) -> GraspRecord | None:
+        """Return the grasp of a number."""
+        return next((record for record in self._records if record.number == number), None)
+
+    def observe_mode(self, before: str, cell: CellView) -> None:
+        """Take that a grasp began or ended."""
+        if cell.mode == "GRASPING" and before != "GRASPING":
+            self._begin(cell)
+        elif before == "GRASPING" and cell.mode != "GRASPING":
+            self._end(cell)
+        if cell.mode != "GRASPING":
+            self._counts = cell
+
+    def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
+        """Take a sample of the curves."""
+        record = self._running
+        if record is None or len(record.samples) >= MAX_SAMPLES:
+            return
+        record.tendons = tuple(one.name for one in tensions)
+        record.samples.append(
+            GraspSample(
+                self._now_s() - record.started_s,
+                tuple(one.tension_n for one in tensions),
+                tuple(one.free_tension_n for one in tensions),
+            )
+        )
+
+    def observe_picture(self, jpeg: bytes) -> None:
+        """Take a camera frame; those before, at and after the verdict are kept."""
+        self._last_picture = jpeg
+        record = self._running or (self._records[-1] if self._records else None)
+        if record is None:
+            return
+        if record.ended_s is None:
+            record.pictures["at"] = jpeg
+        elif "after" not in record.pictures and self._now_s() - record.ended_s > 1.0:
+            record.pictures["after"] = jpeg
+
+    def observe_result(
+        self,
+        outcome: str,
+        reason: str,
+        *,
+        duration_s: float,
+        latency_s: float,
+        fingers: Iterable[FingerDecision],
+    ) -> None:
+        """Take the result of a grasp that the panel ordered: it belongs to the newest one."""
+        record = self._running or (self._records[-1] if self._records else None)
+        if record is None:
+            return
+        record.outcome, record.reason = outcome, reason
+        record.duration_s, record.latency_s, record.fingers = duration_s, latency_s, tuple(fingers)
+        record.decided_s = self._now_s() - record.started_s
+
+    def _begin(self, cell: CellView) -> None:
+        self._numbers += 1
+        record = GraspRecord(
+            self._numbers,
+            self._now_s(),
+            cell.product,
+            cell.finger_set,
+            tuple(one.serial for one in cell.mounted),
+        )
+        if self._last_picture:
+            record.pictures["before"] = self._last_picture
+        self._running = record
+        self._records.append(record)
+
+    def _end(self, cell: CellView) -> None:
+        record, self._running = self._running, None
+        if record is None:
+            return
+        record.ended_s = self._now_s()
+        record.duration_s = record.duration_s or record.ended_s - record.started_s
+        record.outcome = record.outcome or _counted_outcome(self._counts, cell)
+
+
+def _counted_outcome(before: CellView | None, after: CellView) -> str:
+    """Return which counter of cell/state grew: the verdict of a grasp that somebody else ordered."""
+    if before is None:
+        return ""
+    grown = [
+        name
+        for name in ("gripped", "empty", "slipped", "tendon_faults", "aborted")
+        if getattr(after, name) > getattr(before, name)
+    ]
+    return {"tendon_faults": "TENDON_FAULT"}.get(grown[0], grown[0].upper()) if len(grown) == 1 else ""
+
+
+def export_csv(records: Iterable[GraspRecord]) -> str:
+    """Return grasps as CSV; a cell that a spreadsheet would take for a formula gets an apostrophe before it."""
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow(["number", "started_s", "product", "finger_set", "serials", "outcome", "duration_s", "reason"])
+    for record in records:
+        row = [
+            record.number,
+            f"{record.started_s:.3f}",
+            record.product,
+            record.finger_set,
+            " ".join(record.serials),
+            record.outcome,
+            f"{record.duration_s:.3f}",
+            record.reason,
+        ]
+        writer.writerow([_plain_cell(value) for value in row])
+    return out.getvalue()
+
+
+def _plain_cell(value: object) -> str:
+    text = str(value)
+    return f"'{text}" if text[:1] in {"=", "+", "-", "@", "\t", "\r"} else text

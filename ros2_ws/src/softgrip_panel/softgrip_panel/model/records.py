@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of the pages Grasps and Finger records: filtered, and the panel's own sight joined with the cell's database."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+from softgrip_panel.model.facts import CountedView, FingerRecordView
+from softgrip_panel.model.grasps import GraspRecord
+
+
+@dataclass(frozen=True)
+class GraspRow:
+    """One grasp in the list; `number` names what the panel saw of it, None where it saw nothing."""
+
+    number: int | None
+    at_s: float
+    product: str
+    finger_set: str
+    serials: tuple[str, ...]
+    outcome: str
+    reason: str
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class GraspFilter:
+    """What to list; empty = everything."""
+
+    product: str = ""
+    serial: str = ""
+    outcome: str = ""
+
+    def admits(self, row: GraspRow) -> bool:
+        """Whether a row is listed."""
+        return (
+            self.product.lower() in row.product.lower()
+            and (not self.serial or any(self.serial.lower() in serial.lower() for serial in row.serials))
+            and self.outcome in {"", row.outcome}
+        )
+
+
+def grasp_rows(seen: Sequence[GraspRecord], counted: Sequence[CountedView]) -> list[GraspRow]:
+    """Return all grasps, newest first: those that the panel saw, then those that only the database knows.
+
+    A cell may live in a time of its own, so grasps are matched by their order, product and outcome, not by the clock.
+
+    Args:
+        seen: newest first.
+        counted: newest first.
+    """
+    rows = [
+        GraspRow(
+            one.number, one.started_s, one.product, one.finger_set, one.serials, one.outcome, one.reason, one.duration_s
+        )
+        for one in seen
+    ]
+    left = list(counted)
+    for row in rows:
+        match = next(
+            (k for k, one in enumerate(left) if (one.product, one.outcome) == (row.product, row.outcome)), None
+        )
+        if match is not None:
+            del left[match]
+    rows += [
+        GraspRow(None, one.at_s, one.product, one.finger_set, (), one.outcome, one.reason, one.duration_s)
+        for one in left
+    ]
+    return rows
+
+
+def life_share(record: FingerRecordView) -> float:
+    """Return how much of a finger's life is used [0..1]."""
+    return min(1.0, record.cycles / record.cycle_limit) if record.cycle_limit else 1.0
+
+
+def check_age_days(record: FingerRecordView, today: date) -> int | None:
+    """Return how many days ago the last passed check was; None before the first."""
+    try:
+        return (today - date.fromisoformat(record.calibrated)).days
+    except ValueError:
+        return None

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that pages show, in one place: the node writes it, pages read it, from different threads."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from softgrip_driver.faults import FAULTS
+from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmLevel
+from softgrip_panel.model.control import ControlDesk
+from softgrip_panel.model.facts import (
+    CellView,
+    ComponentHealth,
+    CountedView,
+    FingerRecordView,
+    OwnerView,
+    ProductView,
+    SafetyView,
+    StopPolicyView,
+    TendonView,
+    TensionView,
+)
+from softgrip_panel.model.grasps import GraspHistory
+from softgrip_panel.model.swap import SwapProgress
+
+#: Without tendon/status for so long the driver is called silent [s].
+SILENCE_S = 2.0
+#: At its start the panel waits so long for the driver before it calls it silent [s].
+START_S = 15.0
+#: So many notices are kept for whoever opens a page.
+MAX_NOTICES = 50
+
+
+@dataclass(frozen=True)
+class Notice:
+    """What somebody did and what came of it; `at_s` in seconds since the Unix epoch."""
+
+    number: int
+    at_s: float
+    who: str
+    act: str
+    subject: str
+    success: bool
+    message: str
+
+
+class PanelState:
+    """The state.
+
+    Args:
+        now_s: seconds since the Unix epoch.
+        monotonic_s: for silence [s].
+    """
+
+    def __init__(self, now_s: Callable[[], float], monotonic_s: Callable[[], float]) -> None:
+        self._now_s = now_s
+        self._monotonic_s = monotonic_s
+        self._lock = threading.RLock()
+        self.control = ControlDesk(monotonic_s)
+        self.alarms = AlarmBook(now_s)
+        self.swap = SwapProgress()
+        self.grasps = GraspHistory(now_s)
+        self.cell: CellView | None = None
+        self.safety: SafetyView | None = None
+        self.policy = StopPolicyView()
+        self.tendons: tuple[TendonView, ...] = ()
+        self.tensions: tuple[TensionView, ...] = ()
+        self.owners: tuple[OwnerView, ...] = ()
+        self.products: tuple[str, ...] = ()
+        self.catalogue: tuple[ProductView, ...] = ()
+        self.fingers: tuple[FingerRecordView, ...] = ()
+        self.counted: tuple[CountedView, ...] = ()
+        self.is_emulated = False
+        self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
+        self._numbers = 0
+        self._heard_s = monotonic_s() + START_S - SILENCE_S
+        self._health: dict[str, ComponentHealth] = {}
+
+    @contextmanager
+    def locked(self) -> Iterator[PanelState]:
+        """Read or change several things that belong together."""
+        with self._lock:
+            yield self
+
+    def observe_cell(self, cell: CellView) -> None:
+        """Take cell/state; what is at fault with the driver itself is said by its own alarms."""
+        with self._lock:
+            before, self.cell = self.cell, cell
+            self.grasps.observe_mode(before.mode if before else "", cell)
+            facts = {}
+            if cell.fault and not any(tendon.fault for tendon in self.tendons):
+                facts["cell/fault"] = AlarmFact("cell/state", cell.fault, cause=cell.reason)
+            self.alarms.observe("cell/state", facts)
+
+    def observe_safety(self, safety: SafetyView) -> None:
+        """Take safety/state."""
+        with self._lock:
+            self.safety = safety
+            row = FAULTS["estop"]
+            facts = {}
+            if safety.estop:
+                facts["estop"] = AlarmFact("safety/state", row.meaning, cause=safety.estop_reason, remedy=row.remedy)
+            if safety.locked:
+                title = f"drives locked by {safety.lock_owner}"
+                facts["lock"] = AlarmFact("safety/state", title, AlarmLevel.WARNING, cause=safety.lock_reason)
+            self.alarms.observe("safety/state", facts)
+
+    def observe_tendons(self, tendons: Sequence[TendonView]) -> None:
+        """Take tendon/status; the fault table of the driver says what a fault means and what to do."""
+        with self._lock:
+            self._heard_s = self._monotonic_s()
+            self.tendons = tuple(tendons)
+            self.alarms.observe("tendon/status", dict(_tendon_alarm(one) for one in tendons if _is_alarm(one)))
+            self.alarms.observe("silence", {})
+
+    def observe_health(self, statuses: Sequence[ComponentHealth]) -> None:
+        """Take a /diagnostics; components at fault are alarms until they say otherwise."""
+        with self._lock:
+            for status in statuses:
+                self._health[status.name] = status
+            facts = {
+                f"health/{one.name}": AlarmFact(
+                    one.name, one.message, AlarmLevel.ERROR if one.level == 2 else AlarmLevel.WARNING
+                )
+                for one in self._health.values()
+                if one.level in (1, 2)
+            }
+            self.alarms.observe("/diagnostics", facts)
+
+    @property
+    def health(self) -> tuple[ComponentHealth, ...]:
+        """What every component said last, by name."""
+        with self._lock:
+            return tuple(self._health[name] for name in sorted(self._health))
+
+    def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
+        """Take the newest tendon/state beside its prediction."""
+        with self._lock:
+            self.tensions = tuple(tensions)
+            self.grasps.observe_tensions(self.tensions)
+
+    def advance(self) -> None:
+        """Let time pass: what falls silent is an alarm, and alarms live on."""
+        with self._lock:
+            silent_s = self._monotonic_s() - self._heard_s
+            if silent_s > SILENCE_S:
+                fact = AlarmFact(
+                    "tendon/status",
+                    "the driver is silent",
+                    cause=f"expected tendon/status ten times a second, found none for {SILENCE_S:g} s",
+                    remedy="start tendon_driver, or look at its log; what this page shows of the tendons is old",
+                )
+                self.alarms.observe("silence", {"silence": fact})
+            self.alarms.advance()
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the driver is not heard: what is shown may be old."""
+        return self._monotonic_s() - self._heard_s > SILENCE_S
+
+    def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
+        """Let every page see what somebody did."""
+        with self._lock:
+            self._numbers += 1
+            self.notices.append(Notice(self._numbers, self._now_s(), who, act, subject, success, message))
+
+
+def _is_alarm(tendon: TendonView) -> bool:
+    # the stop of the whole cell is one alarm, not one for each tendon
+    return bool(tendon.fault) and tendon.fault != "estop"
+
+
+def _tendon_alarm(tendon: TendonView) -> tuple[str, AlarmFact]:
+    row = FAULTS.get(tendon.fault)
+    title = f"{tendon.name}: {row.meaning if row else tendon.fault}"
+    remedy = row.remedy if row else ""
+    return f"tendon/{tendon.name}/{tendon.fault}", AlarmFact(
+        f"tendon {tendon.name}", title, cause=tendon.reason, remedy=remedy
+    )

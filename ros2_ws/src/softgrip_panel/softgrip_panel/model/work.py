@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An order list at work: planned, run item by item, paused and taken up again; counters, rate and OEE with formulas."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any, Final
+
+from softgrip_panel.model import acts
+from softgrip_panel.model.acts import Act, ActResult
+from softgrip_panel.model.desk import ActDesk
+from softgrip_panel.model.orders import OrderLine
+from softgrip_panel.model.roles import Person
+
+#: Between looks whether the run goes on [s].
+_POLL_S: Final = 0.1
+#: An order list holds at most so many grasps.
+MAX_ITEMS: Final = 5000
+
+
+class WorkPhase(StrEnum):
+    """Where the work is."""
+
+    EMPTY = "empty"
+    PLANNED = "planned"
+    RUNNING = "running"
+    PAUSED = "paused"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """One order as the manager planned it."""
+
+    product: str
+    quantity: int
+    finger_set: str
+    swap_before: bool
+    expected_success: float
+    predicted_time_s: float
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class WorkItem:
+    """One grasp of the run; an empty outcome = still to come."""
+
+    product: str
+    finger_set: str
+    predicted_time_s: float
+    outcome: str = ""
+    reason: str = ""
+    took_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class WorkOptions:
+    """How the run grasps."""
+
+    confirm_lift: bool = True
+    trial: bool = False
+    pause_on_failure: bool = True
+    emulated_hands: bool = False
+
+
+@dataclass(frozen=True)
+class WorkFigures:
+    """Figures of the run; NaN where nothing has been done yet.
+
+    Attributes:
+        done, gripped: counts.
+        rate_per_h: done / time running.
+        availability: time not paused / time since the start.
+        performance: predicted time of what is done / time running.
+        quality: gripped / done.
+    """
+
+    done: int
+    total: int
+    gripped: int
+    rate_per_h: float
+    availability: float
+    performance: float
+    quality: float
+
+    @property
+    def oee(self) -> float:
+        """Overall equipment effectiveness: availability x performance x quality (ISO 22400-2)."""
+        return self.availability * self.performance * self.quality
+
+
+@dataclass
+class WorkRun:
+    """What is planned and what came of it.
+
+    Attributes:
+        now_s: monotonic clock [s].
+    """
+
+    now_s: Callable[[], float]
+    phase: WorkPhase = WorkPhase.EMPTY
+    steps: tuple[PlannedStep, ...] = ()
+    items: tuple[WorkItem, ...] = ()
+    swaps: int = 0
+    predicted_time_s: float = 0.0
+    expected_success: float = math.nan
+    redundant_sets: tuple[str, ...] = ()
+    message: str = ""
+    running_s: float = 0.0
+    paused_s: float = 0.0
+    _since_s: float = field(default=0.0, repr=False)
+
+    def plan(self, steps: Sequence[PlannedStep], answer: Any) -> None:
+        """Take a plan; what was planned before is gone."""
+        self.steps = tuple(steps)
+        self.items = tuple(
+            WorkItem(step.product, step.finger_set, step.predicted_time_s / max(1, step.quantity))
+            for step in steps
+            for _ in range(step.quantity)
+        )
+        self.swaps = int(answer.swaps)
+        self.predicted_time_s = float(answer.predicted_time)
+        self.expected_success = float(answer.expected_success)
+        self.redundant_sets = tuple(answer.redundant_sets)
+        self.running_s = self.paused_s = 0.0
+        self.message = ""
+        self.phase = WorkPhase.PLANNED
+
+    def go_to(self, phase: WorkPhase, message: str = "") -> None:
+        """Change the phase; time counts where it was spent."""
+        now_s = self.now_s()
+        self._count(now_s)
+        self.phase, self.message = phase, message
+
+    def finish(self, number: int, outcome: str, reason: str, took_s: float) -> None:
+        """Write what came of an item."""
+        done = replace(self.items[number], outcome=outcome, reason=reason, took_s=took_s)
+        self.items = (*self.items[:number], done, *self.items[number + 1 :])
+
+    @property
+    def next_number(self) -> int | None:
+        """The item that is to come; None when all are done."""
+        return next((k for k, item in enumerate(self.items) if not item.outcome), None)
+
+    def figures(self) -> WorkFigures:
+        """Return the figures now."""
+        self._count(self.now_s())
+        done = [item for item in self.items if item.outcome]
+        gripped = sum(item.outcome == "GRIPPED" for item in done)
+        predicted_s = sum(item.predicted_time_s for item in done)
+        span_s = self.running_s + self.paused_s
+        return WorkFigures(
+            done=len(done),
+            total=len(self.items),
+            gripped=gripped,
+            rate_per_h=_share(3600.0 * len(done), self.running_s),
+            availability=_share(self.running_s, span_s),
+            performance=_share(predicted_s, self.running_s),
+            quality=_share(gripped, len(done)),
+        )
+
+    def _count(self, now_s: float) -> None:
+        passed_s, self._since_s = now_s - self._since_s, now_s
+        if self.phase is WorkPhase.RUNNING:
+            self.running_s += passed_s
+        elif self.phase is WorkPhase.PAUSED:
+            self.paused_s += passed_s
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole > 0.0 else math.nan
+
+
+class Worker:
+    """Plans and runs an order list, in the name of whoever pressed the button.
+
+    Args:
+        desk: does acts.
+        run: what is planned.
+    """
+
+    def __init__(self, desk: ActDesk, run: WorkRun) -> None:
+        self._desk = desk
+        self.run = run
+        self._task: asyncio.Task[None] | None = None
+
+    async def plan(self, person: Person, orders: Sequence[OrderLine], *, keep_order: bool) -> ActResult:
+        """Ask the manager for the order of work."""
+        if self.run.phase is WorkPhase.RUNNING:
+            return self._desk.refuse(person, "plan", "expected no run to go on, found one; pause it first")
+        if sum(order.quantity for order in orders) > MAX_ITEMS:
+            return self._desk.refuse(person, "plan", f"expected at most {MAX_ITEMS} products; part the list")
+        act = acts.plan(
+            [order.product for order in orders], [order.quantity for order in orders], keep_order=keep_order
+        )
+        result = await self._desk.perform(person, act)
+        if result.success and result.answer is not None:
+            steps = [
+                PlannedStep(
+                    step.product,
+                    orders[step.order].quantity,
+                    step.finger_set,
+                    bool(step.swap_before),
+                    float(step.expected_success),
+                    float(step.predicted_time),
+                    step.reason,
+                )
+                for step in result.answer.steps
+            ]
+            self.run.plan(steps, result.answer)
+        return result
+
+    def start(self, person: Person, options: WorkOptions) -> None:
+        """Begin, or go on after a pause."""
+        if self.run.phase in (WorkPhase.PLANNED, WorkPhase.PAUSED) and (self._task is None or self._task.done()):
+            self.run.go_to(WorkPhase.RUNNING)
+            self._task = asyncio.get_running_loop().create_task(self._work(person, options))
+
+    def pause(self) -> None:
+        """Begin nothing new; what goes on is brought to its end."""
+        if self.run.phase is WorkPhase.RUNNING:
+            self.run.go_to(WorkPhase.PAUSED)
+
+    async def _work(self, person: Person, options: WorkOptions) -> None:
+        while self.run.phase is WorkPhase.RUNNING:
+            number = self.run.next_number
+            if number is None:
+                self.run.go_to(WorkPhase.ENDED)
+                return
+            problem = await self._one(person, number, options)
+            if problem:
+                self.run.go_to(WorkPhase.PAUSED, problem)
+            await asyncio.sleep(0)
+
+    async def _one(self, person: Person, number: int, options: WorkOptions) -> str:
+        """Do one item; returns why the run has to pause, empty where it goes on."""
+        item = self.run.items[number]
+        problem = await self._with_fingers(person, item)
+        if problem:
+            return problem
+        if options.emulated_hands:
+            problem = await self._must(person, acts.place_object(item.product))
+            if problem:
+                return problem
+        began_s = self.run.now_s()
+        grasp = acts.grasp(item.product, confirm_lift=options.confirm_lift, trial=options.trial)
+        result = await self._desk.perform(person, grasp)
+        outcome = result.message.partition(":")[0]
+        if result.answer is None or outcome not in {"GRIPPED", "EMPTY", "SLIPPED"}:
+            return result.message  # nothing was judged: the item is still to come
+        self.run.finish(number, outcome, result.message, self.run.now_s() - began_s)
+        problem = await self._must(person, acts.release())
+        if options.emulated_hands:
+            problem = problem or await self._must(person, acts.place_object(""))
+        failed = not result.success and options.pause_on_failure
+        return problem or (result.message if failed else "")
+
+    async def _with_fingers(self, person: Person, item: WorkItem) -> str:
+        """Have the right fingers mounted."""
+        cell = self._desk.state.cell
+        if (
+            cell is not None
+            and cell.finger_set == item.finger_set
+            and all(one.state == "verified" for one in cell.mounted)
+        ):
+            return ""
+        return await self._must(person, acts.swap(item.finger_set))
+
+    async def _must(self, person: Person, act: Act) -> str:
+        result = await self._desk.perform(person, act)
+        return "" if result.success else f"{act.name}: {result.message}"

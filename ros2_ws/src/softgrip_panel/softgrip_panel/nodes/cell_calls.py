@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does acts: each is one service or action of the cell, called from the web's event loop, answered by the executor."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+from softgrip_panel.model.acts import Act, ActResult, CallKind
+from softgrip_panel.nodes.convert import request_message, ros_type
+
+#: Called with the name of an act, what came, and who ordered it.
+Hook = Callable[[str, Any, str], Any]
+#: [s] A server that is not there after so long is named as missing.
+SERVER_WAIT_S: Final = 2.0
+_POLL_S: Final = 0.02
+
+
+class RosCalls:
+    """The way to the cell.
+
+    Args:
+        node: makes the clients.
+        on_accepted: called with act, goal and person when an action takes a goal.
+        on_feedback: called with each feedback.
+        read_result: act, result -> success and words of an action.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        on_accepted: Hook,
+        on_feedback: Hook,
+        read_result: Callable[[str, Any], tuple[bool, str]],
+    ) -> None:
+        self._node = node
+        self._on_accepted = on_accepted
+        self._on_feedback = on_feedback
+        self._read_result = read_result
+        self._service_clients: dict[str, Any] = {}
+        self._action_clients: dict[str, Any] = {}
+        self._goals: dict[str, Any] = {}
+
+    def prepare(self, act: Act) -> None:
+        """Make the client of an act now, so that its first call need not."""
+        self._client(act)
+
+    async def call(self, act: Act, who: str) -> ActResult:
+        """Do an act and wait for what comes of it."""
+        started_s = time.monotonic()
+        try:
+            success, message, answer = await self._called(act, who)
+        except Exception as error:  # noqa: BLE001  whatever rclpy says is an answer for the person
+            success, message, answer = False, f"{type(error).__name__}: {error}", None
+        return ActResult(success, message, time.monotonic() - started_s, answer)
+
+    def cancel(self, act_name: str) -> None:
+        """Ask for the end of a running action."""
+        goal = self._goals.get(act_name)
+        if goal is not None:
+            goal.cancel_goal_async()
+
+    async def _called(self, act: Act, who: str) -> tuple[bool, str, Any]:
+        client, kind = self._client(act)
+        is_ready = client.service_is_ready if act.call.kind is CallKind.SERVICE else client.server_is_ready
+        if not await _until(is_ready, SERVER_WAIT_S):
+            return False, f"expected {act.call.name} within {SERVER_WAIT_S:g} s, found none; is the cell up?", None
+        if act.call.kind is CallKind.SERVICE:
+            return await self._call_service(act, client, request_message(kind.Request, act.call.request))
+        return await self._run_action(act, client, request_message(kind.Goal, act.call.request), who)
+
+    async def _call_service(self, act: Act, client: Any, request: Any) -> tuple[bool, str, Any]:
+        future = client.call_async(request)
+        if not await _done(future, act.timeout_s):
+            client.remove_pending_request(future)
+            return False, f"expected an answer of {act.call.name} within {act.timeout_s:g} s, found none", None
+        response = future.result()
+        return bool(getattr(response, "success", True)), str(getattr(response, "message", "")), response
+
+    async def _run_action(self, act: Act, client: Any, goal: Any, who: str) -> tuple[bool, str, Any]:
+        def on_feedback(message: Any) -> None:
+            self._on_feedback(act.name, message.feedback, who)
+
+        sent = client.send_goal_async(goal, feedback_callback=on_feedback)
+        if not await _done(sent, 10.0):
+            return False, f"expected {act.call.name} to take the goal within 10 s, found no answer", None
+        handle = sent.result()
+        if not handle.accepted:
+            return False, f"{act.call.name} rejected the goal; its log says why", None
+        self._goals[act.name] = handle
+        self._on_accepted(act.name, goal, who)
+        try:
+            result = handle.get_result_async()
+            if not await _done(result, act.timeout_s):
+                handle.cancel_goal_async()
+                return False, f"expected the end of {act.call.name} within {act.timeout_s:g} s; it was cancelled", None
+            answer = result.result()
+        finally:
+            self._goals.pop(act.name, None)
+        success, message = self._read_result(act.name, answer.result)
+        return success, message, answer.result
+
+    def _client(self, act: Act) -> tuple[Any, Any]:
+        kind = ros_type(act.call.type_name)
+        name = act.call.name
+        if act.call.kind is CallKind.SERVICE:
+            if name not in self._service_clients:
+                self._service_clients[name] = self._node.create_client(kind, name)
+            return self._service_clients[name], kind
+        if name not in self._action_clients:
+            self._action_clients[name] = ActionClient(self._node, kind, name)
+        return self._action_clients[name], kind
+
+
+async def _until(condition: Callable[[], bool], timeout_s: float) -> bool:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline_s:
+            return False
+        await asyncio.sleep(_POLL_S)
+    return True
+
+
+async def _done(future: Any, timeout_s: float) -> bool:
+    """Wait for a future of rclpy without holding up the web's event loop; whether it is done in time."""
+    loop = asyncio.get_running_loop()
+    done = asyncio.Event()
+
+    def wake(_: Any) -> None:
+        loop.call_soon_threadsafe(done.set)
+
+    future.add_done_callback(wake)
+    try:
+        await asyncio.wait_for(done.wait(), timeout_s)
+    except TimeoutError:
+        return bool(future.done())
+    return True

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All words of the pages, in one file a language: `en.yaml`; copy and translate it for another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from softgrip_panel.errors import PanelError
+
+FOLDER = Path(__file__).parent
+
+
+class Texts:
+    """The catalogue of one language.
+
+    Args:
+        language: name of a file beside this one, such as "en".
+
+    Raises:
+        PanelError: there is no such file, or it is not a catalogue.
+    """
+
+    def __init__(self, language: str = "en") -> None:
+        known = sorted(path.stem for path in FOLDER.glob("*.yaml"))
+        if language not in known:
+            raise PanelError(f"language: expected one of {', '.join(known)}, found {language!r}")
+        document = yaml.safe_load((FOLDER / f"{language}.yaml").read_text(encoding="utf-8"))
+        self._texts = dict(_flat(document, ""))
+        self.language = language
+
+    def __call__(self, key: str, **values: object) -> str:
+        """Return the text of a key with values filled in; a key that is not there is shown as it is."""
+        text = self._texts.get(key)
+        return key if text is None else text.format(**values) if values else text
+
+    def has(self, key: str) -> bool:
+        """Whether there is a text of a key."""
+        return key in self._texts
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All keys."""
+        return tuple(self._texts)
+
+
+def _flat(node: Any, prefix: str) -> Mapping[str, str]:
+    if not isinstance(node, dict):
+        return {prefix: str(node)}
+    found: dict[str, str] = {}
+    for key, value in node.items():
+        found |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
+    return found

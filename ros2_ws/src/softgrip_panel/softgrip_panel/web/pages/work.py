@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Page Work: an order list, its plan, its run, and how well it goes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from nicegui import background_tasks, ui
+
+from softgrip_panel.errors import PanelError
+from softgrip_panel.model.facts import ProductView
+from softgrip_panel.model.orders import MAX_BYTES, read_orders
+from softgrip_panel.model.roles import Role
+from softgrip_panel.model.work import WorkItem, WorkOptions, WorkPhase, WorkRun
+from softgrip_panel.web.pages.cell import card, row
+from softgrip_panel.web.shell import Page, element, text_element
+
+
+def work_page(page: Page) -> None:
+    """Make the page's own part."""
+    run = page.site.worker.run
+    with element("div", classes="columns"):
+        with element("div", classes="column"):
+            if page.person.role >= Role.OPERATE:
+                _orders(page)
+            _products(page)
+        with element("div", classes="column"):
+            _run(page, run)
+            _figures(page, run)
+            _items(page, run)
+
+
+def _orders(page: Page) -> None:
+    with card(page, "work.orders", "orders"):
+        text_element("p", page.t("work.orders_hint"), "note")
+        text = ui.textarea(label=page.t("work.list")).props("outlined").classes("grow")
+        text.props["input-style"] = "min-height: 8rem; font-family: monospace"
+        keep = ui.checkbox(page.t("work.keep_order"), value=False)
+
+        async def read_file(event: Any) -> None:
+            data = await event.file.read()
+            text.value = data.decode("utf-8", "replace")
+
+        upload = ui.upload(on_upload=read_file, auto_upload=True, max_file_size=MAX_BYTES, max_files=1)
+        upload.props("flat accept=.csv,.txt").classes("upload")
+        upload.props["label"] = page.t("work.file")
+        problem = text_element("p", "", "problem", role="alert", id="order-problem")
+
+        def plan() -> None:
+            try:
+                orders = read_orders(str(text.value or ""))
+            except PanelError as error:
+                problem.set_text(str(error))
+                return
+            problem.set_text("")
+
+            async def ask() -> None:
+                result = await page.site.worker.plan(page.person, orders, keep_order=bool(keep.value))
+                problem.set_text("" if result.success else result.message)
+
+            background_tasks.create(ask())
+
+        page.button("work.plan", plan, "big")
+
+
+def _run(page: Page, run: WorkRun) -> None:
+    shown, worker = page.shown, page.site.worker
+    with card(page, "work.run", "run"):
+        shown.text(
+            text_element("p", "", "instruction", id="work-phase"), lambda: page.t(f"work.phase_{run.phase.value}")
+        )
+        message = text_element("p", "", "problem", role="status")
+        shown.text(message, lambda: run.message)
+        with element("dl", classes="pairs"):
+            row(page, "work.swaps", lambda: str(run.swaps), "plan-swaps")
+            row(page, "work.minutes", lambda: f"{run.predicted_time_s / 60.0:.1f}", "plan-minutes")
+            row(page, "work.success", lambda: _percent(run.expected_success))
+            row(page, "work.redundant", lambda: ", ".join(run.redundant_sets) or "-")
+        if page.person.role < Role.OPERATE:
+            return
+        with element("div", classes="row"):
+            lift = ui.checkbox(page.t("cell.lift"), value=True)
+            trial = ui.checkbox(page.t("cell.trial"), value=False)
+            pause = ui.checkbox(page.t("work.pause_on_failure"), value=True)
+            hands = ui.checkbox(page.t("work.emulated_hands"), value=True)
+            shown.visible(hands, lambda: page.state.is_emulated)
+
+        def start() -> None:
+            options = WorkOptions(
+                confirm_lift=bool(lift.value),
+                trial=bool(trial.value),
+                pause_on_failure=bool(pause.value),
+                emulated_hands=page.state.is_emulated and bool(hands.value),
+            )
+            worker.start(page.person, options)
+
+        with element("div", classes="row"):
+            begin = page.button("work.start", start, "big", name="work-start")
+            shown.text(begin, lambda: page.t("work.resume" if run.phase is WorkPhase.PAUSED else "work.start"))
+            shown.enabled(
+                begin, lambda: page.may_act and run.phase in (WorkPhase.PLANNED, WorkPhase.PAUSED) and bool(run.items)
+            )
+            stop = page.button("work.pause", worker.pause, "big", name="work-pause")
+            shown.enabled(stop, lambda: run.phase is WorkPhase.RUNNING)
+        link = text_element("a", page.t("work.to_swap"), "instruction", href="/swap")
+        shown.visible(link, lambda: page.state.swap.view.is_open)
+
+
+def _figures(page: Page, run: WorkRun) -> None:
+    with card(page, "work.figures", "figures"), element("dl", classes="pairs"):
+        row(page, "work.done", lambda: f"{run.figures().done} / {run.figures().total}", "work-done")
+        row(page, "counters.gripped", lambda: str(run.figures().gripped), "work-gripped")
+        row(page, "work.rate", lambda: _number(run.figures().rate_per_h))
+        row(page, "work.availability", lambda: _percent(run.figures().availability))
+        row(page, "work.performance", lambda: _percent(run.figures().performance))
+        row(page, "work.quality", lambda: _percent(run.figures().quality))
+        row(page, "work.oee", lambda: _percent(run.figures().oee), "work-oee")
+
+
+def _items(page: Page, run: WorkRun) -> None:
+    with card(page, "work.items", "items"):
+        body = table(page, "work.product", "work.set", "work.outcome", "work.table42", "work.reason")
+
+        def write(items: tuple[WorkItem, ...]) -> None:
+            body.clear()
+            catalogue = {one.id: one for one in page.state.catalogue}
+            with body:
+                for item in items[:500]:
+                    product = catalogue.get(item.product)
+                    with element("tr"):
+                        text_element("td", item.product)
+                        text_element("td", item.finger_set)
+                        text_element("td", item.outcome or "...", "verdict", data_state=item.outcome)
+                        text_element("td", product.table_marks.get(item.finger_set, "-") if product else "-")
+                        text_element("td", item.reason)
+
+        page.shown.keep(lambda: run.items, write)
+
+
+def _products(page: Page) -> None:
+    with card(page, "work.products", "products"):
+        body = table(page, "work.product", "work.grasp", "work.marks", "work.measured")
+
+        def write(products: tuple[ProductView, ...]) -> None:
+            body.clear()
+            with body:
+                for one in products:
+                    with element("tr"):
+                        text_element("td", one.id)
+                        text_element("td", one.grasp)
+                        text_element(
+                            "td", ", ".join(f"{name}: {mark or '-'}" for name, mark in one.table_marks.items())
+                        )
+                        text_element("td", _measured(one))
+
+        page.shown.keep(lambda: page.state.catalogue, write)
+
+
+def _measured(product: ProductView) -> str:
+    counted = [
+        f"{name}: {product.expected_success[name]:.0%} ({grasps})" for name, grasps in product.grasps.items() if grasps
+    ]
+    return ", ".join(counted) or "-"
+
+
+def table(page: Page, *heads: str) -> Any:
+    """Return the body of a plain table."""
+    with (
+        element("div", classes="scroll", tabindex="0", role="group", aria_label=page.t(heads[0])),
+        element("table", classes="plain"),
+    ):
+        with element("thead"), element("tr"):
+            for key in heads:
+                text_element("th", page.t(key), scope="col")
+        return element("tbody")
+
+
+def _percent(value: float) -> str:
+    return "-" if math.isnan(value) else f"{100.0 * value:.0f} %"
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.0f}"

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keeps what a page shows up to date: one timer reads everything, and only what has changed is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+
+class ShownParts:
+    """The changing parts of one page."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Callable[[], Any], Callable[[Any], None], list[Any]]] = []
+
+    def keep(self, read: Callable[[], Any], write: Callable[[Any], None]) -> None:
+        """Write a value whenever it differs from the one before; the first time now."""
+        value = read()
+        write(value)
+        self._parts.append((read, write, [value]))
+
+    def text(self, element: Any, read: Callable[[], str]) -> Any:
+        """Keep the text of an element."""
+        self.keep(read, element.set_text)
+        return element
+
+    def visible(self, element: Any, read: Callable[[], bool]) -> Any:
+        """Show an element or not."""
+        self.keep(read, element.set_visibility)
+        return element
+
+    def enabled(self, element: Any, read: Callable[[], bool]) -> Any:
+        """Let a button be pressed or not."""
+        self.keep(read, element.set_enabled)
+        return element
+
+    def state(self, element: Any, read: Callable[[], str], name: str = "data-state") -> Any:
+        """Keep an attribute that the style sheet colours by."""
+
+        def write(value: str) -> None:
+            element._props[name] = value  # noqa: SLF001  the string form of props() would have to be quoted
+            element.update()
+
+        self.keep(read, write)
+        return element
+
+    def refresh(self) -> None:
+        """Look at everything once."""
+        for read, write, last in self._parts:
+            value = read()
+            if value != last[0]:
+                last[0] = value
+                write(value)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The panel's site as a process, with a cell that is none (panel_site.py)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from softgrip_panel.access.accounts import add_account
+from softgrip_panel.model.roles import Role
+from softgrip_testing.browser import PanelBrowser
+
+
+@dataclass
+class RunningSite:
+    """A site that runs; `folder` holds what was called and recorded."""
+
+    address: str
+    folder: Path
+    process: subprocess.Popen[str]
+
+    def calls(self) -> list[dict[str, object]]:
+        """Return what reached the cell, in order."""
+        file = self.folder / "calls"
+        return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+    def recorded(self) -> list[dict[str, object]]:
+        """Return the record of acts."""
+        return [json.loads(line) for line in (self.folder / "acts.jsonl").read_text().splitlines()]
+
+
+def start_site(folder: Path, port: int = 0) -> RunningSite:
+    """Start a site and wait for its address."""
+    program = str(Path(__file__).with_name("panel_site.py"))
+    process = subprocess.Popen(
+        [sys.executable, program, str(folder), str(port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    return RunningSite(process.stdout.readline().strip().rstrip("/"), folder, process)
+
+
+def stop_site(site: RunningSite) -> None:
+    site.process.communicate("", timeout=10.0)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
+    found = start_site(tmp_path_factory.mktemp("site"))
+    yield found
+    stop_site(found)
+
+
+@pytest.fixture(scope="module")
+def guarded_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
+    """A site with accounts."""
+    folder = tmp_path_factory.mktemp("guarded")
+    for name, role in (("Ada", Role.OPERATE), ("Eve", Role.LOOK), ("Ida", Role.ENGINEER)):
+        add_account(folder / "users.yaml", name, role, f"{name} has one")
+    found = start_site(folder)
+    yield found
+    stop_site(found)
+
+
+@pytest.fixture(scope="module")
+def browser(site: RunningSite) -> Iterator[PanelBrowser]:
+    with PanelBrowser(site.address) as found:
+        found.log_in("Ada")
+        yield found

@@ -1,0 +1,459 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page model alone: control, alarms, acts, orders, explanations."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import struct
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from softgrip_driver.faults import FAULTS
+from softgrip_panel.access.record import ActRecord
+from softgrip_panel.errors import ActRefusedError, PanelError
+from softgrip_panel.model import acts
+from softgrip_panel.model.acts import Act, ActResult
+from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmStage
+from softgrip_panel.model.bags import BagFolder
+from softgrip_panel.model.control import LOST_S, ControlDesk
+from softgrip_panel.model.desk import ActDesk
+from softgrip_panel.model.explain import explain_reset, explain_stop
+from softgrip_panel.model.facts import CellView, CountedView, SafetyView, StopPolicyView, TendonView, TensionView
+from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
+from softgrip_panel.model.grasps import GraspRecord, export_csv
+from softgrip_panel.model.orders import OrderLine, read_orders
+from softgrip_panel.model.records import GraspFilter, grasp_rows
+from softgrip_panel.model.roles import Person, Role
+from softgrip_panel.model.state import SILENCE_S, PanelState
+from softgrip_panel.model.swap import SwapPhase, SwapProgress
+from softgrip_panel.model.work import PlannedStep, WorkPhase, WorkRun
+
+ADA = Person("a", "Ada", Role.OPERATE)
+BOB = Person("b", "Bob", Role.OPERATE)
+EVE = Person("e", "Eve", Role.LOOK)
+IDA = Person("i", "Ida", Role.ENGINEER)
+EVERYBODY = (ADA, BOB, EVE, IDA)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.s = 1000.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def state(clock: Clock) -> PanelState:
+    return PanelState(clock, clock)
+
+
+class Calls:
+    def __init__(self) -> None:
+        self.acts: list[tuple[str, str]] = []
+
+    async def call(self, act: Act, who: str) -> ActResult:
+        self.acts.append((act.name, who))
+        return ActResult(success=True, message="done")
+
+    def cancel(self, act_name: str) -> None:
+        self.acts.append((f"cancel {act_name}", ""))
+
+
+# --- control
+
+
+def test_control_is_one_persons_until_it_is_handed_over(clock: Clock) -> None:
+    desk = ControlDesk(clock)
+    desk.take(ADA)
+    with pytest.raises(ActRefusedError, match="Ada has it"):
+        desk.take(BOB)
+    desk.see(BOB.session)
+    desk.ask(BOB)
+    assert desk.view.asked_by == BOB
+    assert desk.has(ADA)
+    assert desk.hand_over(ADA) == BOB
+    assert desk.has(BOB)
+    assert desk.view.asked_by is None
+
+
+def test_control_of_somebody_without_an_open_page_is_shown_as_lost_and_can_be_taken(clock: Clock) -> None:
+    desk = ControlDesk(clock)
+    desk.take(ADA)
+    clock.s += LOST_S
+    assert not desk.view.is_lost
+    clock.s += 0.1
+    assert desk.view.is_lost
+    assert desk.has(ADA)  # it stays Ada's while nobody takes it
+    desk.take(BOB)
+    assert desk.has(BOB)
+
+
+def test_who_only_looks_never_has_control_and_force_needs_an_engineer_with_a_reason(clock: Clock) -> None:
+    desk = ControlDesk(clock)
+    for wrong in (lambda: desk.take(EVE), lambda: desk.ask(EVE), lambda: desk.force(BOB, "because")):
+        with pytest.raises(ActRefusedError):
+            wrong()
+    desk.take(ADA)
+    with pytest.raises(ActRefusedError, match="reason"):
+        desk.force(IDA, "  ")
+    desk.force(IDA, "Ada went home")
+    assert desk.has(IDA)
+
+
+def test_a_session_that_ends_frees_control(clock: Clock) -> None:
+    desk = ControlDesk(clock)
+    desk.take(ADA)
+    desk.forget(ADA.session)
+    assert desk.view.owner is None
+
+
+class ControlMachine(RuleBasedStateMachine):
+    """Whatever people do in whatever order: one owner at most, never one who only looks."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.clock = Clock()
+        self.desk = ControlDesk(self.clock)
+
+    @rule(person=st.sampled_from(EVERYBODY), act=st.sampled_from(["take", "ask", "hand_over", "give_back"]))
+    def act(self, person: Person, act: str) -> None:
+        before = self.desk.view
+        try:
+            getattr(self.desk, act)(person)
+        except ActRefusedError:
+            assert self.desk.view == before
+        if self.desk.view.owner != before.owner and before.owner is not None and not before.is_lost:
+            assert person == before.owner  # only its owner gives control away
+
+    @rule(person=st.sampled_from(EVERYBODY), reason=st.sampled_from(["", "fire"]))
+    def force(self, person: Person, reason: str) -> None:
+        try:
+            self.desk.force(person, reason)
+        except ActRefusedError:
+            return
+        assert person.role is Role.ENGINEER
+        assert reason
+
+    @rule(person=st.sampled_from(EVERYBODY))
+    def see(self, person: Person) -> None:
+        self.desk.see(person.session)
+
+    @rule(seconds=st.sampled_from([0.1, 5.0, 20.0]))
+    def wait(self, seconds: float) -> None:
+        self.clock.s += seconds
+
+    @rule(person=st.sampled_from(EVERYBODY))
+    def leave(self, person: Person) -> None:
+        self.desk.forget(person.session)
+
+    @invariant()
+    def one_owner_who_may(self) -> None:
+        owners = [person for person in EVERYBODY if self.desk.has(person)]
+        assert len(owners) <= 1
+        assert EVE not in owners
+
+
+ControlMachine.TestCase.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+TestControlMachine = ControlMachine.TestCase
+
+
+# --- the desk
+
+
+def run(desk: ActDesk, person: Person, act: Act) -> ActResult:
+    return asyncio.run(desk.perform(person, act))
+
+
+@pytest.mark.parametrize("act", acts.EXAMPLES, ids=lambda act: act.name)
+def test_no_act_without_role_and_control(act: Act, state: PanelState) -> None:
+    calls = Calls()
+    desk = ActDesk(state, calls, ActRecord(None, lambda: 0.0))
+    for person in EVERYBODY:
+        result = run(desk, person, act)
+        may = person.role >= act.role and not act.needs_control
+        assert result.success is may, (person.name, result.message)
+    state.control.take(ADA)
+    assert run(desk, ADA, act).success is (ADA.role >= act.role)
+    assert run(desk, BOB, act).success is (BOB.role >= act.role and not act.needs_control)
+    assert {who for name, who in calls.acts if act.needs_control} <= {"Ada"}
+
+
+def test_whoever_sees_the_page_may_stop_and_who_operates_may_let_go() -> None:
+    assert acts.estop().role is Role.LOOK
+    assert not acts.estop().needs_control
+    assert not acts.release().needs_control
+
+
+def test_every_act_is_recorded_with_name_and_end_and_without_tokens(state: PanelState, tmp_path: Path) -> None:
+    desk = ActDesk(state, Calls(), ActRecord(tmp_path / "acts.jsonl", lambda: 12.5))
+    run(desk, EVE, acts.grasp("egg"))
+    state.control.take(ADA)
+    run(desk, ADA, acts.confirm_step("insert", "s3cret-token", ["A", "B", "C"]))
+    lines = [json.loads(line) for line in (tmp_path / "acts.jsonl").read_text().splitlines()]
+    assert [(one["who"], one["act"], one["success"]) for one in lines] == [
+        ("Eve", "grasp", False),
+        ("Ada", "confirm_step", True),
+    ]
+    assert "s3cret-token" not in (tmp_path / "acts.jsonl").read_text()
+    assert (tmp_path / "acts.jsonl").stat().st_mode & 0o077 == 0
+    assert [notice.who for notice in state.notices] == ["Eve", "Ada"]
+
+
+def test_a_record_that_cannot_be_written_is_said_and_ends_nothing(state: PanelState) -> None:
+    record = ActRecord(Path("/dev/null/acts.jsonl"), lambda: 0.0)
+    assert run(ActDesk(state, Calls(), record), EVE, acts.estop()).success
+    assert "expected to write it" in record.problem
+
+
+@pytest.mark.parametrize("act", acts.EXAMPLES, ids=lambda act: act.name)
+def test_every_act_is_a_command_line_of_ros2(act: Act) -> None:
+    command = act.call.command_line("/cell_1")
+    assert command.startswith(("ros2 service call /cell_1/", "ros2 action send_goal --feedback /cell_1/"))
+
+
+def test_a_hostile_name_stays_one_word_of_the_command_line() -> None:
+    import shlex  # noqa: PLC0415
+
+    command = acts.grasp("x'; rm -rf / #\"").call.command_line()
+    assert len(shlex.split(command)) == 7
+
+
+# --- alarms
+
+
+def test_the_life_of_an_alarm(clock: Clock) -> None:
+    book = AlarmBook(clock)
+    fact = AlarmFact("here", "broken")
+    book.observe("source", {"k": fact})
+    book.advance()
+    assert book.active[0].stage is AlarmStage.RAISED
+    clock.s += 1.0
+    book.advance()
+    assert book.active[0].stage is AlarmStage.CONFIRMED
+    book.observe("source", {})
+    clock.s += 2.0
+    book.advance()
+    assert book.active[0].stage is AlarmStage.HEALED  # it stays until somebody has seen it
+    book.observe("source", {"k": fact})
+    assert book.active[0].stage is AlarmStage.RAISED
+    assert book.active[0].times == 2
+    book.acknowledge("k", "Ada")
+    with pytest.raises(ActRefusedError, match="Ada has acknowledged"):
+        book.acknowledge("k", "Bob")
+    book.observe("source", {})
+    clock.s += 2.0
+    book.advance()
+    assert book.active == ()
+    assert book.history[0].acknowledged_by == "Ada"
+
+
+def test_a_short_gap_does_not_heal_an_alarm(clock: Clock) -> None:
+    book = AlarmBook(clock)
+    for _ in range(5):
+        book.observe("source", {"k": AlarmFact("here", "flickers")})
+        clock.s += 0.4
+        book.advance()
+        book.observe("source", {})
+        clock.s += 0.4
+        book.advance()
+    assert len(book.active) == 1
+    assert book.active[0].times == 1
+
+
+@pytest.mark.parametrize("name", sorted(set(FAULTS) - {"estop"}))
+def test_a_fault_of_the_table_becomes_an_alarm_with_its_remedy(name: str, state: PanelState) -> None:
+    state.observe_tendons([TendonView("index", "STOPPED", homed=True, fault=name, reason="found so")])
+    (alarm,) = state.alarms.active
+    assert FAULTS[name].meaning in alarm.fact.title
+    assert alarm.fact.cause == "found so"
+    assert alarm.fact.remedy == FAULTS[name].remedy
+
+
+def test_a_silent_driver_is_an_alarm(state: PanelState, clock: Clock) -> None:
+    state.observe_tendons([])
+    clock.s += SILENCE_S + 0.1
+    state.advance()
+    assert state.is_stale
+    assert "silent" in state.alarms.active[0].fact.title
+
+
+# --- explanations
+
+
+def test_what_a_stop_will_do_follows_the_policy() -> None:
+    assert explain_stop(StopPolicyView("let_go", 5.0))[0] == "estop.will_let_go"
+    assert explain_stop(StopPolicyView("hold", 5.0)) == ("estop.will_hold", {"tension": 5.0})
+    assert explain_stop(StopPolicyView())[0] == "estop.will_unknown"
+
+
+def test_what_a_reset_will_do_names_what_is_to_be_homed() -> None:
+    tendons = [TendonView("index", "STOPPED", homed=True), TendonView("thumb", "STOPPED", homed=False)]
+    keys = [key for key, _ in explain_reset(SafetyView(estop=True, locked=True, lock_owner="me"), tendons)]
+    assert keys == ["reset.will", "reset.will_home", "reset.will_locked"]
+    assert explain_reset(SafetyView(), tendons) == [("reset.none", {})]
+
+
+# --- orders
+
+
+def test_orders_are_read_as_people_write_them() -> None:
+    text = 'product,quantity\negg,2\n"grape";10\norange=3\n\nmuffin\nbanana 4'
+    assert read_orders(text) == [
+        OrderLine("egg", 2),
+        OrderLine("grape", 10),
+        OrderLine("orange", 3),
+        OrderLine("muffin", 1),
+        OrderLine("banana", 4),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "expected lines"),
+        ("egg,0", "line 1"),
+        ("egg,2\n<script>,1", "line 2"),
+        ("egg,99999", "1 .. 10000"),
+        ("egg,2,3", "a product and a number"),
+        ("egg,²", "a number"),
+        ("a\n" * 1001, "at most 1000 lines"),
+        ("é" * 40_000, "KiB"),
+    ],
+)
+def test_a_wrong_order_list_is_refused_with_its_place(text: str, said: str) -> None:
+    with pytest.raises(PanelError, match=said):
+        read_orders(text)
+
+
+@given(st.text(max_size=200))
+@settings(deadline=None)
+def test_no_text_breaks_the_order_list(text: str) -> None:
+    try:
+        orders = read_orders(text)
+    except PanelError:
+        return
+    assert all(order.quantity >= 1 and order.product.isascii() for order in orders)
+
+
+# --- swap, grasps, frames
+
+
+def test_a_swap_is_taken_up_after_the_panels_end(tmp_path: Path) -> None:
+    file = tmp_path / "panel" / "swap.json"
+    first = SwapProgress()
+    first.keep_in(file)
+    first.begin("pinch", "Ada", 100.0)
+    first.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
+    assert file.stat().st_mode & 0o077 == 0  # it holds the token
+    second = SwapProgress()
+    second.keep_in(file)
+    assert second.view == first.view
+    second.end(success=False, message="cancelled; confirm step 'hands_out' with the token")
+    assert second.view.phase is SwapPhase.HANDS_INSIDE
+    third = SwapProgress()
+    third.keep_in(file)
+    assert third.view.token == "t0ken"
+    third.observe_mode("IDLE", "hands are out")
+    assert third.view.phase is SwapPhase.ENDED
+
+
+def test_a_spoiled_file_of_a_swap_is_no_swap(tmp_path: Path) -> None:
+    (tmp_path / "swap.json").write_text('{"phase": "dancing"}')
+    swap = SwapProgress()
+    swap.keep_in(tmp_path / "swap.json")
+    assert swap.view.phase is SwapPhase.NONE
+
+
+def test_a_grasp_is_kept_with_curve_pictures_and_verdict(state: PanelState, clock: Clock) -> None:
+    state.grasps.observe_picture(b"before")
+    state.observe_cell(CellView("IDLE", "power"))
+    state.observe_cell(CellView("GRASPING", "power", product="=egg"))
+    for k in range(5):
+        clock.s += 0.1
+        state.observe_tensions([TensionView("index", 0.001 * k, 2.0 * k, math.nan)])
+        state.grasps.observe_picture(f"at {k}".encode())
+    state.observe_cell(CellView("IDLE", "power", slipped=1, picks=1))
+    clock.s += 1.5
+    state.grasps.observe_picture(b"after")
+    (record,) = state.grasps.records
+    assert record.outcome == "SLIPPED"  # by the counter: somebody else ordered it
+    assert record.pictures == {"before": b"before", "at": b"at 4", "after": b"after"}
+    assert [sample.tension_n for sample in record.samples] == [(0.0,), (2.0,), (4.0,), (6.0,), (8.0,)]
+    assert ",'=egg," in export_csv(state.grasps.records)  # no formula for a spreadsheet
+
+
+def test_frames_are_what_the_page_reads() -> None:
+    message = pack_picture(PanelPicture(7, b"\xff\xd8jpeg", (640, 480), {"measured": [(1.0, 2.0), (math.nan, 3.0)]}))
+    kind, length = struct.unpack_from(">BI", message)
+    head = json.loads(message[5 : 5 + length])
+    assert (kind, head["number"], head["lines"]) == (1, 7, {"measured": [[1.0, 2.0]]})
+    assert message[5 + length :] == b"\xff\xd8jpeg"
+    tensions = pack_tensions([TensionView("index", 0.0012, 3.456, math.nan)], stale=True)
+    assert json.loads(tensions[1:]) == {"stale": True, "rows": [["index", 3.46, None, 1.2]]}
+
+
+# --- bags and records
+
+
+def test_only_files_of_listed_bags_are_reached(tmp_path: Path) -> None:
+    bag = tmp_path / "bags" / "one"
+    bag.mkdir(parents=True)
+    (bag / "a.mcap").write_bytes(b"12345")
+    (bag / "link.mcap").symlink_to("/etc/passwd")
+    (tmp_path / "bags" / "empty").mkdir()
+    (tmp_path / "secret").write_text("no")
+    folder = BagFolder(tmp_path / "bags")
+    (found,) = folder.bags()
+    assert (found.name, found.files, found.size) == ("one", (("a.mcap", 5),), 5)
+    assert folder.file("one", "a.mcap") == bag / "a.mcap"
+    for wrong in (("one", "../../secret"), ("..", "secret"), ("one", "link.mcap"), ("two", "a.mcap"), ("one", "")):
+        with pytest.raises(PanelError):
+            folder.file(*wrong)
+    with pytest.raises(PanelError):
+        folder.report("../secret")
+    assert BagFolder(None).bags() == ()
+
+
+def test_grasps_of_panel_and_database_are_one_list() -> None:
+    seen = [GraspRecord(2, 50.0, "egg", "power", ("A", "B"), outcome="GRIPPED")]
+    counted = [
+        CountedView(9050.0, "egg", "power", "GRIPPED", "held", 1.0),
+        CountedView(9000.0, "egg", "power", "GRIPPED", "held", 1.0),
+        CountedView(8000.0, "grape", "pinch", "EMPTY", "nothing", 1.0),
+    ]
+    rows = grasp_rows(seen, counted)
+    assert [(row.number, row.product) for row in rows] == [(2, "egg"), (None, "egg"), (None, "grape")]
+    assert [row.product for row in rows if GraspFilter(outcome="EMPTY").admits(row)] == ["grape"]
+    assert [row.number for row in rows if GraspFilter(serial="a").admits(row)] == [2]
+
+
+def test_figures_of_a_run_by_their_formulas(clock: Clock) -> None:
+    run = WorkRun(clock)
+    answer = SimpleNamespace(swaps=1, predicted_time=40.0, expected_success=0.9, redundant_sets=[])
+    run.plan([PlannedStep("egg", 4, "power", False, 0.9, 40.0)], answer)
+    run.go_to(WorkPhase.RUNNING)
+    for k, outcome in enumerate(("GRIPPED", "GRIPPED", "SLIPPED")):
+        clock.s += 20.0
+        run.finish(k, outcome, "", 20.0)
+    run.go_to(WorkPhase.PAUSED)
+    clock.s += 20.0
+    figures = run.figures()
+    assert (figures.done, figures.total, figures.gripped) == (3, 4, 2)
+    assert figures.rate_per_h == pytest.approx(3 / 60.0 * 3600.0)
+    assert figures.availability == pytest.approx(60.0 / 80.0)
+    assert figures.performance == pytest.approx(3 * 10.0 / 60.0)
+    assert figures.quality == pytest.approx(2.0 / 3.0)
+    assert figures.oee == pytest.approx(0.75 * 0.5 * 2.0 / 3.0)

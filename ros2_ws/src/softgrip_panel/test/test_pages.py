@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pages in a real Chromium, by clicks and keys only, on a cell that answers at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from selenium.webdriver.common.keys import Keys
+
+from softgrip_panel.web.shell import PAGES
+from softgrip_testing.browser import PanelBrowser
+
+pytestmark = pytest.mark.slow
+
+#: conftest's
+RunningSite = Any
+
+
+def take_control(browser: PanelBrowser) -> None:
+    browser.wait(lambda: browser.text("#control") != "", "the owner of control")
+    if browser.text("#control") != "You have control":
+        browser.press("take")
+        browser.wait_for_text("#control", "You have control")
+
+
+def test_opening_pages_moves_and_powers_nothing(browser: PanelBrowser, site: RunningSite) -> None:
+    for path in PAGES:
+        browser.open(path)
+        browser.wait(lambda: browser.script("return !document.body.classList.contains('disconnected')"), "live data")
+    assert site.calls() == []
+
+
+def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/")
+    browser.find("#estop").click()
+    browser.wait_for_text("#estop-said", "stopped (let_go)")
+    browser.wait_for_text("#mode", "Emergency stop")
+    browser.wait_for_text("#alarms", "make the cell safe, then estop_reset")  # from the driver's fault table
+    assert not browser.find("[data-name='reset']").is_enabled()
+    take_control(browser)
+    browser.press("reset")
+    browser.wait_for_text(".dialog", "asked for through the service estop")
+    browser.press("reset-confirm")
+    browser.wait_for_text("#mode", "Idle")
+    browser.press("acknowledge")
+    browser.wait_for_text("#alarms", "No alarms")
+    assert [one["act"] for one in site.calls()] == ["estop", "estop_reset"]
+    assert {one["who"] for one in site.calls()} == {"Ada"}
+
+
+def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/")
+    take_control(browser)
+    browser.press("hold")
+    browser.wait_for_text("#mode", "Holding")
+    browser.wait_for_text("#count-gripped", "1")
+    browser.press("release")
+    browser.wait_for_text("#mode", "Idle")
+    browser.open("/grasps")
+    browser.press("show-1")
+    browser.wait_for_text("#grasp-detail", "both sides press")
+    browser.wait(
+        lambda: browser.script("return document.querySelector('.pictures img').naturalWidth") == 640, "a picture"
+    )
+
+
+def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/work")
+    take_control(browser)
+    area = browser.find("#orders textarea")
+    area.send_keys("egg 2\nnonsense, x")
+    browser.press("plan")
+    browser.wait_for_text("#order-problem", "line 2")
+    area.send_keys(Keys.CONTROL, "a")
+    area.send_keys("egg 2\ngrape, 1")
+    browser.press("plan")
+    browser.wait_for_text("#work-phase", "Planned")
+    browser.press("work-start")
+    browser.wait_for_text("#work-phase", "Done")
+    assert browser.text("#work-done") == "3 / 3"
+    assert browser.text("#work-gripped") == "3"
+    grasped = [one["request"]["product"] for one in site.calls() if one["act"] == "grasp"]
+    assert grasped[-3:] == ["egg", "egg", "grape"]
+
+
+def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
+    browser: PanelBrowser, site: RunningSite
+) -> None:
+    browser.open("/swap")
+    take_control(browser)
+    browser.press("swap-pinch")
+    browser.wait_for_text("#instruction", "Open the palm.")
+    browser.driver.refresh()
+    browser.wait_for_text("#instruction", "Open the palm.")
+    browser.press("step-done")
+    browser.wait_for_text("#instruction", "Do remove.")
+    with PanelBrowser(site.address) as second:
+        second.log_in("Bob")
+        second.open("/swap")
+        second.wait_for_text("#instruction", "Do remove.")
+        assert not second.find("[data-name='step-done']").is_enabled()  # it is Ada's
+        second.press("take")
+        browser.wait_for_text("#control", "Bob asks for control")
+        browser.press("hand_over")
+        second.wait_for_text("#control", "You have control")
+        second.press("step-done")
+        second.wait_for_text("#instruction", "Do insert.")
+        second.press("give_back")
+    browser.wait_for_text("#instruction", "Do insert.")
+    take_control(browser)
+    field = browser.find(".serials input")
+    for serial in ("PI-I-01", "PI-M-01"):
+        field.send_keys(serial + "\n")  # a scanner types and ends with Enter
+    browser.press("step-done")
+    browser.wait_for_text("#swap-problem", "missing for: thumb")
+    field.send_keys("PI-T-01\n")
+    browser.wait_for_text("#instruction", "Do close_palm.")
+    browser.press("step-done")
+    browser.wait_for_text("#instruction", "Done: every finger is as its record says")
+    insert = next(one for one in site.calls() if one["act"] == "confirm_step" and one["request"]["serials"])
+    assert insert["request"]["serials"] == ["PI-I-01", "PI-M-01", "PI-T-01"]
+    who = [one["who"] for one in site.calls() if one["act"] == "confirm_step"]
+    assert who == ["Ada", "Bob", "Ada", "Ada"]
+
+
+def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
+    browser: PanelBrowser, site: RunningSite
+) -> None:
+    browser.open("/records")
+    browser.press("retire-PW-T-02")
+    browser.find(".retire-reason input").send_keys("tore at joint 2")
+    browser.press("retire-confirm")
+    browser.wait_for_text("[data-serial='PW-T-02']", "retired")
+    call = next(one for one in site.calls() if one["act"] == "retire_finger")
+    assert call["request"] == {"serial": "PW-T-02", "who": "Ada", "reason": "tore at joint 2"}
+    browser.driver.get(site.address + "/label/PW-T-02")
+    assert "PW-T-02" in browser.text()
+    assert browser.count("svg path") > 0
+
+
+def test_a_hostile_name_is_text_and_nothing_else(browser: PanelBrowser) -> None:
+    for path in PAGES:
+        browser.open(path)
+        browser.wait(lambda: browser.script("return !document.body.classList.contains('disconnected')"), "live data")
+        assert browser.script("return window.hacked === undefined && !document.querySelector('img[src=x]')")
+    browser.open("/work")
+    browser.wait_for_text("#products", "<img src=x onerror=window.hacked=1>")
+
+
+def test_no_request_leaves_the_machine(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/")
+    asked = browser.requested()
+    assert any("/live" in url for url in asked)
+    own = (site.address, site.address.replace("http", "ws"))
+    assert [url for url in asked if not url.startswith(own)] == []
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_page_fits_every_screen_and_axe_finds_nothing_serious(browser: PanelBrowser, path: str) -> None:
+    browser.open(path)
+    for width, height in ((820, 1180), (1920, 1080), (1280, 800)):
+        browser.resize(width, height)
+        assert browser.script("return document.documentElement.scrollWidth <= window.innerWidth + 1"), (width, height)
+    small = browser.script(
+        "return [...document.querySelectorAll('button, nav a')].filter(e => e.offsetParent && e.offsetHeight < 44 &&"
+        " !e.closest('.q-uploader')).map(e => e.innerText)"
+    )
+    assert small == []  # for gloves
+    for theme in ("--light", "--dark"):
+        if not browser.script("return document.body.classList.contains(arguments[0])", f"body{theme}"):
+            browser.find("#theme").click()
+        assert browser.accessibility() == []
+    browser.find("#theme").click()
+
+
+def test_the_stop_is_the_first_thing_that_the_keyboard_reaches_after_the_skip_link(browser: PanelBrowser) -> None:
+    browser.open("/")
+    body = browser.find("body")
+    body.send_keys(Keys.TAB)
+    assert browser.script("return document.activeElement.className") == "skip"
+    browser.driver.switch_to.active_element.send_keys(Keys.TAB)
+    assert browser.script("return document.activeElement.id") == "estop"
+    browser.driver.switch_to.active_element.send_keys(Keys.ENTER)
+    browser.wait_for_text("#estop-said", "stopped")

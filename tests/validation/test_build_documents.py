@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/build: its pictures are what the code draws, its links lead somewhere, its figures are those of the code."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from softgrip_demo.first_run import bus_steps, camera_steps
+from softgrip_demo.first_run.cube import TEST_CUBE
+from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.wizard.direction import SpoolPull
+from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
+from softgrip_driver.wizard.wizard import MIN_PULL_N, WizardSettings
+from softgrip_vision.calibrating.plane import LARGEST_RMS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [*sorted((ROOT / "docs/build").glob("*.md")), ROOT / "docs/cell_file.md"]
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"tools/docs/{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["build_wiring", "build_spool", "build_camera", "build_rig"])
+def test_a_picture_is_what_the_code_draws(name: str) -> None:
+    assert (ROOT / f"docs/figures/{name}.svg").read_text() == load("build").PICTURES[name]()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+def test_figures_of_the_pages_are_those_of_the_code() -> None:
+    servos, camera = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("servos", "camera"))
+    plan, settings = TensioningPlan(), WizardSettings(Path())
+    assert f"about {MIN_PULL_N:g} N, {SpoolPull().reach_m * 1e3:g} mm at most" in servos
+    assert f"holds {plan.tension_n:g} N for {plan.hold_s:g} s" in servos
+    assert f"less than {SETTLED_M * 1e3:g} mm | {settings.slack_m * 1e3:g} mm of slack" in servos
+    exposure = (camera_steps.MIN_SIGNAL, 100 * camera_steps.MAX_CLIPPED_SHARE, 100 * camera_steps.MAX_FLICKER)
+    assert "| {:g} grey levels; {:g} %; {:g} % |".format(*exposure) in camera
+    assert f"| {camera_steps.MAX_EDGE_SHARE:g} |" in camera
+    assert f"| {camera_steps.MAX_MARKER_OFFSET_M * 1e3:g} mm |" in camera
+    assert f"| {LARGEST_RMS:g} px; {camera_steps.MAX_LINK_ERROR_M * 1e3:g} mm |" in camera
+    assert f"known to {100 * bus_steps.MAX_TENSION_SHARE:g} %" in servos
+    printing, bill = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("printing", "bill"))
+    assert f"{TEST_CUBE.size_m[0] * 1e3:g} mm" in printing
+    assert f"{TEST_CUBE.mass_kg * 1e3:g} g" in printing
+    for name in ("XL330-M288", "XC330-M288"):
+        assert f"{MODELS[name].stall_torque:g} N m" in bill
+    assert f"(three XL330: {3 * MODELS['XL330-M288'].stall_current:.1f} A)" in bill
