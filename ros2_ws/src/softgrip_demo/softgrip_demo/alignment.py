@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,6 +34,7 @@ class Instant:
     tip: tuple[float, float]
     predicted_tension: float
     tension: float
+    tip_stddev: tuple[float, float] = (math.nan, math.nan)
 
 
 def at_stamp(instants: Sequence[Instant], stamp: float) -> Instant | None:
@@ -46,12 +48,13 @@ def at_stamp(instants: Sequence[Instant], stamp: float) -> Instant | None:
         return None
     share = (stamp - before.stamp) / (after.stamp - before.stamp)
     values = (1.0 - share) * _vector(before) + share * _vector(after)
-    pulled, predicted_tension, tension, x, y, *angles = (float(v) for v in values)
-    return Instant(stamp, pulled, tuple(angles), (x, y), predicted_tension, tension)
+    pulled, predicted_tension, tension, x, y, x_stddev, y_stddev, *angles = (float(v) for v in values)
+    return Instant(stamp, pulled, tuple(angles), (x, y), predicted_tension, tension, (x_stddev, y_stddev))
 
 
 def _vector(instant: Instant) -> np.ndarray:
-    return np.array([instant.pulled_length, instant.predicted_tension, instant.tension, *instant.tip, *instant.angles])
+    forces = (instant.predicted_tension, instant.tension)
+    return np.array([instant.pulled_length, *forces, *instant.tip, *instant.tip_stddev, *instant.angles])
 
 
 def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[PairedSample, ...]:
@@ -71,6 +74,7 @@ def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[
                 measured_tip=frame.tip,
                 tension=predicted.tension,
                 predicted_tension=predicted.predicted_tension,
+                predicted_tip_stddev=predicted.tip_stddev,
             )
         )
     return tuple(samples)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import PatchCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 
 from softgrip_bag.plots import COLOURS, DEGREES, MILLIMETRES, STYLE, draw_ratio, svg
-from softgrip_demo.summary import tip_errors_percent
+from softgrip_demo.summary import tip_errors_percent, tip_half_widths
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def tip_figure(closing: ShiftClosing) -> str:
         figure = Figure(figsize=(3.7, 3.4), layout="constrained")
         axes = figure.subplots()
         _draw_shape(axes, closing)
+        _draw_intervals(axes, predicted, tip_half_widths(closing) * MILLIMETRES)
         axes.plot(*measured.T, ".", color="#c8553d", ms=3, label="markers")
         axes.plot(*predicted.T, "-", color="#0b6e4f", lw=1.5, label="prediction")
         axes.set(
@@ -93,8 +95,19 @@ def tip_figure(closing: ShiftClosing) -> str:
         )
         axes.title.set_fontsize(8.5)
         axes.set_aspect("equal")
-        figure.legend(loc="outside lower center", ncols=2)
+        figure.legend(loc="outside lower center", ncols=3)
         return svg(figure)
+
+
+def _draw_intervals(axes: Axes, centres: np.ndarray, half_widths: np.ndarray) -> None:
+    """Draw each sample's 95 % interval as the ellipse of its two half widths."""
+    stated = np.isfinite(half_widths).all(axis=1)
+    if not stated.any():
+        return
+    pairs = zip(centres[stated], 2.0 * half_widths[stated], strict=True)
+    ellipses = [Ellipse((x, y), width, height) for (x, y), (width, height) in pairs]
+    axes.add_collection(PatchCollection(ellipses, facecolors="#0b6e4f", edgecolors="none", alpha=0.06))
+    axes.scatter([], [], color="#0b6e4f", alpha=0.3, label="95 % interval")
 
 
 def _draw_shape(axes: Axes, closing: ShiftClosing) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,7 @@ class PairedSample:
         predicted_tip, measured_tip: [m] x, y in the finger's base frame.
         tension: [N] at the actuator, measured.
         predicted_tension: [N].
+        predicted_tip_stddev: [m] along x and y; NaN where the prediction does not say.
     """
 
     pulled_length: float
@@ -62,6 +64,7 @@ class PairedSample:
     measured_tip: tuple[float, float]
     tension: float
     predicted_tension: float
+    predicted_tip_stddev: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)

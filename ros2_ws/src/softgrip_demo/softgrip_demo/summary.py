@@ -14,6 +14,9 @@ from softgrip_demo.table42 import agrees
 if TYPE_CHECKING:
     from softgrip_demo.record import ShiftClosing, ShiftRecord
 
+#: 95 % of a normal distribution are within as many standard deviations.
+NORMAL_95 = 1.96
+
 
 @dataclass(frozen=True)
 class ReplayCheck:
@@ -33,6 +36,21 @@ def tip_errors_percent(closing: ShiftClosing) -> np.ndarray:
     return np.asarray(100.0 * np.hypot(*(measured - predicted).T) / closing.finger_length)
 
 
+def tip_half_widths(closing: ShiftClosing) -> np.ndarray:
+    """Return half of the predicted tip's 95 % interval along x and y per sample [m], shape (n, 2)."""
+    stddev = np.array([sample.predicted_tip_stddev for sample in closing.samples]).reshape(-1, 2)
+    return np.asarray(NORMAL_95 * stddev)
+
+
+def interval_held_percent(closing: ShiftClosing) -> float:
+    """Return the share of tip coordinates within their predicted 95 % interval [%]; NaN where none is stated."""
+    measured = np.array([sample.measured_tip for sample in closing.samples]).reshape(-1, 2)
+    predicted = np.array([sample.predicted_tip for sample in closing.samples]).reshape(-1, 2)
+    widths = tip_half_widths(closing)
+    known = np.isfinite(widths)
+    return float(100.0 * np.mean((np.abs(measured - predicted) <= widths)[known])) if known.any() else math.nan
+
+
 def summarise(record: ShiftRecord, replay: ReplayCheck, report_wall_clock_s: float) -> dict[str, Any]:
     """Return the content of summary.json."""
     closings = []
@@ -43,6 +61,7 @@ def summarise(record: ShiftRecord, replay: ReplayCheck, report_wall_clock_s: flo
                 "grasp": closing.grasp,
                 "tip_error_pct_mean": _number(errors.mean()) if errors.size else None,
                 "tip_error_pct_max": _number(errors.max()) if errors.size else None,
+                "tip_interval_held_pct": _number(interval_held_percent(closing)),
                 "samples": len(closing.samples),
             }
         )

@@ -24,11 +24,11 @@ from softgrip_demo.record import (
     ShiftStage,
 )
 from softgrip_demo.report import figures, render
-from softgrip_demo.summary import ReplayCheck, summarise, tip_errors_percent
+from softgrip_demo.summary import ReplayCheck, interval_held_percent, summarise, tip_errors_percent
 
 
 def sample(pulled: float, off: float) -> PairedSample:
-    return PairedSample(pulled, (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0.09, 0.0), (0.09, off), 1.0, 1.1)
+    return PairedSample(pulled, (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0.09, 0.0), (0.09, off), 1.0, 1.1, (0.001, 0.001))
 
 
 @pytest.fixture
@@ -72,6 +72,13 @@ def test_a_record_of_another_kind_is_refused(text: str, found: str, tmp_path: Pa
 
 def test_tip_errors_are_percent_of_the_finger(record: ShiftRecord) -> None:
     assert tip_errors_percent(record.closings[0]).tolist() == pytest.approx([1.0, 3.0])
+
+
+def test_the_interval_holds_a_share_of_the_coordinates(record: ShiftRecord) -> None:
+    """Of x, y off by 0, 1 mm and by 0, 3 mm, the deviation of each 1 mm, three are within 1.96 mm."""
+    assert interval_held_percent(record.closings[0]) == pytest.approx(75.0)
+    silent = replace(record.closings[0].samples[0], predicted_tip_stddev=(math.nan, math.nan))
+    assert math.isnan(interval_held_percent(replace(record.closings[0], samples=(silent,))))
 
 
 def test_the_summary_is_json_without_nan_and_judges_by_table_4_2(record: ShiftRecord) -> None:

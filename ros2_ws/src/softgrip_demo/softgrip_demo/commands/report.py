@@ -88,7 +88,8 @@ def show(summary: dict[str, Any], folder: Path) -> None:
     for closing in summary["closings"]:
         shift.add_row(
             f"closing {closing['grasp']}",
-            f"tip error {closing['tip_error_pct_mean']} % mean, {closing['tip_error_pct_max']} % max",
+            f"tip error {closing['tip_error_pct_mean']} % mean, {closing['tip_error_pct_max']} % max; "
+            f"95 % interval holds {closing['tip_interval_held_pct']} %",
         )
     shift.add_row("shape", f"{summary['shape']['hexes']} hexahedra at {summary['shape']['rate_hz']} Hz")
     shift.add_row("swaps", str(summary["swaps"]))

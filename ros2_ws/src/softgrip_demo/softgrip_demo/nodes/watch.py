@@ -106,6 +106,7 @@ class ShiftWatch:
                 tip=(state.tip.x, state.tip.y),
                 predicted_tension=state.tension,
                 tension=self._tension_at(stamp),
+                tip_stddev=(float(state.tip_stddev[0]), float(state.tip_stddev[1])),
             )
             for state in message.fingers
             if state.finger == self.finger and state.validity != state.FAILED
