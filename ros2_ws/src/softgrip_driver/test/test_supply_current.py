@@ -143,12 +143,17 @@ def test_homing_tensions_and_closings_whichever_current_the_servo_limits(bench):
     taut = bench.plant.wound_m() - bench.plant.bank.slack_m
     lengths = [drive.length for drive in bench.loop.snapshot.drives]
     assert lengths == pytest.approx(taut, abs=4e-4)
+    # A new cable beds in by a quarter of a millimetre, worth all of 2 N (docs/emulator.md): pulled once first.
+    bench.run(bench.move([20.0], 0.02, mode=MoveMode.TENSION))
+    bench.pass_time(2.0)
+    bench.run(bench.move([0.0], 0.02))
     for asked in (2.0, 5.0, 10.0, 20.0):
         assert bench.run(bench.move([asked], 0.02, mode=MoveMode.TENSION))[0] is MoveOutcome.REACHED
         bench.pass_time(0.3)
         true = bench.plant.bank.tension_n
         stated = [drive.tension_stddev for drive in bench.loop.snapshot.drives]
-        assert np.all(np.abs(true - asked) < np.maximum(0.05 * asked, 1.3) + 0.2)
+        # Beside what the driver states, a soft finger relaxes by up to 8 % in this time.
+        assert np.all(np.abs(true - asked) < np.maximum(0.05 * asked, 1.3) + 0.7)
         estimated = [drive.tension for drive in bench.loop.snapshot.drives]
         assert np.all(np.abs(true - estimated) < 2.0 * np.array(stated))
     bench.run(bench.move([0.0], 0.02))

@@ -58,7 +58,8 @@ def test_a_hold_goes_on_through_the_death_of_the_driver_and_its_successor_takes_
     held = holding.plant.bank.tension_n.copy()
     zeros = {name: drive.zero for name, drive in holding.controller.drives.items()}
     lowest = kill(holding)
-    assert (lowest > 0.95 * held).all(), (lowest, held)
+    # strips and cable relax by 10 % meanwhile (docs/emulator.md)
+    assert (lowest > 0.85 * held).all(), (lowest, held)
     start_again(holding)
     for name, zero in zeros.items():
         holding.loop.call(lambda c, _, n=name, z=zero: c.drives[n].set_zero(z, c.drives[n].session_mark))

@@ -14,7 +14,7 @@ import numpy as np
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.plant.fingers import FingerBank
+from softgrip_emulator.plant.fingers import FingerBank, run_in
 from softgrip_emulator.plant.grasp import PlantGrasp
 from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.plant.out_of_plane import leave_plane, twist
@@ -214,6 +214,9 @@ class CellPlant:
         zero = getattr(self, "_wound_zero", wound)
         if before is not None:
             self._memories |= before.memories()
+        for finger in self.mounted:
+            if finger is not None and (finger.profile, finger.serial) not in self._memories:
+                self._memories[finger.profile, finger.serial] = run_in(finger)
         self.bank = FingerBank(self.mounted)
         self.bank.recall(self._memories)
         self.bank.warm(self._temperature_c)

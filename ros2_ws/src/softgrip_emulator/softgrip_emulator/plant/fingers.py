@@ -6,7 +6,9 @@ Arrays are (finger F, joint J, ...), SI units; rows of a finger with fewer joint
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from softgrip_emulator.plant import _core
 from softgrip_emulator.plant.material import in_room
@@ -14,13 +16,18 @@ from softgrip_emulator.plant.material import in_room
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from softgrip_emulator.plant._core import JointLoad
     from softgrip_emulator.plant.truth import FingerTruth
 
     Array = NDArray[np.float64]
+
+_RUN_IN_CLOSINGS: Final = 3
+_RUN_IN_M: Final = 0.022
+_RUN_IN_N: Final = 28.0
+_RUN_IN_M_PER_S: Final = 0.02
+_RUN_IN_STEP_S: Final = 0.002
 
 
 class FingerBank:
@@ -96,3 +103,22 @@ class FingerBank:
             ago_s: so long before now, by the speeds of the last step [s].
         """
         return self.core.chain(ago_s)
+
+
+def run_in(finger: FingerTruth) -> list[float]:
+    """Return what a finger does not forget of the closings that whoever made it has tried it with.
+
+    Elastomers are conditioned before they are measured or used, and
+    cords are pulled before they are cut to length. Otherwise strips that run in would be taken for wear.
+    """
+    bank = FingerBank([finger])
+    step_m = _RUN_IN_M_PER_S * _RUN_IN_STEP_S
+    for _ in range(_RUN_IN_CLOSINGS):
+        wound_m = finger.slack_m
+        while wound_m < finger.slack_m + _RUN_IN_M and bank.tension_n[0] < _RUN_IN_N:
+            wound_m += step_m
+            bank.step(np.array([wound_m]), _RUN_IN_STEP_S)
+        while wound_m > 0.0:
+            wound_m -= step_m
+            bank.step(np.array([wound_m]), _RUN_IN_STEP_S)
+    return bank.core.recall(0)

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 _THUMB: Final = SLOTS.index("thumb")
 _AFTERWARDS_S: Final = 0.3
-_RUN_IN_M: Final = 0.020
-_RUN_IN_N: Final = 28.0
-_RUN_IN_M_PER_S: Final = 0.02
 
 
 class HandPulledCell(CellPlant):
@@ -31,17 +28,6 @@ class HandPulledCell(CellPlant):
         self.pulled_m: NDArray[np.float64] = np.zeros(len(SLOTS))
         super().__init__(profiles, seed=seed)
         self.mount(SLOTS, [f"{finger_set}-{slot}" for slot in SLOTS], [finger_set] * len(SLOTS))
-        self._run_in()
-
-    def _run_in(self) -> None:
-        """Close once on nothing and open, as a swap's check does: a new cable has bedded in before it grasps."""
-        stopped = np.zeros(len(SLOTS), bool)
-        for direction in (1.0, -1.0):
-            for _ in range(round(_RUN_IN_M / _RUN_IN_M_PER_S / STEP_S)):
-                stopped |= self.bank.tension_n > _RUN_IN_N
-                moving = np.ones(len(SLOTS), bool) if direction < 0.0 else ~stopped
-                self.pulled_m = np.maximum(self.pulled_m + direction * moving * _RUN_IN_M_PER_S * STEP_S, 0.0)
-                self.step()
 
     def wound_m(self) -> NDArray[np.float64]:
         """Cable wound since mounting [m], (3,): slack first, then what is pulled."""

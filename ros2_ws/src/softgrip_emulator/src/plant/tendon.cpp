@@ -197,7 +197,7 @@ void Tendon::age(double tension_n, double dt_s) {
 
 double Tendon::lengthened_m() const {
   const double length_m = make_.lead_length_m + straight_m_;
-  return length_m * (bedded_ + crept_) + make_.knot_slip_m * std::log1p(loadings_);
+  return length_m * (bedded_ + crept_) + make_.knot_slip_m * std::log1p(loadings_) - longer_when_mounted_m_;
 }
 
 void Tendon::restore(const double* memory) {
@@ -205,6 +205,9 @@ void Tendon::restore(const double* memory) {
   largest_n_ = memory[1];
   loadings_ = memory[2];
   std::copy_n(memory + 3, wear_.size(), wear_.begin());
+  // The slack of a mounted finger is what the cable is too long by then.
+  longer_when_mounted_m_ = 0.0;
+  longer_when_mounted_m_ = lengthened_m();
 }
 
 void Tendon::recall(double* memory) const {

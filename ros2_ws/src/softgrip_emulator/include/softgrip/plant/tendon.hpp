@@ -54,7 +54,7 @@ class Tendon {
   void restore(const double* memory);
   void recall(double* memory) const;
   std::size_t memory() const { return 3 + wear_.size(); }
-  // How much longer it has become since it was strung [m].
+  // How much longer it has become since it was mounted [m].
   double lengthened_m() const;
 
   // How much shorter the way is than through the straight finger [m].
@@ -80,6 +80,7 @@ class Tendon {
   std::vector<double> offset_m_;                           // 2 n: along the flank from the middle of the hole
   std::vector<double> bristle_, slid_from_m_, speed_m_s_;  // 2 n
   double bedded_ = 0.0, largest_n_ = 0.0, loadings_ = 0.0, crept_ = 0.0, tension_before_n_ = 0.0;
+  double longer_when_mounted_m_ = 0.0;
   std::vector<double> wear_;  // 2 n
   // What follows from the shape.
   std::vector<double> span_m_;            // n: cable in each groove
