@@ -59,7 +59,7 @@ CASES = {
         "/tendon/state",
         2160,
         130,
-        ("-p", "joint_model:=flexure"),
+        ("-p", "joint_model:=flexure", "-p", "intervals:=all", "-p", "watch:=causes"),
         "/finger/measured",
     ),
     "simulator": Case("gdfe_simulator", "shapes", "/tendon/state", 0, 60, ("-p", "resolution:=coarse"), "", "power"),
