@@ -89,8 +89,8 @@ def click_times(browser: PanelBrowser, client: Client, servos: Servos, count: in
         browser.find("#estop").click()
         if not servos.wait_for(0, ANSWER_S):
             raise SystemExit("a click did not stop the drives")
-        to_computer_s = time.time() - time.monotonic()
-        times.append(max(0.0, servos.last_on_s + to_computer_s - float(browser.script("return window.clickedAt"))))
+        to_epoch_s = time.time() - time.monotonic()
+        times.append(max(0.0, servos.last_on_s + to_epoch_s - float(browser.script("return window.clickedAt"))))
     client.call("estop_reset")
     return times
 

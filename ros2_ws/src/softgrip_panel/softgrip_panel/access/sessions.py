@@ -65,10 +65,6 @@ class Sessions:
         session.used_s = now_s
         return session.person
 
-    def is_alive(self, person: Person) -> bool:
-        """Whether a person's session goes on."""
-        return any(one.person.session == person.session for one in self._by_token.values())
-
     def end(self, token: str) -> None:
         """End a session."""
         session = self._by_token.pop(token, None)

@@ -64,8 +64,6 @@ class TendonView:
     homed: bool
     fault: str = ""
     reason: str = ""
-    temperature_c: float = math.nan
-    voltage_v: float = math.nan
 
 
 @dataclass(frozen=True)

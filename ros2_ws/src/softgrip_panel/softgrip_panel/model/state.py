@@ -140,12 +140,6 @@ class PanelState:
             }
             self.alarms.observe("/diagnostics", facts)
 
-    @property
-    def health(self) -> tuple[ComponentHealth, ...]:
-        """What every component said last, by name."""
-        with self._lock:
-            return tuple(self._health[name] for name in sorted(self._health))
-
     def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
         """Take the newest tendon/state beside its prediction."""
         with self._lock:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Sequence
@@ -135,11 +136,13 @@ class SwapProgress:
     def _set(self, view: SwapView) -> None:
         self.view = view
         if self._file is not None:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            waiting = self._file.with_suffix(".part")
-            waiting.touch(mode=0o600)
-            waiting.write_text(json.dumps(asdict(view)), encoding="utf-8")
-            waiting.replace(self._file)
+            # a full disk takes nothing but the way back after a restart: hands_out has one without the token
+            with contextlib.suppress(OSError):
+                self._file.parent.mkdir(parents=True, exist_ok=True)
+                waiting = self._file.with_suffix(".part")
+                waiting.touch(mode=0o600)
+                waiting.write_text(json.dumps(asdict(view)), encoding="utf-8")
+                waiting.replace(self._file)
 
 
 def read_serials(text: str, slots: Sequence[str]) -> list[str]:

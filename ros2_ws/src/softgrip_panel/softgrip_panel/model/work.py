@@ -103,7 +103,6 @@ class WorkRun:
 
     now_s: Callable[[], float]
     phase: WorkPhase = WorkPhase.EMPTY
-    steps: tuple[PlannedStep, ...] = ()
     items: tuple[WorkItem, ...] = ()
     swaps: int = 0
     predicted_time_s: float = 0.0
@@ -116,7 +115,6 @@ class WorkRun:
 
     def plan(self, steps: Sequence[PlannedStep], answer: Any) -> None:
         """Take a plan; what was planned before is gone."""
-        self.steps = tuple(steps)
         self.items = tuple(
             WorkItem(step.product, step.finger_set, step.predicted_time_s / max(1, step.quantity))
             for step in steps

@@ -116,8 +116,6 @@ def tendon_views(message: TendonStatusArray) -> list[TendonView]:
             bool(one.homed),
             one.fault,
             one.reason,
-            float(one.temperature),
-            float(one.voltage),
         )
         for one in message.tendons
     ]

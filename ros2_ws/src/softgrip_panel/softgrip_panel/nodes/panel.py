@@ -89,7 +89,6 @@ class PanelNode(Node):
         super().__init__("panel")
         values = self._values = PARAMETERS.declare(self)
         _check_access(values)
-        self._diagnostics = Diagnostics(self)
         self._state = PanelState(time.time, time.monotonic)
         folder = Path(values["state_dir"]) if values["state_dir"] else None
         if folder is not None:
@@ -101,6 +100,7 @@ class PanelNode(Node):
         self._predicted: FingerStates | None = None
         self._overlay = ChainOverlay(values["watched_finger"], values["profiles_directory"], values["calibration_file"])
         self._site, self._server, address = self._open_site(values)
+        self._diagnostics = Diagnostics(self)  # only now: loading the pages takes a second
         self._subscribe()
         self._policy_client = self.create_client(GetParameters, "tendon_driver/get_parameters")
         self._product_client = self.create_client(ListProducts, "cell/list_products")

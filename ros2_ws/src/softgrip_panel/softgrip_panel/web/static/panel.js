@@ -35,6 +35,9 @@ function setTheme(dark) {
   document.body.classList.toggle("body--dark", dark);
   document.body.classList.toggle("body--light", !dark);
   localStorage.setItem("softgrip_theme", dark ? "dark" : "light");
+  drawTensions();
+  drawCheck();
+  if (byId("curve")) drawGrasp(byId("curve"));
 }
 
 document.addEventListener("click", (event) => {
@@ -83,11 +86,19 @@ function drawChain(pen, points, scale, style, dashed) {
 const history = [];
 const HISTORY = 300;
 
-function drawTensions(message) {
-  const { rows, stale } = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 1)));
-  history.push(rows);
-  drawCheck(rows);
+let newest = { rows: [], stale: true };
+
+function takeTensions(message) {
+  newest = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 1)));
+  history.push(newest.rows);
   if (history.length > HISTORY) history.shift();
+  takeClosing(newest.rows);
+  drawTensions();
+  drawCheck();
+}
+
+function drawTensions() {
+  const { rows, stale } = newest;
   const canvas = byId("tensions");
   if (!canvas) return;
   const ratio = window.devicePixelRatio || 1;
@@ -140,12 +151,7 @@ function curve(pen, values, x, y, width, height, top, style) {
 
 const closing = new Map();
 
-function drawCheck(rows) {
-  const canvas = byId("check");
-  if (!canvas) return;
-  const pen = canvas.getContext("2d");
-  const records = [...document.querySelectorAll("#check-curves li")];
-  const curves = new Map(records.map((one) => [one.dataset.slot, (one.dataset.curve || "").split(" ").filter(Boolean).map((pair) => pair.split(",").map(Number))]));
+function takeClosing(rows) {
   for (const [name, tension, , pulled] of rows) {
     const dots = closing.get(name) ?? [];
     if (pulled !== null && pulled < 0.3) dots.length = 0;
@@ -153,6 +159,15 @@ function drawCheck(rows) {
     if (dots.length > 400) dots.shift();
     closing.set(name, dots);
   }
+}
+
+function drawCheck() {
+  const canvas = byId("check");
+  if (!canvas) return;
+  const { rows } = newest;
+  const pen = canvas.getContext("2d");
+  const records = [...document.querySelectorAll("#check-curves li")];
+  const curves = new Map(records.map((one) => [one.dataset.slot, (one.dataset.curve || "").split(" ").filter(Boolean).map((pair) => pair.split(",").map(Number))]));
   pen.clearRect(0, 0, canvas.width, canvas.height);
   const all = [...curves.values(), ...closing.values()].flat();
   const [right, top] = [Math.max(16, ...all.map(([x]) => x)), Math.max(10, ...all.map(([, n]) => n))];
@@ -228,7 +243,7 @@ function connect() {
   socket.onopen = () => document.body.classList.remove("disconnected");
   socket.onmessage = ({ data }) => {
     const kind = new Uint8Array(data, 0, 1)[0];
-    if (kind === TENSIONS) drawTensions(data);
+    if (kind === TENSIONS) takeTensions(data);
     if (kind === PICTURE) {
       const idle = latest === null;
       latest = data;
