@@ -107,7 +107,7 @@ tidy: setup  ## list what clang-tidy finds in the C++ cores; some minutes
 	done
 
 clean:  ## remove what was built
-	rm -rf out build $(SRC)/*/build .mypy_cache .ruff_cache
+	rm -rf out build docs/reference/generated $(SRC)/*/build .mypy_cache .ruff_cache
 
 faults: setup  ## every fault of the drives with its time to safe, every process killed and frozen; on an otherwise idle machine
 	SOFTGRIP_QUIET_MACHINE=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_driver/test/test_fault_matrix.py \
@@ -134,7 +134,7 @@ crash: setup  ## the recorder killed a hundred times, its file cut a hundred tim
 	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
 	$(BIN)/python benchmarks/recorder_crash.py
 
-bench: setup parts-setup study-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
+bench: setup parts-setup study-setup panel-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 
@@ -142,12 +142,12 @@ docs: setup parts-setup study-setup docs-setup  ## write the documents that scri
 	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
 	$(MAKE) site
 
-site: setup parts-setup docs-setup  ## the documentation's site alone, into out/site; a warning is an error
+site: setup docs-setup study-setup panel-setup  ## the documentation's site alone, into out/site; a warning is an error
 	$(BIN)/python tools/docs/reference.py
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
 	@echo "$(OUT)/site/index.html"
 
-docs-test: setup parts-setup docs-setup  ## every code block of the tutorials and guides, also the long ones; then the site
+docs-test: setup $(EXTRAS:%=%-setup)  ## every code block of the tutorials and guides, also the long ones; then the site
 	SOFTGRIP_LONG_BLOCKS=1 $(BIN)/python -m pytest -q -n0 tests/documents
 	$(MAKE) site
 

@@ -33,7 +33,6 @@ exclude_patterns = [
     ".*",
     "out",
     "build",
-    "**/build",
     "ros2_ws",
     "tests",
     "benchmarks",

@@ -6,7 +6,7 @@ LeRobot brings PyTorch (5 GB), so it wants an environment of its own:
     python3.12 -m venv /tmp/lerobot && /tmp/lerobot/bin/pip install "lerobot[dataset]==0.6.1"
     HF_HUB_OFFLINE=1 /tmp/lerobot/bin/python tools/lerobot_check.py OUT
 
-Returns 0 when the statistics of every episode agree to 1e-4 and the policy's loss falls.
+Returns 0 when the statistics of every episode agree to 1e-3 and the policy's loss falls.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from torch.utils.data import DataLoader
 
 STEPS = 100
-TOLERANCE = 1e-4
+#: LeRobot takes the standard deviation from running sums of squares, which costs digits where it is small.
+TOLERANCE = 1e-3
 
 
 def main(root: Path) -> int:

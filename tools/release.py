@@ -52,17 +52,14 @@ def main() -> int:
         print(f"{len(versions())} files: {', '.join(found)}")
         return 0 if len(found) == 1 else 1
     if not VERSION.fullmatch(requested) or requested not in changelog_versions():
-        print(
-            f"expected a version with a section in CHANGELOG.md, found {requested!r}; add '## [{requested}] - DATE'",
-            file=sys.stderr,
-        )
+        text = f"expected a version with a section in CHANGELOG.md, found {requested!r}; add '## [{requested}] - DATE'"
+        print(text, file=sys.stderr)
         return 2
     for path in files():
         text = path.read_text(encoding="utf-8")
         path.write_text(PLACES[path.name].sub(rf"\g<1>{requested}\g<3>", text, count=1), encoding="utf-8")
-    print(
-        f"{len(versions())} files have version {requested}; now: git commit -am 'release {requested}' && git tag -a v{requested}"
-    )
+    print(f"{len(versions())} files have version {requested}; now:")
+    print(f"git commit -am 'release {requested}' && git tag -a v{requested}")
     return 0
 
 

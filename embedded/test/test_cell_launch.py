@@ -7,6 +7,7 @@ import contextlib
 import io
 import itertools
 import subprocess
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def nodes(**arguments: str) -> set[str]:
 
 
 @pytest.fixture(autouse=True)
-def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Run the command of the launch in this process: a process for each of these tests would take half a minute."""
 
     def run(words: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
@@ -91,6 +92,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
     monkeypatch.setattr(substitutions.subprocess, "run", run)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
 @pytest.fixture

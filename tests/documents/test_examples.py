@@ -138,6 +138,14 @@ def test_products_are_held_by_the_fingers_that_table_4_2_names() -> None:
     assert held == {("egg", "power"), ("egg", "pinch"), ("grape", "pinch")}
 
 
+def test_an_environment_gives_the_same_rewards_for_the_same_seed() -> None:
+    pytest.importorskip("gymnasium", reason="make study-setup")
+    main = example("environment")["main"]
+    rewards = main(seed=3)
+    assert rewards == main(seed=3)
+    assert rewards != main(seed=4)
+
+
 def test_a_plan_swaps_once_for_a_product_that_power_fingers_miss() -> None:
     plan = example("plan_a_mix")["main"]()
     assert sorted(step.order.quantity for step in plan.steps) == [4, 5, 10, 20]

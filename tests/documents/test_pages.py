@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LONG = bool(os.environ.get("SOFTGRIP_LONG_BLOCKS"))
 
 
-#: Pages whose language is held to the aims of tools/pages/statistics.py, besides the tutorials and guides.
-WRITTEN = [ROOT / "docs" / f"{name}.md" for name in ("bags", "cell", "driver", "gdfe", "index", "explanation")]
+#: Pages whose language is held to the aims of tools/pages/word_counts.py, besides the tutorials and guides.
+WRITTEN = [ROOT / "docs" / f"{name}.md" for name in ("bags", "cell", "driver", "gdfe", "explanation")]
 
 
 def tool(name: str) -> ModuleType:
@@ -31,7 +31,7 @@ def tool(name: str) -> ModuleType:
 
 blocks = tool("blocks")
 links = tool("links")
-statistics = tool("statistics")
+word_counts = tool("word_counts")
 PAGES = list(blocks.pages())
 
 
@@ -43,15 +43,15 @@ def test_what_a_page_says_to_type_works(page: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", [*WRITTEN, *PAGES], ids=lambda page: page.stem)
 def test_sentences_and_paragraphs_are_short(page: Path) -> None:
-    found = statistics.statistics_of(page.read_text(encoding="utf-8"))
-    assert found.mean <= statistics.MAX_MEAN_WORDS
-    assert found.longest <= statistics.MAX_PARAGRAPH_WORDS
+    found = word_counts.statistics_of(page.read_text(encoding="utf-8"))
+    assert found.mean <= word_counts.MAX_MEAN_WORDS
+    assert found.longest <= word_counts.MAX_PARAGRAPH_WORDS
 
 
 def test_words_and_sentences_are_counted_without_tables_and_code() -> None:
     running = "One two three. Four: five, e.g. six?\n\n* seven `eight`"  # nine words, four ends, seven in the first
     text = f"# A b c\n\n    code is left out\n\n|a|b|\n|---|---|\n|c d|e|\n\n![p](p.png)\n\n{running}\n"
-    found = statistics.statistics_of(text)
+    found = word_counts.statistics_of(text)
     assert (found.words, found.sentences, found.longest, found.figures, found.table_rows) == (9, 4, 7, 1, 2)
 
 

@@ -10,43 +10,113 @@ from typing import Any
 
 import pytest
 
+from softgrip_cell.storage import Database, Library
 from softgrip_testing.browser import PanelBrowser
+
+#: The button that is there while the rig asks for a point.
+ASKED = "[data-name='rig-done']:not(.hidden)"
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-def test_a_click_stops_the_cell_and_reset_wants_control(launch: Callable[..., Any], tmp_path: Path) -> None:
-    cell = launch(
-        "ros2", "launch", "softgrip_bringup", "cell.launch.yaml", f"out:={tmp_path}", "panel:=true", "record:=false"
-    )
+@pytest.mark.timeout(240)
+def test_a_shift_by_clicks_only(launch: Callable[..., Any], tmp_path: Path) -> None:
+    arguments = (f"out:={tmp_path}", "panel:=true", "record:=false", "speed:=max", "lift_window_s:=1.0")
+    cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *arguments)
     cell.wait_for("the page is at", 60.0)
     address = re.search(r"the page is at (http://127\.0\.0\.1:\d+)/", cell.output)
     assert address is not None
     with PanelBrowser(address[1]) as browser:
         browser.log_in("Ada")
         browser.wait(lambda: browser.text("#mode") in {"Idle", "Holding"}, "a cell that is up")
-        browser.wait_for_text("#stop-note", "torque of all tendons off")  # as the driver's policy says
-        browser.wait(
-            lambda: int(browser.script("return document.getElementById('camera').dataset.number || 0")) > 2, "frames"
-        )
-        browser.find("#estop").click()
-        browser.wait_for_text("#estop-said", "stopped (let_go)")
-        browser.wait_for_text("#mode", "Emergency stop")
-        # by the driver's own word, not the page's
-        status = cell.ask("topic", "echo", "--once", "/tendon/status")
-        assert "estop: true" in status
-        assert set(re.findall(r"state: (\d)", status)) == {"6"}  # STOPPED, every tendon
-        reset = browser.find("[data-name='reset']")
-        assert not reset.is_enabled()  # nobody has control yet
-        browser.press("take")
-        browser.press("reset")
-        browser.wait_for_text(".dialog", "The drives take hold where they stand")
-        browser.press("reset-confirm")
-        browser.wait(lambda: browser.text("#mode") == "Idle", "the end of the stop")
-    acts = (tmp_path / "panel" / "acts.jsonl").read_text()
-    assert re.search(r'"who": "Ada", "act": "estop", .*"success": true', acts)
-    assert re.search(r'"who": "Ada", "act": "estop_reset", .*"success": true', acts)
-    audit = cell.ask("service", "call", "/cell/list_fingers", "softgrip_interfaces/srv/ListFingers", "{}")
-    assert "PW-I-01" in audit
+        stop_and_reset(browser, cell)
+        calibrate(browser)
+        swap(browser)
+        grasp(browser)
+    recorded = (tmp_path / "panel" / "acts.jsonl").read_text()
+    assert re.search(r'"who": "Ada", "act": "estop", .*"success": true', recorded)
     cell.interrupt()
     cell.wait_for_end(30.0)
+    # every act is in the cell's own audit table, too
+    with Database(f"sqlite:///{tmp_path}/cell.db") as database:
+        audited = {(one.who, one.action) for one in Library(database, lambda: 0).audit(1000)}
+    assert {
+        ("Ada", name)
+        for name in ("estop", "calibrate", "activate_friction", "swap", "confirm_step", "grasp", "release")
+    } <= audited
+
+
+def stop_and_reset(browser: PanelBrowser, cell: Any) -> None:
+    browser.wait_for_text("#stop-note", "torque of all tendons off")  # as the driver's policy says
+    browser.wait(
+        lambda: int(browser.script("return document.getElementById('camera').dataset.number || 0")) > 2, "frames"
+    )
+    browser.find("#estop").click()
+    browser.wait_for_text("#estop-said", "stopped (let_go)")
+    browser.wait_for_text("#mode", "Emergency stop")
+    # by the driver's own word, not the page's
+    status = cell.ask("topic", "echo", "--once", "/tendon/status")
+    assert "estop: true" in status
+    assert set(re.findall(r"state: (\d)", status)) == {"6"}  # STOPPED, every tendon
+    assert not browser.find("[data-name='reset']").is_enabled()  # nobody has control yet
+    browser.press("take")
+    browser.press("reset")
+    browser.wait_for_text(".dialog", "The drives take hold where they stand")
+    browser.press("reset-confirm")
+    browser.wait(lambda: browser.text("#mode") == "Idle", "the end of the stop")
+
+
+def calibrate(browser: PanelBrowser) -> None:
+    """Measure nine points on the emulated rig, and accept the model with a reason."""
+    browser.open("/friction")
+    browser.press("rig-begin")
+
+    def ended() -> bool:
+        return "SUCCEEDED" in browser.text("#rig-instruction")
+
+    def points() -> int:
+        return browser.count("#rig-points tbody tr")
+
+    while not ended():
+        before = browser.text("#rig-instruction"), points()
+        browser.press("rig-done")
+        changed = lambda before=before: (browser.text("#rig-instruction"), points()) != before  # noqa: E731
+        browser.wait(changed, "the point's T1 and T2")
+        browser.wait(lambda: browser.count(ASKED) > 0 or ended(), "the next point, or the end")
+    assert points() >= 9
+    browser.press("accept")
+    browser.find(".activate-reason input").send_keys("first of this cell")
+    browser.press("activate-confirm")
+    browser.wait_for_text("#friction-models", "active")
+
+
+def swap(browser: PanelBrowser) -> None:
+    """Mount the power hand; the emulated hands do what the page asks a person for."""
+    browser.open("/swap")
+    browser.press("swap-power")
+    for word in ("open", "unhook", "insert", "close"):
+        browser.wait(lambda word=word: word in browser.text("#instruction").lower(), f"an instruction to {word}")
+        if word == "insert":
+            browser.press("propose")
+        browser.press("step-done")
+    browser.wait_for_text("#instruction", "Done: ")
+    curves = "return [...document.querySelectorAll('#check-curves li')].every(e => e.dataset.curve)"
+    browser.wait(lambda: bool(browser.script(curves)), "the records of the mounted fingers")
+
+
+def grasp(browser: PanelBrowser) -> None:
+    """Plan one egg, run it, and look at what was kept of it."""
+    browser.open("/work")
+    browser.find("#orders textarea").send_keys("egg 1")
+    browser.press("plan")
+    browser.wait_for_text("#work-phase", "Planned")
+    browser.press("work-start")
+    browser.wait(lambda: browser.text("#work-phase") in {"Done", "Paused"}, "the end of the run")
+    assert browser.text("#work-done") == "1 / 1", browser.text()
+    browser.open("/grasps")
+    browser.press("show-1")
+    browser.wait_for_text("#grasp-detail", "egg: ")
+    assert len(browser.script("return JSON.parse(document.getElementById('curve').dataset.curve).samples")) > 3
+    browser.open("/")
+    lines = "return document.getElementById('camera').dataset.lines || ''"
+    browser.wait(lambda: browser.script(lines) == "measured predicted", "prediction and measurement over the picture")

@@ -29,6 +29,7 @@ from softgrip_model.finger import (
     close,
     follow,
 )
+from softgrip_model.finger.diagnosis import REMEDIES, TO_CALIBRATE, WATCH, Cause
 from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.finger.parts import strip_moment
 from softgrip_model.finger.published import (
@@ -278,7 +279,31 @@ def uncertainties() -> dict[str, str]:
         "u_scale": f"{100 * PRIOR.camera_scale:g}",
         "u_turn": f"{PRIOR.camera_turn_rad:g}",
         "u_model": f"{100 * PRIOR.model:g}",
+        "u_stretch": f"{PRIOR.stretch_mm_per_n:g}",
         "u_scatter": f"{PRIOR.scatter_mm:g}",
+    }
+
+
+#: What each cause alone makes of a finger, where its amount does not decide.
+VERDICTS = {Cause.STRIP: "WORN", Cause.CABLE: "WORN", Cause.FRICTION: "RECALIBRATE; WORN beyond 50 %"}
+
+
+def watch_values() -> dict[str, str]:
+    """Return the watch's limits and causes."""
+    rows = [
+        [str(cause), VERDICTS.get(cause, "RECALIBRATE" if cause in TO_CALIBRATE else "WATCH"), REMEDIES[cause]]
+        for cause in Cause
+    ]
+    return {
+        "baseline": str(WATCH.baseline),
+        "settled": str(WATCH.settled),
+        "window": str(WATCH.window),
+        "slope_error": f"{100 * WATCH.slope_error:g}",
+        "watch_limit": f"{WATCH.limit:g}",
+        "worn_limit": f"{WATCH.worn_limit:g}",
+        "misfit": f"{WATCH.misfit_limit:g}",
+        "margin": f"{WATCH.margin:g}",
+        "causes": "\n".join("| " + " | ".join(row) + " |" for row in rows),
     }
 
 
@@ -305,6 +330,7 @@ def values() -> dict[str, str]:
         "spread": f"{FLEXURE_STUDY.spread:g}",
         "attachment": f"{FLEXURE_STUDY.attachment:g}",
         **uncertainties(),
+        **watch_values(),
         "designs": designs_table(),
         "shares": shares_table(),
         "wear": wear_table(),

@@ -28,7 +28,7 @@ from typing import Any
 
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parent))
 
 import named
 
@@ -46,7 +46,7 @@ TOP += (
 LANGUAGES = ("sh", "python", "yaml", "text")
 BACKGROUND_START_S = 180.0
 _BLOCK = re.compile(
-    r"(?:^<!-- (?P<mark>[a-z]+)(?:: (?P<value>[^\n]*?))? -->\n)?^```(?P<language>[a-z]*)\n(?P<text>.*?)^```$",
+    r"(?:^<!-- (?P<mark>[a-z]+)(?:: (?P<value>[^\n]*?))? -->\n)?^```(?P<language>[^\n`]*)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e[-+]?\d+)?")
@@ -89,6 +89,8 @@ def blocks_of(page: Path) -> list[Block]:
     for one in _BLOCK.finditer(source):
         line = source.count("\n", 0, one.start("text")) + 1
         block = Block(page, line, one["language"], one["text"], one["mark"] or "", one["value"] or "")
+        if block.language.startswith("{"):  # a directive of the site
+            continue
         if block.language not in LANGUAGES:
             raise BlockError(f"{block.place}: expected one of {', '.join(LANGUAGES)}, found '{block.language}'")
         if block.language in {"yaml", "text"} and not block.mark:
@@ -250,6 +252,7 @@ def _raise(block: Block, problem: str) -> None:
 
 
 def pages() -> Iterator[Path]:
-    """Yield the pages whose blocks are run: tutorials and how-to guides."""
+    """Yield the pages whose blocks are run: front page, tutorials and how-to guides."""
+    yield ROOT / "docs/index.md"
     for folder in ("tutorials", "how-to"):
         yield from sorted((ROOT / "docs" / folder).glob("*.md"))

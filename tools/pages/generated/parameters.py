@@ -27,7 +27,7 @@ def page() -> str:
     parts = [
         "# Parameters\n",
         "A value outside its bounds is refused, with what was expected and what was found. *Live*: may be set",
-        "while the node runs (`ros2 param set`). Your own values go into one file: `config:=` of the launch file.\n",
+        "while the node runs (`ros2 param set`). Your own values go into the [cell file](../../cell_file.md).\n",
     ]
     for node, module in scripts.TABLES.items():
         rows = importlib.import_module(module).PARAMETERS.rows

@@ -15,7 +15,18 @@ ROOT = Path(__file__).parents[4]
 PAGE = ROOT / "docs" / "cell.md"
 CALL = re.compile(r'ros2 (?:service call|action send_goal)(?: --feedback)? (\S+) (\S+)/(srv|action)/(\S+) "(.*)"')
 CALLS = CALL.findall(PAGE.read_text())
-SERVED = {"/cell/select_product", "/cell/plan_mix", "/cell/confirm_step", "/cell/swap", "/cell/grasp"}
+SERVED = {
+    "/cell/confirm_step",
+    "/cell/grasp",
+    "/cell/list_fingers",
+    "/cell/list_grasps",
+    "/cell/list_products",
+    "/cell/plan_mix",
+    "/cell/retire_finger",
+    "/cell/select_product",
+    "/cell/swap",
+    "/cell/write_audit",
+}
 
 
 def test_every_service_and_action_of_the_cell_is_shown() -> None:

@@ -132,6 +132,34 @@ def test_a_passport_changed_meanwhile_is_never_overwritten(library: Library) -> 
         library.set_finger_state("PW-X-99", FingerState.WORN, "Ada")
 
 
+def test_a_retired_finger_stays_retired_and_the_audit_says_by_whom_and_why(library: Library) -> None:
+    assert library.retire_finger("PW-I-02", "Ada", "tore at joint 1").state is FingerState.RETIRED
+    assert "retired" in (library.finger_records()["PW-I-02"].objection() or "")
+    reasons = [(one.who, one.subject, one.detail) for one in library.audit() if one.action == "retire finger"]
+    assert reasons == [("Ada", "PW-I-02", {"reason": "tore at joint 1"})]
+    for serial in ("PW-I-02", "nobody's"):
+        with pytest.raises(RefusedError, match="not retired"):
+            library.retire_finger(serial, "Ada", "again")
+
+
+def test_what_a_person_did_is_audited_whatever_its_length(library: Library) -> None:
+    library.note("w" * 200, "a" * 200, "s" * 500, "d" * 5000)
+    newest = library.audit(1)[0]
+    assert (newest.who, newest.action, newest.subject) == ("w" * 80, "a" * 40, "s" * 160)
+    assert newest.detail == {"detail": "d" * 5000}
+
+
+def test_grasps_are_listed_newest_first(library: Library, journal: CellJournal) -> None:
+    for outcome in ("GRIPPED", "EMPTY", "SLIPPED"):
+        journal.finish_grasp("egg", 1, "power", outcome, f"because {outcome}", 1.5)
+    found = journal.grasps(2)
+    assert [(one.product, one.outcome, one.reason, one.duration_s) for one in found] == [
+        ("egg", "SLIPPED", "because SLIPPED", 1.5),
+        ("egg", "EMPTY", "because EMPTY", 1.5),
+    ]
+    assert found[0].at_ns > found[1].at_ns
+
+
 def test_a_verified_set_is_to_be_verified_after_a_restart(database: Database, journal: CellJournal) -> None:
     mount(journal)
     assert {slot.state for slot in journal.slots()} == {SlotState.VERIFIED}

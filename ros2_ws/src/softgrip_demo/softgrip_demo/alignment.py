@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softgrip_demo.record import ClosingSample
+from softgrip_demo.record import PairedSample
 
 #: [s] predictions further apart than this are not interpolated between.
 LONGEST_GAP = 0.1
@@ -54,7 +54,7 @@ def _vector(instant: Instant) -> np.ndarray:
     return np.array([instant.pulled_length, instant.predicted_tension, instant.tension, *instant.tip, *instant.angles])
 
 
-def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[ClosingSample, ...]:
+def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[PairedSample, ...]:
     """Return one sample per camera frame that has a prediction at its own time."""
     ordered = sorted(instants, key=lambda instant: instant.stamp)
     samples = []
@@ -63,7 +63,7 @@ def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[
         if predicted is None or len(predicted.angles) != len(frame.angles):
             continue
         samples.append(
-            ClosingSample(
+            PairedSample(
                 pulled_length=predicted.pulled_length,
                 predicted_angles=predicted.angles,
                 measured_angles=frame.angles,

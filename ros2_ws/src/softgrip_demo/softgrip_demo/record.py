@@ -44,7 +44,7 @@ class FrictionResult:
 
 
 @dataclass(frozen=True)
-class ClosingSample:
+class PairedSample:
     """One camera frame of a closing beside the prediction at the same instant.
 
     Attributes:
@@ -82,7 +82,7 @@ class ShiftClosing:
 
     grasp: str
     finger_length: float  # [m]
-    samples: tuple[ClosingSample, ...]
+    samples: tuple[PairedSample, ...]
     shape: ShapeView | None
 
 
@@ -168,9 +168,9 @@ def _pairs(raw: Any) -> tuple[Any, ...]:
     return tuple(tuple(item) for item in raw)
 
 
-def _sample(raw: dict[str, Any]) -> ClosingSample:
+def _sample(raw: dict[str, Any]) -> PairedSample:
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in raw.items()}
-    return ClosingSample(**values)
+    return PairedSample(**values)
 
 
 def _from_raw(raw: dict[str, Any]) -> ShiftRecord:

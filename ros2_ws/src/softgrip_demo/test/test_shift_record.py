@@ -12,10 +12,10 @@ import pytest
 from softgrip_demo.alignment import Instant, MeasuredTip, at_stamp, pair
 from softgrip_demo.film import chain
 from softgrip_demo.record import (
-    ClosingSample,
     FrictionPoint,
     FrictionResult,
     GraspResult,
+    PairedSample,
     RecordError,
     ShapeView,
     ShiftClosing,
@@ -27,8 +27,8 @@ from softgrip_demo.report import figures, render
 from softgrip_demo.summary import ReplayCheck, summarise, tip_errors_percent
 
 
-def sample(pulled: float, off: float) -> ClosingSample:
-    return ClosingSample(pulled, (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0.09, 0.0), (0.09, off), 1.0, 1.1)
+def sample(pulled: float, off: float) -> PairedSample:
+    return PairedSample(pulled, (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0.09, 0.0), (0.09, off), 1.0, 1.1)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softgrip_model.finger import Finger
-from softgrip_model.finger.closing_samples import ClosingSample
+from softgrip_model.finger.closing_samples import ClosingInstant
 from softgrip_model.finger.learning import ChangedFinger, Expectation, FingerLearner, Knowledge, measured
 from softgrip_model.finger.matching import SPAN_NS, TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
@@ -32,12 +32,12 @@ def drawn(causes: Causes, seed: int) -> np.ndarray:
     return np.clip(np.random.default_rng(seed).normal(size=len(causes.names)), -2.0, 2.0)
 
 
-def closing(causes: Causes, z: np.ndarray, rng: np.random.Generator, pulls: np.ndarray = PULLS) -> list[ClosingSample]:
+def closing(causes: Causes, z: np.ndarray, rng: np.random.Generator, pulls: np.ndarray = PULLS) -> list[ClosingInstant]:
     """A closing of the finger with deviations z, scattered as the prior says."""
     plain = ChangedFinger(causes, 0.0 * z).at(pulls)
     assert plain is not None
     predicted = plain[2].value[:, 0]
-    empty = [ClosingSample(0, p, np.zeros(2), 0.0, t) for p, t in zip(pulls, predicted, strict=True)]
+    empty = [ClosingInstant(0, p, np.zeros(2), 0.0, t) for p, t in zip(pulls, predicted, strict=True)]
     expected = Expectation.of(causes, z, empty)
     assert expected is not None
     seen = rng.multivariate_normal(expected.value, expected.noise)
@@ -182,4 +182,4 @@ def test_tensions_stay_the_profiles(profiles: dict[str, Profile], causes: Causes
     assert all(a > b for a, b in zip(known.tip_stddev, plain.tip_stddev, strict=True))
     slack, _ = (session.predict([dataclasses.replace(sample, pulled_length=0.0)], ["index"]) for session in sessions)
     assert slack[0].tip == pytest.approx((1e-3 * causes.finger.length_from_joint_mm, 0.0))
-    assert measured([ClosingSample(0, 1.0, np.array([1.0, 2.0]), 3.0, 3.0)]).tolist() == [1.0, 2.0, 3.0]
+    assert measured([ClosingInstant(0, 1.0, np.array([1.0, 2.0]), 3.0, 3.0)]).tolist() == [1.0, 2.0, 3.0]

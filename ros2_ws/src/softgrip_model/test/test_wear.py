@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softgrip_model.finger import FRICTIONLESS, Kernel, Strip
-from softgrip_model.finger.closing_samples import ClosingSample
+from softgrip_model.finger.closing_samples import ClosingInstant
 from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import TendonReading
 from softgrip_model.finger.published import chapter_4_finger
@@ -58,7 +58,9 @@ class Closings:
 
 
 def power_closings(profiles: dict[str, Profile], seed: int) -> Closings:
-    return Closings(Session(profiles, {"index": "power"}, WearSettings()), np.random.default_rng(seed))
+    return Closings(
+        Session(profiles, {"index": "power"}, WearSettings(), uncertainty=None, watch=None), np.random.default_rng(seed)
+    )
 
 
 @pytest.fixture
@@ -210,7 +212,7 @@ def one_closing(believed: FrictionLaw, true: FrictionLaw, stiffness_factor: floa
     for pull in np.linspace(1.0, 18.0, 18):
         expected, seen = Kernel([finger], believed).solve([pull]), Kernel([made], true).solve([pull])
         found, tension = float(expected.tension_n[0, 0, 0]), float(seen.tension_n[0, 0, 0])
-        sample = ClosingSample(0, pull, seen.tip_mm[0, 0], tension, found)
+        sample = ClosingInstant(0, pull, seen.tip_mm[0, 0], tension, found)
         monitor.add(sample, pulling=True, free=True)
     monitor.add(sample, pulling=False, free=True)
     assert monitor.shift is not None

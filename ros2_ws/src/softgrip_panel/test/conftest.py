@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +35,7 @@ class RunningSite:
         return [json.loads(line) for line in (self.folder / "acts.jsonl").read_text().splitlines()]
 
 
-def start_site(folder: Path, port: int = 0) -> RunningSite:
+def run_site(folder: Path, port: int = 0) -> RunningSite:
     """Start a site and wait for its address."""
     program = str(Path(__file__).with_name("panel_site.py"))
     process = subprocess.Popen(
@@ -49,9 +49,23 @@ def stop_site(site: RunningSite) -> None:
     site.process.communicate("", timeout=10.0)
 
 
+@pytest.fixture
+def start_site() -> Iterator[Callable[[Path], RunningSite]]:
+    """Start a site on a folder; it ends with the test."""
+    running: list[RunningSite] = []
+
+    def start(folder: Path) -> RunningSite:
+        running.append(run_site(folder))
+        return running[-1]
+
+    yield start
+    for one in running:
+        stop_site(one)
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
-    found = start_site(tmp_path_factory.mktemp("site"))
+    found = run_site(tmp_path_factory.mktemp("site"))
     yield found
     stop_site(found)
 
@@ -62,7 +76,7 @@ def guarded_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSi
     folder = tmp_path_factory.mktemp("guarded")
     for name, role in (("Ada", Role.OPERATE), ("Eve", Role.LOOK), ("Ida", Role.ENGINEER)):
         add_account(folder / "users.yaml", name, role, f"{name} has one")
-    found = start_site(folder)
+    found = run_site(folder)
     yield found
     stop_site(found)
 

@@ -19,6 +19,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 
+from softgrip_model.finger import Finger
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, mesh_finger
+from softgrip_model.profile import load
 from softgrip_panel.access.accounts import Accounts
 from softgrip_panel.access.origin import OriginRule
 from softgrip_panel.access.record import ActRecord
@@ -29,15 +32,19 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import (
     CellView,
     FingerRecordView,
+    FingerView,
     MountedView,
     OwnerView,
     ProductView,
+    ResidualView,
     SafetyView,
     StopPolicyView,
     TendonView,
     TensionView,
 )
 from softgrip_panel.model.frames import PanelPicture
+from softgrip_panel.model.friction import FrictionModelView, RigPoint
+from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.swap import STEPS
 from softgrip_panel.model.work import Worker, WorkRun
@@ -136,6 +143,25 @@ class PretendedCell:
                 swap.observe(step, f"Do {step}.", "t0ken", needs_confirmation=True)
         return ActResult(success=True, message="next")
 
+    def _calibrate(self, act: Act, who: str) -> ActResult:
+        self.state.rig = replace(
+            self.state.rig.begun(), phase="SET_UP", index=0, total=2, angle_rad=1.5708, load_kg=0.5,
+            instruction="Set 90 deg and hang 0.50 kg.",
+        )  # fmt: skip
+        return ActResult(success=True, message="begun")
+
+    def _confirm_rig(self, act: Act, who: str) -> ActResult:
+        rig = self.state.rig
+        rig = rig.with_point(RigPoint(rig.index, rig.angle_rad, rig.load_kg, 4.9, 6.1, 0.04, "ACCEPTED", ""))
+        self.state.rig = rig.ended("SUCCEEDED: usable", "braid-new") if rig.index else replace(
+            rig, index=1, load_kg=1.0, instruction="Set 90 deg and hang 1.00 kg."
+        )  # fmt: skip
+        return ActResult(success=True, message="measured")
+
+    def _activate_friction(self, act: Act, who: str) -> ActResult:
+        self.state.friction_active = act.call.request["id"]
+        return ActResult(success=True, message="active")
+
     def _retire_finger(self, act: Act, who: str) -> ActResult:
         serial = act.call.request["serial"]
         if not act.call.request["reason"].strip():
@@ -151,9 +177,26 @@ class PretendedCell:
         return ActResult(success=True, message="released")
 
 
+PROFILES = Path(__file__).resolve().parents[2] / "softgrip_bringup" / "profiles"
+
+
+def rest_shape() -> PanelShape:
+    """The power hand's index finger at rest, with a strain that rises from base to tip."""
+    loaded = load(PROFILES / "power.yaml")
+    finger = Finger.from_profile(loaded, "index")
+    mesh = mesh_finger(finger, RESOLUTIONS["coarse"], 1e3 * loaded.finger("index").body_height_m).mesh
+    strain = np.linspace(0.0, 0.2, len(mesh.hexes)).astype("<f4")
+    vertices = (1e-3 * mesh.nodes).astype("<f4")
+    return PanelShape(
+        0, "index", mesh.digest, vertices.tobytes(), mesh.surface().ravel().astype(np.uint32), strain.tobytes(),
+        converged=True, pulled_length_m=0.0, rate_hz=10.0, reason="",
+    )  # fmt: skip
+
+
 def feed(site: PanelSite, stop: threading.Event) -> None:
     """Play the streams: ten times a second."""
-    state, number = site.desk.state, 0
+    state, number, shape = site.desk.state, 0, rest_shape()
+    site.owners, site.shape_profile = FaceOwners(PROFILES), "power"
     while not stop.wait(0.1):
         number += 1
         phase = 0.5 - 0.5 * math.cos(number / 15.0)
@@ -170,6 +213,15 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
             number, jpeg, (640, 480), {"predicted": [(u, v + 6) for u, v in chain], "measured": chain}
         )
         state.grasps.observe_picture(jpeg)
+        site.shape = replace(shape, number=number)
+        angles = tuple(phase * k for k in (0.3, 0.5, 0.7))
+        state.predicted = tuple(FingerView(name, angles) for name in SLOTS)
+        state.measured = (FingerView("index", angles),)
+        state.residuals["index"] = ResidualView("index", 0.0012, 1.1, 0.4, 0.2, "OK", "")
+
+
+def is_secure(folder: Path) -> bool:
+    return (folder / "panel.pem").exists()
 
 
 def make_site(folder: Path, port: int) -> PanelSite:
@@ -196,12 +248,19 @@ def make_site(folder: Path, port: int) -> PanelSite:
     )
     (folder / "bags" / "softgrip_20261125").mkdir(parents=True, exist_ok=True)
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
+    state.friction_models = (
+        FrictionModelView(
+            "braid-old", "matte", (("alpha", 0.21, 0.02), ("n", 0.9, 0.01)), 0.02, 0.05, 9, 90_000.0, "USABLE", "",
+            is_active=True,
+        ),
+    )  # fmt: skip
+    state.friction_active = "braid-old"
     accounts = Accounts(folder / "users.yaml" if (folder / "users.yaml").exists() else None)
     sessions = Sessions(time.monotonic, state.control.forget)
     desk = ActDesk(state, PretendedCell(state, folder / "calls"), ActRecord(folder / "acts.jsonl", time.time))
     worker, jobs = Worker(desk, WorkRun(time.monotonic)), BagJobs(BagFolder(folder / "bags"))
     return PanelSite(
-        desk, worker, Texts(), accounts, sessions, LoginBrake(time.monotonic), OriginRule(port), jobs
+        desk, worker, Texts(), accounts, sessions, LoginBrake(time.monotonic), OriginRule(port, is_secure(folder)), jobs
     )  # fmt: skip
 
 
@@ -210,9 +269,10 @@ def main() -> None:
     bound = listen("127.0.0.1", 0 if len(sys.argv) < 3 else int(sys.argv[2]))
     port = bound.getsockname()[1]
     site = make_site(folder, port)
-    server = WebServer(site.app(add_pages), bound)
+    tls = (folder / "panel.pem", folder / "panel.key") if is_secure(folder) else None
+    server = WebServer(site.app(add_pages), bound, tls)
     server.start()
-    print(f"http://127.0.0.1:{port}/", flush=True)  # noqa: T201
+    print(f"{'https' if tls else 'http'}://127.0.0.1:{port}/", flush=True)  # noqa: T201
     stop = threading.Event()
     threading.Thread(target=feed, args=(site, stop), daemon=True).start()
     sys.stdin.read()  # until the test is over

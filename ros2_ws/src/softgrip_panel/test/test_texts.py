@@ -17,7 +17,18 @@ from softgrip_panel.texts import Texts
 
 PACKAGE = Path(__file__).resolve().parents[1] / "softgrip_panel"
 #: Keys that are put together from a value: all that begin so are used.
-PREFIXES = ("mode.", "role.", "act.", "counters.", "alarms.", "nav.", "step.", "work.phase_", "bags.make_")
+PREFIXES = (
+    "mode.",
+    "role.",
+    "act.",
+    "counters.",
+    "alarms.",
+    "nav.",
+    "step.",
+    "work.phase_",
+    "bags.make_",
+    "friction.plan_",
+)
 
 #: Names of files that look like keys.
 FILES = {"grasps.csv", "swap.json"}

@@ -167,6 +167,9 @@ def test_virtual_grasps_are_the_same_in_this_process_and_by_the_command(tmp_path
 def test_bags_are_replayed_and_a_changed_one_is_noticed(tmp_path):
     folder = BAGS / "closings"
     assert bags.find_bags([BAGS])
+    # the grasps were recorded with a scripted driver, not with the predictor
+    with pytest.raises(SweepError, match="without any of these"):
+        bags.tasks([BAGS / "grasps"], ["kinematics_predictor"])
     (task,) = bags.tasks([folder], ["kinematics_predictor"], tolerance=1e-6)
     result = bags.replay_bag(**task.arguments)
     assert result["verdict"] == "identical"

@@ -104,12 +104,23 @@ class PanelBrowser:
 
     def press(self, name: str) -> None:
         """Press the button of a name, once it can be pressed."""
+        from selenium.common import exceptions  # noqa: PLC0415
+
         css = f"[data-name='{name}']"
         state = "const e = document.querySelector(arguments[0]); return !!e && !e.disabled && e.offsetParent !== null;"
-        self.wait(lambda: bool(self.script(state, css)), f"button {name} that can be pressed")
-        button = self.find(css)
-        self.script("arguments[0].scrollIntoView({block: 'center'});", button)
-        button.click()
+
+        def pressed() -> bool:
+            if not self.script(state, css):
+                return False
+            button = self.driver.find_element("css selector", css)
+            self.script("arguments[0].scrollIntoView({block: 'center'});", button)
+            try:
+                button.click()
+            except (exceptions.ElementClickInterceptedException, exceptions.ElementNotInteractableException):
+                return False  # it is being drawn, or a notice lies over it
+            return True
+
+        self.wait(pressed, f"button {name} that can be pressed")
 
     def script(self, code: str, *arguments: Any) -> Any:
         """Run JavaScript."""

@@ -58,7 +58,7 @@ NODES = {
         "softgrip_model.nodes.kinematics_predictor:KinematicsPredictor",
         "/finger/predicted",
         ("/tendon/state",),
-        before={"joint_model": "hinge", "intervals": "friction"},
+        before={"joint_model": "hinge", "intervals": "friction", "watch": "shifts"},
     ),
     "gdfe_simulator": ReplayableNode(
         "softgrip_model.nodes.gdfe_simulator:GdfeSimulator", "/shape/predicted", ("/tendon/state",)

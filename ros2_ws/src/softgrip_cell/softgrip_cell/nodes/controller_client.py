@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cell controller's client: everything a line needs of the cell, over services and actions only.
 
+Usage::
+
     controller = CellController(node)
     choice = controller.select("egg")
     if choice.swap_needed:

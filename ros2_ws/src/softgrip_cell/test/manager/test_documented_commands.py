@@ -74,6 +74,12 @@ def test_a_shift_typed_from_the_page(cell: Any) -> None:
     assert "success=True" in typed("/tendon/release")
     cell.state(lambda s: s.mode == CellState.IDLE, "mode idle after release")
 
+    assert "outcome='GRIPPED'" in typed("/cell/list_grasps")
+    assert "id='egg'" in typed("/cell/list_products")
+    assert "success=True" in typed("/cell/retire_finger")
+    assert "is retired" in typed("/cell/list_fingers")  # why it may not be mounted
+    assert "success=True" in typed("/cell/write_audit")
+
 
 def test_help_is_worth_reading() -> None:
     assert "finger records" in typed("library --help")

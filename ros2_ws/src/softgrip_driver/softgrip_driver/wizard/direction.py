@@ -55,6 +55,7 @@ class SpoolPull:
         (name,), clock = backend.tendons, backend.bus.clock
         goal, last = start, clock.now_s()
         held_since: float | None = None
+        deadline = last + 3.0 * self.reach_m / self.speed_m_s + HELD_FOR_S
         while True:
             reading = read_drive(backend)
             now = clock.now_s()
@@ -66,7 +67,7 @@ class SpoolPull:
                 return None
             is_held = abs(reading.velocity) < HELD_SPEED_M_S and goal - reading.position > 0.5 * MAX_AHEAD_M
             held_since = (held_since or now) if is_held else None
-            if held_since is not None and now - held_since > HELD_FOR_S:
+            if (held_since is not None and now - held_since > HELD_FOR_S) or now > deadline:
                 return reading.position
             backend.write({name: Setpoint(goal, self.tension_n)})
 

@@ -47,7 +47,7 @@ GOAL: dict[str, Any] = {
 }
 
 
-class Terminal(Node):
+class Person(Node):
     """Sets what the rig asks for, confirms, and listens."""
 
     def __init__(self, rig: EmulatedRig) -> None:
@@ -146,7 +146,7 @@ class Terminal(Node):
 
 
 @pytest.fixture
-def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
+def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -155,7 +155,7 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal
     monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(port))
     rclpy.init()
     with EmulatedRig(seed=4, time_scale=SCALE).open_ports(tmp_path) as rig:
-        person = Terminal(rig)
+        person = Person(rig)
         yield person
         if person.process is not None and person.process.poll() is None:
             person.process.kill()
@@ -169,7 +169,7 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal
 
 
 @pytest.mark.slow
-def test_a_guided_calibration_gives_an_active_model(person: Terminal, tmp_path: Path) -> None:
+def test_a_guided_calibration_gives_an_active_model(person: Person, tmp_path: Path) -> None:
     person.start(tmp_path)
     person.until(lambda: bool(person.active), "the first active model")
     assert person.active[0].id == "braid-tpu"
@@ -203,7 +203,7 @@ def test_a_guided_calibration_gives_an_active_model(person: Terminal, tmp_path: 
 
 
 @pytest.mark.slow
-def test_cancelling_keeps_what_was_measured_and_resuming_goes_on(person: Terminal, tmp_path: Path) -> None:
+def test_cancelling_keeps_what_was_measured_and_resuming_goes_on(person: Person, tmp_path: Path) -> None:
     person.start(tmp_path)
     handle = person.goal()
     person.until(lambda: len(person.samples) >= 2, "two points")
@@ -222,7 +222,7 @@ def test_cancelling_keeps_what_was_measured_and_resuming_goes_on(person: Termina
     assert result.model.points == 5
 
 
-def test_a_model_that_the_disk_cannot_hold_is_in_the_result_with_the_reason(person: Terminal, tmp_path: Path) -> None:
+def test_a_model_that_the_disk_cannot_hold_is_in_the_result_with_the_reason(person: Person, tmp_path: Path) -> None:
     process = person.start(tmp_path)
     person.waits_at = "zero is checked"
     handle = person.goal()
@@ -240,7 +240,7 @@ def test_a_model_that_the_disk_cannot_hold_is_in_the_result_with_the_reason(pers
     assert person.stop() == 0
 
 
-def test_what_cannot_be_measured_is_refused_with_the_reason(person: Terminal, tmp_path: Path) -> None:
+def test_what_cannot_be_measured_is_refused_with_the_reason(person: Person, tmp_path: Path) -> None:
     person.start(tmp_path)
     result = person.result(person.goal(plan="seven"))
     assert result.outcome == CalibrateFriction.Result.FAILED
@@ -254,7 +254,7 @@ def test_what_cannot_be_measured_is_refused_with_the_reason(person: Terminal, tm
     assert "amontons" in result.reason
 
 
-def test_ctrl_c_in_the_middle_of_a_pull_stops_the_stage(person: Terminal, tmp_path: Path) -> None:
+def test_ctrl_c_in_the_middle_of_a_pull_stops_the_stage(person: Person, tmp_path: Path) -> None:
     person.start(tmp_path)
     person.goal()
     person.until(lambda: person.rig.plant.velocity > 0.0, "motion")
@@ -265,7 +265,7 @@ def test_ctrl_c_in_the_middle_of_a_pull_stops_the_stage(person: Terminal, tmp_pa
         assert time.monotonic() < deadline, "the stage still moves"
 
 
-def test_a_missing_device_ends_the_process_with_a_reason(person: Terminal, tmp_path: Path) -> None:
+def test_a_missing_device_ends_the_process_with_a_reason(person: Person, tmp_path: Path) -> None:
     process = person.start(tmp_path, "gauge_port:=/nonexistent", "connect_timeout:=0.3")
     _, heard = process.communicate(timeout=60)
     assert process.returncode == 2
@@ -281,14 +281,14 @@ STOPS = {
 }
 
 
-def pulling(person: Terminal) -> Any:
+def pulling(person: Person) -> Any:
     """Start a plan and return its handle once the stand pulls."""
     handle = person.goal()
     person.until(lambda: any(step.phase == CalibrateFriction.Feedback.PULLING for step in person.steps), "a pull")
     return handle
 
 
-def stands_still(person: Terminal) -> None:
+def stands_still(person: Person) -> None:
     """By the truth of the emulated stand: its carriage does not move any more."""
     plant = person.rig.plant
 

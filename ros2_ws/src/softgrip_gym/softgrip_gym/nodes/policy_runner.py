@@ -19,16 +19,18 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from softgrip_cell.products import Product
 from softgrip_gym.grasp_policy import GraspPolicy
 from softgrip_gym.tendons import PERIOD_S, SLOTS, next_targets, product_observation, tendon_observation
-from softgrip_interfaces.msg import EmulatorTruth
-from softgrip_interfaces.srv import AcquireLease, PlaceObject, ReleaseLease
+from softgrip_interfaces.msg import EmulatorTruth, LeaseHeartbeat
+from softgrip_interfaces.srv import AcquireLease, MountFingers, PlaceObject, ReleaseLease
 from softgrip_nodekit import RELIABLE, SENSOR
 
 #: [s] that a service, a homing, and the next tendon/state may take.
 SERVICE_TIMEOUT_S: Final = 10.0
 HOMING_TIMEOUT_S: Final = 90.0
 SILENCE_TIMEOUT_S: Final = 5.0
-#: [s] without a message after which the driver ends the lease.
-LEASE_S: Final = 1.0
+#: An action goes on for at most so many periods where the next tendon/state comes late.
+MAX_LATE_PERIODS: Final = 4
+#: [s] without a heartbeat after which the driver ends the lease; one goes out with every command.
+LEASE_S: Final = 2.0
 
 
 class PolicyRunError(Exception):
@@ -41,6 +43,7 @@ class PolicyRun:
 
     product: str
     is_held: bool
+    touching: bool
     slipped: bool
     crushed: bool
     actions: int
@@ -61,14 +64,16 @@ class PolicyRunner:
         node.create_subscription(JointState, "tendon/state", self._on_state, SENSOR)
         node.create_subscription(EmulatorTruth, "emulator/truth", self._on_truth, SENSOR)
         self._orders = node.create_publisher(JointTrajectory, "tendon/trajectory", RELIABLE)
+        self._heartbeats = node.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
         self._home = node.create_client(Trigger, "tendon/home")
         self._release = node.create_client(Trigger, "tendon/release")
         self._place = node.create_client(PlaceObject, "emulator/place_object")
+        self._mount = node.create_client(MountFingers, "emulator/mount")
         self._lease = node.create_client(AcquireLease, "tendon/lease")
         self._lease_release = node.create_client(ReleaseLease, "tendon/lease_release")
 
     def grasp(self, product: Product, close_s: float, hold_s: float) -> PolicyRun:
-        """Home, place the product, follow the policy, open.
+        """Mount the policy's fingers, home, place the product, follow the policy, open.
 
         Args:
             product: that the emulated cell has, too.
@@ -79,6 +84,9 @@ class PolicyRunner:
             PolicyRunError: the cell does not answer, refuses, or falls silent.
         """
         self._call(self._place, PlaceObject.Request(product=""))
+        serials = [f"{self._policy.finger_set}-{slot}-1" for slot in SLOTS]
+        sets = [self._policy.finger_set] * len(SLOTS)
+        self._call(self._mount, MountFingers.Request(fingers=list(SLOTS), serials=serials, profiles=sets))
         self._call(self._home, Trigger.Request(), HOMING_TIMEOUT_S)
         self._call(self._place, PlaceObject.Request(product=product.id))
         granted = self._call(
@@ -87,26 +95,30 @@ class PolicyRunner:
         try:
             actions = self._follow(product, close_s, hold_s, granted.token)
             truth = self._truth
-        finally:
             self._call(self._lease_release, ReleaseLease.Request(token=granted.token))
+        finally:
             self._call(self._release, Trigger.Request(), HOMING_TIMEOUT_S)
         if truth is None:
             raise PolicyRunError("expected emulator/truth, found nothing; policies run in the emulated cell only")
         is_held = truth.product == product.id and truth.held and not (truth.slipped or truth.crushed)
-        return PolicyRun(product.id, is_held, truth.slipped, truth.crushed, actions)
+        return PolicyRun(product.id, is_held, truth.touching, truth.slipped, truth.crushed, actions)
 
     def _follow(self, product: Product, close_s: float, hold_s: float, token: str) -> int:
         """Act every 50 ms of the cell's time; return how often."""
         known, targets_m = product_observation(product), np.zeros(len(SLOTS))
-        begun_s = last_s = self._next_state(-np.inf)
-        actions = 0
-        while last_s - begun_s < close_s + hold_s:
-            left = max(0.0, 1.0 - (last_s - begun_s) / close_s)
+        begun_s = now_s = self._next_state(0.0)
+        actions, periods = 0, 1
+        while now_s - begun_s < close_s + hold_s:
+            left = max(0.0, 1.0 - (now_s - begun_s) / close_s)
             observation = np.concatenate([self._tendons(targets_m), known, [left]]).astype(np.float32)
-            targets_m = next_targets(targets_m, self._policy.act(observation))
+            action = self._policy.act(observation)
+            for _ in range(periods):
+                targets_m = next_targets(targets_m, action)
             self._command(targets_m, token)
             actions += 1
-            last_s = self._next_state(last_s + PERIOD_S)
+            before_s, now_s = now_s, self._next_state(now_s + PERIOD_S)
+            # a state that came late: the same action goes on for as long, as far as a few periods
+            periods = min(MAX_LATE_PERIODS, max(1, round((now_s - before_s) / PERIOD_S)))
         return actions
 
     def _tendons(self, targets_m: Any) -> Any:
@@ -125,6 +137,7 @@ class PolicyRunner:
         )
         message = JointTrajectory(joint_names=list(SLOTS), points=[point])
         message.header.frame_id = token
+        self._heartbeats.publish(LeaseHeartbeat(token=token))
         self._orders.publish(message)
 
     def _next_state(self, from_s: float) -> float:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from softgrip_model.digest import text_digest
+from softgrip_model.finger.diagnosis import CauseWatch
 from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.predictor import Configuration
 from softgrip_model.finger.wear import WearMonitor
@@ -30,7 +31,7 @@ class ActiveConfiguration:
     """
 
     configuration: Configuration
-    monitors: Mapping[str, WearMonitor]
+    monitors: Mapping[str, WearMonitor | CauseWatch]
     free: bool
     learners: Mapping[str, FingerLearner] = field(default_factory=dict)
 

@@ -16,7 +16,7 @@ _ROUNDING_MM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ClosingSample:
+class ClosingInstant:
     """One instant of a closing.
 
     Attributes:
@@ -54,9 +54,9 @@ class ClosingCollector:
 
     def __init__(self, rule: SamplingRule) -> None:
         self._rule = rule
-        self._samples: list[ClosingSample] = []
+        self._samples: list[ClosingInstant] = []
 
-    def add(self, sample: ClosingSample, *, pulling: bool, free: bool) -> tuple[ClosingSample, ...]:
+    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool) -> tuple[ClosingInstant, ...]:
         """Take one instant; return the samples of the closing that it ends, empty otherwise.
 
         Args:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.digest import text_digest
-from softgrip_model.finger.closing_samples import ClosingCollector, ClosingSample, SamplingRule
+from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInstant, SamplingRule
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Kernel
 from softgrip_model.finger.matching import SPAN_NS
@@ -70,14 +70,27 @@ class ChangedFinger:
         """Return joint angles [rad], tip [mm] and actuator tension [N] at pulled lengths (K,); None: no equilibrium."""
         causes, z, n = self._causes, self._z, self._causes.finger.joints
         pulled = causes.changed_pull_mm(z, pulled_mm)
+        # what the cable's stretch takes, at the tension that the finger has without it
+        loss = causes.prior.stretch_mm_per_n * z[causes.stretch]
+        plain = self._kernel.solve(np.maximum(pulled, _MIN_PULL_MM), march=False, gradient=True, threads=1)
+        if plain.failed.any() or plain.gradient is None:
+            return None
+        tension_n = plain.tension_n[0, :, :1]
+        pulled = pulled - loss * tension_n[:, 0]
         share = np.clip(pulled / _MIN_PULL_MM, 0.0, 1.0)[:, None]
-        solution = self._kernel.solve(np.maximum(pulled, _MIN_PULL_MM), march=False, gradient=True, threads=1)
+        solution = plain
+        if loss:
+            solution = self._kernel.solve(np.maximum(pulled, _MIN_PULL_MM), march=False, gradient=True, threads=1)
         if solution.failed.any() or solution.gradient is None:
             return None
         rows = [*range(n), n, n + 1, n + 2]
         slope, rate = self._slopes(solution.gradient.values[0][:, rows], pulled_mm)
+        lost, lost_rate = self._slopes(plain.gradient.values[0][:, [n + 2]], pulled_mm)
+        slope -= loss * rate[..., None] * lost
+        slope[..., causes.stretch] -= causes.prior.stretch_mm_per_n * rate * tension_n
+        rate = rate * (1.0 - loss * lost_rate)
         weights = causes.model_weights(pulled_mm)
-        model = causes.zero + 7
+        model = causes.stretch + 1
         knots = len(MODEL_KNOTS_MM)
         for axis in (0, 1):
             slope[:, n + axis, model + axis * knots : model + (axis + 1) * knots] = weights
@@ -173,7 +186,7 @@ class Knowledge:
         covariance = memory**2 * self.covariance + (1.0 - memory**2) * np.eye(len(self.mean))
         return Knowledge(self.causes, memory * self.mean, covariance, self.closings, self.misfit)
 
-    def learnt(self, closing: Sequence[ClosingSample]) -> Knowledge:
+    def learnt(self, closing: Sequence[ClosingInstant]) -> Knowledge:
         """Return what is known after one more closing."""
         before = self.faded()
         update = Update.of(self.causes, before.mean, before.covariance, closing)
@@ -204,7 +217,7 @@ class Expectation:
     """(3 K, 3 K) covariance of what no deviation explains"""
 
     @classmethod
-    def of(cls, causes: Causes, z: Array, closing: Sequence[ClosingSample]) -> Expectation | None:
+    def of(cls, causes: Causes, z: Array, closing: Sequence[ClosingInstant]) -> Expectation | None:
         """Return it at deviations z; None where the finger so changed has no equilibrium."""
         pulled = np.array([sample.pulled_mm for sample in closing])
         try:
@@ -243,7 +256,7 @@ class Expectation:
         )
 
 
-def measured(closing: Sequence[ClosingSample]) -> Array:
+def measured(closing: Sequence[ClosingInstant]) -> Array:
     """Return the numbers of a closing in the order of `Expectation`, (3 K,)."""
     return np.concatenate(
         [np.array([sample.tip_mm for sample in closing]).ravel(), [sample.tension_n for sample in closing]]
@@ -259,7 +272,7 @@ class Update:
     misfit: float
 
     @classmethod
-    def of(cls, causes: Causes, mean: Array, covariance: Array, closing: Sequence[ClosingSample]) -> Update | None:
+    def of(cls, causes: Causes, mean: Array, covariance: Array, closing: Sequence[ClosingInstant]) -> Update | None:
         """Return it from mean and covariance before the closing; None where no such finger closes like that."""
         seen, z, misfit = measured(closing), mean, 1.0
         gain = expected = None
@@ -306,7 +319,7 @@ class FingerLearner:
         """Return what a prediction at a stamp [ns] goes by."""
         return next((known for since, known in reversed(self._since) if since <= stamp), self._prior)
 
-    def add(self, sample: ClosingSample, *, pulling: bool, free: bool) -> Knowledge | None:
+    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool) -> Knowledge | None:
         """Take one instant; return what is known after the closing that it ends."""
         closing = self._collector.add(sample, pulling=pulling, free=free)
         if not closing:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
-from softgrip_model.finger.closing_samples import ClosingSample
+from softgrip_model.finger.closing_samples import ClosingInstant
 from softgrip_model.finger.design import JointModel
+from softgrip_model.finger.diagnosis import WATCH, CauseWatch, WatchSettings
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.matching import Matcher, TendonInput
@@ -67,23 +68,25 @@ class Session:
         wear: WearSettings,
         joint_model: JointModel = JointModel.FLEXURE,
         uncertainty: Uncertainty | None = PRIOR,
+        watch: WatchSettings | None = WATCH,
     ) -> None:
         """Start with the given fingers (slot -> profile id) and each profile's own friction, computed by a mode.
 
         Args:
             profiles: by id.
             mounted: slot -> profile id.
-            wear: how wear is judged.
+            wear: how wear is judged without a watch.
             joint_model: how fingers are computed.
             uncertainty: what predictions do not know, and learn; None: the friction's covariance is all, nothing is
                 learnt.
+            watch: how the causes of changes are named; None: friction or stiffness, by `wear`.
 
         Raises:
             FingerError: an unknown profile.
             ProfileError: a profile without a finger for the slot.
         """
         self._profiles = dict(profiles)
-        self._wear = wear
+        self._wear, self._watch = wear, watch
         self._frictions: dict[str, ActiveFriction] = {}
         self._learned: ActiveFriction | None = None
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
@@ -203,14 +206,16 @@ class Session:
 
     def _adopt(self, mounted: Mapping[str, str], friction: ActiveFriction | None) -> None:
         self.configuration = configuration = Configuration(self._profiles, mounted, friction, self._joint_model)
-        self._monitors = {
-            slot: WearMonitor(finger, configuration.friction_of(slot).law, self._wear)
-            for slot, finger in configuration.fingers.items()
-        }
+        self._monitors = {slot: self._monitor(slot) for slot in configuration.fingers}
         self._learners = {}
         if self._uncertainty is not None:
             prior = self._uncertainty
             self._learners = {slot: FingerLearner(configuration.causes(slot, prior)) for slot in configuration.fingers}
+
+    def _monitor(self, slot: str) -> WearMonitor | CauseWatch:
+        if self._watch is None:
+            return WearMonitor(self.configuration.fingers[slot], self.configuration.friction_of(slot).law, self._wear)
+        return CauseWatch(self.configuration.causes(slot, self._uncertainty or PRIOR), self._watch)
 
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())
@@ -254,7 +259,7 @@ class Session:
     ) -> None:
         """Have a finger's monitor and learner take one instant."""
         slot, pulling = measured.finger, tendon.velocity > PAYING_OUT
-        sample = ClosingSample(
+        sample = ClosingInstant(
             tendon.stamp, 1e3 * tendon.pulled_length, 1e3 * np.array(measured.tip), tendon.tension, predicted_n
         )
         in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free)

@@ -40,6 +40,7 @@ class Uncertainty:
         spool: factor on pulled lengths.
         tension_gain: factor on measured tensions.
         camera_mm, camera_scale, camera_turn_rad: of the plane that tips are measured in.
+        stretch_mm_per_n: pulled length that the cable's own stretch takes, per tension at the actuator.
         model: error of the tip at full closing, as a share of the finger's length, along x and y.
         scatter_mm: pulled length by which one closing differs from the next.
         tip_noise_mm: of one measured tip.
@@ -57,9 +58,10 @@ class Uncertainty:
     camera_mm: float = 0.20
     camera_scale: float = 0.002
     camera_turn_rad: float = 0.003
+    stretch_mm_per_n: float = 0.06
     model: float = 0.015
     scatter_mm: float = 0.05
-    tip_noise_mm: float = 1.0
+    tip_noise_mm: float = 0.5
     tension_noise: float = 0.05
     tension_floor_n: float = 0.05
     memory: float = 0.99
@@ -74,8 +76,8 @@ class Causes:
     """Everything that may differ from what is believed of a finger, in standard deviations of `Uncertainty`.
 
     The vector runs over the friction's coefficients (along the axes of their covariance), the friction factor, the
-    moduli, thicknesses, routing points, zero, spool, tension gain, camera (x, y, scale, turn), and the model's error at
-    its knots (x, then y).
+    moduli, thicknesses, routing points, zero, spool, tension gain, camera (x, y, scale, turn), the cable's stretch, and
+    the model's error at its knots (x, then y).
     """
 
     finger: Finger
@@ -110,6 +112,7 @@ class Causes:
             "camera y",
             "camera scale",
             "camera turn",
+            "cable's stretch",
             *(f"model x at {knot}" for knot in knots),
             *(f"model y at {knot}" for knot in knots),
         )
@@ -117,7 +120,12 @@ class Causes:
     @property
     def zero(self) -> int:
         """Where the zero stands; spool, tension gain and camera follow."""
-        return self._factor + 2 + 3 * self.finger.joints
+        return self.factor + 2 + 3 * self.finger.joints
+
+    @property
+    def stretch(self) -> int:
+        """Where the cable's stretch stands; the model's errors follow."""
+        return self.zero + 7
 
     def changed_finger(self, z: Array) -> Finger:
         """Return the finger with the deviations z."""
@@ -135,15 +143,16 @@ class Causes:
         Raises:
             LawError: coefficients outside the law's domain.
         """
-        return self.law.with_coefficients(self._moved(z) * (1.0 + self.prior.friction * z[self._factor] * self._scaled))
+        return self.law.with_coefficients(self._moved(z) * (1.0 + self.prior.friction * z[self.factor] * self._scaled))
 
     def law_slopes(self, z: Array) -> Array:
         """Return the changed law's coefficients per standard deviation of the first components, (p, p + 1)."""
-        axes = self.coefficients * (1.0 + self.prior.friction * z[self._factor] * self._scaled)[:, None]
+        axes = self.coefficients * (1.0 + self.prior.friction * z[self.factor] * self._scaled)[:, None]
         return np.column_stack([axes, self.prior.friction * self._scaled * self._moved(z)])
 
     @property
-    def _factor(self) -> int:
+    def factor(self) -> int:
+        """Where the friction factor stands; stiffness, thicknesses and routing points follow."""
         return len(self.law.coefficients)
 
     @property
@@ -151,7 +160,7 @@ class Causes:
         return np.array(SCALED_COEFFICIENTS[self.law.law])
 
     def _moved(self, z: Array) -> Array:
-        return np.array(self.law.coefficients) + self.coefficients @ z[: self._factor]
+        return np.array(self.law.coefficients) + self.coefficients @ z[: self.factor]
 
     def changed_pull_mm(self, z: Array, pulled_mm: Array) -> Array:
         """Return what is truly pulled where `pulled_mm` is read."""

@@ -21,7 +21,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_model.finger.closing_samples import ClosingCollector, ClosingSample, SamplingRule
+from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInstant, SamplingRule
 from softgrip_model.finger.design import Finger
 from softgrip_model.finger.kernel import Kernel
 from softgrip_model.finger.uncertainty import SCALED_COEFFICIENTS
@@ -165,7 +165,7 @@ class WearMonitor:
         """Decision statistic; alarm above the settings' limit."""
         return self._stiffness.statistic
 
-    def add(self, sample: ClosingSample, *, pulling: bool, free: bool) -> None:
+    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool) -> None:
         """Take one instant.
 
         Args:
@@ -194,13 +194,13 @@ class WearMonitor:
             return WearVerdict.WATCH, both
         return WearVerdict.OK, ""
 
-    def _finish(self, closing: Sequence[ClosingSample]) -> None:
+    def _finish(self, closing: Sequence[ClosingInstant]) -> None:
         self.shift = shift = self._estimate(closing)
         self.closings += 1
         self._friction.add(shift.friction, shift.friction_stddev)
         self._stiffness.add(shift.stiffness, shift.stiffness_stddev)
 
-    def _estimate(self, closing: Sequence[ClosingSample]) -> WearShift:
+    def _estimate(self, closing: Sequence[ClosingInstant]) -> WearShift:
         found = WearShift(math.nan, math.nan, math.nan, math.nan)
         at = np.zeros(2)
         for _ in range(_MAX_STEPS):
@@ -220,7 +220,7 @@ class WearMonitor:
                 break
         return found
 
-    def _linearised(self, closing: Sequence[ClosingSample], shift: Array) -> tuple[Array, Array] | None:
+    def _linearised(self, closing: Sequence[ClosingInstant], shift: Array) -> tuple[Array, Array] | None:
         """Return slopes (3 K, 2) to both shifts and residuals (3 K,) of the K samples, in standard deviations.
 
         None where the finger so shifted has no equilibrium at some of them.
@@ -248,5 +248,5 @@ class WearMonitor:
         residual = (seen_now - expected) / noise
         return (slopes / noise[:, :, None]).reshape(-1, 2), residual.ravel()
 
-    def _tension_noise(self, sample: ClosingSample) -> float:
+    def _tension_noise(self, sample: ClosingInstant) -> float:
         return self._settings.tension_stddev * sample.predicted_n + self._settings.tension_floor_n

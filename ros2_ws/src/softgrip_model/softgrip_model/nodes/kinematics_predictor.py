@@ -21,6 +21,7 @@ from sensor_msgs.msg import JointState
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
 from softgrip_interfaces.srv import PredictFinger
 from softgrip_model.finger import FingerError, JointModel
+from softgrip_model.finger.diagnosis import WATCH, WatchSettings
 from softgrip_model.finger.matching import MAX_GAP_NS, SPAN_NS
 from softgrip_model.finger.predictor import ActiveFriction
 from softgrip_model.finger.session import Residual, Session
@@ -70,6 +71,14 @@ PARAMETERS = ParameterTable(
     Parameter("model_stddev", _PRIOR.model, "error of the kernel at full closing, share of the length", "", 0.0, 0.2),
     Parameter("stiffness_stddev", _PRIOR.stiffness, "of the material's modulus, relative", "", 0.0, 0.25),
     Parameter("friction_stddev", _PRIOR.friction, "of ln Rf beside the rig's, relative", "", 0.0, 0.25),
+    Parameter(
+        "watch",
+        "causes",
+        "what changes are put down to: causes (docs/finger.md), or shifts of friction and stiffness alone",
+        choices=("causes", "shifts"),
+    ),
+    Parameter("watch_limit", WATCH.limit, "log-likelihood ratio from which a cause is named", "", 1.0, 100.0),
+    Parameter("worn_limit", WATCH.worn_limit, "the same for calling a finger worn", "", 1.0, 1000.0),
     Parameter("tip_stddev_m", 1e-3 * _WEAR.tip_stddev_mm, "noise of the measured tip", "m", 1e-5, 0.02),
     Parameter("tension_stddev", _WEAR.tension_stddev, "noise of the measured tension, relative", "", 0.001, 1.0),
     Parameter("baseline_closings", _WEAR.baseline, "empty closings that set the baseline", "", 2, 100),
@@ -115,8 +124,14 @@ def _uncertainty(values: dict[str, Any]) -> Uncertainty | None:
         zero_mm=1e3 * values["zero_stddev_m"],
         camera_mm=1e3 * values["camera_stddev_m"],
         model=values["model_stddev"],
-        tip_noise_mm=1e3 * values["tip_stddev_m"],
-        tension_noise=values["tension_stddev"],
+    )
+
+
+def _watch(values: dict[str, Any]) -> WatchSettings | None:
+    if values["watch"] == "shifts":
+        return None
+    return WatchSettings(
+        baseline=values["baseline_closings"], limit=values["watch_limit"], worn_limit=values["worn_limit"]
     )
 
 
@@ -152,7 +167,7 @@ class KinematicsPredictor(Node):
         )
         try:
             profiles, model = _load_profiles(values["profiles_directory"]), JointModel(values["joint_model"])
-            return Session(profiles, mounted, wear, model, _uncertainty(values))
+            return Session(profiles, mounted, wear, model, _uncertainty(values), _watch(values))
         except (FingerError, ProfileError) as error:
             raise StartupError(str(error)) from error
 

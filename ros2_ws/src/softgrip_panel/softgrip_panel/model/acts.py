@@ -157,6 +157,41 @@ def retire_finger(serial: str, who: str, reason: str) -> Act:
     return Act("retire_finger", call, Role.ENGINEER, needs_control=False, subject=serial)
 
 
+def calibrate(
+    plan: str, cable: str, surface: str, cable_radius_m: float, surface_radius_m: float, *, resume: bool
+) -> Act:
+    """Measure friction point by point; nothing becomes active by it."""
+    call = _action(
+        "rig/calibrate",
+        f"{_INTERFACES}/action/CalibrateFriction",
+        plan=plan,
+        cable=cable,
+        surface=surface,
+        cable_radius=cable_radius_m,
+        surface_radius=surface_radius_m,
+        resume=resume,
+        activate=False,
+    )
+    return Act("calibrate", call, subject=f"plan {plan}", timeout_s=4 * 3600.0)
+
+
+def confirm_rig() -> Act:
+    """Say that angle and weight are set."""
+    return Act("confirm_rig", _service("rig/confirm", _TRIGGER))
+
+
+def activate_friction(model: str, reason: str) -> Act:
+    """Make a friction model the active one; the reason goes into the record."""
+    call = _service("friction/activate", f"{_INTERFACES}/srv/ActivateFrictionModel", id=model)
+    return Act("activate_friction", call, subject=f"{model}: {reason}")
+
+
+def set_rig(angle_rad: float, load_kg: float) -> Act:
+    """Emulated cell only: set the wrap angle and hang a weight."""
+    call = _service("emulator/set_rig", f"{_INTERFACES}/srv/SetRig", angle=angle_rad, load=load_kg)
+    return Act("set_rig", call, subject=f"{angle_rad:.2f} rad, {load_kg:.2f} kg")
+
+
 def start_recording() -> Act:
     """Begin a bag."""
     return Act("start_recording", _service("recorder/start", f"{_INTERFACES}/srv/StartRecording", path=""))
@@ -208,6 +243,10 @@ EXAMPLES: tuple[Act, ...] = (
     swap("power"),
     confirm_step("insert", "0f2c", ["PW-I-01", "PW-M-01", "PW-T-01"]),
     retire_finger("PW-I-01", "Ada", "tore at joint 1"),
+    calibrate("9", "PE braid 0.25 mm", "TPU", 0.000125, 0.003, resume=False),
+    confirm_rig(),
+    activate_friction("braid-tpu", "fresh cable"),
+    set_rig(1.57, 0.5),
     start_recording(),
     stop_recording(),
     split_recording(),

@@ -150,3 +150,24 @@ class CountedView:
     outcome: str
     reason: str
     duration_s: float
+
+
+@dataclass(frozen=True)
+class FingerView:
+    """Joints of one finger, predicted or measured, base to tip [rad]."""
+
+    name: str
+    joint_angles_rad: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ResidualView:
+    """finger/residual of one finger."""
+
+    finger: str
+    tip_error_m: float
+    tip_error_percent: float
+    cusum_friction: float
+    cusum_stiffness: float
+    verdict: str
+    reason: str

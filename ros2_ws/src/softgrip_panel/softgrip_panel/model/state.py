@@ -17,13 +17,16 @@ from softgrip_panel.model.facts import (
     ComponentHealth,
     CountedView,
     FingerRecordView,
+    FingerView,
     OwnerView,
     ProductView,
+    ResidualView,
     SafetyView,
     StopPolicyView,
     TendonView,
     TensionView,
 )
+from softgrip_panel.model.friction import FrictionModelView, RigProgress
 from softgrip_panel.model.grasps import GraspHistory
 from softgrip_panel.model.swap import SwapProgress
 
@@ -74,6 +77,12 @@ class PanelState:
         self.catalogue: tuple[ProductView, ...] = ()
         self.fingers: tuple[FingerRecordView, ...] = ()
         self.counted: tuple[CountedView, ...] = ()
+        self.predicted: tuple[FingerView, ...] = ()
+        self.measured: tuple[FingerView, ...] = ()
+        self.rig = RigProgress()
+        self.friction_models: tuple[FrictionModelView, ...] = ()
+        self.friction_active = ""
+        self.residuals: dict[str, ResidualView] = {}
         self.is_emulated = False
         self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
         self._numbers = 0

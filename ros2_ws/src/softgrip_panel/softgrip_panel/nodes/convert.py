@@ -6,16 +6,21 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from sensor_msgs.msg import JointState
 
-from softgrip_interfaces.action import Grasp, SwapFingers
+from softgrip_interfaces.action import CalibrateFriction, Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
     FingerEvidence,
     FingerStates,
+    FrictionModel,
+    FrictionSample,
     MountedFinger,
+    PredictionResidual,
     SafetyState,
     TendonOwners,
     TendonStatus,
@@ -26,14 +31,18 @@ from softgrip_panel.model.facts import (
     ComponentHealth,
     CountedView,
     FingerRecordView,
+    FingerView,
     MountedView,
     OwnerView,
     ProductView,
+    ResidualView,
     SafetyView,
     TendonView,
     TensionView,
 )
+from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress, intervals
 from softgrip_panel.model.grasps import FingerDecision
+from softgrip_panel.model.shapes import MAX_NODES, PanelShape
 
 
 def _names(kind: Any, *names: str) -> dict[int, str]:
@@ -53,6 +62,11 @@ TENDON_STATES = _names(
 )
 GRASP_OUTCOMES = _names(Grasp.Result, "GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED")
 SWAP_OUTCOMES = _names(SwapFingers.Result, "SUCCEEDED", "CANCELLED", "REFUSED", "FAILED")
+RESIDUAL_VERDICTS = _names(PredictionResidual, "UNSET", "OK", "WATCH", "RECALIBRATE", "WORN")
+SAMPLE_VERDICTS = _names(FrictionSample, "UNSET", "ACCEPTED", "REPEAT", "REJECTED")
+MODEL_VERDICTS = _names(FrictionModel, "UNSET", "USABLE", "REPEAT_POINTS", "DO_NOT_USE")
+RIG_PHASES = _names(CalibrateFriction.Feedback, "SET_UP", "CHECKING", "PULLING", "ACCEPTED", "REPEATING")
+RIG_OUTCOMES = _names(CalibrateFriction.Result, "SUCCEEDED", "CANCELLED", "FAILED")
 CONTACT_STATES = _names(FingerEvidence, "UNKNOWN", "FREE", "CONTACT", "BLOCKED", "END_STOP")
 
 
@@ -138,6 +152,97 @@ def grasp_decision(result: Any) -> tuple[FingerDecision, ...]:
     return tuple(
         FingerDecision(one.finger, CONTACT_STATES.get(one.state, "?"), float(one.contact_tension), float(one.threshold))
         for one in result.decision.fingers
+    )
+
+
+def finger_views(message: FingerStates) -> tuple[FingerView, ...]:
+    """Return joints, rounded to a degree's tenth: a resting finger changes nothing."""
+    return tuple(
+        FingerView(one.finger, tuple(round(float(angle), 3) for angle in one.joint_angles)) for one in message.fingers
+    )
+
+
+def residual_view(message: PredictionResidual) -> ResidualView:
+    """Return finger/residual."""
+    return ResidualView(
+        message.finger,
+        float(message.tip_error),
+        float(message.tip_error_percent),
+        float(message.cusum_friction),
+        float(message.cusum_stiffness),
+        RESIDUAL_VERDICTS.get(message.verdict, "?"),
+        message.reason,
+    )
+
+
+def shape_view(message: Any, number: int) -> PanelShape | None:
+    """Return shape/predicted, None where it is no mesh that a browser could show."""
+    vertices = np.asarray(message.vertices, dtype="<f4")
+    faces = np.asarray(message.faces, dtype=np.uint32)
+    nodes = len(vertices) // 3
+    if not 0 < nodes <= MAX_NODES or len(vertices) % 3 or len(faces) % 4 or (len(faces) and faces.max() >= nodes):
+        return None
+    strain = np.asarray(message.strain, dtype="<f4").tobytes()
+    return PanelShape(
+        number,
+        message.finger,
+        message.mesh,
+        vertices.tobytes(),
+        faces,
+        strain,
+        bool(message.converged),
+        float(message.pulled_length),
+        float(message.rate),
+        message.reason,
+    )
+
+
+def rig_point(message: FrictionSample) -> RigPoint:
+    """Return rig/sample."""
+    return RigPoint(
+        int(message.index),
+        float(message.angle),
+        float(message.load),
+        float(message.tension_low),
+        float(message.tension_high),
+        float(message.tension_high_stddev),
+        SAMPLE_VERDICTS.get(message.verdict, "?"),
+        message.reason,
+    )
+
+
+def rig_progress(before: RigProgress, feedback: Any) -> RigProgress:
+    """Return a measurement with its newest feedback."""
+    return replace(
+        before,
+        phase=RIG_PHASES.get(feedback.phase, ""),
+        index=int(feedback.index),
+        total=int(feedback.total),
+        angle_rad=float(feedback.angle),
+        load_kg=float(feedback.load),
+        instruction=feedback.instruction,
+        is_running=True,
+    )
+
+
+def friction_model_views(response: Any) -> tuple[FrictionModelView, ...]:
+    """Return the models of ListFrictionModels."""
+    return tuple(
+        FrictionModelView(
+            one.id,
+            one.law,
+            intervals(one.coefficient_names, [float(c) for c in one.coefficients], [float(c) for c in one.covariance]),
+            float(one.average_error),
+            float(one.maximum_error),
+            int(one.points),
+            float(age),
+            MODEL_VERDICTS.get(one.verdict, "?"),
+            one.reason,
+            one.id == response.active,
+            one.cable,
+            one.surface,
+        )
+        for one, age in zip(response.models, response.ages, strict=False)
     )
 
 

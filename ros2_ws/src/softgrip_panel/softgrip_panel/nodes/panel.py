@@ -15,8 +15,18 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, JointState
 
-from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, SafetyState, TendonOwners, TendonStatusArray
-from softgrip_interfaces.srv import ListFingers, ListGrasps, ListProducts, PlaceObject, WriteAudit
+from softgrip_interfaces.msg import (
+    CellState,
+    FingerMarkers,
+    FingerStates,
+    FrictionSample,
+    PredictedShape,
+    PredictionResidual,
+    SafetyState,
+    TendonOwners,
+    TendonStatusArray,
+)
+from softgrip_interfaces.srv import ListFingers, ListFrictionModels, ListGrasps, ListProducts, PlaceObject, WriteAudit
 from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
@@ -39,6 +49,7 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import StopPolicyView
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.overlay import ChainOverlay
+from softgrip_panel.model.shapes import FaceOwners
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.nodes import convert
@@ -86,7 +97,8 @@ class PanelNode(Node):
         self._record = ActRecord(folder / "acts.jsonl" if folder else None, time.time)
         self._calls = RosCalls(self, self._on_accepted, self._on_feedback, self._read_result)
         self._newest: dict[str, tuple[Any, bytes]] = {}
-        self._pictures = 0
+        self._pictures = self._shapes = 0
+        self._predicted: FingerStates | None = None
         self._overlay = ChainOverlay(values["watched_finger"], values["profiles_directory"], values["calibration_file"])
         self._site, self._server, address = self._open_site(values)
         self._subscribe()
@@ -94,6 +106,7 @@ class PanelNode(Node):
         self._product_client = self.create_client(ListProducts, "cell/list_products")
         self._finger_client = self.create_client(ListFingers, "cell/list_fingers")
         self._grasp_client = self.create_client(ListGrasps, "cell/list_grasps")
+        self._friction_client = self.create_client(ListFrictionModels, "friction/list")
         self._lists_due = 0
         self._audit_client = self.create_client(WriteAudit, "cell/write_audit")
         self._place_client = self.create_client(PlaceObject, "emulator/place_object")
@@ -135,6 +148,7 @@ class PanelNode(Node):
             log=self.get_logger().warning,
         )  # fmt: skip
         desk.on_done = self._write_audit
+        site.owners = FaceOwners(Path(values["profiles_directory"]) if values["profiles_directory"] else None)
         host = values["host"] if is_loopback(values["host"]) else next(iter(sorted(names)))
         address = f"{'https' if tls else 'http'}://{host}:{port}/"
         try:
@@ -149,12 +163,15 @@ class PanelNode(Node):
             SafetyState, "safety/state", lambda message: state.observe_safety(convert.safety_view(message)), LATCHED
         )
         self.create_subscription(TendonOwners, "tendon/owners", self._on_owners, LATCHED)
+        self.create_subscription(FrictionSample, "rig/sample", self._on_rig_sample, RELIABLE)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         for kind, topic in (
             (JointState, "tendon/state"),
             (TendonStatusArray, "tendon/status"),
             (FingerStates, "finger/predicted"),
             (FingerStates, "finger/measured"),
+            (PredictedShape, "shape/predicted"),
+            (PredictionResidual, "finger/residual"),
             (FingerMarkers, "finger/markers"),
             (CompressedImage, "camera/image_raw/compressed"),
         ):
@@ -204,9 +221,25 @@ class PanelNode(Node):
         if predicted is not None:
             self._overlay.predict({one.finger: tuple(one.joint_angles) for one in predicted.fingers})
             self._predicted = predicted
+            self._state.predicted = convert.finger_views(predicted)
         if tendons is not None:
-            self._state.observe_tensions(convert.tension_views(tendons, getattr(self, "_predicted", None)))
+            self._state.observe_tensions(convert.tension_views(tendons, self._predicted))
+        self._sample_fingers()
         self._sample_picture()
+
+    def _sample_fingers(self) -> None:
+        measured, residual, shape = (
+            self._take(topic) for topic in ("finger/measured", "finger/residual", "shape/predicted")
+        )
+        if measured is not None:
+            self._state.measured = convert.finger_views(measured)
+        if residual is not None:
+            self._state.residuals[residual.finger] = convert.residual_view(residual)
+        if shape is not None:
+            self._shapes += 1
+            self._site.shape = convert.shape_view(shape, self._shapes)
+            mounted = self._state.cell.mounted if self._state.cell else ()
+            self._site.shape_profile = next((one.profile for one in mounted if one.slot == shape.finger), "power")
 
     def _sample_picture(self) -> None:
         markers = self._take("finger/markers")
@@ -231,6 +264,7 @@ class PanelNode(Node):
             self._lists_due = LISTS_EVERY
             self._ask(self._product_client, ListProducts.Request(), self._on_products)
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
+            self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
             self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
         problem = self._record.problem
         health = Health.WARN if problem else Health.OK
@@ -257,6 +291,16 @@ class PanelNode(Node):
         if response.success:
             self._state.counted = convert.counted_views(response)
 
+    def _on_friction(self, future: Any) -> None:
+        response = future.result()
+        if response.success:
+            self._state.friction_models = convert.friction_model_views(response)
+            self._state.friction_active = response.active
+
+    def _on_rig_sample(self, message: FrictionSample) -> None:
+        with self._state.locked() as state:
+            state.rig = state.rig.with_point(convert.rig_point(message))
+
     @staticmethod
     def _ask(client: Any, request: Any, on_answer: Any) -> None:
         """Call a service that is there."""
@@ -272,9 +316,14 @@ class PanelNode(Node):
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.begin(goal.finger_set, who, time.time())
-            self._lists_due = 0
+        elif act == "calibrate":
+            with self._state.locked() as state:
+                state.rig = state.rig.begun()
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
+        if act == "calibrate":
+            with self._state.locked() as state:
+                state.rig = convert.rig_progress(state.rig, feedback)
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.observe(
@@ -297,6 +346,10 @@ class PanelNode(Node):
                     fingers=convert.grasp_decision(result),
                 )
                 return outcome == "GRIPPED", f"{outcome}: {result.reason}"
+            if act == "calibrate":
+                outcome = convert.RIG_OUTCOMES.get(result.outcome, "?")
+                state.rig = state.rig.ended(f"{outcome}: {result.reason}", result.model.id)
+                return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"
             outcome = convert.SWAP_OUTCOMES.get(result.outcome, "?")
             state.swap.end(success=outcome == "SUCCEEDED", message=result.reason)
             return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"

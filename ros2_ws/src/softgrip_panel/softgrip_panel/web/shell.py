@@ -27,7 +27,12 @@ PAGES: Final = {
     "/grasps": "nav.grasps",
     "/records": "nav.records",
     "/bags": "nav.bags",
+    "/fingers": "nav.fingers",
+    "/friction": "nav.friction",
 }
+
+#: So long a notice lies over the page [s]; page Cell keeps the last ones.
+SAID_S: Final = 15.0
 
 _HEAD: Final = '<link rel="stylesheet" href="/assets/panel.css"><script type="module" src="/assets/panel.js"></script>'
 
@@ -101,6 +106,7 @@ class Page:
         self._token: str = request.scope[TOKEN]
         self._path = path
         self._said: Any = None
+        self._said_s = 0.0
         self._last_notice = self.state.notices[-1].number if self.state.notices else 0
 
     def build(self, body: Callable[[Page], None]) -> None:
@@ -279,6 +285,9 @@ class Page:
             self._last_notice = notices[-1].number
             self._said.set_text(self.notice_text(notices[-1]))
             self._said.classes(replace="said" if notices[-1].success else "said refused")
+            self._said_s = time.monotonic()
+        elif self._said.text and time.monotonic() - self._said_s > SAID_S:
+            self._said.set_text("")
 
     def notice_text(self, notice: Notice) -> str:
         """Return a notice in words."""

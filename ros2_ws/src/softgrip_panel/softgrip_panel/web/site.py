@@ -28,6 +28,7 @@ from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
 from softgrip_panel.model.grasps import export_csv
 from softgrip_panel.model.roles import Role
+from softgrip_panel.model.shapes import FaceOwners, PanelShape, pack_faces, pack_shape
 from softgrip_panel.model.work import Worker
 from softgrip_panel.texts import Texts
 from softgrip_panel.web.gate import COOKIE, TOKEN, App, Gate, person_of
@@ -53,6 +54,8 @@ class PanelSite:
         jobs: bags with their reports and replays.
         namespace: of the cell, for the commands that pages show.
         picture: newest camera frame, None before the first.
+        shape: newest deformed finger, None before the first; `shape_profile` is what it was printed from.
+        owners: which hexahedron a face belongs to.
         viewers: pages that show live data now.
         log: says what was refused.
         label: makes the label of a finger.
@@ -69,7 +72,9 @@ class PanelSite:
     namespace: str = "/"
     picture: PanelPicture | None = None
     viewers: int = 0
-    shapes: dict[str, tuple[int, bytes]] = field(default_factory=dict)
+    shape: PanelShape | None = None
+    shape_profile: str = ""
+    owners: FaceOwners = field(default_factory=lambda: FaceOwners(None))
     log: Callable[[str], Any] = print
     label: Callable[[FingerRecordView, Texts], str] | None = None
 
@@ -93,6 +98,7 @@ class PanelSite:
         app.add_api_route("/bags/{bag}/report", self._bag_report, methods=["GET"], include_in_schema=False)
         app.add_api_route("/label/{serial}", self._label, methods=["GET"], include_in_schema=False)
         app.add_api_websocket_route("/live", self._live)
+        app.add_api_websocket_route("/shapes", self._shape_socket)
         pages(self)
         ui.run_with(
             app,
@@ -219,6 +225,27 @@ class PanelSite:
                 sent_number = picture.number
                 await socket.send_bytes(pack_picture(picture))
             await asyncio.wait({leaving}, timeout=PERIOD_S)
+
+    async def _shape_socket(self, socket: WebSocket) -> None:
+        """Send a page the newest shape whenever there is another one; faces once for each mesh."""
+        person_of(socket.scope)
+        await socket.accept()
+        leaving = asyncio.ensure_future(socket.receive())
+        sent_mesh, sent_number = "", -1
+        try:
+            while not leaving.done() and self.sessions.find(socket.scope[TOKEN]) is not None:
+                shape = self.shape
+                if shape is not None and shape.number != sent_number:
+                    if shape.mesh != sent_mesh:
+                        owners = await asyncio.to_thread(self.owners.find, shape, self.shape_profile)
+                        await socket.send_bytes(pack_faces(shape, owners))
+                    sent_mesh, sent_number = shape.mesh, shape.number
+                    await socket.send_bytes(pack_shape(shape))
+                await asyncio.wait({leaving}, timeout=PERIOD_S)
+        except (WebSocketDisconnect, RuntimeError):
+            return
+        finally:
+            leaving.cancel()
 
     def _login_html(self, problem: str) -> str:
         t = self.texts

@@ -169,10 +169,9 @@ def _show_designs(found: Sequence[tuple[SweepTask, Any]]) -> None:
     groups: dict[tuple[str, str], list[Any]] = {}
     for task, result in found:
         groups.setdefault((task.arguments["motion"], task.arguments["friction"]), []).extend(result)
+    headings = [escape(heading) for heading in ("from", "error [deg]", "force [N]", "h, r [mm]")]
     for (motion, friction), tried in groups.items():
-        table = Table(
-            "from", "error [deg]", "force [N]", "h, r [mm]", title=f"{motion}, {friction}: best of {len(tried)}"
-        )
+        table = Table(*headings, title=f"{motion}, {friction}: best of {len(tried)}")
         for one in designs.best(tried)[:_SHOWN_DESIGNS]:
             sizes = " ".join(f"{value:.1f}" for value in one["design_mm"])
             table.add_row(one["source"], f"{one['error_deg']:.2f}", f"{one['force_n']:.2f}", sizes)

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from softgrip_bag.archive.store import bag_digest
 from softgrip_bag.errors import BagError
+from softgrip_bag.reader import attachments
 from softgrip_sweep.errors import SweepError
 from softgrip_sweep.task import SweepTask
 
@@ -38,21 +39,26 @@ def find_bags(places: Iterable[Path]) -> list[Path]:
 
 
 def tasks(bags: Sequence[Path], nodes: Sequence[str] = NODES, tolerance: float = 0.0) -> list[SweepTask]:
-    """Return a task for each bag and node; a bag that changes is another task.
+    """Return a task for each bag and each node that it was recorded with; a bag that changes is another task.
+
+    A node was there when the bag carries its parameters; what others published on its topics is no output of it.
 
     Raises:
-        SweepError: a bag cannot be read.
+        SweepError: a bag cannot be read, or none was recorded with these nodes.
     """
     made = []
     for bag in bags:
         try:
-            digest = bag_digest(bag)
+            digest, carried = bag_digest(bag), {one.name for one in attachments(bag)}
         except (BagError, OSError) as error:
             raise SweepError(f"{bag}: expected a readable bag, found {error}") from error
         made += [
             SweepTask(_FUNCTION, {"bag": str(bag.resolve()), "digest": digest, "node": node, "tolerance": tolerance})
             for node in nodes
+            if any(name.startswith("parameters/") and name.endswith(f"{node}.yaml") for name in carried)
         ]
+    if not made:
+        raise SweepError(f"expected bags recorded with {', '.join(nodes)}, found {len(bags)} without any of these")
     return made
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from softgrip_panel.web.pages.bags import bags_page
 from softgrip_panel.web.pages.cell import cell_page
+from softgrip_panel.web.pages.fingers import fingers_page
+from softgrip_panel.web.pages.friction import friction_page
 from softgrip_panel.web.pages.grasps import grasps_page
 from softgrip_panel.web.pages.records import label_html, records_page
 from softgrip_panel.web.pages.swap import swap_page
@@ -21,4 +23,6 @@ def add_pages(site: PanelSite) -> None:
     add_page(site, "/grasps", grasps_page)
     add_page(site, "/records", records_page)
     add_page(site, "/bags", bags_page)
+    add_page(site, "/fingers", fingers_page)
+    add_page(site, "/friction", friction_page)
     site.label = label_html

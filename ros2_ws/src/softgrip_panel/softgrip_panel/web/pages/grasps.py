@@ -58,7 +58,7 @@ def _row(page: Page, row: GraspRow, show: object) -> None:
         text_element("td", row.product)
         text_element("td", f"{row.finger_set} {' '.join(row.serials)}")
         text_element("td", row.outcome or "...", "verdict", data_state=row.outcome)
-        text_element("td", row.reason)
+        text_element("td", row.reason, "why")
         with element("td"):
             if row.number is not None and callable(show):
                 number = row.number

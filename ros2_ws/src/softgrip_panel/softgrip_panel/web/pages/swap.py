@@ -6,11 +6,12 @@ from __future__ import annotations
 import functools
 import math
 import time
+from collections.abc import Sequence
 
 from nicegui import ui
 
 from softgrip_panel.model import acts
-from softgrip_panel.model.acts import ActResult
+from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.swap import ASKS_SERIALS, HANDS_OUT, LIMIT_S, STEPS, SwapPhase, SwapView, read_serials
 from softgrip_panel.web.drawings import swap_drawing
@@ -18,6 +19,8 @@ from softgrip_panel.web.pages.cell import card
 from softgrip_panel.web.shell import Page, element, text_element
 
 SETS = ("power", "pinch", "hook")
+#: Where the emulated hands do what the step asks for.
+EMULATED_STEPS = frozenset({"remove", "insert"})
 
 
 def swap_page(page: Page) -> None:
@@ -87,7 +90,18 @@ def _confirmation(page: Page) -> None:
             if step == ASKS_SERIALS and len(given) < len(slots):
                 problem.set_text(page.t("swap.serials_missing", slots=", ".join(slots[len(given) :])))
                 return
-            page.begin(acts.confirm_step(step, _view(page).token, given), answered)
+            act = acts.confirm_step(step, _view(page).token, given)
+            if not page.state.is_emulated or step not in EMULATED_STEPS:
+                page.begin(act, answered)
+                return
+
+            def then(result: ActResult) -> None:
+                if result.success:
+                    page.begin(act, answered)
+                else:
+                    problem.set_text(result.message)
+
+            page.begin(_emulated_hands(page, given), then)
 
         def scanned() -> None:
             """Take Enter, with which a scanner ends each code: go on once every slot has its serial."""
@@ -98,6 +112,8 @@ def _confirmation(page: Page) -> None:
                 serials.value = " ".join(given) + " "
 
         serials.on("keydown.enter", scanned)
+        propose = page.button("swap.propose", lambda: serials.set_value(" ".join(_usable(page))), name="propose")
+        shown.visible(propose, lambda: _step(page) == ASKS_SERIALS)
         with element("div", classes="row"):
             done = page.button("swap.done", confirm, "big", name="step-done")
             shown.text(done, lambda: page.t("swap.hands_out" if _step(page) == HANDS_OUT else "swap.done"))
@@ -105,6 +121,25 @@ def _confirmation(page: Page) -> None:
             shown.enabled(done, lambda: page.may_act)
             cancel = page.button("swap.cancel", lambda: page.desk.stop_action(page.person, "swap"), name="swap-cancel")
             shown.visible(cancel, lambda: _view(page).phase is SwapPhase.RUNNING)
+
+
+def _usable(page: Page) -> list[str]:
+    """Return a usable finger of the set for every slot, the least used one."""
+    finger_set = _view(page).finger_set
+    chosen = []
+    for slot in _slots(page):
+        fitting = [
+            one for one in page.state.fingers if (one.profile, one.finger) == (finger_set, slot) and not one.objection
+        ]
+        chosen += [min(fitting, key=lambda one: (one.cycles, one.serial)).serial] if fitting else []
+    return chosen
+
+
+def _emulated_hands(page: Page, serials: Sequence[str]) -> Act:
+    """Return what the emulated hands do to the fingers; no serials = they take them out."""
+    slots, profiles = _slots(page), {one.serial: one.profile for one in page.state.fingers}
+    inside = list(serials) or [""] * len(slots)
+    return acts.mount_fingers(slots, inside, [profiles.get(serial, "") for serial in inside])
 
 
 def _start(page: Page) -> None:

@@ -16,6 +16,12 @@ from softgrip_panel.model.work import WorkItem, WorkOptions, WorkPhase, WorkRun
 from softgrip_panel.web.pages.cell import card, row
 from softgrip_panel.web.shell import Page, element, text_element
 
+#: A file never leaves the browser but as the text of the orders.
+_READ_FILE = f"""async (event) => {{
+  const file = event.target.files[0];
+  emit(file && file.size <= {MAX_BYTES} ? await file.text() : null);
+}}"""
+
 
 def work_page(page: Page) -> None:
     """Make the page's own part."""
@@ -38,14 +44,18 @@ def _orders(page: Page) -> None:
         text.props["input-style"] = "min-height: 8rem; font-family: monospace"
         keep = ui.checkbox(page.t("work.keep_order"), value=False)
 
-        async def read_file(event: Any) -> None:
-            data = await event.file.read()
-            text.value = data.decode("utf-8", "replace")
-
-        upload = ui.upload(on_upload=read_file, auto_upload=True, max_file_size=MAX_BYTES, max_files=1)
-        upload.props("flat accept=.csv,.txt").classes("upload")
-        upload.props["label"] = page.t("work.file")
+        with element("label", "choice"):
+            text_element("span", page.t("work.file"))
+            file = element("input", type="file", accept=".csv,.txt")
         problem = text_element("p", "", "problem", role="alert", id="order-problem")
+
+        def read_file(event: Any) -> None:
+            if isinstance(event.args, str):
+                text.value = event.args[:MAX_BYTES]
+            else:
+                problem.set_text(page.t("work.too_large"))
+
+        file.on("change", read_file, js_handler=_READ_FILE)
 
         def plan() -> None:
             try:
@@ -133,7 +143,7 @@ def _items(page: Page, run: WorkRun) -> None:
                         text_element("td", item.finger_set)
                         text_element("td", item.outcome or "...", "verdict", data_state=item.outcome)
                         text_element("td", product.table_marks.get(item.finger_set, "-") if product else "-")
-                        text_element("td", item.reason)
+                        text_element("td", item.reason, "why")
 
         page.shown.keep(lambda: run.items, write)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Count words and sentences of pages: `python tools/pages/statistics.py [--at COMMIT] [--limit] PAGE...`.
+"""Count words and sentences of pages: `python tools/pages/word_counts.py [--at COMMIT] [--limit] PAGE...`.
 
 Tables, code, pictures and headings are left out. A point of a list is a paragraph, too; a sentence ends with . : ? or !
 before a space or the end. The aims are a mean of 18 words a sentence and paragraphs of at most 90 words.

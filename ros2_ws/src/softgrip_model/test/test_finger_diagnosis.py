@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the watch puts changes down to. The true finger has hinges (mode P), the watch's has flexures (mode F)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from softgrip_model.finger import Finger, JointModel, Kernel
+from softgrip_model.finger.closing_samples import ClosingInstant
+from softgrip_model.finger.diagnosis import WATCH, Cause, CauseWatch, ClosingConditions
+from softgrip_model.finger.predictor import assumed_friction
+from softgrip_model.finger.uncertainty import PRIOR, Causes
+from softgrip_model.finger.wear import WearVerdict
+from softgrip_model.profile import Profile
+
+PULLS = np.arange(1.0, 15.5, 1.0)
+USUAL = ClosingConditions(16.0, 12.0, 20.0)
+
+
+class TrueFinger:
+    """The hook's index finger as it is, with the noise of its closings."""
+
+    def __init__(self, profiles: dict[str, Profile], seed: int) -> None:
+        self.believed = Finger.from_profile(profiles["hook"], "index")
+        self.law = assumed_friction(profiles["hook"]).law
+        self._rng = np.random.default_rng(seed)
+        self._predicted_n = Kernel([self.believed], self.law).solve(PULLS).tension_n[0, :, 0]
+
+    def watch(self) -> CauseWatch:
+        return CauseWatch(Causes(self.believed, self.law, None, PRIOR), WATCH)
+
+    def close(
+        self, friction: float = 1.0, stiffness: float = 1.0, middle: float = 1.0, zero: float = 0.0, gain: float = 1.0,
+        camera: tuple[float, float] = (0.0, 0.0), ripple: float = 0.0,
+    ) -> tuple[ClosingInstant, ...]:  # fmt: skip
+        alpha, n, epsilon, lam = self.law.coefficients
+        friction *= 1.0 + 0.01 * self._rng.standard_normal()
+        law = self.law.with_coefficients([friction * alpha, n, friction * epsilon, friction * lam])
+        hinges = self.believed.with_joint_model(JointModel.HINGE)
+        width, strip = hinges.width_mm * stiffness, hinges.strip
+        made = dataclasses.replace(hinges, strip=strip, strip_width_mm=(width, middle * width, width))
+        pulls = PULLS + zero + 0.03 * self._rng.standard_normal()
+        found = Kernel([made], law).solve(pulls)
+        tips = found.tip_mm[0] + camera + 0.3 * self._rng.standard_normal((len(PULLS), 2))
+        tips[::2] += ripple
+        tensions = gain * found.tension_n[0, :, 0] * (1.0 + 0.02 * self._rng.standard_normal(len(PULLS)))
+        return tuple(
+            ClosingInstant(0, float(p), tip, float(n), float(expected))
+            for p, tip, n, expected in zip(PULLS, tips, tensions, self._predicted_n, strict=True)
+        )
+
+
+def settled(profiles: dict[str, Profile], seed: int = 1) -> tuple[TrueFinger, CauseWatch]:
+    """A finger whose baseline stands, and that has been quiet since."""
+    finger = TrueFinger(profiles, seed)
+    watch = finger.watch()
+    for number in range(10):
+        diagnosis = watch.take(finger.close(), USUAL)
+        assert diagnosis.explanations == (), number
+    assert watch.judge() == (WearVerdict.OK, "")
+    return finger, watch
+
+
+CHANGES = {
+    "friction": ({"friction": 1.25}, {Cause.FRICTION}, WearVerdict.RECALIBRATE),
+    "worn friction": ({"friction": 1.9}, {Cause.FRICTION}, WearVerdict.WORN),
+    "zero": ({"zero": 1.0}, {Cause.ZERO}, WearVerdict.RECALIBRATE),
+    "zero the other way": ({"zero": -0.4}, {Cause.ZERO}, WearVerdict.RECALIBRATE),
+    "camera": ({"camera": (1.4, -1.4)}, {Cause.CAMERA}, WearVerdict.RECALIBRATE),
+    "softer": ({"stiffness": 0.85}, {Cause.STIFFNESS, Cause.TENSION_GAIN}, None),
+    "stronger motor": ({"gain": 1.12}, {Cause.STIFFNESS, Cause.TENSION_GAIN}, None),
+    "a wavy picture": ({"ripple": 4.0}, {Cause.NONE_OF_THESE}, WearVerdict.WATCH),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_cause_is_named(profiles: dict[str, Profile], name: str) -> None:
+    to, causes, verdict = CHANGES[name]
+    finger, watch = settled(profiles)
+    for _ in range(3):
+        watch.take(finger.close(**to), USUAL)  # type: ignore[arg-type]
+    assert watch.diagnosis.causes[0] in causes
+    found, why = watch.judge()
+    assert str(watch.diagnosis.causes[0]) in why
+    assert found is verdict if verdict is not None else found in {WearVerdict.WATCH, WearVerdict.RECALIBRATE}
+
+
+def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) -> None:
+    """Softer by 15 % or a motor 12 % stronger condemned good fingers once."""
+    for to in ({"stiffness": 0.85}, {"gain": 1.12}):
+        finger, watch = settled(profiles, 2)
+        for _ in range(6):
+            watch.take(finger.close(**to), USUAL)
+            assert watch.judge()[0] is not WearVerdict.WORN
+
+
+def test_a_weaker_strip_is_told_from_softer_strips(profiles: dict[str, Profile]) -> None:
+    """One closing is not enough to condemn a finger for it."""
+    finger, watch = settled(profiles, 3)
+    watch.take(finger.close(middle=0.8), USUAL)
+    assert watch.judge()[0] is not WearVerdict.WORN
+    for _ in range(3):
+        watch.take(finger.close(middle=0.8), USUAL)
+    assert watch.diagnosis.causes[0] in {Cause.STRIP, Cause.NONE_OF_THESE}
+    assert watch.diagnosis.causes[0] is not Cause.FRICTION
+
+
+def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:
+    """Speed, rest, temperature and history name what a common softening is; none of them is a fault."""
+    for conditions, cause in [
+        (ClosingConditions(6.0, 12.0, 20.0), Cause.CONDITIONS),
+        (ClosingConditions(16.0, 0.5, 20.0), Cause.CONDITIONS),
+        (ClosingConditions(16.0, 12.0, 32.0), Cause.TEMPERATURE),
+        (ClosingConditions(16.0, 12.0, 20.0, further_mm=3.0), Cause.RUNNING_IN),
+    ]:
+        finger, watch = settled(profiles, 4)
+        for _ in range(3):
+            watch.take(finger.close(stiffness=0.88), conditions)
+        assert cause in watch.diagnosis.causes
+        assert watch.judge()[0] is not WearVerdict.WORN
+    finger, watch = settled(profiles, 5)
+    watch.take(finger.close(), ClosingConditions(6.0, 12.0, 20.0))
+    assert watch.diagnosis.causes == (Cause.CONDITIONS,)
+    assert watch.judge()[0] is WearVerdict.OK
+
+
+def test_instants_make_closings(profiles: dict[str, Profile]) -> None:
+    """As the predictor feeds it; held objects are not looked at."""
+    finger = TrueFinger(profiles, 6)
+    watch, stamp = finger.watch(), 0
+    for free in (True, True, False):
+        for one in finger.close():
+            stamp += 62_500_000
+            watch.add(dataclasses.replace(one, stamp=stamp), pulling=True, free=free)
+        watch.add(dataclasses.replace(one, stamp=stamp + 1), pulling=False, free=free)
+        stamp += 12_000_000_000
+    assert watch.closings == 2
+    assert watch.judge()[1] == "learning the baseline: closing 2 of 5"

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Page Fingers: shape coloured by strain, joints predicted and measured, residual and its CUSUM, contact."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+from nicegui import ui
+
+from softgrip_panel.model.facts import FingerView, ResidualView
+from softgrip_panel.web.pages.cell import card
+from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.shell import Page, element, text_element
+
+
+def fingers_page(page: Page) -> None:
+    """Make the page's own part."""
+    ui.add_head_html('<script type="module" src="/assets/shape.js"></script>')
+    with element("div", classes="columns"):
+        with element("div", classes="column"), card(page, "fingers.shape", "shape-card"):
+            element(
+                "canvas", id="shape", width="720", height="560", tabindex="0", role="img",
+                aria_label=page.t("fingers.shape_aria"),
+            )  # fmt: skip
+            text_element("p", page.t("fingers.no_shape"), "note", id="shape-said")
+            text_element("p", page.t("fingers.shape_hint"), "note")
+        with element("div", classes="column"):
+            _joints(page)
+            _residuals(page)
+            _contacts(page)
+
+
+def _joints(page: Page) -> None:
+    with card(page, "fingers.joints", "joints"):
+        body = table(page, "fingers.finger", "fingers.predicted", "fingers.measured")
+
+        def rows() -> tuple[tuple[str, str, str], ...]:
+            measured = {one.name: one for one in page.state.measured}
+            return tuple(
+                (one.name, _angles(one), _angles(measured[one.name]) if one.name in measured else "-")
+                for one in page.state.predicted
+            )
+
+        def write(found: tuple[tuple[str, str, str], ...]) -> None:
+            body.clear()
+            with body:
+                for name, predicted, seen in found:
+                    with element("tr"):
+                        text_element("th", name, scope="row")
+                        text_element("td", predicted)
+                        text_element("td", seen)
+
+        page.shown.keep(rows, write)
+
+
+def _angles(finger: FingerView) -> str:
+    return "  ".join(f"{math.degrees(angle):.0f}°" for angle in finger.joint_angles_rad)
+
+
+def _residuals(page: Page) -> None:
+    with card(page, "fingers.residual", "residuals"):
+        body = table(
+            page,
+            "fingers.finger",
+            "fingers.tip",
+            "fingers.cusum_friction",
+            "fingers.cusum_stiffness",
+            "fingers.verdict",
+        )
+
+        def rows() -> tuple[ResidualView, ...]:
+            return tuple(page.state.residuals[name] for name in sorted(page.state.residuals))
+
+        def write(found: tuple[ResidualView, ...]) -> None:
+            body.clear()
+            with body:
+                for one in found:
+                    with element("tr"):
+                        text_element("th", one.finger, scope="row")
+                        text_element("td", f"{1e3 * one.tip_error_m:.1f} mm ({one.tip_error_percent:.1f} %)")
+                        text_element("td", f"{one.cusum_friction:.1f}")
+                        text_element("td", f"{one.cusum_stiffness:.1f}")
+                        text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "OK" else "")
+
+        page.shown.keep(rows, write)
+
+
+def _contacts(page: Page) -> None:
+    with card(page, "fingers.contact", "contacts"):
+        for number in range(8):
+            line = text_element("p")
+            page.shown.text(line, functools.partial(_contact_text, page, number))
+        text_element("p", page.t("fingers.contact_hint"), "note")
+
+
+def _contact_text(page: Page, number: int) -> str:
+    if number >= len(page.state.tensions):
+        return ""
+    one = page.state.tensions[number]
+    if math.isnan(one.contact_tension_n):
+        return page.t("fingers.contact_unknown", name=one.name)
+    return page.t("fingers.contact_line", name=one.name, tension=f"{one.contact_tension_n:.0f}")

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Page Friction: the guided measurement, its points and fit, the list of models."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from nicegui import ui
+
+from softgrip_panel.model import acts
+from softgrip_panel.model.acts import ActResult
+from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress
+from softgrip_panel.model.roles import Role
+from softgrip_panel.web.drawings import rig_drawing
+from softgrip_panel.web.pages.cell import card
+from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.shell import ChoiceField, Page, element, text_element
+
+PLANS = ("9", "adaptive", "45")
+
+
+def friction_page(page: Page) -> None:
+    """Make the page's own part."""
+    with element("div", classes="columns"):
+        with element("div", classes="column"):
+            _now(page)
+            if page.person.role >= Role.OPERATE:
+                _start(page)
+        with element("div", classes="column"):
+            _points(page)
+            _models(page)
+
+
+def _now(page: Page) -> None:
+    shown = page.shown
+    with card(page, "friction.now", "rig"):
+        text = text_element("p", "", "instruction", id="rig-instruction", role="status", aria_live="assertive")
+        shown.text(text, lambda: _instruction(page))
+        shown.text(text_element("p", "", "clock"), lambda: _count(page.state.rig))
+        holder = element("div", classes="drawing")
+
+        def draw(place: tuple[float, float] | None) -> None:
+            holder.clear()
+            if place is not None:
+                with holder:
+                    ui.html(rig_drawing(*place, page.t("friction.drawing")), sanitize=False)
+
+        shown.keep(
+            lambda: (page.state.rig.angle_rad, page.state.rig.load_kg) if page.state.rig.is_running else None, draw
+        )
+        if page.person.role < Role.OPERATE:
+            return
+        with element("div", classes="row"):
+            done = page.button("friction.done", lambda: _confirm(page), "big", name="rig-done")
+            shown.visible(done, lambda: page.state.rig.needs_confirmation)
+            shown.enabled(done, lambda: page.may_act)
+            cancel = page.button("friction.cancel", lambda: page.desk.stop_action(page.person, "calibrate"))
+            shown.visible(cancel, lambda: page.state.rig.is_running)
+            accept = page.button(
+                "friction.accept", lambda: _ask_activate(page, page.state.rig.fitted), "big", name="accept"
+            )
+            shown.visible(
+                accept, lambda: bool(page.state.rig.fitted) and page.state.friction_active != page.state.rig.fitted
+            )
+            shown.enabled(accept, lambda: page.may_act)
+
+
+def _confirm(page: Page) -> None:
+    """Say that angle and weight are set; on the emulated rig the emulated hands set them first."""
+    rig = page.state.rig
+
+    def then(result: ActResult) -> None:
+        if result.success:
+            page.begin(acts.confirm_rig())
+
+    if page.state.is_emulated:
+        page.begin(acts.set_rig(rig.angle_rad, rig.load_kg), then)
+    else:
+        page.begin(acts.confirm_rig())
+
+
+def _start(page: Page) -> None:
+    with card(page, "friction.start", "rig-start"):
+        text_element("p", page.t("friction.start_hint"), "note")
+        with element("div", classes="row"):
+            plan = ChoiceField(page.t("friction.plan"), {one: page.t(f"friction.plan_{one}") for one in PLANS})
+            cable = ui.input(page.t("friction.cable"), value="PE braid 0.25 mm").props("outlined dense").classes("grow")
+            surface = ui.input(page.t("friction.surface"), value="TPU, printed along the layers")
+            surface.props("outlined dense").classes("grow")
+        with element("div", classes="row"):
+            cable_mm = ui.number(page.t("friction.cable_radius"), value=0.125, min=0.01, max=10.0, step=0.005)
+            surface_mm = ui.number(page.t("friction.surface_radius"), value=3.0, min=0.1, max=100.0, step=0.1)
+            for field in (cable_mm, surface_mm):
+                field.props("outlined dense").classes("grow")
+            resume = ui.checkbox(page.t("friction.resume"), value=False)
+
+        def begin() -> None:
+            page.begin(
+                acts.calibrate(
+                    plan.value,
+                    cable=str(cable.value or ""),
+                    surface=str(surface.value or ""),
+                    cable_radius_m=1e-3 * float(cable_mm.value or 0.0),
+                    surface_radius_m=1e-3 * float(surface_mm.value or 0.0),
+                    resume=bool(resume.value),
+                )
+            )
+
+        button = page.button("friction.begin", begin, "big", name="rig-begin")
+        page.shown.enabled(button, lambda: page.may_act and not page.state.rig.is_running)
+        page.commands(acts.calibrate("9", "PE braid 0.25 mm", "TPU", 0.000125, 0.003, resume=False), acts.confirm_rig())
+
+
+def _points(page: Page) -> None:
+    with card(page, "friction.points", "rig-points"):
+        body = table(
+            page, "friction.angle", "friction.load", "friction.t2", "friction.t1", "friction.ratio", "friction.verdict"
+        )
+
+        def write(points: Sequence[RigPoint]) -> None:
+            body.clear()
+            with body:
+                for one in reversed(points):
+                    with element("tr"):
+                        text_element("td", f"{math.degrees(one.angle_rad):.0f}°")
+                        text_element("td", f"{one.load_kg:.2f} kg")
+                        text_element("td", f"{one.tension_low_n:.2f} N")
+                        text_element("td", f"{one.tension_high_n:.2f} ± {one.stddev_n:.2f} N")
+                        text_element("td", f"{one.ratio:.3f}")
+                        text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "ACCEPTED" else "")
+
+        page.shown.keep(lambda: page.state.rig.points, write)
+
+
+def _models(page: Page) -> None:
+    with card(page, "friction.models", "friction-models"):
+        body = table(
+            page,
+            "friction.model",
+            "friction.coefficients",
+            "friction.error",
+            "friction.age",
+            "friction.verdict",
+            "friction.acts",
+        )
+
+        def write(models: Sequence[FrictionModelView]) -> None:
+            body.clear()
+            with body:
+                for one in models:
+                    _model(page, one)
+
+        page.shown.keep(lambda: page.state.friction_models, write)
+
+
+def _model(page: Page, model: FrictionModelView) -> None:
+    with element("tr"):
+        text_element("th", f"{model.id} ({model.law})", scope="row")
+        text_element("td", "; ".join(_coefficient(*one) for one in model.coefficients))
+        text_element("td", f"{100.0 * model.average_error:.1f} % / {100.0 * model.maximum_error:.1f} %, {model.points}")
+        text_element("td", page.t("records.days", days=int(model.age_s // 86400)))
+        text_element("td", f"{model.verdict} {model.reason}")
+        with element("td"):
+            if model.is_active:
+                text_element("span", page.t("friction.active"), "good")
+            elif page.person.role >= Role.OPERATE:
+                page.button(
+                    "friction.activate", lambda: _ask_activate(page, model.id), "small", name=f"activate-{model.id}"
+                )
+
+
+def _coefficient(name: str, value: float, half_width: float) -> str:
+    return f"{name} {value:.4g}" + ("" if math.isnan(half_width) else f" ± {half_width:.2g}")
+
+
+def _ask_activate(page: Page, model: str) -> None:
+    with ui.dialog() as dialog, ui.card().classes("dialog"):
+        text_element("h2", page.t("friction.activate_title", model=model))
+        reason = ui.input(page.t("records.reason")).props("outlined autofocus").classes("grow activate-reason")
+        problem = text_element("p", "", "problem", role="alert")
+
+        def activate() -> None:
+            if not str(reason.value or "").strip():
+                problem.set_text(page.t("friction.reason_missing"))
+                return
+            page.begin(acts.activate_friction(model, str(reason.value)))
+            dialog.close()
+
+        page.button("friction.activate", activate, "loud big", name="activate-confirm")
+    dialog.open()
+
+
+def _instruction(page: Page) -> str:
+    rig = page.state.rig
+    if rig.is_running:
+        return rig.instruction or page.t("friction.begins")
+    return rig.message or page.t("friction.none")
+
+
+def _count(rig: RigProgress) -> str:
+    return f"{rig.index + 1} / {rig.total}" if rig.is_running and rig.total else ""
