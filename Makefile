@@ -21,7 +21,7 @@ CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcar
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup $(EXTRAS:%=%-setup) cores model plant tracker cpp-tests tidy format demo cell test lint faults soak fuzz crash bench docs site docs-test lock mutants sbom audit keys udev test-ros2 clean
+.PHONY: help setup $(EXTRAS:%=%-setup) cores model plant tracker cpp-tests long-tests tidy format demo cell test lint faults soak fuzz crash bench docs site docs-test lock mutants sbom audit keys udev test-ros2 clean
 
 help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -86,7 +86,10 @@ REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 test: setup parts-setup study-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
-	$(BIN)/python -m pytest $(REAL_TIME)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long" $(REAL_TIME)
+
+long-tests: setup panel-setup  ## from boxes of parts to the first grasp, and a shift at the operator's page, by the documents' commands; some minutes
+	$(BIN)/python -m pytest -m long tests/system
 
 lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
 	$(BIN)/ruff check .

@@ -61,7 +61,7 @@ EXPECTED: dict[str, dict[str, Any]] = {
     "recorder": {"root": "/srv/bags", "record_on_start": False},
 }  # fmt: skip
 #: nodes that a bench has without any device
-ALWAYS = {"recorder", "friction_rig", "kinematics_predictor", "hand_description", "gdfe_simulator", "camera"}
+ALWAYS = {"recorder", "friction_rig", "kinematics_predictor", "hand_description", "gdfe_simulator", "camera", "panel"}
 
 
 def described(**arguments: str) -> Description:

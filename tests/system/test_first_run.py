@@ -74,6 +74,7 @@ class Terminal:
         os.write(self.handle, b"\n")
 
 
+@pytest.mark.long
 @pytest.mark.timeout(400)
 def test_from_the_boxes_to_the_first_grasp(launch: Launch, tmp_path: Path) -> None:
     wires = tmp_path / "wires"

@@ -19,6 +19,7 @@ ASKED = "[data-name='rig-done']:not(.hidden)"
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(240)
 def test_a_shift_by_clicks_only(launch: Callable[..., Any], tmp_path: Path) -> None:
     arguments = (f"out:={tmp_path}", "panel:=true", "record:=false", "speed:=max", "lift_window_s:=1.0")
