@@ -208,7 +208,7 @@ NODES = (*sorted(ALWAYS), "tendon_driver", "grasp_mix_manager", "gripper_command
 def test_all_nodes_live_in_the_emulated_cells_time_and_in_the_computers_with_real_hardware(node: str) -> None:
     emulated = values_of(node, hardware="emulated", wire_dir="/run/wires")
     assert emulated["use_sim_time"] is True
-    waited_for = node not in {"gdfe_simulator", "hand_description", "camera"}
+    waited_for = node not in {"gdfe_simulator", "hand_description", "camera", "panel"}
     assert emulated.get("lockstep", "") == ("/run/wires/time" if waited_for else "")
     real = values_of(node)
     assert (real["use_sim_time"], real.get("lockstep", "")) == (False, "")
