@@ -3,24 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from random import Random
 
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
-from softgrip_driver.dynamixel.bus import Bus, BusReply
-from softgrip_driver.dynamixel.registers import ControlItem
-from softgrip_emulator.dynamixel.packets import Instruction, Packet
+from softgrip_driver.dynamixel.bus import BusReply
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.plant.motor import AMBIENT_C, Motor
+from softgrip_testing.virtual_bus import VirtualBus
 
 STEP_S = 0.001
 #: [m] as designed
 RADIUS_M = 0.010
 
 
-class WeightStand(Bus):
+class WeightStand(VirtualBus):
     """A servo, its motor, and a constant pull on its tendon; a group read takes 2 ms, everything else none.
 
     Args:
@@ -30,9 +29,9 @@ class WeightStand(Bus):
     """
 
     def __init__(self, model: str, seed: int, *, limits_winding: bool = False) -> None:
-        super().__init__("virtual", 1_000_000)
-        rng = Random(seed)
         self.servo = EmulatedServo(load_model(model), 1, limits_winding=limits_winding)
+        super().__init__([self.servo], lambda: self.now_s)
+        rng = Random(seed)
         self.motor = Motor(
             self.servo.model.motor, self.servo.shaft, RADIUS_M * rng.gauss(1.0, 0.003), rng.uniform(0.8, 1.25)
         )
@@ -57,41 +56,10 @@ class WeightStand(Bus):
             self.servo.shaft.supply_v = self.supply_v
             self.motor.step(self.servo.step(self.now_s, STEP_S), self.pull_n, self.supply_v, STEP_S)
 
-    def open(self) -> None:
-        """Nothing to open."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-    @property
-    def is_open(self) -> bool:
-        """Always there."""
-        return True
-
-    def turnaround(self, servo_id: int) -> float:
-        """No time."""
-        del servo_id
-        return 0.0
-
-    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> BusReply:
-        del size, attempts
-        self.servo.heard(self.now_s)
-        answer = self.servo.execute(Packet(servo_id, Instruction(instruction), parameters), self.now_s)
-        return BusReply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
-
-    def sync_write(self, item: ControlItem, values: Mapping[int, int]) -> None:
-        """Write at once."""
-        for value in values.values():
-            self.servo.write_for_host(item.address, item.encode(value), self.now_s)
-
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, BusReply]:
         """Read after 2 ms."""
         self.advance(0.002)
-        self.servo.heard(self.now_s)
-        answer = self.servo.read_for_host(address, size, self.now_s)
-        return {servo_ids[0]: BusReply(servo_ids[0], bool(answer.error & 0x80), 0, answer.parameters)}
-
-    fast_sync_read = sync_read
+        return super().sync_read(servo_ids, address, size)
 
     def backend(self, servo: ServoConfiguration) -> DynamixelBackend:
         """Return a connected backend for a configuration of this servo."""

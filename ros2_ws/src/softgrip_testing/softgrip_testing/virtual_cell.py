@@ -26,14 +26,12 @@ from softgrip_cell.products import Product
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, FingerCheck
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
-from softgrip_driver.dynamixel.bus import Bus, BusReply
-from softgrip_driver.dynamixel.registers import MODELS, ControlItem, CurrentSensing
+from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies, Ticket
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.trajectory import TendonTrajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.plant.cell import CellPlant, default_chain
 from softgrip_emulator.rig.truth import FrictionTruth
 from softgrip_model.finger.matching import TendonInput as ModelSample
@@ -43,6 +41,7 @@ from softgrip_model.finger.wear import WearSettings
 from softgrip_model.friction.fit import fit
 from softgrip_model.friction.measurements import Measurements
 from softgrip_model.profile import Profile, load_directory, shipped_directory
+from softgrip_testing.virtual_bus import VirtualBus
 
 Array = NDArray[np.float64]
 
@@ -97,53 +96,6 @@ LOADED = Lateness(share=0.07, writes_after_s=0.002)
 OVERLOADED = Lateness(share=0.14, mean_s=0.006, writes_after_s=0.002)
 
 
-class _VirtualBus(Bus):
-    """The driver's bus, wired to the servos without a port; transactions take no time."""
-
-    def __init__(self, plant: CellPlant) -> None:
-        super().__init__("virtual", 1_000_000)
-        self._plant = plant
-        self._servos = {servo.device_id: servo for servo in plant.servos}
-
-    def open(self) -> None:
-        """Nothing to open."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-    @property
-    def is_open(self) -> bool:
-        """Always there."""
-        return True
-
-    def turnaround(self, servo_id: int) -> float:
-        """No time."""
-        del servo_id
-        return 0.0
-
-    def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> BusReply:
-        del size, attempts
-        servo = self._servos[servo_id]
-        for each in self._servos.values():
-            each.heard(self._plant.now_s)
-        answer = servo.execute(Packet(servo_id, Instruction(instruction), parameters), self._plant.now_s)
-        return BusReply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
-
-    def sync_write(self, item: ControlItem, values: Mapping[int, int]) -> None:
-        for servo_id, value in values.items():
-            self._servos[servo_id].write_for_host(item.address, item.encode(value), self._plant.now_s)
-
-    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, BusReply]:
-        replies = {}
-        for servo_id in servo_ids:
-            self._servos[servo_id].heard(self._plant.now_s)
-            answer = self._servos[servo_id].read_for_host(address, size, self._plant.now_s)
-            replies[servo_id] = BusReply(servo_id, bool(answer.error & 0x80), answer.error & 0x7F, answer.parameters)
-        return replies
-
-    fast_sync_read = sync_read
-
-
 class VirtualCell:
     """Plant, servos, driver and predictor on one virtual clock.
 
@@ -183,7 +135,7 @@ class VirtualCell:
             for i, s in enumerate(SLOTS, start=1)
         ]
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
-        self._backend = DynamixelBackend(_VirtualBus(self.plant), servos, watchdog=0.0)
+        self._backend = DynamixelBackend(VirtualBus(self.plant.servos, lambda: self.plant.now_s), servos, watchdog=0.0)
         self.controller = GripperController(dict.fromkeys(SLOTS, tendon_limits), Policies())
         self._frames: deque[SeenTip] = deque()
         self._periods = 0
