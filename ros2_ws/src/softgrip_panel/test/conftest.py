@@ -73,7 +73,16 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
 @pytest.fixture(scope="module")
 def guarded_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
     """A site with accounts."""
-    folder = tmp_path_factory.mktemp("guarded")
+    yield from _with_accounts(tmp_path_factory.mktemp("guarded"))
+
+
+@pytest.fixture
+def guessed_site(tmp_path: Path) -> Iterator[RunningSite]:
+    """A site with accounts of a test's own: after wrong log-ins everybody at this address has to wait."""
+    yield from _with_accounts(tmp_path)
+
+
+def _with_accounts(folder: Path) -> Iterator[RunningSite]:
     for name, role in (("Ada", Role.OPERATE), ("Eve", Role.LOOK), ("Ida", Role.ENGINEER)):
         add_account(folder / "users.yaml", name, role, f"{name} has one")
     found = run_site(folder)

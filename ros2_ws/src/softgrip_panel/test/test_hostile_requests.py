@@ -49,17 +49,17 @@ def token_of(site: RunningSite, name: str) -> str:
     return cookie.partition("=")[2].partition(";")[0]
 
 
-def test_wrong_log_ins_are_refused_slowed_down_and_recorded(guarded_site: RunningSite) -> None:
+def test_wrong_log_ins_are_refused_slowed_down_and_recorded(guessed_site: RunningSite) -> None:
     for _ in range(FREE_TRIES):
-        status, headers, text = log_in(guarded_site, "Ida", "guess")
+        status, headers, text = log_in(guessed_site, "Ida", "guess")
         assert (status, "set-cookie" in headers) == (403, False)
         assert "wrong" in text
-    status, _, text = log_in(guarded_site, "Ida", "Ida has one")  # even the right one has to wait now
+    status, _, text = log_in(guessed_site, "Ida", "Ida has one")  # even the right one has to wait now
     assert status == 403
     assert "too many wrong log-ins" in text
-    refused = [one for one in guarded_site.recorded() if one["act"] == "login" and not one["success"]]
+    refused = [one for one in guessed_site.recorded() if one["act"] == "login" and not one["success"]]
     assert len(refused) == FREE_TRIES + 1
-    assert "guess" not in (guarded_site.folder / "acts.jsonl").read_text()
+    assert "guess" not in (guessed_site.folder / "acts.jsonl").read_text()
 
 
 def test_a_name_with_markup_comes_back_as_text(site: RunningSite) -> None:
