@@ -393,17 +393,19 @@ def test_the_same_questions_at_the_same_times_get_the_same_answers_however_busy_
     for number, pause_s in enumerate((0.0, 0.004)):
         folder = tmp_path / f"wires{number}"
         pauses = random.Random(number)
-        with EmulatedCell(profiles, folder, seed=2, speed=0.0, camera=CameraSettings(320, 240)) as cell:
-            with stepping_host(cell, at_s=1.0) as (clock, bus):
-                # not before the host holds the time: fingers relax from when they were mounted
-                cell.plant.mount(SLOTS, ("a", "b", "c"), ("power",) * 3)
-                torque_on_and_pull(clock, bus, 900)
-                readings = []
-                for step in range(100):
-                    clock.wait(2.0 + 0.01 * step)
-                    time.sleep(pauses.uniform(0.0, pause_s))
-                    readings.append(exchange(clock, bus, Instruction.READ, bytes((126, 0, 10, 0))))
-                truth = cell.truth()
+        with (
+            EmulatedCell(profiles, folder, seed=2, speed=0.0, camera=CameraSettings(320, 240)) as cell,
+            stepping_host(cell, at_s=1.0) as (clock, bus),
+        ):
+            # not before the host holds the time: fingers relax from when they were mounted
+            cell.plant.mount(SLOTS, ("a", "b", "c"), ("power",) * 3)
+            torque_on_and_pull(clock, bus, 900)
+            readings = []
+            for step in range(100):
+                clock.wait(2.0 + 0.01 * step)
+                time.sleep(pauses.uniform(0.0, pause_s))
+                readings.append(exchange(clock, bus, Instruction.READ, bytes((126, 0, 10, 0))))
+            truth = cell.truth()
         ends.append((readings, [finger.joint_angles_rad.tolist() for finger in truth.fingers]))
     assert ends[0] == ends[1]
     assert len(set(ends[0][0])) > 20
