@@ -139,8 +139,12 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     browser.wait_for_text("#rig-instruction", "SUCCEEDED")
     assert browser.text("#rig-points").count("1.245") == 2  # 6.1 N / 4.9 N
     browser.press("accept")
-    browser.press("activate-confirm")
-    browser.wait_for_text(".dialog", "expected some words")
+
+    def refused() -> bool:  # a press while the dialog is still opening is lost
+        browser.press("activate-confirm")
+        return "expected some words" in browser.text(".dialog")
+
+    browser.wait(refused, "a reason asked for")
     browser.find(".activate-reason input").send_keys("fresh cable")
     browser.press("activate-confirm")
     browser.wait(lambda: site.recorded()[-1]["act"] == "activate_friction", "the activation")
