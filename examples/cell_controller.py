@@ -13,7 +13,7 @@ from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES, CellController
 
 
 def work(controller: CellController, products: list[str], confirm: object) -> dict[str, str]:
-    """Grasp each product once, in the order with the fewest swaps; returns product -> outcome."""
+    """Grasp each product once, in the order with as few swaps as possible; returns product -> outcome."""
     outcomes = {}
     for step in controller.plan(products, [1] * len(products)).steps:
         choice = controller.select(step.product)

@@ -10,11 +10,11 @@ constexpr double kLeastLead_mm = 10.0;
 constexpr double kSmallestSlip_mm = 1e-12, kSmallestRatio = 1e-9, kSmallestGap = 1e-12;
 
 // A bend that slides the wrong way sticks first; a stuck one slides where its ratio leaves Coulomb's cone.
-Slide next_slide(Slide now, double slipped, double log_ratio, double most, double most_back) {
+Slide next_slide(Slide now, double slipped, double log_ratio, double max_log_ratio, double max_back_log_ratio) {
   if (now == Slide::Pulled) return slipped < -kSmallestSlip_mm ? Slide::Stuck : now;
   if (now == Slide::Back) return slipped > kSmallestSlip_mm ? Slide::Stuck : now;
-  if (log_ratio > most + kSmallestRatio) return Slide::Pulled;
-  return log_ratio < -most_back - kSmallestRatio ? Slide::Back : now;
+  if (log_ratio > max_log_ratio + kSmallestRatio) return Slide::Pulled;
+  return log_ratio < -max_back_log_ratio - kSmallestRatio ? Slide::Back : now;
 }
 
 // Every number carries its derivatives to all unknowns of a finger with up to kJoints joints.
