@@ -18,6 +18,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl import rcutils_logger
 from rclpy.node import Node
 
 
@@ -31,6 +32,13 @@ def free_port() -> int:
 def private_cell() -> None:
     os.environ["EMBEDDED_ROUTER_PORT"] = str(free_port())
     os.environ["ROS_DOMAIN_ID"] = "83"
+
+
+@pytest.fixture(autouse=True)
+def fresh_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever tests before have said or silenced in this process: all that a process may say is left."""
+    monkeypatch.setattr(rcutils_logger, "_levels", {})
+    monkeypatch.setattr(rcutils_logger, "_budget", rcutils_logger.Budget())
 
 
 @pytest.fixture
