@@ -13,8 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from softgrip_cell.nodes.controller_client import CellController
 from softgrip_demo.nodes.convert import outcome_latency
@@ -67,7 +70,8 @@ def outcomes_at_client_s(domain: str, grasps: int) -> list[float]:
     os.environ["ROS_DOMAIN_ID"] = domain
     with cell(domain, "lift_window_s:=0.5", "rig_time_scale:=20.0"):
         rclpy.init()
-        node = Node("grasp_benchmark")
+        # in the cell's time, which results are stamped with
+        node = Node("grasp_benchmark", parameter_overrides=[Parameter("use_sim_time", value=True)])
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         hands = Hands()
@@ -85,7 +89,8 @@ def _grasp(node: Node, link: CellLink, hands: Hands, grasps: int) -> list[float]
     node.create_subscription(TendonStatusArray, "tendon/status", seen.append, SENSOR)
     controller = CellController(node, wait=link.wait)
     operator = CellOperator(link, hands, controller, SLOTS)
-    link.until(lambda: bool(seen), START_S, "tendon/status")
+    # the cell's time is not known before the cell is there
+    link.until(lambda: bool(seen), START_S, "tendon/status", Clock(clock_type=ClockType.STEADY_TIME))
     operator.calibrate(CABLE_RADIUS_M, SURFACE_RADIUS_M)
     operator.swap(FINGER_SET)
     delays_s = []
