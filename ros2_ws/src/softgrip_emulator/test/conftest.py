@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import dynamixel_sdk
@@ -13,9 +14,9 @@ import pytest
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.plant.truth import FingerTruth
 from softgrip_emulator.wire.pty import PtyPort
 from softgrip_model.profile import load_directory
+from softgrip_testing.ideal_finger import ideal_finger
 
 PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
 
@@ -99,45 +100,12 @@ def plain_finger():
     """A finger without scatter or creep and hardly any stretch: E 21.89 MPa, w 13, h 3, l 10, link 35 mm."""
 
     def make(radii_mm=(8.5,) * 6, mu=0.0, presliding_m=1e-4):
-        return FingerTruth(
-            profile="plain",
-            serial="",
-            base_length_m=0.0,
-            link_lengths_m=np.full(3, 0.035),
-            body_height_m=0.012,
-            opening_rad=np.full(3, np.pi / 2),
+        return replace(
+            ideal_finger(),
             entry_radius_m=np.array(radii_mm[0::2]) * 1e-3,
             exit_radius_m=np.array(radii_mm[1::2]) * 1e-3,
-            clearance_m=np.zeros(6),
-            width_m=0.013,
-            strip_lengths_m=np.full(3, 0.010),
-            thickness_m=np.full(3, 0.003),
-            stress_tension_pa=np.array([21.89e6, 0.0, 0.0]),
-            stress_compression_pa=np.array([21.89e6, 0.0, 0.0]),
-            stiffness=np.ones(3),
-            poisson=0.0,
-            damping_s=1e-2,
-            relaxing_share=np.zeros(4),
-            relaxing_time_s=np.ones(4),
-            softening=0.0,
             friction_pressure=np.full(6, mu),
-            friction_adhesion=np.zeros(6),
-            bending_n=0.0,
-            bending_share=0.0,
-            friction_stribeck_share=0.0,
-            friction_stribeck_speed_m_s=1e-3,
             presliding_m=presliding_m,
-            cable_stiffness_n=1e5,
-            lead_length_m=0.0,
-            slack_m=0.0,
-            bedding_strain=0.0,
-            bedding_n=1.0,
-            cable_creep_share=0.0,
-            cable_creep_time_s=1.0,
-            knot_slip_m=0.0,
-            wear_per_j=np.zeros(6),
-            mounting_roll_rad=0.0,
-            cable_aside_m=np.zeros(3),
         )
 
     return make

@@ -5,13 +5,15 @@ CalculiX (C3D8I, neo-Hookean, without friction) closed the fingers of softgrip_t
 the plant was fitted to them, and none to the predictor.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from softgrip_emulator.plant.fingers import FingerBank
-from softgrip_emulator.plant.truth import FingerTruth
 from softgrip_model.finger import FRICTIONLESS, JointModel, Kernel
 from softgrip_testing.calculix_flexures import MODULUS_MPA, OTHER_SEEDS, STUDY_SEEDS, closings
+from softgrip_testing.ideal_finger import ideal_finger
 
 #: Joints that are this near to their stop, and pulls beyond the thesis', are left out.
 STOP_MARGIN_RAD, LONGEST_MM = 0.12, 19.0
@@ -20,45 +22,20 @@ STOP_MARGIN_RAD, LONGEST_MM = 0.12, 19.0
 def as_printed(finger):
     """A finger of the kernel without scatter, friction, creep or stretch."""
     joints, radii = finger.joints, np.array(finger.routing_mm) * 1e-3
-    return FingerTruth(
-        profile="mesh",
-        serial="",
-        base_length_m=0.0,
+    return replace(
+        ideal_finger(joints),
         link_lengths_m=np.array(finger.link_mm) * 1e-3,
         body_height_m=finger.body_mm * 1e-3,
         opening_rad=np.array(finger.opening_rad),
         entry_radius_m=radii[0::2],
         exit_radius_m=radii[1::2],
-        clearance_m=np.zeros(2 * joints),
         width_m=finger.width_mm * 1e-3,
         strip_lengths_m=np.array(finger.length_mm) * 1e-3,
         thickness_m=np.array(finger.thickness_mm) * 1e-3,
         stress_tension_pa=1e6 * MODULUS_MPA * np.array([1.0, 0.0, 0.0]),
         stress_compression_pa=1e6 * MODULUS_MPA * np.array([1.0, 0.0, 0.0]),
-        stiffness=np.ones(joints),
         poisson=finger.strip.poisson,
-        damping_s=1e-2,
-        relaxing_share=np.zeros(4),
-        relaxing_time_s=np.ones(4),
-        softening=0.0,
-        friction_pressure=np.zeros(2 * joints),
-        friction_adhesion=np.zeros(2 * joints),
-        bending_n=0.0,
-        bending_share=0.0,
-        friction_stribeck_share=0.0,
-        friction_stribeck_speed_m_s=1e-3,
-        presliding_m=1e-4,
         cable_stiffness_n=1e6,
-        lead_length_m=0.0,
-        slack_m=0.0,
-        bedding_strain=0.0,
-        bedding_n=1.0,
-        cable_creep_share=0.0,
-        cable_creep_time_s=1.0,
-        knot_slip_m=0.0,
-        wear_per_j=np.zeros(2 * joints),
-        mounting_roll_rad=0.0,
-        cable_aside_m=np.zeros(joints),
     )
 
 
