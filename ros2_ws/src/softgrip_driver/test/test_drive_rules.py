@@ -215,3 +215,20 @@ def test_the_tension_that_counts_is_a_median_of_three(reading) -> None:  # type:
     assert [watch.tension(reading(i * DT, 0.0, 0.0, tension)) for i, tension in enumerate((5.0, 5.0, 60.0, 5.0))] == [
         5.0, 5.0, 5.0, 5.0,
     ]  # fmt: skip
+
+
+def test_while_a_break_is_suspected_it_gives_way_by_nothing(stepped: Stepped) -> None:
+    """It stands beyond its goal then, where its trim would go back, and look as if the tension had been let out."""
+    stepped.drive.start(lambda view: Hold(view.length + 1e-3, 35.0), stepped.now)
+    for _ in range(60):
+        stepped.step(tension=8.0)
+    goals = []
+    for _ in range(6):
+        setpoint = stepped.step(length=0.0115, tension=0.1).setpoint
+        assert setpoint is not None
+        goals.append(setpoint.position)
+    assert stepped.drive.fault == ""
+    assert goals[-3:] == [goals[-1]] * 3
+    for _ in range(60):
+        stepped.step(length=0.0115, tension=0.1)
+    assert stepped.drive.fault == "tendon_broken"
