@@ -62,7 +62,7 @@ class GraspEpisode:
     Attributes:
         bag: name of the bag.
         product, finger_set, outcome, reason: of the grasp.
-        evidence: the verdict's numbers, YAML.
+        evidence: the verdict's numbers, JSON.
         tendons: their names.
         times_ns: (n,) of the frames, one period apart, since the epoch.
         state_stamps_ns: (n,) stamp of the tendon/state that a frame shows.

@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import yaml
 
 from softgrip_bag.latency import Link, links
 from softgrip_bag.reader import facts
@@ -131,16 +129,8 @@ def _grasp_row(grasp: RecordedGrasp, modes: Sequence[RecordedMode]) -> dict[str,
         "reason": grasp.reason,
         "latency_s": grasp.latency,
         "duration_s": grasp.duration,
-        "evidence": _as_json(grasp.evidence),
+        "evidence": grasp.evidence,
     }
-
-
-def _as_json(evidence: str) -> str:
-    """Return YAML as JSON; text that is no YAML as a JSON text, so that a column has one form."""
-    try:
-        return json.dumps(yaml.safe_load(evidence), default=str)
-    except yaml.YAMLError:
-        return json.dumps(evidence)
 
 
 def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any]]:
