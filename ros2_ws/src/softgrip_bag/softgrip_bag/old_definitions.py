@@ -21,6 +21,7 @@ from typing import Any
 import yaml
 
 from softgrip_bag.definition import Decoded, Definition
+from softgrip_time.units import NANOSECONDS
 
 UNSET = "UNSET"
 
@@ -95,7 +96,7 @@ def _typed_evidence(old: Values) -> Values:
     for key, field in EVIDENCE_KEYS.items():
         for finger, value in (text.get(key) or {}).items():
             fingers.setdefault(finger, {"finger": finger, "tip_deviation": math.nan})[field] = float(value)
-    seconds, nanoseconds = divmod(int(text.get("decided_stamp_ns", 0)), 10**9)
+    seconds, nanoseconds = divmod(int(text.get("decided_stamp_ns", 0)), NANOSECONDS)
     stamp = Decoded(Definition("builtin_interfaces/Time"), {"sec": seconds, "nanosec": nanoseconds})
     evidence = [_part("FingerEvidence", **values) for values in fingers.values()]
     phases = ("unset", *(name.lower() for name in ENUMERATIONS["softgrip_interfaces/Grasp_Feedback"]["phase"]))

@@ -26,6 +26,7 @@ from softgrip_interfaces.msg import NodeTrace, TraceStep
 from softgrip_nodekit.cell_time import duration_clock, duration_timer
 from softgrip_nodekit.stamps import nanoseconds, to_time_message
 from softgrip_nodekit.timers import steady_timer
+from softgrip_time.units import to_s
 
 #: [s] between two messages of a trace.
 _PERIOD_S = 0.1
@@ -63,7 +64,7 @@ class NodeIo:
 
     def monotonic_s(self) -> float:
         """Return the clock of durations [s]."""
-        return self.monotonic_ns() * 1e-9
+        return to_s(self.monotonic_ns())
 
     def draw_token(self) -> str:
         """Return 128 random bits as 32 hex digits: a secret that nobody can guess."""

@@ -13,6 +13,7 @@ from softgrip_bag.latency import Link, links
 from softgrip_bag.reader import facts
 from softgrip_bag.statistics import BagStatistics, statistics
 from softgrip_bag.story import RecordedGrasp, RecordedMode, Story
+from softgrip_time.units import to_ns, to_s
 
 _STAMP = pa.timestamp("ns", "UTC")
 _NUMBERS = pa.map_(pa.string(), pa.float64())
@@ -73,7 +74,7 @@ def story_tables(bag: Path, digest: str, story: Story) -> dict[str, pa.Table]:
         BagError: no bag, or no MCAP.
     """
     found = statistics(bag)
-    end_ns = found.start + round(1e9 * found.duration)
+    end_ns = found.start + to_ns(found.duration)
     rows: dict[str, Iterable[Mapping[str, Any]]] = {
         "bags": [_bag_row(bag, found)],
         "grasps": [_grasp_row(grasp, story.modes) for grasp in story.grasps],
@@ -138,7 +139,7 @@ def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any
     return [
         {
             "stamp": mode.time,
-            "duration_s": 1e-9 * max(0, end - mode.time),
+            "duration_s": to_s(max(0, end - mode.time)),
             "mode": mode.mode,
             "finger_set": mode.finger_set,
             "product": mode.product,

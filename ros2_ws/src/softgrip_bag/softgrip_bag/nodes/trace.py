@@ -16,6 +16,7 @@ from softgrip_bag.nodes.present_form import renewed_step
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import RawMessage
 from softgrip_interfaces.msg import NodeTrace
+from softgrip_time.units import to_s
 
 #: [ns] how much later, or earlier, than the node the recorder may have received a message.
 _SLACK_NS = 5_000_000_000
@@ -106,7 +107,7 @@ class TracedMessages:
         if key not in self._found:
             raise MissingMessageError(
                 f"{self._bag.path}: step {step.number}: expected a message of {topic} with stamp "
-                f"{step.stamp_ns * 1e-9:.9f} s, found none: the recorder did not get it (see `ros2 bag info`)"
+                f"{to_s(step.stamp_ns):.9f} s, found none: the recorder did not get it (see `ros2 bag info`)"
             )
         self._forget(step.time_ns - _SLACK_NS)
         return self._found[key]

@@ -40,7 +40,8 @@ from softgrip_interfaces.msg import (
 from softgrip_interfaces.msg import GraspEvidence as EvidenceMessage
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.friction.errors import FrictionError
-from softgrip_nodekit import to_time_message
+from softgrip_nodekit import nanoseconds, to_time_message
+from softgrip_time.units import to_s
 
 _SLOT_STATES = {
     SlotState.UNKNOWN: MountedFinger.UNKNOWN,
@@ -75,11 +76,6 @@ _CONTACT_STATES = {
 
 #: Verdicts of friction models that may be used.
 _USABLE = {FrictionModel.USABLE, FrictionModel.REPEAT_POINTS}
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Return a stamp as nanoseconds of its clock."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def tendon_sample(message: JointState, slots: Sequence[str]) -> TendonSample | None:
@@ -198,7 +194,7 @@ def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
     return FrictionFacts(
         id=message.id,
         digest=digest,
-        age_s=(now_ns - nanoseconds(message.header.stamp)) * 1e-9,
+        age_s=to_s(now_ns - nanoseconds(message.header.stamp)),
         tension_high_n=float(message.tension_range[1]),
         usable=not objection,
         reason=objection,
