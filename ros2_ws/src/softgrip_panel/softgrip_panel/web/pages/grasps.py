@@ -10,8 +10,7 @@ from nicegui import ui
 
 from softgrip_panel.model.grasps import GraspRecord
 from softgrip_panel.model.records import GraspFilter, GraspRow, grasp_rows
-from softgrip_panel.web.pages.cell import card
-from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import ChoiceField, Page, clock_text, element, text_element
 
 OUTCOMES = ("", "GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED")
