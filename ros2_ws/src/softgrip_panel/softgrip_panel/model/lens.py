@@ -59,7 +59,7 @@ class LensViews:
             raise PanelError(
                 f"expected at most {MAX_VIEWS} views, found {len(self.views)}; find the lens, or start again"
             )
-        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) if jpeg else None
         if image is None:
             raise PanelError("expected a picture of the camera, found none that can be read")
         view = self.board.find(np.asarray(image, dtype=np.uint8), f"view {len(self.views) + 1}")

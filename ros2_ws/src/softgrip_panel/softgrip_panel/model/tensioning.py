@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tensioning by the driver's own services: home, hold, let go, home again, until no zero moves any more."""
+"""Tensioning by the driver's own services: home, hold, let go, home again, until no zero moves any more.
+
+As the wizard does it: each round is compared with the one before.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +56,8 @@ class Tensioning:
         self.is_running = False
         self.step = ""
         self.problem = ""
+        #: after the last round
+        self._zeros_mm: dict[str, float] = {}
 
     async def run_round(self, person: Person, tension_n: float = PLAN.tension_n) -> None:
         """Do one round; what refuses it is `problem`. Ends with the tendons homed and slack."""
@@ -65,7 +70,10 @@ class Tensioning:
             self.is_running, self.step = False, ""
 
     async def _round(self, person: Person, tension_n: float) -> str:
-        problem, before = await self._home(person)
+        # like with like: a finger that was just pulled is taut a little later than one at rest
+        before, problem = self._zeros_mm, ""
+        if not before or before != self._bench().zeros_mm:
+            problem, before = await self._home(person)
         if problem:
             return problem
         for act in (acts.pull(tension_n, PLAN.speed_m_s), acts.slacken(PLAN.speed_m_s, tension_n)):
@@ -76,6 +84,7 @@ class Tensioning:
         problem, after = await self._home(person)
         if problem:
             return problem
+        self._zeros_mm = after
         number = self.rounds[-1].number + 1 if self.rounds else 1
         shifts = {name: after[name] - before[name] for name in after if name in before}
         self.rounds = (*self.rounds, TensioningRound(number, shifts))[-MAX_ROUNDS:]
