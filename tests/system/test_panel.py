@@ -3,7 +3,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import socket
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -132,6 +136,85 @@ def grasp(browser: PanelBrowser) -> None:
     browser.open("/")
     lines = "return document.getElementById('camera').dataset.lines || ''"
     browser.wait(lambda: browser.script(lines) == "measured predicted", "prediction and measurement over the picture")
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_a_swap_outlives_reload_second_browser_panel_and_manager(launch: Callable[..., Any], tmp_path: Path) -> None:
+    port = free_port()
+    cell, address = start_cell(launch, tmp_path, f"panel_port:={port}")
+    with PanelBrowser(address) as browser, PanelBrowser(address) as second:
+        log_in(browser)
+        browser.open("/swap")
+        browser.press("take")
+        browser.press("swap-power")
+        browser.wait_for_text("#instruction", "pen the palm")
+        browser.driver.refresh()
+        browser.wait_for_text("#instruction", "pen the palm")
+        hand_over(browser, second)
+        browser.wait_for_text("#instruction", "nhook")
+        kill(cell, "panel")
+        browser.wait(lambda: answers(port), "the panel to be back")
+        log_in_again(browser)
+        browser.wait_for_text("#instruction", "nhook")  # where it was, with the token of before
+        browser.press("step-done")
+        browser.wait_for_text("#instruction", "nsert")
+        kill(cell, "grasp_mix_manager")
+        browser.wait_for_text("#instruction", "Take your hands out of the cell")
+        assert "locked: true" in safety(cell)
+        browser.press("step-done")
+        browser.wait_for_text("#instruction", "The swap has ended")
+        browser.wait(lambda: browser.text("#mode") == "Idle", "the drives to be unlocked")
+        assert "locked: false" in safety(cell)
+        swap(browser)
+    cell.interrupt()
+    cell.wait_for_end(30.0)
+
+
+def safety(cell: Any) -> str:
+    """Return safety/state by the driver's own word."""
+    return str(cell.ask("topic", "echo", "--once", "--qos-durability", "transient_local", "/safety/state"))
+
+
+def hand_over(browser: PanelBrowser, second: PanelBrowser) -> None:
+    """Let a second operator see the swap, ask for control, get it, and do a step."""
+    log_in_again(second, "Bob", has_control=False)
+    second.wait_for_text("#instruction", "pen the palm")
+    assert not second.find("[data-name='step-done']").is_enabled()
+    second.press("take")
+    browser.wait_for_text("#control", "Bob asks for control")
+    browser.press("hand_over")
+    second.wait_for_text("#control", "You have control")
+    assert not browser.find("[data-name='step-done']").is_enabled()
+    second.press("step-done")
+
+
+def log_in_again(browser: PanelBrowser, name: str = "Ada", *, has_control: bool = True) -> None:
+    browser.log_in(name)
+    browser.open("/swap")
+    if has_control:
+        browser.press("take")
+
+
+def kill(cell: Any, node: str) -> None:
+    """Kill a node and wait until it was started again."""
+    killed = cell.node_process(node)
+    os.kill(killed, signal.SIGKILL)
+    deadline_s = time.monotonic() + 30.0
+    while cell.node_process(node) in {None, killed}:
+        assert time.monotonic() < deadline_s, f"{node} was not started again"
+        time.sleep(0.05)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.mark.long

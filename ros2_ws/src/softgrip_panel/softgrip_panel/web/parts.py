@@ -23,10 +23,16 @@ def row(page: Page, key: str, read: Any, name: str = "") -> None:
     page.shown.text(text_element("dd", "", **({"id": name} if name else {})), read)
 
 
-def table(page: Page, *heads: str) -> Any:
-    """Return the body of a plain table."""
+def table(page: Page, *heads: str, is_whole: bool = False) -> Any:
+    """Return the body of a plain table; a whole one is as long as its rows, others scroll."""
     with (
-        element("div", classes="scroll", tabindex="0", role="group", aria_label=page.t(heads[0])),
+        element(
+            "div",
+            classes="scroll whole" if is_whole else "scroll",
+            tabindex="0",
+            role="group",
+            aria_label=page.t(heads[0]),
+        ),
         element("table", classes="plain"),
     ):
         with element("thead"), element("tr"):

@@ -26,9 +26,9 @@ from softgrip_panel.model.bags import BagJobs
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
-from softgrip_panel.model.grasps import export_csv
 from softgrip_panel.model.lens import LensViews
 from softgrip_panel.model.parameters import ParameterReader
+from softgrip_panel.model.records import export_csv, grasp_rows
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.shapes import FaceOwners, PanelShape, pack_faces, pack_shape
 from softgrip_panel.model.tensioning import Tensioning
@@ -180,7 +180,7 @@ class PanelSite:
 
     async def _grasps_csv(self) -> Response:
         with self.desk.state.locked() as state:
-            text = export_csv(state.grasps.records)
+            text = export_csv(grasp_rows(state.grasps.records, state.counted))
         return Response(text, media_type="text/csv", headers={"content-disposition": "attachment; filename=grasps.csv"})
 
     async def _grasp_picture(self, number: int, moment: str) -> Response:

@@ -42,7 +42,10 @@ def _list(page: Page, show: object) -> None:
             found = grasp_rows(page.state.grasps.records, page.state.counted)
             return tuple(row for row in found if chosen.admits(row))[:MAX_ROWS]
 
+        none = text_element("p", page.t("grasps.none"), "note")
+
         def write(found: tuple[GraspRow, ...]) -> None:
+            none.set_visibility(not found)
             body.clear()
             with body:
                 for row in found:

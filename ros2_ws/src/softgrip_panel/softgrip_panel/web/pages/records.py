@@ -31,6 +31,7 @@ def records_page(page: Page) -> None:
             "records.checked",
             "records.material",
             "records.acts",
+            is_whole=True,
         )
 
         def write(fingers: tuple[FingerRecordView, ...]) -> None:

@@ -101,6 +101,7 @@ def _servos(page: Page) -> None:
         "setup.voltage",
         "setup.lost_replies",
         "setup.errors",
+        is_whole=True,
     )
 
     def rows() -> tuple[tuple[str, ...], ...]:
