@@ -85,11 +85,11 @@ REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
 test: setup parts-setup study-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest -m "not long" $(REAL_TIME)
 
-long-tests: setup panel-setup  ## from boxes of parts to the first grasp, and a shift at the operator's page, by the documents' commands; some minutes
-	$(BIN)/python -m pytest -m long tests/system
+long-tests: setup panel-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, the wheel in a fresh environment; some minutes
+	$(BIN)/python -m pytest -m long tests/system tests/documents
 
 lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
 	$(BIN)/ruff check .
@@ -183,5 +183,5 @@ udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency 
 test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, then the tests of all packages and of tests/ on the real rclpy
 	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }
 	cd ros2_ws && colcon build --merge-install --cmake-args -DCMAKE_BUILD_TYPE=Release
-	source ros2_ws/install/setup.bash && python3 -m pytest $(addprefix --ignore ,$(REAL_TIME)) $(SRC) tests
-	source ros2_ws/install/setup.bash && python3 -m pytest $(REAL_TIME)
+	source ros2_ws/install/setup.bash && python3 -m pytest -m "not long" $(addprefix --ignore ,$(REAL_TIME)) $(SRC) tests
+	source ros2_ws/install/setup.bash && python3 -m pytest -m "not long" $(REAL_TIME)
