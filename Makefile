@@ -7,6 +7,8 @@ LOCK ?= newest
 VENV := $(if $(filter oldest,$(LOCK)),.venv-oldest,.venv)
 REQUIREMENTS := $(if $(filter oldest,$(LOCK)),requirements-oldest.lock,requirements.lock)
 BIN := $(VENV)/bin
+# the environments would compile all of each other's cores again in one folder
+BUILD := SKBUILD_BUILD_DIR='build/$(filter oldest,$(LOCK))/{wheel_tag}'
 SRC := ros2_ws/src
 TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
 UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --generate-hashes
@@ -29,7 +31,7 @@ help:  ## this list
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
 $(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
-	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
+	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) $(BUILD) bash .ci/setup.sh
 	@touch $@
 
 parts-setup:  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
@@ -57,7 +59,7 @@ model: core-of-softgrip_model
 plant: core-of-softgrip_emulator
 tracker: core-of-softgrip_vision
 core-of-%:
-	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
+	$(BUILD) flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
 
 # set-up has built the cores as they were then
 .SECONDEXPANSION:
