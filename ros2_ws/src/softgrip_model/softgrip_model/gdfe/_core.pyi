@@ -95,6 +95,7 @@ class Settings:
         threads: int = ...,
         step_limit: float = ...,
         sections_after: int = ...,
+        max_tangent_unknowns: int = ...,
     ) -> None: ...
 
 class Problem:
@@ -146,6 +147,7 @@ class Outcome:
     shortening: list[float]
     touches: list[Touch]
     history: list[float]
+    unstable_modes: int
 
 class Solver:
     def __init__(self, problem: Problem, settings: Settings) -> None: ...
