@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write each topic of a bag as a table (a row per message, a column per field), or grasps as a LeRobotDataset."""
+"""Write each topic of a bag as a table (a row a message, a column a field), or its episodes as a LeRobotDataset."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ def main(args: Sequence[str] | None = None) -> int:
     form.add_argument("--csv", action="store_true", help="one .csv per topic")
     form.add_argument("--parquet", action="store_true", help="one .parquet per topic")
     form.add_argument(
-        "--lerobot", type=Path, metavar="OUT", help="the grasps as a LeRobotDataset v3.0 (docs/archive.md)"
+        "--lerobot",
+        type=Path,
+        metavar="OUT",
+        help="grasps and teleoperated demonstrations as a LeRobotDataset v3.0 (docs/archive.md)",
     )
     parser.add_argument("--fps", type=int, default=20, help="frames a second of --lerobot")
     parser.add_argument("--topics", nargs="+", help="only these")
@@ -63,18 +66,18 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _write_dataset(bags: Sequence[Path], folder: Path, rate_hz: int) -> None:
-    """Write the grasps of bags as one dataset; a bag without a grasp is named and left out."""
+    """Write the episodes of bags as one dataset; a bag without one is named and left out."""
     from softgrip_bag.lerobot import write_lerobot  # noqa: PLC0415  a second that tables need not wait for
-    from softgrip_bag.nodes.grasp_episodes import grasp_episodes  # noqa: PLC0415  as above
+    from softgrip_bag.nodes.recorded_episodes import recorded_episodes  # noqa: PLC0415  as above
 
     episodes = []
     for bag in track(bags, "reading", console=Console(stderr=True), disable=not sys.stderr.isatty()):
-        found = grasp_episodes(bag, rate_hz)
+        found = recorded_episodes(bag, rate_hz)
         if not found:
-            print(f"{bag}: no grasp in it", file=sys.stderr)
+            print(f"{bag}: no grasp and no demonstration in it", file=sys.stderr)
         episodes += found
     write_lerobot(folder, episodes, rate_hz)
-    print(f"{folder}: {len(episodes)} grasps, {sum(one.is_success for one in episodes)} held")
+    print(f"{folder}: {len(episodes)} episodes, {sum(one.is_success for one in episodes)} of them a success")
 
 
 def _write_tables(path: Path, options: argparse.Namespace) -> None:
