@@ -266,6 +266,7 @@ class FingerLink:
                 has_hand=frame.has_hand,
                 tendons=list(self.tendons),
                 deflections=frame.deflections_rad.tolist(),
+                joint_angles=frame.joint_angles_rad.tolist(),
                 targets=frame.targets_m.tolist(),
                 duration=frame.duration_s,
                 tension_limit=self._max_tension_n,

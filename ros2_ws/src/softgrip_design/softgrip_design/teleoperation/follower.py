@@ -33,7 +33,7 @@ class FollowerSettings:
         smoothing: of a finger's deflection [rad].
     """
 
-    max_speed_m_s: float = 0.04
+    max_speed_m_s: float = 0.05
     max_step_s: float = 0.08
     smoothing: OneEuroSettings = field(default_factory=OneEuroSettings)
 
@@ -60,6 +60,8 @@ class HandFollower:
         self._last_seen_s = -np.inf
         self.deflections_rad: Array = np.full(len(tables), np.nan)
         """(tendons,) of the hand beyond the open hand, smoothed; NaN where there is no hand, or no reference yet."""
+        self.joint_angles_rad: Array = np.zeros(0)
+        """Of the hand's joints beyond the open hand, finger by finger, as they were seen; empty where unknown."""
 
     @property
     def has_reference(self) -> bool:
@@ -73,20 +75,23 @@ class HandFollower:
             time_s: of the frame.
             world: (21, 3) landmarks [m], None where there is no hand.
         """
-        self.deflections_rad = np.full(len(self.tendons), np.nan)
+        self.deflections_rad, self.joint_angles_rad = np.full(len(self.tendons), np.nan), np.zeros(0)
         if world is None or not np.isfinite(world).all():
             return
-        sums = np.array([joint_angles(world[None], name)[0].sum() for name in self.tendons])
-        if not np.isfinite(sums).all():
+        fingers = [joint_angles(world[None], name)[0] for name in self.tendons]
+        angles = np.concatenate(fingers)
+        if not np.isfinite(angles).all():
             return
         if time_s - self._last_seen_s > FORGET_S:
             self._filters = [OneEuroFilter(self._settings.smoothing) for _ in self.tendons]
         self._last_seen_s = time_s
         if not self.has_reference:
-            self._open.append(sums)
+            self._open.append(angles)
             return
-        beyond = sums - np.median(self._open, axis=0)
-        smooth = [one.filter(time_s, value) for one, value in zip(self._filters, beyond, strict=True)]
+        self.joint_angles_rad = angles - np.median(self._open, axis=0)
+        begins = np.cumsum([0, *(len(one) for one in fingers[:-1])])
+        sums = np.add.reduceat(self.joint_angles_rad, begins)
+        smooth = [one.filter(time_s, float(value)) for one, value in zip(self._filters, sums, strict=True)]
         self.deflections_rad = np.maximum(smooth, 0.0)
 
     def next_lengths_m(self, lengths_m: Array, step_s: float) -> Array | None:

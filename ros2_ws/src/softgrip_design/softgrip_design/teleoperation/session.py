@@ -34,6 +34,7 @@ MAX_FRAME_AGE_S: Final = 0.2
 
 NOT_HELD: Final = "hold the dead-man switch to move"
 NOT_ARMED: Final = "let go of the dead-man switch, then hold it again"
+ENDED: Final = "teleoperation has ended"
 NO_HAND: Final = "no hand in sight"
 
 
@@ -47,6 +48,7 @@ class TeleoperationFrame:
         is_held: the dead-man switch.
         has_hand: a hand was found.
         deflections_rad: (tendons,) of the hand, NaN where unknown.
+        joint_angles_rad: of the hand's joints, finger by finger; empty where unknown.
         targets_m: (tendons,) ordered last, or measured where nothing is ordered.
         duration_s: of the order; 0 where there is none.
         reason: why nothing moves; empty where the fingers follow.
@@ -58,6 +60,7 @@ class TeleoperationFrame:
     is_held: bool
     has_hand: bool
     deflections_rad: Array
+    joint_angles_rad: Array
     targets_m: Array
     duration_s: float
     reason: str
@@ -153,6 +156,7 @@ class TeleoperationSession:
             is_held=is_held,
             has_hand=hand is not None,
             deflections_rad=self._follower.deflections_rad,
+            joint_angles_rad=self._follower.joint_angles_rad,
             targets_m=start_m if self._targets_m is None else self._targets_m,
             duration_s=duration_s,
             reason=problem,
@@ -165,7 +169,7 @@ class TeleoperationSession:
         unknown = np.full(len(self._follower.tendons), np.nan)
         stamp_s, lengths_m = self._port.cell_time_s(), self._port.lengths_m()
         self._port.show(
-            TeleoperationFrame(stamp_s, number, phase, False, False, unknown, lengths_m, 0.0, "teleoperation ended")
+            TeleoperationFrame(stamp_s, number, phase, False, False, unknown, np.zeros(0), lengths_m, 0.0, ENDED)
         )
 
     def _find_problem(self) -> str:
