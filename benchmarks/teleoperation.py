@@ -216,7 +216,7 @@ def main() -> None:
     claim(
         "joint error", rms(joints_deg), "deg", better="lower", goal=None, runs=len(hand),
         peer="fingers that do not move", peer_value=rms(np.degrees(found.hand)),
-        note=f"root mean square over joints and frames, with the delay; of a finger's sum of joints {rms(sums_deg):.1f} "
+        note=f"root mean square over joints and frames, with the delay; of a finger's sum {rms(sums_deg):.1f} "
         f"deg ({each}), of a still hand within reach {rms(sums_deg[is_still(found)]):.1f} deg; hand up to "
         f"{np.degrees(hand.max()):.0f} deg",
     )  # fmt: skip

@@ -47,6 +47,8 @@ SERVICE_TIMEOUT_S: Final = 10.0
 HOMING_TIMEOUT_S: Final = 90.0
 HAND_OVER_TIMEOUT_S: Final = 10.0
 START_TIMEOUT_S: Final = 10.0
+#: [s] in which tendon/status says that a tendon is homed.
+HOMED_TIMEOUT_S: Final = 2.0
 #: [s] without a heartbeat after which the driver ends the lease; one goes out with every frame.
 LEASE_S: Final = 1.0
 #: tendon/state older than this is silence [s].
@@ -157,11 +159,16 @@ class FingerLink:
         Raises:
             DesignError: they are not.
         """
+        deadline_s = time.monotonic() + HOMED_TIMEOUT_S
+        while missing := self._not_homed():
+            if time.monotonic() > deadline_s:
+                raise DesignError(f"expected homed tendons, found {', '.join(missing)} not homed; start with --home")
+            time.sleep(_POLL_S)
+
+    def _not_homed(self) -> list[str]:
         status = self._status
         homed = {one.tendon for one in status.tendons if one.homed} if status is not None else set()
-        missing = [name for name in self.tendons if name not in homed]
-        if missing:
-            raise DesignError(f"expected homed tendons, found {', '.join(missing)} not homed; start with --home")
+        return [name for name in self.tendons if name not in homed]
 
     @contextmanager
     def leased(self) -> Iterator[None]:
