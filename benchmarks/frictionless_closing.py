@@ -137,7 +137,7 @@ def main() -> None:
     tested = f"index fingers of {len(mujoco_tip)} sets at {len(PULLED_MM)} pulled lengths up to {PULLED_MM[-1]:.0f} mm"
     claim(
         "MuJoCo from the kernel's hinges", float(np.max(mujoco_tip)), "%", better="lower", goal=1.0, runs=count,
-        note=f"largest distance of tips, of the finger's length; {tested}; of shortenings {np.max(mujoco_length):.2g} %",
+        note=f"largest distance of tips, of the finger's length; {tested}; shortenings {np.max(mujoco_length):.2g} %",
     )  # fmt: skip
     claim(
         "plant from the kernel's flexures", float(np.max(plant_tip)), "%", better="lower", goal=1.0, runs=count,

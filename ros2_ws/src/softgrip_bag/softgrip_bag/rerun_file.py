@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.scene import Curve, Scene
+from softgrip_bag.scene import Curve, RecordedScene
 
 INSTALL: Final = "make rerun-setup, or pip install --no-deps --require-hashes -r requirements-rerun.lock"
 TIMELINE: Final = "time"
@@ -19,7 +19,7 @@ _LINK_RADIUS_M: Final = 0.003
 _JPEG, _PNG = b"\xff\xd8", b"\x89PNG"
 
 
-def write_rerun(path: Path, scene: Scene) -> None:
+def write_rerun(path: Path, scene: RecordedScene) -> None:
     """Write a recording.
 
     Args:
@@ -84,7 +84,7 @@ def _send_curve(rr: Any, stream: Any, curve: Curve) -> None:
     stream.send_columns(curve.path, [times], rr.Scalars.columns(scalars=curve.values))
 
 
-def _log_images(rr: Any, stream: Any, scene: Scene) -> None:
+def _log_images(rr: Any, stream: Any, scene: RecordedScene) -> None:
     for time_ns, data in scene.images:
         kind = "image/jpeg" if data.startswith(_JPEG) else "image/png" if data.startswith(_PNG) else None
         if kind is not None:
@@ -92,7 +92,7 @@ def _log_images(rr: Any, stream: Any, scene: Scene) -> None:
             stream.log("camera", rr.EncodedImage(contents=data, media_type=kind))
 
 
-def _log_poses(rr: Any, stream: Any, scene: Scene) -> None:
+def _log_poses(rr: Any, stream: Any, scene: RecordedScene) -> None:
     for (source, finger), poses in scene.poses.items():
         colour = COLOURS[source]
         for pose in poses:

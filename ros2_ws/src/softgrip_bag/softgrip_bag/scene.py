@@ -53,7 +53,7 @@ class SceneEvent:
 
 
 @dataclass(frozen=True)
-class Scene:
+class RecordedScene:
     """All of it.
 
     Attributes:

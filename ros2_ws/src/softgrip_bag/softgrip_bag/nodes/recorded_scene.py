@@ -18,7 +18,7 @@ from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import attachments
-from softgrip_bag.scene import Curve, FingerBase, FingerPose, Scene, SceneEvent, finger_points
+from softgrip_bag.scene import Curve, FingerBase, FingerPose, RecordedScene, SceneEvent, finger_points
 from softgrip_model.profile import Profile, ProfileError, load_directory, loads, shipped_directory
 
 _STATE, _PREDICTED, _MEASURED = "/tendon/state", "/finger/predicted", "/finger/measured"
@@ -44,7 +44,9 @@ class _SceneReader:
         bases: finger -> its base, where the bag has transforms.
     """
 
-    def __init__(self, cell: str, scene: Scene, profiles: dict[str, Profile], bases: dict[str, FingerBase]) -> None:
+    def __init__(
+        self, cell: str, scene: RecordedScene, profiles: dict[str, Profile], bases: dict[str, FingerBase]
+    ) -> None:
         self._cell, self._scene, self._profiles, self._bases = cell, scene, profiles, bases
         self._curves: dict[tuple[str, str], list[tuple[int, float]]] = defaultdict(list)
         self._verdicts: dict[str, str] = {}
@@ -114,14 +116,14 @@ class _SceneReader:
                 self._curves[f"hand_deflection/{name}", "deg"].append((stamp, float(np.degrees(deflection))))
 
 
-def recorded_scene(path: Path) -> Scene:
+def recorded_scene(path: Path) -> RecordedScene:
     """Return what a bag shows.
 
     Raises:
         BagError: no bag, or one with nothing to show.
     """
     bag = RecordedBag(path)
-    scene = Scene(path.name, bag_digest(path))
+    scene = RecordedScene(path.name, bag_digest(path))
     reader = _SceneReader(bag.cell, scene, _profiles(path), _finger_bases(bag))
     topics = reader.topics & set(bag.types)
     if not topics:
@@ -133,7 +135,7 @@ def recorded_scene(path: Path) -> Scene:
     return scene
 
 
-def _tell_story(path: Path, scene: Scene) -> None:
+def _tell_story(path: Path, scene: RecordedScene) -> None:
     """Add modes, grasps, friction models and faults, in order of time."""
     story = digest(path)
     events = [
