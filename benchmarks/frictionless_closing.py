@@ -32,7 +32,7 @@ PULLED_MM = np.array([2.0, 4.0, 6.0, 8.0, 10.0, 12.0])
 #: The plant goes from one length to the next in so many steps of 1 ms, and rests for so many.
 MOVING, RESTING = 300, 200
 #: MuJoCo's hand has come to rest when no joint is faster [rad/s]; at the latest after so many steps.
-REST_RAD_S, MOST_STEPS = 1e-7, 200_000
+REST_RAD_S, MAX_STEPS = 1e-7, 200_000
 
 
 def linear_finger(name: str) -> tuple[Finger, Material]:
@@ -62,7 +62,7 @@ def by_mujoco(name: str, material: Material, tensions_n: Array) -> tuple[Array, 
     angles, shortenings = [], []
     for tension_n in tensions_n:
         data.ctrl[0] = tension_n
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             mujoco.mj_step(model, data)
             if np.abs(data.qvel).max() < REST_RAD_S and np.abs(data.qacc).max() < 1e-3:
                 break

@@ -224,8 +224,8 @@ def main() -> None:
         "frame to tendon p95", 1e3 * float(np.quantile(times_s, 0.95)), "ms", better="lower", goal=None,
         runs=len(times_s),
         note="the cell's time from a frame until its order is reached within 0.2 mm; median "
-        f"{1e3 * np.median(times_s):.0f} ms; {len(heard.frames)} frames in {cell_s:.1f} s of the cell, {elapsed_s:.0f} s "
-        "of the wall clock with homing",
+        f"{1e3 * np.median(times_s):.0f} ms; {len(heard.frames)} frames in {cell_s:.1f} s of the cell, {elapsed_s:.0f} "
+        "s of the wall clock with homing",
     )  # fmt: skip
 
 

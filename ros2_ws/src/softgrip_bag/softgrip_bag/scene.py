@@ -31,7 +31,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class FingerPose:
+class FingerPosture:
     """A finger at one instant.
 
     Attributes:
@@ -68,7 +68,7 @@ class RecordedScene:
     name: str
     identity: str
     images: list[tuple[int, bytes]] = field(default_factory=list)
-    poses: dict[tuple[str, str], list[FingerPose]] = field(default_factory=dict)
+    poses: dict[tuple[str, str], list[FingerPosture]] = field(default_factory=dict)
     curves: list[Curve] = field(default_factory=list)
     events: list[SceneEvent] = field(default_factory=list)
 

@@ -18,7 +18,7 @@ from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import attachments
-from softgrip_bag.scene import Curve, FingerBase, FingerPose, RecordedScene, SceneEvent, finger_points
+from softgrip_bag.scene import Curve, FingerBase, FingerPosture, RecordedScene, SceneEvent, finger_points
 from softgrip_model.profile import Profile, ProfileError, load_directory, loads, shipped_directory
 
 _STATE, _PREDICTED, _MEASURED = "/tendon/state", "/finger/predicted", "/finger/measured"
@@ -93,7 +93,7 @@ class _SceneReader:
                 tip = (float(finger.tip.x), float(finger.tip.y))
                 points = finger_points(self._base(finger.finger), links_m, list(finger.joint_angles), tip)
                 if np.isfinite(points).all():
-                    poses.append(FingerPose(stamp, points))
+                    poses.append(FingerPosture(stamp, points))
 
     def _base(self, finger: str) -> FingerBase:
         if finger not in self._bases:
