@@ -120,18 +120,16 @@ def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep], topics: _Topics) ->
     for step in steps:
         name = step.name.replace(f" {bag.cell}/", " /", 1)
         if name == "goal /cell/grasp":
-            product, begun_ns = deserialize_message(step.data[_UUID:], GraspAction.Goal).product, step.wall
+            product, begun_ns = deserialize_message(step.data[_UUID:], GraspAction.Goal).product, step.time_ns
             moves = []
         elif name == "sent /tendon/move":
-            moves.append((step.wall, deserialize_message(step.data, MoveTendon.Goal)))
+            moves.append((step.time_ns, deserialize_message(step.data, MoveTendon.Goal)))
         elif name == "finished /cell/grasp":
-            result = grasp_result(bag, step, product)
-            task = (
-                f"Grasp the {product.replace('_', ' ')} with the {topics.finger_set(step.wall) or 'mounted'} fingers "
-                "and lift it"
-            )
+            result = grasp_result(step, product)
+            fingers = topics.finger_set(step.time_ns) or "mounted"
+            task = f"Grasp the {product.replace('_', ' ')} with the {fingers} fingers and lift it"
             commands = tuple(_commands(moves, topics.tendons))
-            yield _Span(begun_ns, step.wall, commands, task, product, result.outcome, result.reason, result.evidence)
+            yield _Span(begun_ns, step.time_ns, commands, task, product, result.outcome, result.reason, result.evidence)
             moves = []
 
 

@@ -37,7 +37,8 @@ from softgrip_interfaces.srv import AcquireLease, ReleaseLease, StartRecording, 
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.friction.errors import LawError
 from softgrip_model.friction.laws import FrictionLaw
-from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, nanoseconds, to_time_message
+from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
+from softgrip_time.units import to_ns
 
 Array = NDArray[np.float64]
 
@@ -215,7 +216,7 @@ class FingerLink:
         if state is None:
             return 0.0
         since_s = time.monotonic() - self._arrived_s
-        return 1e-9 * nanoseconds(state.header.stamp) + min(max(0.0, since_s), MAX_STATE_PERIOD_S)
+        return seconds(state.header.stamp) + min(max(0.0, since_s), MAX_STATE_PERIOD_S)
 
     def lengths_m(self) -> Array:
         """Return the measured pulled lengths, (tendons,) [m]."""
@@ -256,7 +257,7 @@ class FingerLink:
     def order(self, stamp_s: float, lengths_m: Array, duration_s: float) -> None:
         """Move the tendons there within a time [s]."""
         point = JointTrajectoryPoint(
-            positions=[float(length) for length in lengths_m], time_from_start=Duration(nanosec=round(1e9 * duration_s))
+            positions=[float(length) for length in lengths_m], time_from_start=Duration(nanosec=to_ns(duration_s))
         )
         header = Header(stamp=_stamp(stamp_s), frame_id=self._token)
         self._orders.publish(JointTrajectory(header=header, joint_names=list(self.tendons), points=[point]))
@@ -331,5 +332,5 @@ class FingerLink:
 
 
 def _stamp(time_s: float) -> Time:
-    stamp: Time = to_time_message(round(1e9 * time_s))
+    stamp: Time = to_time_message(to_ns(time_s))
     return stamp
