@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from _live_cell import SLOTS, START_S, cell
+from _live_cell import SLOTS, cell
 from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -42,6 +42,8 @@ Array = NDArray[np.float64]
 #: A film of a hand; docs/design.md says where the one that was measured comes from.
 FILM = os.environ.get("SOFTGRIP_HAND_VIDEO", "")
 DOMAIN = "58"
+#: A cell on a busy machine is up within this [s].
+START_S = 180.0
 #: The pedal says so often that it is pressed [s].
 PEDAL_S = 0.03
 #: A tendon is where an order wants it within this [m]; orders that ask for less are not timed.
