@@ -25,9 +25,12 @@ from softgrip_design.nodes import finger_link
 from softgrip_design.nodes.teleoperate import lead, parser
 from softgrip_interfaces.msg import (
     CellState,
+    LeaseHeartbeat,
     MountedFinger,
     SafetyState,
     TeleoperationState,
+    TendonOwner,
+    TendonOwners,
     TendonStatus,
     TendonStatusArray,
 )
@@ -76,12 +79,18 @@ class FollowingCell(Node):
         self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
         self._status = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
         self._pedal = self.create_publisher(Bool, "teleoperation/dead_man", RELIABLE)
+        self.heartbeats = []
+        self.create_subscription(LeaseHeartbeat, "tendon/heartbeat", self.heartbeats.append, RELIABLE)
+        self._owners = self.create_publisher(TendonOwners, "tendon/owners", LATCHED)
         self._safety = self.create_publisher(SafetyState, "safety/state", LATCHED)
         self._safety.publish(SafetyState())
         self._cell = self.create_publisher(CellState, "cell/state", LATCHED)
         mounted = [MountedFinger(finger=slot, profile="power", state=MountedFinger.VERIFIED) for slot in SLOTS]
         self._cell.publish(CellState(mode=CellState.IDLE, mounted=mounted))
         self.create_timer(0.01, self._tick)
+
+    def show_owner(self, owner):
+        self._owners.publish(TendonOwners(owners=[TendonOwner(tendon=slot, owner=owner) for slot in SLOTS]))
 
     def stop(self):
         self._safety.publish(SafetyState(sequence=1, estop=True, estop_reason="a person"))
@@ -177,6 +186,7 @@ def test_a_held_switch_lets_the_fingers_follow_and_its_end_stops_them(cell, foll
     assert follow("--record", "--task", "close", seen=seen) == 0
     assert cell.asked == ["recorder/start", "tendon/lease", "tendon/lease_release", "recorder/stop"]
     assert {order.header.frame_id for order in cell.orders} == {"token"}
+    assert {beat.token for beat in cell.heartbeats} == {"token"}
     lengths_m = np.array([order.points[0].positions for order in cell.orders])
     assert np.all(np.diff(lengths_m[:, 0]) >= 0.0)
     assert lengths_m[-1, 0] > 0.003
@@ -211,6 +221,18 @@ def test_somebody_elses_tendons_are_left_alone(cell, follow, monkeypatch):
     with pytest.raises(DesignError, match="owned by manager"):
         follow()
     assert cell.orders == []
+
+
+def test_who_loses_the_tendons_stops(cell, follow):
+    def seen(count: int) -> None:
+        if count == 3:
+            cell.show_owner(finger_link.OWNER)
+        if count == 20:
+            cell.show_owner("manager")
+
+    with pytest.raises(DesignError, match="belong to manager"):
+        follow(seen=seen)
+    assert cell.asked[-1] == "tendon/lease_release"
 
 
 def test_what_cannot_begin_says_why(cell, follow):

@@ -50,8 +50,10 @@ HAND_OVER_TIMEOUT_S: Final = 10.0
 START_TIMEOUT_S: Final = 10.0
 #: [s] in which tendon/status says that a tendon is homed.
 HOMED_TIMEOUT_S: Final = 2.0
-#: [s] without a heartbeat after which the driver ends the lease; one goes out with every frame.
+#: [s] without a heartbeat after which the driver ends the lease; they go out while frames come within the last time.
 LEASE_S: Final = 1.0
+HEARTBEAT_S: Final = 0.25
+MAX_FRAME_PERIOD_S: Final = 3.0
 #: tendon/state older than this is silence [s].
 STATE_TIMEOUT_S: Final = 0.5
 #: Between two tendon/state the cell's time goes on with the clock, for so long at most [s].
@@ -81,6 +83,8 @@ class FingerLink:
         self._safety: SafetyState | None = None
         self._owners: dict[str, str] = {}
         self._token = ""
+        self._is_owner_seen = False  # tendon/owners has shown us since the lease was granted
+        self._last_frame_s = -math.inf
         self.tendons: tuple[str, ...] = ()
         self.recorded_path = ""
         node.create_subscription(JointState, "tendon/state", self._on_state, SENSOR)
@@ -93,6 +97,7 @@ class FingerLink:
         self._orders = node.create_publisher(JointTrajectory, "tendon/trajectory", RELIABLE)
         self._heartbeats = node.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
         self._frames = node.create_publisher(TeleoperationState, "teleoperation/state", RELIABLE)
+        node.create_timer(HEARTBEAT_S, self._send_heartbeat)
         self._home = node.create_client(Trigger, "tendon/home")
         self._lease = node.create_client(AcquireLease, "tendon/lease")
         self._lease_release = node.create_client(ReleaseLease, "tendon/lease_release")
@@ -184,7 +189,7 @@ class FingerLink:
             if time.monotonic() > deadline_s:
                 raise DesignError(f"tendon/lease refused: {answer.message}")
             time.sleep(0.5)
-        self._token = answer.token
+        self._token, self._is_owner_seen, self._last_frame_s = answer.token, False, time.monotonic()
         try:
             yield
         finally:
@@ -227,10 +232,14 @@ class FingerLink:
         return np.maximum(measured, 0.0)
 
     def find_problem(self) -> str:
-        """Return why nothing may move; empty when nothing is in the way. Each call is a heartbeat of the lease."""
+        """Return why nothing may move; empty when nothing is in the way. Without calls the lease ends.
+
+        Raises:
+            DesignError: somebody else has the tendons now.
+        """
         if not self._token:
             return "the tendons are not leased"
-        self._heartbeats.publish(LeaseHeartbeat(token=self._token))
+        self._last_frame_s = time.monotonic()
         if time.monotonic() - self._arrived_s > STATE_TIMEOUT_S:
             return "tendon/state is silent"
         return self._stop_reason() or self._fault() or self._other_user()
@@ -251,8 +260,14 @@ class FingerLink:
     def _other_user(self) -> str:
         if self._cell is not None and self._cell.mode not in _FREE_MODES:
             return "the cell is at work (cell/state)"
-        others = {self._owners.get(name, OWNER) for name in self.tendons} - {OWNER}
-        return f"the tendons belong to {', '.join(sorted(others)) or 'nobody'}" if others else ""
+        others = {self._owners.get(name, OWNER) or "nobody" for name in self.tendons} - {OWNER}
+        self._is_owner_seen = self._is_owner_seen or not others
+        if not others:
+            return ""
+        found = f"the tendons belong to {', '.join(sorted(others))}"
+        if self._is_owner_seen:
+            raise DesignError(f"expected to own the tendons (tendon/owners), found that {found}; start again")
+        return found
 
     def order(self, stamp_s: float, lengths_m: Array, duration_s: float) -> None:
         """Move the tendons there within a time [s]."""
@@ -283,6 +298,10 @@ class FingerLink:
         )
 
     # --- in --------------------------------------------------------------------------------------------------------
+
+    def _send_heartbeat(self) -> None:
+        if self._token and time.monotonic() - self._last_frame_s < MAX_FRAME_PERIOD_S:
+            self._heartbeats.publish(LeaseHeartbeat(token=self._token))
 
     def _on_state(self, message: JointState) -> None:
         self._state, self._arrived_s = message, time.monotonic()

@@ -115,15 +115,17 @@ class TeleoperationSession:
         """Follow until the frames or the person end it; return the number of frames.
 
         Raises:
-            DesignError: frames that cannot be read.
+            DesignError: frames that cannot be read, or tendons that somebody else has now.
         """
         count = 0
-        for frame in frames:
-            if is_ended():
-                break
-            self._port.show(self.process_frame(frame))
-            count += 1
-        self.end()
+        try:
+            for frame in frames:
+                if is_ended():
+                    break
+                self._port.show(self.process_frame(frame))
+                count += 1
+        finally:
+            self.end()
         return count
 
     def process_frame(self, frame: VideoFrame) -> TeleoperationFrame:
