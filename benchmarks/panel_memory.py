@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operator's panel, a page left open for eight hours: what the panel's process and the browser hold afterwards.
+
+Three pages stand open in a real Chromium (Cell, Grasps, Set-up). Eight hours of a busy cell are played to the page model in
+simulated time: 288,000 ticks of a tenth of a second with tensions, tendons and pictures, a grasp every 20 s with curve and
+pictures, an alarm every minute that is acknowledged, diagnostics every second; after each tick every page is refreshed as its
+timer would do. The web server and its sockets run on in real time between ticks, so the browser gets the values at its own
+pace. Memory counts from the end of the first hour, when the last 200 grasps fill their place.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import gc
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from _claim import claim
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ros2_ws/src/softgrip_panel/test"))
+
+import panel_site
+
+from softgrip_panel.model.facts import TendonView, TensionView
+from softgrip_panel.model.frames import PanelPicture
+from softgrip_panel.model.roles import Person, Role
+from softgrip_panel.web.pages.every import add_pages
+from softgrip_panel.web.server import WebServer, listen
+from softgrip_panel.web.shell import Page
+from softgrip_panel.web.site import PanelSite
+from softgrip_testing.browser import PanelBrowser
+
+HOURS = 8.0
+TICK_S = 0.1
+#: Of the growth between the first hour and the last.
+GOAL_SHARE = 0.10
+PATHS = ("/", "/grasps", "/setup")
+GRASP_TICKS, GRASPING_TICKS, ALARM_TICKS, HOUR_TICKS = 200, 50, 600, 36_000
+PERSON = Person("bench", "Ada", Role.ENGINEER)
+#: Tells a browser to throw away what nobody holds, and returns what is left [B].
+_HEAP = "return performance.memory.usedJSHeapSize"
+
+
+class SimulatedTime:
+    """A clock that ticks."""
+
+    def __init__(self) -> None:
+        self.s = time.time()
+
+    def __call__(self) -> float:
+        return self.s
+
+
+def resident_bytes() -> int:
+    """Return the resident memory of this process after a collection [B]."""
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def heap_bytes(browser: PanelBrowser, windows: list[str]) -> int:
+    """Return what the pages' scripts hold together after a collection [B]."""
+    total = 0
+    for window in windows:
+        browser.driver.switch_to.window(window)
+        browser.driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
+        total += int(browser.script(_HEAP))
+    return total
+
+
+def pictures() -> list[bytes]:
+    """Return camera frames of noise, which compress badly."""
+    random = np.random.default_rng(29)
+    frames = (random.integers(0, 255, (480, 640, 3), dtype=np.uint8) // 8 * 8 for _ in range(20))
+    return [cv2.imencode(".jpg", cv2.GaussianBlur(one, (9, 9), 0))[1].tobytes() for one in frames]
+
+
+class BusyCell:
+    """Plays a busy cell to a site, tick by tick."""
+
+    def __init__(self, site: PanelSite, clock: SimulatedTime) -> None:
+        self.site, self.clock, self.state = site, clock, site.desk.state
+        self.frames = pictures()
+        self.grasps = 0
+
+    def tick(self, number: int) -> None:
+        """Let a tenth of a second pass."""
+        self.clock.s += TICK_S
+        state, phase = self.state, number % GRASP_TICKS
+        has_fault = number % ALARM_TICKS < 30
+        tension_n = 2.0 + 0.1 * phase
+        state.observe_tendons(
+            [
+                TendonView(name, "HOLDING", homed=True, fault="tendon_broken" if has_fault else "")
+                for name in panel_site.SLOTS
+            ]
+        )
+        state.observe_tensions([TensionView(name, 0.01, tension_n, 1.5) for name in panel_site.SLOTS])
+        frame = self.frames[number % len(self.frames)]
+        state.grasps.observe_picture(frame)
+        self.site.picture = PanelPicture(number, frame, (640, 480), {"measured": [(1.0, 2.0)] * 5})
+        if number % 10 == 0:
+            state.observe_health(panel_site.driver_health(self.site))
+        if number % ALARM_TICKS == 40:
+            for alarm in state.alarms.active:
+                self.site.desk.acknowledge(PERSON, alarm.key)
+        self._grasp(phase)
+        state.advance()
+
+    def _grasp(self, phase: int) -> None:
+        cell = self.state.cell
+        assert cell is not None
+        if phase == 0:
+            self.grasps += 1
+            self.state.observe_cell(replace(cell, mode="GRASPING", product=f"product_{self.grasps}"))
+        elif phase == GRASPING_TICKS:
+            self.state.grasps.observe_result("GRIPPED", "both sides press", duration_s=5.0, latency_s=0.05, fingers=())
+            self.state.observe_cell(replace(cell, mode="HOLDING", picks=cell.picks + 1, gripped=cell.gripped + 1))
+
+
+class Eight:
+    """The hours: ticks on the server's own event loop, so that pages are refreshed where their timers do it."""
+
+    def __init__(self, cell: BusyCell, pages: list[Page]) -> None:
+        self.cell, self.pages = cell, pages
+
+    async def play(self, begin: int, end: int) -> None:
+        """Play ticks."""
+        for number in range(begin, end):
+            self.cell.tick(number)
+            for page in self.pages:
+                page._refresh()  # noqa: SLF001  what its timer calls
+            await asyncio.sleep(0)
+
+
+def made_site(folder: Path, clock: SimulatedTime, port: int) -> PanelSite:
+    """Return a site whose model lives in simulated time."""
+    site = panel_site.make_site(folder, port)
+    state: Any = site.desk.state
+    for owner in (state, state.alarms, state.grasps):
+        owner._now_s = clock  # noqa: SLF001  the site is made for tests in real time
+    state._monotonic_s = clock  # noqa: SLF001  as above
+    return site
+
+
+def main() -> None:
+    """Measure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=HOURS, help="simulated, above 1 (default: %(default)s)")
+    options = parser.parse_args()
+    pages: list[Page] = []
+    loops: list[asyncio.AbstractEventLoop] = []
+    build = Page.build
+
+    def remembered(page: Page, body: Callable[[Page], None]) -> None:
+        pages.append(page)
+        loops.append(asyncio.get_running_loop())
+        build(page, body)
+
+    Page.build = remembered  # type: ignore[method-assign]
+    with tempfile.TemporaryDirectory() as name:
+        clock, bound = SimulatedTime(), listen("127.0.0.1", 0)
+        port = bound.getsockname()[1]
+        site = made_site(Path(name), clock, port)
+        server = WebServer(site.app(add_pages), bound)
+        server.start()
+        with PanelBrowser(f"http://127.0.0.1:{port}") as browser:
+            windows = opened(browser)
+            hours = Eight(BusyCell(site, clock), pages[-len(PATHS) :])
+
+            def play(begin: float, end: float) -> None:
+                work: Future[None] = asyncio.run_coroutine_threadsafe(
+                    hours.play(int(begin * HOUR_TICKS), int(end * HOUR_TICKS)), loops[-1]
+                )
+                work.result()
+
+            began_s = time.monotonic()
+            play(0.0, 1.0)
+            first, first_heap = resident_bytes(), heap_bytes(browser, windows)
+            play(1.0, options.hours)
+            last, last_heap = resident_bytes(), heap_bytes(browser, windows)
+            took_s = time.monotonic() - began_s
+        server.close()
+    report(options.hours, (first, last), (first_heap, last_heap), took_s)
+
+
+def opened(browser: PanelBrowser) -> list[str]:
+    """Open the pages in windows of their own."""
+    browser.log_in("Ada")
+    windows = []
+    for path in PATHS:
+        browser.driver.switch_to.new_window("window")
+        browser.open(path)
+        windows.append(browser.driver.current_window_handle)
+    return windows
+
+
+def report(hours: float, process: tuple[int, int], heap: tuple[int, int], took_s: float) -> None:
+    """Print both claims."""
+    for name, (first, last) in (("panel memory growth", process), ("browser heap growth", heap)):
+        claim(
+            name,
+            last / first - 1.0,
+            "1",
+            better="lower",
+            goal=GOAL_SHARE,
+            runs=1,
+            note=f"{first / 1e6:.1f} MB after 1 simulated hour, {last / 1e6:.1f} MB after {hours:g}; three pages open; "
+            f"ticks of model and pages at speed, {took_s:.0f} s of wall time, {threading.active_count()} threads",
+        )
+
+
+if __name__ == "__main__":
+    main()
