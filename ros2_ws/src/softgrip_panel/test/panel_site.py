@@ -290,11 +290,14 @@ def make_site(folder: Path, port: int) -> PanelSite:
         for name in SLOTS
         for k in (1, 2)
     )  # fmt: skip
+    state.fingers += (replace(state.fingers[0], serial=HOSTILE, profile=HOSTILE, state="store", objection=HOSTILE),)
     state.catalogue = tuple(
         ProductView(name, name, "power", 0.06, {"power": "success"}, {"power": 0.9}, {"power": 3})
         for name in state.products
     )
     (folder / "bags" / "softgrip_20261125").mkdir(parents=True, exist_ok=True)
+    (folder / "bags" / HOSTILE).mkdir(exist_ok=True)
+    (folder / "bags" / HOSTILE / f"{HOSTILE}.mcap").write_bytes(b"MCAP")
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
     state.friction_models = (
         FrictionModelView(

@@ -69,6 +69,8 @@ class GraspHistory:
         self._last_picture = b""
         self._numbers = 0
         self._counts: CellView | None = None
+        #: Grows whenever a list of the grasps would look otherwise.
+        self.version = 0
 
     @property
     def records(self) -> tuple[GraspRecord, ...]:
@@ -129,9 +131,11 @@ class GraspHistory:
         record.outcome, record.reason = outcome, reason
         record.duration_s, record.latency_s, record.fingers = duration_s, latency_s, tuple(fingers)
         record.decided_s = self._now_s() - record.started_s
+        self.version += 1
 
     def _begin(self, cell: CellView) -> None:
         self._numbers += 1
+        self.version += 1
         record = GraspRecord(
             self._numbers,
             self._now_s(),
@@ -149,6 +153,7 @@ class GraspHistory:
         if record is None:
             return
         record.ended_s = self._now_s()
+        self.version += 1
         record.duration_s = record.duration_s or record.ended_s - record.started_s
         record.outcome = record.outcome or _counted_outcome(self._counts, cell)
 
