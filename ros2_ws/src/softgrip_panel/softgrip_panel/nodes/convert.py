@@ -26,6 +26,7 @@ from softgrip_interfaces.msg import (
     TendonStatus,
     TendonStatusArray,
 )
+from softgrip_nodekit import seconds
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
@@ -297,7 +298,7 @@ def counted_views(response: Any) -> tuple[CountedView, ...]:
     """Return the grasps of ListGrasps."""
     return tuple(
         CountedView(
-            one.stamp.sec + one.stamp.nanosec * 1e-9,
+            seconds(one.stamp),
             one.product,
             one.finger_set,
             one.outcome,

@@ -254,7 +254,7 @@ class PanelNode(Node):
     def _sample_picture(self) -> None:
         markers = self._take("finger/markers")
         if markers is not None:
-            self._overlay.measure(markers.finger, list(zip(markers.u, markers.v, strict=False)))
+            self._overlay.measure(markers.finger, [(one.u, one.v) for one in markers.markers])
         image = self._take("camera/image_raw/compressed")
         if image is None:
             return
