@@ -27,10 +27,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from _claim import claim
 from nicegui import Client, ui
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ros2_ws/src/softgrip_panel/test"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_panel/test"))
 
 import panel_site
 
@@ -41,6 +40,7 @@ from softgrip_panel.web.pages.every import add_pages
 from softgrip_panel.web.server import WebServer, listen
 from softgrip_panel.web.shell import Page
 from softgrip_panel.web.site import PanelSite
+from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.browser import PanelBrowser
 
 HOURS = 8.0
