@@ -228,8 +228,9 @@ def report(options: argparse.Namespace, process: tuple[int, int], heap: tuple[in
             better="lower",
             goal=GOAL_SHARE,
             runs=1,
-            note=f"{first / 1e6:.1f} MB after 1 simulated hour, {last / 1e6:.1f} MB after {options.hours:g}; three pages, "
-            f"refreshed every {options.refresh_ticks} ticks, a grasp every {options.grasp_ticks}; {took_s:.0f} s of wall time",
+            note=f"{first / 1e6:.1f} MB after 1 simulated hour, {last / 1e6:.1f} MB after {options.hours:g}; "
+            f"three pages, refreshed every {options.refresh_ticks} ticks, a grasp every {options.grasp_ticks}; "
+            f"{took_s:.0f} s of wall time",
         )
 
 
