@@ -20,21 +20,16 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 from nicegui import Client, ui
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_panel/test"))
 
 import panel_site
+from busy_cell import GRASP_TICKS, BusyCell, SimulatedTime
 
-from softgrip_panel.model.facts import TendonView, TensionView
-from softgrip_panel.model.frames import PanelPicture
-from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.web.pages.every import add_pages
 from softgrip_panel.web.server import WebServer, listen
 from softgrip_panel.web.shell import Page
@@ -43,27 +38,14 @@ from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.browser import PanelBrowser
 
 HOURS = 8.0
-TICK_S = 0.1
 #: Of the growth between the first hour and the last.
 GOAL_SHARE = 0.10
 PATHS = ("/", "/grasps", "/setup")
-GRASP_TICKS, GRASPING_TICKS, ALARM_TICKS, HOUR_TICKS = 200, 50, 600, 36_000
+HOUR_TICKS = 36_000
 #: A page's timer rings at every tick; a slow machine may let it ring less often.
 REFRESH_TICKS = 1
-PERSON = Person("bench", "Ada", Role.ENGINEER)
 #: Tells a browser to throw away what nobody holds, and returns what is left [B].
 _HEAP = "return performance.memory.usedJSHeapSize"
-
-
-class SimulatedTime:
-    """A clock that ticks."""
-
-    def __init__(self) -> None:
-        self.s = time.time()
-
-    def __call__(self) -> float:
-        """Return the time [s]."""
-        return self.s
 
 
 def resident_bytes() -> int:
@@ -80,56 +62,6 @@ def heap_bytes(browser: PanelBrowser, windows: list[str]) -> int:
         browser.driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
         total += int(browser.script(_HEAP))
     return total
-
-
-def pictures() -> list[bytes]:
-    """Return camera frames of noise, which compress badly."""
-    random = np.random.default_rng(29)
-    frames = (random.integers(0, 255, (480, 640, 3), dtype=np.uint8) // 8 * 8 for _ in range(20))
-    return [cv2.imencode(".jpg", cv2.GaussianBlur(one, (9, 9), 0))[1].tobytes() for one in frames]
-
-
-class BusyCell:
-    """Plays a busy cell to a site, tick by tick."""
-
-    def __init__(self, site: PanelSite, clock: SimulatedTime, grasp_ticks: int = GRASP_TICKS) -> None:
-        self.site, self.clock, self.state = site, clock, site.desk.state
-        self.frames = pictures()
-        self.grasp_ticks, self.grasps = grasp_ticks, 0
-
-    def tick(self, number: int) -> None:
-        """Let a tenth of a second pass."""
-        self.clock.s += TICK_S
-        state, phase = self.state, number % self.grasp_ticks
-        has_fault = number % ALARM_TICKS < 30
-        tension_n = 2.0 + 0.1 * phase
-        state.observe_tendons(
-            [
-                TendonView(name, "HOLDING", homed=True, fault="tendon_broken" if has_fault else "")
-                for name in panel_site.SLOTS
-            ]
-        )
-        state.observe_tensions([TensionView(name, 0.01, tension_n, 1.5) for name in panel_site.SLOTS])
-        frame = self.frames[number % len(self.frames)]
-        state.grasps.observe_picture(frame)
-        self.site.picture = PanelPicture(number, frame, (640, 480), {"measured": [(1.0, 2.0)] * 5})
-        if number % 10 == 0:
-            state.observe_health(panel_site.driver_health(self.site))
-        if number % ALARM_TICKS == 40:
-            for alarm in state.alarms.active:
-                self.site.desk.acknowledge(PERSON, alarm.key)
-        self._grasp(phase)
-        state.advance()
-
-    def _grasp(self, phase: int) -> None:
-        cell = self.state.cell
-        assert cell is not None
-        if phase == 0:
-            self.grasps += 1
-            self.state.observe_cell(replace(cell, mode="GRASPING", product=f"product_{self.grasps}"))
-        elif phase == GRASPING_TICKS:
-            self.state.grasps.observe_result("GRIPPED", "both sides press", duration_s=5.0, latency_s=0.05, fingers=())
-            self.state.observe_cell(replace(cell, mode="HOLDING", picks=cell.picks + 1, gripped=cell.gripped + 1))
 
 
 class BusyHours:
@@ -189,7 +121,7 @@ def main() -> None:
         server.start()
         with PanelBrowser(f"http://127.0.0.1:{port}") as browser:
             windows = opened(browser)
-            hours = BusyHours(BusyCell(site, clock, options.grasp_ticks), pages, options.refresh_ticks)
+            hours = BusyHours(BusyCell(site.desk, clock, options.grasp_ticks, site), pages, options.refresh_ticks)
 
             def play(begin: float, end: float) -> None:
                 work: Future[None] = asyncio.run_coroutine_threadsafe(

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 from softgrip_panel.model.facts import CellView, TensionView
 
-#: So many grasps are kept with their curves and pictures.
-MAX_GRASPS = 200
+#: So many grasps are kept with their curves, and so many with their pictures, a hundred kilobytes each.
+MAX_GRASPS, MAX_PICTURED = 200, 50
 #: A curve holds so many samples; the panel takes ten a second.
 MAX_SAMPLES = 600
 
@@ -147,6 +147,8 @@ class GraspHistory:
             record.pictures["before"] = self._last_picture
         self._running = record
         self._records.append(record)
+        if len(self._records) > MAX_PICTURED:
+            self._records[-1 - MAX_PICTURED].pictures.clear()
 
     def _end(self, cell: CellView) -> None:
         record, self._running = self._running, None

@@ -25,6 +25,8 @@ PERSON: Final = "softgrip_person"
 TOKEN: Final = "softgrip_token"  # noqa: S105  a key, not a secret
 #: What is served without a session.
 PUBLIC: Final = frozenset({"/login", "/assets/panel.css"})
+#: NiceGUI's own; it answers 400 to a page that it has given up, which then loads itself again.
+SOCKETS: Final = "/_nicegui_ws/"
 #: A request body is no larger [B]; order lists are the largest.
 MAX_BODY: Final = 256 * 1024
 #: So many strange sessions are remembered, as digests.
@@ -115,12 +117,14 @@ class Gate:
 
     def _watched(self, scope: Scope, send: Send) -> Send:
         """Add the headers to what is sent, and write down what is refused or not there."""
+        path = scope["path"]
+        is_noted = path not in PUBLIC and not path.startswith(SOCKETS)
 
         async def sending(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message.get("headers", []), *_HEADERS]
-                if 400 <= message["status"] < 500 and scope["path"] not in PUBLIC:
-                    self._on_refusal(_address(scope), scope["path"], f"answered {message['status']}")
+                if is_noted and 400 <= message["status"] < 500:
+                    self._on_refusal(_address(scope), path, f"answered {message['status']}")
             await send(message)
 
         return sending
