@@ -29,12 +29,12 @@ Spin = Callable[..., bool]
 
 
 class CountingExecutor(SingleThreadedExecutor):
-    """Counts how often it looks at all that a node has."""
+    """Counts how often it polls at all that a node has."""
 
-    looks = 0
+    polls = 0
 
     def _look(self, nodes: list[Node] | None) -> Iterator[Any]:
-        self.looks += 1
+        self.polls += 1
         return super()._look(nodes)
 
 
@@ -165,12 +165,12 @@ def test_the_clock_goes_on_without_the_executor_which_wakes_for_due_timers_alone
     spinning = threading.Thread(target=executor.spin)
     spinning.start()
     try:
-        assert holds(lambda: executor.looks > 0)
-        began, before = time.monotonic(), executor.looks
+        assert holds(lambda: executor.polls > 0)
+        began, before = time.monotonic(), executor.polls
         for second in range(2, 102):
             tell(second)
             assert holds(lambda second=second: len(calls) == (second - 1) // 10)
-        assert executor.looks - before <= 10.0 * (time.monotonic() - began) + 2  # those of every tenth of a second
+        assert executor.polls - before <= 10.0 * (time.monotonic() - began) + 2  # those of every tenth of a second
         assert calls == list(range(11, 102, 10))
     finally:
         executor.shutdown()
