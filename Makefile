@@ -84,13 +84,13 @@ cell: setup $(VENV)/.panel  ## the emulated cell in real time, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
-# Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
+# Tests that run in real time (a whole cell, the drives' nodes): two at a time, and nothing beside them.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
 test: setup parts-setup study-setup panel-setup rerun-setup s3-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(addprefix --ignore ,$(REAL_TIME))
-	$(BIN)/python -m pytest -m "not long" $(REAL_TIME)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(REAL_TIME)
 
 long-tests: setup panel-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, the wheel in a fresh environment; some minutes
 	$(BIN)/python -m pytest -m long tests/system tests/documents

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -48,8 +49,9 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
 
     A node with a `realtime_parameter` gets its threads scheduled by it, and the log says whether the system allowed it.
     A lifecycle node whose parameter ``autostart`` is true is configured and activated first; where that fails the
-    process ends with code 2, so that a launch file can bring the cell down. A node may have a method ``close()``: it is
-    called on every exit path, before the node is destroyed, and leaves hardware safe.
+    process ends with code 2, so that a launch file can bring the cell down; so it does over anything else that happens
+    before the node runs, such as a key that the middleware refuses. A node may have a method ``close()``: it is called
+    on every exit path, before the node is destroyed, and leaves hardware safe.
 
     What a callback raises does not end the node: it is logged, counted and shown on /diagnostics (`callback_errors`).
     A callback that must end it raises FatalError. The node also answers ``~/ping`` (`softgrip_nodekit.health`), and
@@ -73,7 +75,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     sys.setswitchinterval(SWITCH_INTERVAL)
     node: Node | None = None
     executor: Any = None
-    code = 0
+    code, is_started = 0, False
     try:
         node = factory()
         join_cell_time(node)
@@ -89,18 +91,23 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         # What the start made stays. A collection that walks through all of it stops the node for tens of milliseconds.
         gc.collect()
         gc.freeze()
+        is_started = True
         _spin(executor, callback_errors(node))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StartupError as error:
-        code = _cannot_start(node.get_name() if node is not None else getattr(factory, "__name__", "node"), error)
+        code = _cannot_start(_name_of(node, factory), error)
     except FatalError as error:
         code = 1
         print(f"[{node.get_name() if node else ''}] ends: {error}", file=sys.stderr, flush=True)  # noqa: T201  as above
-    except Exception:
-        if not _is_asked_to_stop():
+    except Exception as error:
+        if _is_asked_to_stop():
+            pass  # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
+        elif is_started:
             raise
-        # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
+        else:
+            traceback.print_exc()
+            code = _cannot_start(_name_of(node, factory), error)
     finally:
         _leave(node, executor)
     return code
@@ -128,6 +135,10 @@ def _is_known(error: Exception) -> bool:
     known = _COUNTED in marks
     marks[_COUNTED] = True
     return known
+
+
+def _name_of(node: Node | None, factory: Callable[[], Node]) -> str:
+    return str(node.get_name()) if node is not None else getattr(factory, "__name__", "node")
 
 
 def _cannot_start(name: str, error: Exception) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -43,7 +42,6 @@ _REST_CHANGE_N: Final = 0.3
 cable that was let off under a high tension turns to and fro in it."""
 _OTHER_POSTURE_M: Final = 2e-4
 _MAX_OFFSET_M: Final = 0.1
-_STEPS_AT_A_TIME: Final = 4
 _MAX_LAG_S: Final = 0.1
 """Further behind the clock than this, the plant skips time instead of taking the processor from the others."""
 
@@ -239,31 +237,21 @@ class CellPlant:
 
     # -- time ------------------------------------------------------------------------------------------------------
 
-    def advance_to(self, now_s: float, *, alone: bool = False) -> None:
-        """Live until `now_s` [s]; what is read then is what is, however long this computer was away before.
+    def advance_to(self, now_s: float) -> None:
+        """Live until `now_s` [s] of the cell's clock; what is read then is what is.
 
-        A few steps at a time hold the lock. Time beyond a lag that a computer in difficulties would never make up for
-        is left out, and counted.
-
-        Args:
-            now_s: of the cell's clock.
-            alone: nobody else waits for the lock (the plant in virtual time, in one thread).
+        Time beyond a lag that a computer in difficulties would never make up for is left out, and counted.
         """
         with self.lock:
             if now_s - self.now_s > _MAX_LAG_S:
                 skipped = now_s - self.now_s - STEP_S
                 self.lost_time_s += skipped
                 self.now_s += skipped
-        while True:
-            with self.lock:
-                for _ in range(_STEPS_AT_A_TIME):
-                    dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
-                    if self.now_s + dt_s > now_s:
-                        return
-                    self.step(dt_s)
-            # Let go of the interpreter: a thread that waits for the lock would else not get it before the last step.
-            if not alone:
-                time.sleep(0)
+            while True:
+                dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
+                if self.now_s + dt_s > now_s:
+                    return
+                self.step(dt_s)
 
     def step(self, dt_s: float = STEP_S) -> None:
         """One step of everything."""
