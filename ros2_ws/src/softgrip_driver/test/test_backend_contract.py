@@ -15,7 +15,7 @@ from softgrip_emulator.rig.truth import RigTruth
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
 SERVOS = [
     ("XL330-M288", CURRENT), ("XC330-M288", CURRENT), ("XM430-W350", CURRENT),
-    ("XL330-M288", EXTENDED), ("XM430-W350", EXTENDED),
+    ("XL330-M288", EXTENDED), ("XM430-W350", EXTENDED), ("STS3215", CURRENT),
 ]  # fmt: skip
 STAGES = [("mark10", "gcl2"), ("grbl", "newtons")]
 MOVED = 0.004
@@ -35,7 +35,7 @@ class ServoDevice:
         self.backend.disconnect()
         self.limits_tension = mode is CURRENT
         #: [N] above what the gears' friction is worth where it matters, and the share that it and the torque may be off
-        self.limit = 3.0 if mode is EXTENDED else 15.0 if model.startswith("XM430") else 6.0
+        self.limit = 3.0 if mode is EXTENDED else 6.0 if model.startswith("X") and "330" in model else 15.0
         self.tension_error = 0.5
 
     def tension(self):
