@@ -163,7 +163,7 @@ class Bench(RunningLoop):
         self.bus_wire = FaultyWire(make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to), seed)
         wire = self.bus_wire if latency is None else UsbAdapter(self.bus_wire, latency)
         self.bus_port = world.port(folder / "servos", wire)
-        self.mode, self.limits_current, self.report = mode, limits_current, report
+        self.model, self.mode, self.limits_current, self.report = model, mode, limits_current, report
         make = self._dynamixel if model in MODELS else self._configured
         self.backend = make(str(folder / "servos"), model, tendons, limits, rate)
         self.safety = Safety(SafetyStore(folder / "safety.yaml"))

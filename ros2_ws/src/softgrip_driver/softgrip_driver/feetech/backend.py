@@ -43,6 +43,8 @@ class _Live:
     mark: int | None = None
     limit_units: int | None = None
     goal: float = math.nan
+    sent: tuple[float, int] | None = None
+    speed_units: int = 0
     motor: MotorReading = field(init=False)
 
     def __post_init__(self) -> None:
@@ -61,6 +63,8 @@ class FeetechBackend:
 
     #: share by which a torque limit may differ from the one that is right
     LIMIT_SHARE = 0.03
+    #: the servo's own speed beside that of its goals, and the share by which it may differ from that
+    SPEED_AHEAD, SPEED_SHARE = 1.2, 0.1
     #: misses in a row after which a servo is left out of the group read
     MISSES = 3
     #: [s] between questions to a servo that is left out: often at first (a bad line), then seldom (a dead servo)
@@ -124,6 +128,7 @@ class FeetechBackend:
     def _after_set_up(self, live: _Live) -> None:
         live.misses, live.absent, live.limit_units = 0, False, None
         live.powered, live.goal, live.mark = False, math.nan, None
+        live.sent, live.speed_units = None, live.servo.speed_units
         live.motor = live.servo.standing()
 
     def is_powered(self, tendon: str) -> bool:
@@ -202,6 +207,7 @@ class FeetechBackend:
         """
         positions: dict[int, int] = {}
         limits: dict[int, int] = {}
+        speeds: dict[int, int] = {}
         for tendon, setpoint in setpoints.items():
             live = self._live[tendon]
             if live.absent or not live.powered:
@@ -212,9 +218,13 @@ class FeetechBackend:
             if known is None or abs(units - known) > self.LIMIT_SHARE * known:
                 limits[servo.servo_id] = live.limit_units = units
             if setpoint.position is not None:
-                positions[servo.servo_id] = servo.steps(setpoint.position)
+                positions[servo.servo_id] = steps = servo.steps(setpoint.position)
+                speed = self._profile_speed(live, steps)
+                if abs(speed - live.speed_units) > self.SPEED_SHARE * live.speed_units:
+                    speeds[servo.servo_id] = live.speed_units = speed
         # The tension limit first: a raised position must never meet yesterday's higher limit.
         self.bus.sync_write(reg.TORQUE_LIMIT, limits)
+        self.bus.sync_write(reg.GOAL_SPEED, speeds)
         self.bus.sync_write(reg.GOAL_POSITION, positions)
 
     def power(self, tendon: str, on: bool) -> None:
@@ -227,7 +237,7 @@ class FeetechBackend:
             # The goal first: it stands where the one before was, and torque would drive there.
             position = self.bus.get(servo_id, reg.PRESENT_POSITION, 2)
             self.bus.put(servo_id, reg.GOAL_POSITION, position, 2)
-            live.limit_units = None
+            live.limit_units = live.sent = None
         self.bus.put(servo_id, reg.TORQUE_ENABLE, int(on), 2)
 
     def mark_session(self, tendon: str, mark: int) -> None:
@@ -235,6 +245,19 @@ class FeetechBackend:
         live = self._live[tendon]
         self.bus.put(live.servo.servo_id, reg.OPEN_LOOP_SPEED, mark, 2)
         live.mark = mark
+
+    def _profile_speed(self, live: _Live, steps: int) -> int:
+        """Return the servo's own speed that takes it from goal to goal without standing in between.
+
+        One that starts and stops with each goal shows its inertia as tension.
+        """
+        now, before = self.bus.clock.now_s(), live.sent
+        live.sent = (now, steps)
+        if before is None or steps == before[1] or now <= before[0]:
+            return live.speed_units
+        asked = abs(steps - before[1]) * reg.RAD_PER_STEP / (now - before[0])
+        units = math.ceil(self.SPEED_AHEAD * asked / live.servo.rad_per_s)
+        return max(1, min(live.servo.speed_units, units))
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 

@@ -132,7 +132,7 @@ class FeetechModel:
         coulomb_share: of the no-load current that does not grow with speed.
         temperature_limit: [degC] factory value of item 13.
         voltage_range: [V] of normal operation.
-        needs: limits of a tendon on it, proven in the emulator (test_feetech_backend.py).
+        needs: limits of a tendon on it, proven in the emulator (test_other_drives.py).
     """
 
     name: str
@@ -176,7 +176,7 @@ MODELS: dict[str, FeetechModel] = {
         FeetechModel(
             name="STS3215", number=777, rated_voltage=7.4, stall_torque=19.0 * _KGF_CM, stall_current=19.0 / 8.0,
             no_load_speed=52.0 * _RPM, no_load_current=0.15, coulomb_share=0.5, temperature_limit=70.0,
-            voltage_range=(4.0, 7.4), needs=TendonNeeds(0.06, 3.0, 5.0),
+            voltage_range=(4.0, 7.4), needs=TendonNeeds(0.12, 3.0, 5.0),
         ),
     )
 }  # fmt: skip
