@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from softgrip_driver.configuration import checked_configuration
+from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
@@ -53,12 +54,12 @@ BAUD = 1_000_000
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
 POLICIES = Policies()
 #: models that are no Dynamixels, and the backend that drives them
-OTHER_MODELS = dict.fromkeys(feetech.MODELS, "feetech")
+OTHER_MODELS = dict.fromkeys(feetech.MODELS, "feetech") | dict.fromkeys(damiao.MODELS, "damiao")
 
 
 def other_model(name):
     """The driver's table of a model that is no Dynamixel."""
-    return feetech.MODELS[name]
+    return (feetech.MODELS | damiao.MODELS)[name]
 
 
 def load(path):

@@ -16,6 +16,7 @@ CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED
 SERVOS = [
     ("XL330-M288", CURRENT), ("XC330-M288", CURRENT), ("XM430-W350", CURRENT),
     ("XL330-M288", EXTENDED), ("XM430-W350", EXTENDED), ("STS3215", CURRENT),
+    ("DM-J4310-2EC", CURRENT),
 ]  # fmt: skip
 STAGES = [("mark10", "gcl2"), ("grbl", "newtons")]
 MOVED = 0.004
@@ -42,7 +43,7 @@ class ServoDevice:
         return float(self.bench.plant.bank.tension_n[0])
 
     def pulls(self):
-        return bool(self.bench.plant.servos[0].registers.get("torque_enable"))
+        return self.bench.plant.servos[0].holds
 
     def fall_silent(self):
         self.bench.cause("bus_dead")

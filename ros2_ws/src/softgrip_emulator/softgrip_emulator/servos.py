@@ -5,13 +5,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
+from softgrip_emulator.damiao import motor as damiao_motor
+from softgrip_emulator.damiao.adapter import SlcanAdapter
+from softgrip_emulator.damiao.motor import EmulatedDamiaoMotor
 from softgrip_emulator.dynamixel import table as dynamixel_table
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.feetech import memory as feetech_memory
 from softgrip_emulator.feetech.chain import FeetechChain
-from softgrip_emulator.feetech.servo import FeetechServo
+from softgrip_emulator.feetech.servo import EmulatedFeetechServo
 
 if TYPE_CHECKING:
     import threading
@@ -22,7 +25,10 @@ if TYPE_CHECKING:
     from softgrip_emulator.dynamixel.table import MotorRatings
 
 
-class ServoModel(Protocol):
+_FAMILIES = (dynamixel_table, feetech_memory, damiao_motor)
+
+
+class MotorModel(Protocol):
     """What the plant needs of a model."""
 
     @property
@@ -41,7 +47,7 @@ class PlantServo(Protocol):
     position_glitch_pulses: int
 
     @property
-    def model(self) -> ServoModel:
+    def model(self) -> MotorModel:
         """Its model."""
 
     @property
@@ -52,6 +58,10 @@ class PlantServo(Protocol):
     def powered(self) -> bool:
         """Whether its processor lives."""
 
+    @property
+    def holds(self) -> bool:
+        """Whether its torque is on."""
+
     def lose_power(self, now_s: float) -> None:
         """Reboot, or begin without power."""
 
@@ -61,17 +71,18 @@ class PlantServo(Protocol):
 
 def available_models() -> list[str]:
     """File names of all models that are described."""
-    return sorted([*dynamixel_table.available_models(), *feetech_memory.available_models()])
+    return sorted(name for family in _FAMILIES for name in family.available_models())
 
 
 def load_ratings(model: str) -> MotorRatings:
     """Motor and gear of a model by name; raises EmulatorError where there is none."""
-    return _model(model).motor
+    ratings: MotorRatings = _model(model).motor
+    return ratings
 
 
 def _model(name: str) -> Any:
     stem = name.lower().replace("-", "_")
-    for family in (dynamixel_table, feetech_memory):
+    for family in _FAMILIES:
         if stem in family.available_models():
             return family.load_model(name)
     raise EmulatorError(f"servo model: expected one of {available_models()}, found '{name}'")
@@ -86,8 +97,10 @@ def make_servo(
         EmulatorError: no such model.
     """
     described = _model(model)
-    if isinstance(described, feetech_memory.FeetechModel):
-        return FeetechServo(described, device_id, baud=baud, return_delay_us=return_delay_us)
+    if isinstance(described, feetech_memory.EmulatedFeetechModel):
+        return EmulatedFeetechServo(described, device_id, baud=baud, return_delay_us=return_delay_us)
+    if isinstance(described, damiao_motor.EmulatedDamiaoModel):
+        return EmulatedDamiaoMotor(described, device_id)
     return EmulatedServo(
         described, device_id, baud=baud, return_delay_us=return_delay_us, limits_winding=limits_winding
     )
@@ -95,7 +108,7 @@ def make_servo(
 
 def make_chain(
     servos: Sequence[PlantServo], lock: threading.RLock, before: Callable[[float], None]
-) -> DynamixelChain | FeetechChain:
+) -> DynamixelChain | FeetechChain | SlcanAdapter:
     """The bus of servos that are all of one family.
 
     Raises:
@@ -103,6 +116,8 @@ def make_chain(
     """
     if all(isinstance(servo, EmulatedServo) for servo in servos):
         return DynamixelChain([one for one in servos if isinstance(one, EmulatedServo)], lock=lock, before=before)
-    if all(isinstance(servo, FeetechServo) for servo in servos):
-        return FeetechChain([one for one in servos if isinstance(one, FeetechServo)], lock=lock, before=before)
+    if all(isinstance(servo, EmulatedFeetechServo) for servo in servos):
+        return FeetechChain([one for one in servos if isinstance(one, EmulatedFeetechServo)], lock=lock, before=before)
+    if all(isinstance(servo, EmulatedDamiaoMotor) for servo in servos):
+        return SlcanAdapter([one for one in servos if isinstance(one, EmulatedDamiaoMotor)], lock=lock, before=before)
     raise EmulatorError("servo chain: expected servos of one family, found several; they speak different protocols")

@@ -9,7 +9,7 @@ import scservo_sdk
 
 from softgrip_emulator.feetech.chain import FeetechChain
 from softgrip_emulator.feetech.memory import load_model
-from softgrip_emulator.feetech.servo import FeetechServo
+from softgrip_emulator.feetech.servo import EmulatedFeetechServo
 from softgrip_emulator.wire.pty import PtyPort
 
 OK, TIMEOUT = scservo_sdk.COMM_SUCCESS, scservo_sdk.COMM_RX_TIMEOUT
@@ -18,7 +18,7 @@ IDS = (1, 2, 3)
 
 @pytest.fixture
 def servos():
-    return [FeetechServo(load_model("STS3215"), number) for number in IDS]
+    return [EmulatedFeetechServo(load_model("STS3215"), number) for number in IDS]
 
 
 @pytest.fixture

@@ -11,19 +11,20 @@ from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError,
 from softgrip_driver.feetech import registers as reg
 from softgrip_driver.feetech.bringup import examine, identify, is_left_holding, refuse, set_up
 from softgrip_driver.feetech.bus import FeetechBus
-from softgrip_driver.feetech.packets import Answer
-from softgrip_driver.feetech.registers import Status
+from softgrip_driver.feetech.packets import FeetechAnswer
+from softgrip_driver.feetech.registers import FeetechStatusBits
 from softgrip_driver.feetech.servo import FeetechServo, value_in
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.goal_speed import GoalSpeed
 from softgrip_driver.tendon.winding import MotorReading
 
 #: names of the fault table for the bits of the servo status
 _FAULT_NAMES = {
-    Status.VOLTAGE: "input_voltage",
-    Status.ENCODER: "encoder_fault",
-    Status.TEMPERATURE: "overheated",
-    Status.CURRENT: "overload",
-    Status.OVERLOAD: "overload",
+    FeetechStatusBits.VOLTAGE: "input_voltage",
+    FeetechStatusBits.ENCODER: "encoder_fault",
+    FeetechStatusBits.TEMPERATURE: "overheated",
+    FeetechStatusBits.CURRENT: "overload",
+    FeetechStatusBits.OVERLOAD: "overload",
 }
 NO_WATCHDOG = "it has no bus watchdog: where this computer falls silent it goes on to its last goal and holds there"
 #: [s] for a servo to answer again after its turns were reset
@@ -43,12 +44,13 @@ class _Live:
     mark: int | None = None
     limit_units: int | None = None
     goal: float = math.nan
-    sent: tuple[float, int] | None = None
     speed_units: int = 0
     motor: MotorReading = field(init=False)
+    goal_speed: GoalSpeed = field(init=False)
 
     def __post_init__(self) -> None:
         self.motor = self.servo.standing()
+        self.goal_speed = GoalSpeed(self.servo.own_speed)
 
 
 class FeetechBackend:
@@ -63,8 +65,8 @@ class FeetechBackend:
 
     #: share by which a torque limit may differ from the one that is right
     LIMIT_SHARE = 0.03
-    #: the servo's own speed beside that of its goals, and the share by which it may differ from that
-    SPEED_AHEAD, SPEED_SHARE = 1.2, 0.1
+    #: share by which the servo's own speed may differ from the one that is right
+    SPEED_SHARE = 0.1
     #: misses in a row after which a servo is left out of the group read
     MISSES = 3
     #: [s] between questions to a servo that is left out: often at first (a bad line), then seldom (a dead servo)
@@ -128,7 +130,8 @@ class FeetechBackend:
     def _after_set_up(self, live: _Live) -> None:
         live.misses, live.absent, live.limit_units = 0, False, None
         live.powered, live.goal, live.mark = False, math.nan, None
-        live.sent, live.speed_units = None, live.servo.speed_units
+        live.goal_speed.restart()
+        live.speed_units = live.servo.speed_units(live.servo.own_speed)
         live.motor = live.servo.standing()
 
     def is_powered(self, tendon: str) -> bool:
@@ -208,6 +211,7 @@ class FeetechBackend:
         positions: dict[int, int] = {}
         limits: dict[int, int] = {}
         speeds: dict[int, int] = {}
+        now = self.bus.clock.now_s()
         for tendon, setpoint in setpoints.items():
             live = self._live[tendon]
             if live.absent or not live.powered:
@@ -219,7 +223,7 @@ class FeetechBackend:
                 limits[servo.servo_id] = live.limit_units = units
             if setpoint.position is not None:
                 positions[servo.servo_id] = steps = servo.steps(setpoint.position)
-                speed = self._profile_speed(live, steps)
+                speed = servo.speed_units(live.goal_speed.update(now, steps * reg.RAD_PER_STEP))
                 if abs(speed - live.speed_units) > self.SPEED_SHARE * live.speed_units:
                     speeds[servo.servo_id] = live.speed_units = speed
         # The tension limit first: a raised position must never meet yesterday's higher limit.
@@ -237,7 +241,8 @@ class FeetechBackend:
             # The goal first: it stands where the one before was, and torque would drive there.
             position = self.bus.get(servo_id, reg.PRESENT_POSITION, 2)
             self.bus.put(servo_id, reg.GOAL_POSITION, position, 2)
-            live.limit_units = live.sent = None
+            live.limit_units = None
+            live.goal_speed.restart()
         self.bus.put(servo_id, reg.TORQUE_ENABLE, int(on), 2)
 
     def mark_session(self, tendon: str, mark: int) -> None:
@@ -246,22 +251,9 @@ class FeetechBackend:
         self.bus.put(live.servo.servo_id, reg.OPEN_LOOP_SPEED, mark, 2)
         live.mark = mark
 
-    def _profile_speed(self, live: _Live, steps: int) -> int:
-        """Return the servo's own speed that takes it from goal to goal without standing in between.
-
-        One that starts and stops with each goal shows its inertia as tension.
-        """
-        now, before = self.bus.clock.now_s(), live.sent
-        live.sent = (now, steps)
-        if before is None or steps == before[1] or now <= before[0]:
-            return live.speed_units
-        asked = abs(steps - before[1]) * reg.RAD_PER_STEP / (now - before[0])
-        units = math.ceil(self.SPEED_AHEAD * asked / live.servo.rad_per_s)
-        return max(1, min(live.servo.speed_units, units))
-
     # --- helpers ---------------------------------------------------------------------------------------------------
 
-    def _reading(self, live: _Live, answer: Answer) -> DriveReading:
+    def _reading(self, live: _Live, answer: FeetechAnswer) -> DriveReading:
         live.misses, live.absent = 0, False
         servo, block = live.servo, answer.data
         live.motor = servo.motor_reading(block)

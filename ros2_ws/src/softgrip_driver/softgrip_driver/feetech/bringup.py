@@ -15,7 +15,7 @@ from softgrip_driver.errors import (
 )
 from softgrip_driver.feetech import registers as reg
 from softgrip_driver.feetech.bus import FeetechBus
-from softgrip_driver.feetech.registers import MemoryItem, Phase, Status
+from softgrip_driver.feetech.registers import FeetechItem, FeetechStatusBits, Phase
 from softgrip_driver.feetech.servo import FeetechServo
 
 ATTEMPTS = 4
@@ -23,11 +23,11 @@ _SCANNED = range(21)
 
 
 @dataclass(frozen=True)
-class Difference:
+class SettingDifference:
     """A persistent setting that is not as a tendon drive needs it."""
 
     servo: FeetechServo
-    item: MemoryItem
+    item: FeetechItem
     found: int
     required: int
 
@@ -82,14 +82,14 @@ def _who_answers(bus: FeetechBus) -> str:
     return "nobody; check power, cable and baud rate (1000000 as they come)"
 
 
-def examine(bus: FeetechBus, servo: FeetechServo, attempts: int = ATTEMPTS) -> Iterator[Difference | None]:
+def examine(bus: FeetechBus, servo: FeetechServo, attempts: int = ATTEMPTS) -> Iterator[SettingDifference | None]:
     """Yield each persistent setting that differs from what is needed, None for one that does not. Changes none.
 
     Raises:
         WrongDeviceError: the servo's encoder fails.
         DriverError: the servo does not answer.
     """
-    if Status.ENCODER & bus.get(servo.servo_id, reg.STATUS, attempts):
+    if FeetechStatusBits.ENCODER & bus.get(servo.servo_id, reg.STATUS, attempts):
         raise WrongDeviceError(
             f"tendon '{servo.tendon}', ID {servo.servo_id}: expected a servo whose encoder works, found its error bit "
             "set; replace the servo"
@@ -108,10 +108,10 @@ def examine(bus: FeetechBus, servo: FeetechServo, attempts: int = ATTEMPTS) -> I
     }
     for item, value in required.items():
         found = phase if item is reg.PHASE else bus.get(servo.servo_id, item, attempts)
-        yield None if found == value else Difference(servo, item, found, value)
+        yield None if found == value else SettingDifference(servo, item, found, value)
 
 
-def refuse(differences: list[Difference]) -> None:
+def refuse(differences: list[SettingDifference]) -> None:
     """Raise ConfigurationError where settings differ that may not be written."""
     if differences:
         raise ConfigurationError(
@@ -151,9 +151,9 @@ def set_up(bus: FeetechBus, servo: FeetechServo, *, write_eeprom: bool, attempts
     bus.put(servo_id, reg.TORQUE_LIMIT, servo.duty_units(0.0, servo.standing()), attempts)
 
 
-def volatile(servo: FeetechServo) -> dict[MemoryItem, int]:
+def volatile(servo: FeetechServo) -> dict[FeetechItem, int]:
     """Return the servo's own profile: a last limit above the setpoint's speed."""
-    return {reg.ACCELERATION: 0, reg.GOAL_SPEED: servo.speed_units}
+    return {reg.ACCELERATION: 0, reg.GOAL_SPEED: servo.speed_units(servo.own_speed)}
 
 
 def is_left_holding(bus: FeetechBus, servo: FeetechServo) -> bool:
@@ -162,4 +162,4 @@ def is_left_holding(bus: FeetechBus, servo: FeetechServo) -> bool:
         return False
     if any(difference is not None for difference in examine(bus, servo)):
         return False
-    return all(bus.get(servo.servo_id, item, ATTEMPTS) == value for item, value in volatile(servo).items())
+    return bus.get(servo.servo_id, reg.ACCELERATION, ATTEMPTS) == 0

@@ -20,8 +20,8 @@ _ID_AT, _LENGTH_AT, _STATUS_AT, _DATA_AT = 2, 3, 4, 5
 
 
 @dataclass(frozen=True)
-class Answer:
-    """One checked answer: who, its status bits (see `registers.Status`), what it said."""
+class FeetechAnswer:
+    """One checked answer: who, its status bits (see `registers.FeetechStatusBits`), what it said."""
 
     servo_id: int
     status: int
@@ -50,12 +50,12 @@ def encode_sync_write(address: int, blocks: Mapping[int, bytes]) -> bytes:
     return encode(BROADCAST, SYNC_WRITE, bytes([address, size]) + b"".join(bytes([i]) + d for i, d in blocks.items()))
 
 
-def decode(heard: bytes) -> tuple[list[Answer], int]:
+def decode(heard: bytes) -> tuple[list[FeetechAnswer], int]:
     """Return the answers in what was heard, and how many packets were damaged."""
     answers, damaged = [], 0
     for packet in _packets(heard):
         if checksum(packet[_ID_AT:-1]) == packet[-1]:
-            answers.append(Answer(packet[_ID_AT], packet[_STATUS_AT], packet[_DATA_AT:-1]))
+            answers.append(FeetechAnswer(packet[_ID_AT], packet[_STATUS_AT], packet[_DATA_AT:-1]))
         else:
             damaged += 1
     return answers, damaged

@@ -28,7 +28,7 @@ BAUD_CODES: dict[int, int] = {1_000_000: 0, 500_000: 1, 250_000: 2, 128_000: 3, 
 
 
 @dataclass(frozen=True)
-class MemoryItem:
+class FeetechItem:
     """One item, little-endian.
 
     Attributes:
@@ -59,39 +59,39 @@ class MemoryItem:
         return value.to_bytes(self.size, "little")
 
 
-FIRMWARE = MemoryItem("firmware version", 0, 2)
-MODEL_NUMBER = MemoryItem("model number", 3, 2)
-ID = MemoryItem("ID", 5, 1)
-BAUD_RATE = MemoryItem("baud rate", 6, 1)
-RESPONSE_LEVEL = MemoryItem("response status level", 8, 1)
-MIN_ANGLE = MemoryItem("minimum angle limit", 9, 2)
-MAX_ANGLE = MemoryItem("maximum angle limit", 11, 2)
-TEMPERATURE_LIMIT = MemoryItem("maximum temperature limit", 13, 1)
-MAX_TORQUE = MemoryItem("maximum torque", 16, 2)
-PHASE = MemoryItem("phase", 18, 1)
-UNLOADING = MemoryItem("unloading conditions", 19, 1)
-POSITION_P = MemoryItem("position loop P", 21, 1)
-ANGLE_RESOLUTION = MemoryItem("angle resolution", 30, 1)
-OFFSET = MemoryItem("position offset", 31, 2, 11)
-MODE = MemoryItem("operating mode", 33, 1)
-PROTECTIVE_TORQUE = MemoryItem("holding torque", 34, 1)
-PROTECTION_TIME = MemoryItem("protection time", 35, 1)
-OVERLOAD_TORQUE = MemoryItem("overload torque", 36, 1)
-TORQUE_ENABLE = MemoryItem("torque switch", 40, 1)
-ACCELERATION = MemoryItem("acceleration", 41, 1)
-GOAL_POSITION = MemoryItem("target position", 42, 2, 15)
+FIRMWARE = FeetechItem("firmware version", 0, 2)
+MODEL_NUMBER = FeetechItem("model number", 3, 2)
+ID = FeetechItem("ID", 5, 1)
+BAUD_RATE = FeetechItem("baud rate", 6, 1)
+RESPONSE_LEVEL = FeetechItem("response status level", 8, 1)
+MIN_ANGLE = FeetechItem("minimum angle limit", 9, 2)
+MAX_ANGLE = FeetechItem("maximum angle limit", 11, 2)
+TEMPERATURE_LIMIT = FeetechItem("maximum temperature limit", 13, 1)
+MAX_TORQUE = FeetechItem("maximum torque", 16, 2)
+PHASE = FeetechItem("phase", 18, 1)
+UNLOADING = FeetechItem("unloading conditions", 19, 1)
+POSITION_P = FeetechItem("position loop P", 21, 1)
+ANGLE_RESOLUTION = FeetechItem("angle resolution", 30, 1)
+OFFSET = FeetechItem("position offset", 31, 2, 11)
+MODE = FeetechItem("operating mode", 33, 1)
+PROTECTIVE_TORQUE = FeetechItem("holding torque", 34, 1)
+PROTECTION_TIME = FeetechItem("protection time", 35, 1)
+OVERLOAD_TORQUE = FeetechItem("overload torque", 36, 1)
+TORQUE_ENABLE = FeetechItem("torque switch", 40, 1)
+ACCELERATION = FeetechItem("acceleration", 41, 1)
+GOAL_POSITION = FeetechItem("target position", 42, 2, 15)
 #: of the open-loop mode alone; the driver keeps its session mark there
-OPEN_LOOP_SPEED = MemoryItem("PWM open-loop speed", 44, 2)
-GOAL_SPEED = MemoryItem("operating speed", 46, 2, 15)
-TORQUE_LIMIT = MemoryItem("torque limit", 48, 2)
-LOCK = MemoryItem("lock flag", 55, 1)
-PRESENT_POSITION = MemoryItem("current position", 56, 2, 15)
-PRESENT_SPEED = MemoryItem("current speed", 58, 2, 15)
-PRESENT_LOAD = MemoryItem("current load", 60, 2, 10)
-PRESENT_VOLTAGE = MemoryItem("current voltage", 62, 1)
-PRESENT_TEMPERATURE = MemoryItem("current temperature", 63, 1)
-STATUS = MemoryItem("servo status", 65, 1)
-PRESENT_CURRENT = MemoryItem("current current", 69, 2, 15)
+OPEN_LOOP_SPEED = FeetechItem("PWM open-loop speed", 44, 2)
+GOAL_SPEED = FeetechItem("operating speed", 46, 2, 15)
+TORQUE_LIMIT = FeetechItem("torque limit", 48, 2)
+LOCK = FeetechItem("lock flag", 55, 1)
+PRESENT_POSITION = FeetechItem("current position", 56, 2, 15)
+PRESENT_SPEED = FeetechItem("current speed", 58, 2, 15)
+PRESENT_LOAD = FeetechItem("current load", 60, 2, 10)
+PRESENT_VOLTAGE = FeetechItem("current voltage", 62, 1)
+PRESENT_TEMPERATURE = FeetechItem("current temperature", 63, 1)
+STATUS = FeetechItem("servo status", 65, 1)
+PRESENT_CURRENT = FeetechItem("current current", 69, 2, 15)
 
 #: from torque switch to current: what a cycle reads of every servo
 CYCLE_BLOCK = (TORQUE_ENABLE.address, PRESENT_CURRENT.address + PRESENT_CURRENT.size - TORQUE_ENABLE.address)
@@ -107,7 +107,7 @@ class Phase(IntFlag):
     COUNTS_TURNS = 0x10
 
 
-class Status(IntFlag):
+class FeetechStatusBits(IntFlag):
     """Bits of the servo status (65) and of the status byte of every answer."""
 
     VOLTAGE = 0x01
@@ -118,7 +118,9 @@ class Status(IntFlag):
 
 
 #: what a servo answers with torque off. A supply that sags is none: it would open a hand that holds something
-UNLOADING_BITS = Status.ENCODER | Status.TEMPERATURE | Status.CURRENT | Status.OVERLOAD
+UNLOADING_BITS = (
+    FeetechStatusBits.ENCODER | FeetechStatusBits.TEMPERATURE | FeetechStatusBits.CURRENT | FeetechStatusBits.OVERLOAD
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +178,7 @@ MODELS: dict[str, FeetechModel] = {
         FeetechModel(
             name="STS3215", number=777, rated_voltage=7.4, stall_torque=19.0 * _KGF_CM, stall_current=19.0 / 8.0,
             no_load_speed=52.0 * _RPM, no_load_current=0.15, coulomb_share=0.5, temperature_limit=70.0,
-            voltage_range=(4.0, 7.4), needs=TendonNeeds(0.12, 3.0, 5.0),
+            voltage_range=(4.0, 7.4), needs=TendonNeeds(0.12, 3.0, 5.0, 100.0),
         ),
     )
 }  # fmt: skip

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from softgrip_driver.feetech import registers as reg
-from softgrip_driver.feetech.registers import FeetechModel, MemoryItem
+from softgrip_driver.feetech.registers import FeetechItem, FeetechModel
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_driver.tendon.winding import RATED_DEGC, MotorReading, Winding
 
@@ -45,9 +45,13 @@ class FeetechServo:
         return max(-reg.MAX_STEPS, min(reg.MAX_STEPS, round(self.spool.angle(length) / reg.RAD_PER_STEP)))
 
     @property
-    def speed_units(self) -> int:
-        """The servo's own speed limit."""
-        return max(1, math.ceil(2.0 * abs(self.spool.angle(self.speed)) / self.rad_per_s))
+    def own_speed(self) -> float:
+        """The servo's own speed limit [rad/s]."""
+        return 2.0 * self.speed / self.spool.radius
+
+    def speed_units(self, speed: float) -> int:
+        """Return a speed [rad/s] as the servo takes it; 0 would be its fastest."""
+        return max(1, math.ceil(speed / self.rad_per_s))
 
     def motor_reading(self, block: bytes) -> MotorReading:
         """Return what a cycle's block says of the motor, + as the tendon is pulled.
@@ -96,7 +100,7 @@ class FeetechServo:
         return self.duty_units(1.1 * self.tension_hard, fastest)
 
 
-def value_in(block: bytes, item: MemoryItem) -> int:
+def value_in(block: bytes, item: FeetechItem) -> int:
     """Return an item of a cycle's block."""
     start = item.address - reg.CYCLE_BLOCK[0]
     return item.decode(block[start : start + item.size])

@@ -6,14 +6,20 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Final
 
-from softgrip_emulator.feetech.packets import BROADCAST_ID, Instruction, Packet, PacketReader, encode_status
+from softgrip_emulator.feetech.packets import (
+    BROADCAST_ID,
+    FeetechInstruction,
+    FeetechPacket,
+    FeetechPacketReader,
+    encode_status,
+)
 from softgrip_emulator.feetech.servo import servos_with
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, collided
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from softgrip_emulator.feetech.servo import FeetechServo
+    from softgrip_emulator.feetech.servo import EmulatedFeetechServo
 
 _PACKET_GAP_S: Final = 0.05
 """A packet interrupted for longer is forgotten (assumption)."""
@@ -33,7 +39,7 @@ class FeetechChain:
 
     def __init__(
         self,
-        servos: Sequence[FeetechServo],
+        servos: Sequence[EmulatedFeetechServo],
         *,
         lock: threading.RLock | None = None,
         before: Callable[[float], None] | None = None,
@@ -41,7 +47,7 @@ class FeetechChain:
         self.servos = list(servos)
         self._lock = lock or threading.RLock()
         self._before = before
-        self._reader = PacketReader()
+        self._reader = FeetechPacketReader()
         self._last_byte_s = 0.0
         self.packets_seen = 0
 
@@ -69,36 +75,36 @@ class FeetechChain:
                 chunks += self._answer(packet, now_s, baud)
         return chunks
 
-    def _answer(self, packet: Packet, now_s: float, baud: int) -> list[Chunk]:
+    def _answer(self, packet: FeetechPacket, now_s: float, baud: int) -> list[Chunk]:
         listening = [servo for servo in self.servos if servo.listens(now_s, baud)]
-        if packet.instruction == Instruction.SYNC_READ:
+        if packet.instruction == FeetechInstruction.SYNC_READ:
             return self._sync_read(packet.parameters, listening, now_s, baud)
-        if packet.instruction == Instruction.SYNC_WRITE:
+        if packet.instruction == FeetechInstruction.SYNC_WRITE:
             self._sync_write(packet.parameters, listening)
             return []
         addressed = listening if packet.device_id == BROADCAST_ID else servos_with(listening, packet.device_id)
         chunks = [chunk for servo in addressed if (chunk := self._executed(servo, packet, now_s)) is not None]
-        if packet.device_id == BROADCAST_ID and packet.instruction != Instruction.PING:
+        if packet.device_id == BROADCAST_ID and packet.instruction != FeetechInstruction.PING:
             return []
         return collided(chunks)
 
     @staticmethod
-    def _executed(servo: FeetechServo, packet: Packet, now_s: float) -> Chunk | None:
+    def _executed(servo: EmulatedFeetechServo, packet: FeetechPacket, now_s: float) -> Chunk | None:
         """One servo's answer to an instruction; None where it gives none."""
         device_id, parameters = servo.device_id, packet.parameters
         data, may_answer = b"", servo.answers_writes
         match packet.instruction:
-            case Instruction.PING:
+            case FeetechInstruction.PING:
                 may_answer = True
-            case Instruction.READ if len(parameters) == 2:
+            case FeetechInstruction.READ if len(parameters) == 2:
                 data, may_answer = servo.read(*parameters), True
-            case Instruction.WRITE if parameters:
+            case FeetechInstruction.WRITE if parameters:
                 servo.write(parameters[0], parameters[1:])
-            case Instruction.REG_WRITE if parameters:
+            case FeetechInstruction.REG_WRITE if parameters:
                 servo.defer(parameters[0], parameters[1:])
-            case Instruction.ACTION:
+            case FeetechInstruction.ACTION:
                 servo.act()
-            case Instruction.RESET_TURNS:
+            case FeetechInstruction.RESET_TURNS:
                 servo.reset_turns()
             case _:
                 return None
@@ -107,7 +113,9 @@ class FeetechChain:
         return Chunk(encode_status(device_id, servo.status, data), now_s + servo.return_delay_s)
 
     @staticmethod
-    def _sync_read(parameters: bytes, listening: Sequence[FeetechServo], now_s: float, baud: int) -> list[Chunk]:
+    def _sync_read(
+        parameters: bytes, listening: Sequence[EmulatedFeetechServo], now_s: float, baud: int
+    ) -> list[Chunk]:
         if len(parameters) < 3:
             return []
         address, size, *ids = parameters
@@ -124,7 +132,7 @@ class FeetechChain:
         return chunks
 
     @staticmethod
-    def _sync_write(parameters: bytes, listening: Sequence[FeetechServo]) -> None:
+    def _sync_write(parameters: bytes, listening: Sequence[EmulatedFeetechServo]) -> None:
         if len(parameters) < 3 or (len(parameters) - 2) % (parameters[1] + 1):
             return
         address, size = parameters[0], parameters[1]

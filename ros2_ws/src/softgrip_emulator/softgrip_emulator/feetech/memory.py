@@ -46,7 +46,7 @@ class MemoryItem:
 
 
 @dataclass(frozen=True, slots=True)
-class FeetechModel:
+class EmulatedFeetechModel:
     """A servo model: its memory table and its motor."""
 
     name: str
@@ -61,7 +61,7 @@ def available_models() -> list[str]:
 
 
 @cache
-def load_model(name: str) -> FeetechModel:
+def load_model(name: str) -> EmulatedFeetechModel:
     """Read a model by name ("STS3215").
 
     Raises:
@@ -75,13 +75,13 @@ def load_model(name: str) -> FeetechModel:
         MemoryItem(item, address, size, access == "rw", low, high, initial)
         for item, (address, size, access, low, high, initial) in data["items"].items()
     )
-    return FeetechModel(data["name"], data["number"], items, MotorRatings(**data["motor"]))
+    return EmulatedFeetechModel(data["name"], data["number"], items, MotorRatings(**data["motor"]))
 
 
 class Memory:
     """Values of one servo; `get` and `put` are the firmware's own access, `read` and `write` the host's."""
 
-    def __init__(self, model: FeetechModel) -> None:
+    def __init__(self, model: EmulatedFeetechModel) -> None:
         self._items = {item.name: item for item in model.items}
         self._by_address = sorted(model.items, key=lambda item: item.address)
         self._bytes = bytearray(max(item.end for item in model.items))

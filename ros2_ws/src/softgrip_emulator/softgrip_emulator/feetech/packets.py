@@ -19,7 +19,7 @@ _OVERHEAD: Final = 6
 _MAX_LENGTH: Final = 250
 
 
-class Instruction(IntEnum):
+class FeetechInstruction(IntEnum):
     """Instructions of the protocol."""
 
     PING = 0x01
@@ -33,7 +33,7 @@ class Instruction(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Packet:
+class FeetechPacket:
     """One instruction whose checksum is right."""
 
     device_id: int
@@ -47,7 +47,7 @@ def encode_status(device_id: int, status: int, parameters: bytes = b"") -> bytes
     return _HEADER + body + bytes([~sum(body) & 0xFF])
 
 
-class PacketReader:
+class FeetechPacketReader:
     """Finds packets in a stream; those with a wrong checksum are dropped without a word (assumption)."""
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class PacketReader:
         """Forget what has begun."""
         self._heard.clear()
 
-    def feed(self, data: bytes) -> Iterator[Packet]:
+    def feed(self, data: bytes) -> Iterator[FeetechPacket]:
         """Packets that end in these bytes."""
         self._heard += data
         while True:
@@ -82,4 +82,4 @@ class PacketReader:
             body = bytes(self._heard[2:end])
             del self._heard[:end]
             if ~sum(body[:-1]) & 0xFF == body[-1]:
-                yield Packet(body[0], body[2], body[3:-1])
+                yield FeetechPacket(body[0], body[2], body[3:-1])

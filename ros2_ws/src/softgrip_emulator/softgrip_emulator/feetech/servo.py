@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.motion import ServoDrive
 from softgrip_emulator.dynamixel.servo import Shaft
-from softgrip_emulator.feetech.memory import BAUD_OF_REGISTER, FeetechModel, Memory
+from softgrip_emulator.feetech.memory import BAUD_OF_REGISTER, EmulatedFeetechModel, Memory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,10 +41,12 @@ class FeetechStatus:
     OVERLOAD: Final = 0x20
 
 
-class FeetechServo:
+class EmulatedFeetechServo:
     """Memory, firmware and encoder of one servo; `step` is called by the plant, the rest by the bus, on one lock."""
 
-    def __init__(self, model: FeetechModel, device_id: int, *, baud: int = 1_000_000, return_delay_us: int = 0) -> None:
+    def __init__(
+        self, model: EmulatedFeetechModel, device_id: int, *, baud: int = 1_000_000, return_delay_us: int = 0
+    ) -> None:
         self.model = model
         self.registers = Memory(model)
         self.shaft = Shaft(supply_v=model.motor.nominal_voltage_v)
@@ -69,6 +71,11 @@ class FeetechServo:
     def device_id(self) -> int:
         """ID on the bus."""
         return self.registers.get("id")
+
+    @property
+    def holds(self) -> bool:
+        """Whether its torque is on."""
+        return self.registers.get("torque_enable") == 1
 
     @property
     def powered(self) -> bool:
@@ -225,6 +232,6 @@ def _sign_magnitude(value: int, bit: int) -> int:
     return min(abs(value), top) | (1 << bit if value < 0 else 0)
 
 
-def servos_with(servos: Sequence[FeetechServo], device_id: int) -> list[FeetechServo]:
+def servos_with(servos: Sequence[EmulatedFeetechServo], device_id: int) -> list[EmulatedFeetechServo]:
     """Those that an instruction is for."""
     return [servo for servo in servos if servo.device_id == device_id]
