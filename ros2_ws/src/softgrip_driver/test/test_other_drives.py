@@ -13,9 +13,7 @@ BREAKS_FROM_N = {"STS3215": 20.0, "DM-J4310-2EC": 34.0}
 #: [degC] at which it lets go
 HOT_DEGC = {"STS3215": 71.0, "DM-J4310-2EC": 101.0}
 MODELS = tuple(ZERO_M)
-pytestmark = pytest.mark.parametrize(
-    "bench", [{"model": name, "rate": 100.0} for name in MODELS], ids=MODELS, indirect=True
-)
+pytestmark = pytest.mark.parametrize("bench", [{"model": name} for name in MODELS], ids=MODELS, indirect=True)
 
 
 def limits_of(bench):

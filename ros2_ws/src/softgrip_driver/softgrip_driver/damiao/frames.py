@@ -200,7 +200,7 @@ MODELS: dict[str, DamiaoModel] = {
     for model in (
         DamiaoModel(
             name="DM-J4310-2EC", ranges=Ranges(12.5, 30.0, 10.0), gear_ratio=10.0, stall_torque=7.0,
-            torque_per_ampere=0.945, friction_torque=0.06, temperature_limit=100.0, needs=TendonNeeds(0.08, 5.0, 20.0, 100.0),
+            torque_per_ampere=0.945, friction_torque=0.06, temperature_limit=100.0, needs=TendonNeeds(0.08, 5.0, 20.0),
         ),
     )
 }  # fmt: skip

@@ -178,7 +178,7 @@ MODELS: dict[str, FeetechModel] = {
         FeetechModel(
             name="STS3215", number=777, rated_voltage=7.4, stall_torque=19.0 * _KGF_CM, stall_current=19.0 / 8.0,
             no_load_speed=52.0 * _RPM, no_load_current=0.15, coulomb_share=0.5, temperature_limit=70.0,
-            voltage_range=(4.0, 7.4), needs=TendonNeeds(0.12, 3.0, 5.0, 100.0),
+            voltage_range=(4.0, 7.4), needs=TendonNeeds(0.12, 3.0, 5.0),
         ),
     )
 }  # fmt: skip

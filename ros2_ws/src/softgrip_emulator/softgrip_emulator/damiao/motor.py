@@ -115,7 +115,7 @@ class DamiaoRegisters:
 
 
 class EmulatedDamiaoMotor:
-    """DamiaoRegisters, firmware and encoder of one motor; `step` is called by the plant, the rest by the bus, on one lock."""
+    """Firmware and encoder of one motor; `step` is called by the plant, the rest by the bus, on one lock."""
 
     def __init__(self, model: EmulatedDamiaoModel, device_id: int) -> None:
         self.model = model
