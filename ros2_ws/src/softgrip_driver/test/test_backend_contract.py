@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One contract over every tendon backend, each against its emulated device: servo models and modes, stand, stage."""
+"""One contract over every tendon backend, each against its emulated device: servo models and modes, stand, stage.
+
+An installed package adds its own by an entry point in the group `softgrip.drive_contracts`: a class that is made with a
+folder and a world, and has what `StageDevice` has (docs/how-to/write-a-backend.md).
+"""
+
+from importlib.metadata import entry_points
 
 import pytest
 
@@ -106,6 +112,7 @@ def pytest_generate_tests(metafunc):
     if "device" not in metafunc.fixturenames:
         return
     kinds = [("servo", *row) for row in SERVOS] + [("stage", *row) for row in STAGES]
+    kinds += [("installed", one.name, one) for one in entry_points(group="softgrip.drive_contracts")]
     benches = [{"model": kind[1], "mode": kind[2]} if kind[0] == "servo" else {} for kind in kinds]
     names = [f"{model} mode {mode}" if kind == "servo" else model for kind, model, mode in kinds]
     # The bench opens its port only when a servo device asks for it.
@@ -119,7 +126,11 @@ def bench_settings():
 
 @pytest.fixture
 def device(request, kind, bench_settings, tmp_path, world):
-    one = ServoDevice(request, *kind[1:]) if kind[0] == "servo" else StageDevice(tmp_path, world, *kind[1:])
+    one = {
+        "servo": lambda: ServoDevice(request, *kind[1:]),
+        "stage": lambda: StageDevice(tmp_path, world, *kind[1:]),
+        "installed": lambda: kind[2].load()(tmp_path, world),
+    }[kind[0]]()
     yield one
     one.recover()
     one.backend.disconnect()
