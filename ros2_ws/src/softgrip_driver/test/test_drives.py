@@ -63,7 +63,7 @@ def test_a_stranger_s_backend_is_found_configured_and_built(site, world):
         ("", {"backend": "papier", "tendons": ["pull"]}, "found 'papier'; did you mean 'paper'"),
         ("", {"backend": "paper"}, "expected one with a paper winch"),
         ("", {"backend": "paper", "tendons": ["pull"], "backend_options": ["folder"]}, "expected NAME=VALUE"),
-        ("broken = paper_drive:nothing", {"backend": "broken"}, "expected to load paper_drive:nothing, found Attribute"),
+        ("broken = paper_drive:nothing", {"backend": "broken"}, "expected to load paper_drive:nothing, found Attr"),
         ("feetech = paper_drive:configure", {}, "backend 'feetech': expected one package to bring it"),
     ],
 )  # fmt: skip
