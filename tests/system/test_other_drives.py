@@ -37,7 +37,9 @@ def test_a_cell_on_other_drives_homes_and_closes_a_finger(
     )  # fmt: skip
     cell.wait_for("bus loop", 150.0)
     until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
-    until_said(cell, ("action", "send_goal", "tendon/move", "softgrip_interfaces/action/MoveTendon", MOVE), "REACHED")
+    until_said(
+        cell, ("action", "send_goal", "tendon/move", "softgrip_interfaces/action/MoveTendon", MOVE), "outcome: 1\n"
+    )
     cell.interrupt()
     cell.wait_for_end(30.0)
     assert cell.survivors() == []
