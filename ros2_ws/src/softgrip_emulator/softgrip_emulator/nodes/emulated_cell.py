@@ -17,11 +17,12 @@ from rosgraph_msgs.msg import Clock
 from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
-from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
+from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
 from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
+from softgrip_emulator.servos import available_models, load_ratings
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
@@ -297,7 +298,7 @@ def _chain(values: dict[str, Any]) -> list[ServoPlace]:
 
 
 def _supply(values: dict[str, Any]) -> Supply:
-    return Supply(values["supply_v"] or load_model(values["servo_model"]).motor.nominal_voltage_v)
+    return Supply(values["supply_v"] or load_ratings(values["servo_model"]).nominal_voltage_v)
 
 
 def main(args: Sequence[str] | None = None) -> None:

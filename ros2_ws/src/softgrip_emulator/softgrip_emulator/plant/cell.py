@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from softgrip_emulator.dynamixel.servo import EmulatedServo
-from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank, run_in
 from softgrip_emulator.plant.grasp import PlantGrasp
@@ -19,12 +17,14 @@ from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.plant.out_of_plane import leave_plane, twist
 from softgrip_emulator.plant.products import PlantProduct, product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
+from softgrip_emulator.servos import make_servo
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from softgrip_emulator.servos import PlantServo
     from softgrip_model.profile import Profile
 
     Array = NDArray[np.float64]
@@ -110,11 +110,11 @@ class CellPlant:
         self.places = tuple(chain or default_chain())
         self.slots = tuple(place.slot for place in self.places)
         rng = np.random.default_rng([seed, 0x4D4F])
-        self.servos: list[EmulatedServo] = []
+        self.servos: list[PlantServo] = []
         self.motors: list[Motor] = []
         for place in self.places:
-            servo = EmulatedServo(
-                load_model(place.model),
+            servo = make_servo(
+                place.model,
                 place.device_id,
                 baud=place.baud,
                 return_delay_us=place.return_delay_us,
@@ -329,7 +329,7 @@ class CellPlant:
         source_v = self.supply.voltage_v if self.disturbances.supply_v is None else self.disturbances.supply_v
         return max(0.0, source_v - self.supply.resistance_ohm * drawn_a)
 
-    def _power(self, index: int, servo: EmulatedServo, supply_v: float) -> None:
+    def _power(self, index: int, servo: PlantServo, supply_v: float) -> None:
         servo.shaft.supply_v = supply_v
         if self._powered[index] and not servo.powered:
             self._powered[index] = False
