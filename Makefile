@@ -137,7 +137,7 @@ mutants: setup  ## deliberate errors that tests must notice, score by area; AREA
 
 crash: setup  ## the recorder killed a hundred times, its file cut a hundred times, every call of its writer failed once
 	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
-	$(BIN)/python benchmarks/recorder_crash.py
+	$(BIN)/python benchmarks/bag/recorder_crash.py
 
 bench: setup parts-setup study-setup panel-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
