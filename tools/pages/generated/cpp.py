@@ -38,10 +38,10 @@ def section(path: Path) -> str:
     code = "\n".join(line for line in code.splitlines() if not line.startswith("#include"))
     code = re.sub(r"\n{3,}", "\n\n", _PRIVATE.sub("", code + "\n")).strip()
     name = path.relative_to(path.parents[[p.name for p in path.parents].index("include")]).as_posix()
-    return f"## {name}\n\n{_escaped(prose)}\n\n```cpp\n{code}\n```\n"
+    return f"## {name}\n\n{_as_text(prose)}\n\n```cpp\n{code}\n```\n"
 
 
-def _escaped(prose: str) -> str:
+def _as_text(prose: str) -> str:
     """Return a comment as Markdown that shows it as it is."""
     return re.sub(r"([\\`*_{}\[\]<>#|~$^])", r"\\\1", prose)
 
