@@ -32,7 +32,7 @@ from softgrip_driver.tendon.safety_store import SafetyStore
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.faults import BUS_FAULTS
+from softgrip_emulator.faults import BUS_FAULTS, Overrides
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
@@ -133,6 +133,7 @@ class Bench(RunningLoop):
         latency=None, tendons=TENDONS, report=lambda _: None,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
+        self.overrides = Overrides()
         limits = limits or TendonLimits(no_reply=0.05 if world.quiet else 0.3)
         chain = [
             ServoPlace(name, number, model, limits_winding=limits_current is CurrentSensing.WINDING)
