@@ -147,7 +147,7 @@ class TendonDriver(HardwareNode):
             self.get_logger().warning(f"starts locked by {record.lock_owner} ({record.lock_reason})")
         try:
             clock = self._clock_of_cell = cell_clock(self)
-            backend = configuration.backend(self.get_logger().warning, clock)
+            backend = configuration.drives.backend(self.get_logger().warning, clock)
             with clock.stepping():
                 identities = backend.connect(keep_torque=keeps_torque(record, configuration.policies))
         except (DriverError, StartupError) as error:

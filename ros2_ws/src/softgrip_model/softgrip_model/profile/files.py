@@ -176,7 +176,7 @@ def load_profiles(directory: str = "") -> dict[str, Profile]:
 
 
 def shipped_directory() -> Path:
-    """Return the folder of softgrip_bringup's profiles: of an installed workspace, else beside this source tree.
+    """Return the folder of softgrip_bringup's profiles: of an installed workspace, beside this source, or in the wheel.
 
     Raises:
         ProfileError: neither is there.
@@ -184,8 +184,9 @@ def shipped_directory() -> Path:
     installed = [
         Path(prefix) / "share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix
     ]
-    for share in [*installed, Path(__file__).resolve().parents[3]]:
-        directory = share / "softgrip_bringup" / "profiles"
+    here = Path(__file__).resolve()
+    places = [share / "softgrip_bringup" for share in (*installed, here.parents[3])]
+    for directory in (place / "profiles" for place in (*places, here.parents[1])):
         if directory.is_dir():
             return directory
     raise ProfileError("the profiles of softgrip_bringup were not found; source the workspace or name a folder")
