@@ -36,7 +36,7 @@ from softgrip_driver.tendon.needs import fitted_limits
 from softgrip_driver.tendon.safety import Safety
 from softgrip_driver.tendon.safety_store import SafetyStore
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_emulator.faults import BUS_FAULTS
+from softgrip_emulator.faults import BUS_FAULTS, Overrides
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
@@ -151,6 +151,7 @@ class Bench(RunningLoop):
         latency=None, tendons=TENDONS, report=lambda _: None,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
+        self.overrides = Overrides()
         limits = limits or shipped_limits(model, 0.05 if world.quiet else 0.3)
         chain = [
             ServoPlace(name, number, model, limits_winding=limits_current is CurrentSensing.WINDING)

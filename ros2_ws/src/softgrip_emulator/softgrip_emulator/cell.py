@@ -18,7 +18,7 @@ from softgrip_emulator.camera.exposure_sample import CameraSettings, ExposureSam
 from softgrip_emulator.camera.optics import draw_optics
 from softgrip_emulator.clock import ScaledCellClock, SetClock
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.faults import FaultBoard
+from softgrip_emulator.faults import FaultBoard, Overrides
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.sensor import OtherLine
@@ -134,6 +134,7 @@ class EmulatedCell:
         self.camera = CameraProcess(self._settings, seed, SEEN_SLOT, self._on_exposed)
         self._exposed_s = self._exposure_due_s = 0.0
         self._exposing_since = 0.0
+        self.overrides = Overrides()
         self.faults = FaultBoard(self)
 
     def open(self) -> Self:

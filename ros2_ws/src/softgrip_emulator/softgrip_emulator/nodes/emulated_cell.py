@@ -9,9 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from builtin_interfaces.msg import Time
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from softgrip_emulator.camera.exposure_sample import CameraSettings
@@ -26,18 +24,20 @@ from softgrip_emulator.servos import available_models, load_ratings
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
-from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_model.profile import ProfileError, load_profiles
 from softgrip_nodekit import (
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
     ParameterTable,
     Rank,
-    StartupError,
+    answer,
     claim_name,
     realtime_parameter,
     run,
+    startup_errors,
     to_time_message,
 )
 from softgrip_time.units import to_ns
@@ -113,7 +113,7 @@ _CLOCK_REPEATED_S: Final = 0.1
 _SWITCH_INTERVAL_S: Final = 0.0005
 
 
-class EmulatedCellNode(Node):
+class EmulatedCellNode(CellNode):
     """Translates between services and an `EmulatedCell`."""
 
     def __init__(self) -> None:
@@ -142,35 +142,35 @@ class EmulatedCellNode(Node):
         assert self._cell is not None
         return self._cell
 
-    def _on_mount(self, request: Any, response: Any) -> Any:
-        return _answer(response, lambda: self._mount(request))
+    def _on_mount(self, request: MountFingers.Request, response: MountFingers.Response) -> MountFingers.Response:
+        return answer(response, lambda: self._mount(request), EmulatorError)
 
-    def _mount(self, request: Any) -> str:
+    def _mount(self, request: MountFingers.Request) -> str:
         self.cell.plant.mount(request.fingers, request.serials, request.profiles)
         mounted = [f"{f.serial} ({f.profile})" if f else "empty" for f in self.cell.plant.mounted]
         return "mounted: " + ", ".join(mounted)
 
-    def _on_place(self, request: Any, response: Any) -> Any:
-        return _answer(response, lambda: self._place(request))
+    def _on_place(self, request: PlaceObject.Request, response: PlaceObject.Response) -> PlaceObject.Response:
+        return answer(response, lambda: self._place(request), EmulatorError)
 
-    def _place(self, request: Any) -> str:
+    def _place(self, request: PlaceObject.Request) -> str:
         self.cell.plant.place(request.product, request.offset)
         return f"{request.product} between the fingers" if request.product else "nothing between the fingers"
 
-    def _on_fault(self, request: Any, response: Any) -> Any:
-        _answer(response, lambda: self._inject(request))
+    def _on_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:
+        answer(response, lambda: self._inject(request), EmulatorError)
         response.active = list(self.cell.faults.active)
         return response
 
-    def _inject(self, request: Any) -> str:
+    def _inject(self, request: InjectFault.Request) -> str:
         arguments = convert.to_fault_arguments(request.arguments)
         self.cell.faults.inject(request.fault, request.target, request.duration, arguments)
         return f"{request.fault}: done"
 
-    def _on_rig(self, request: Any, response: Any) -> Any:
-        return _answer(response, lambda: self._set_rig(request))
+    def _on_rig(self, request: SetRig.Request, response: SetRig.Response) -> SetRig.Response:
+        return answer(response, lambda: self._set_rig(request), EmulatorError)
 
-    def _set_rig(self, request: Any) -> str:
+    def _set_rig(self, request: SetRig.Request) -> str:
         self.cell.rig.set(request.angle, request.load)
         return f"angle {request.angle:.3f} rad, load {request.load:.3f} kg"
 
@@ -227,53 +227,35 @@ class EmulatedCellNode(Node):
         self._name_lock.close()
 
 
-def _answer(response: Any, act: Callable[[], str]) -> Any:
-    try:
-        response.message, response.success = act(), True
-    except EmulatorError as error:
-        response.message, response.success = str(error), False
-    return response
-
-
+@startup_errors(EmulatorError, ProfileError, OSError)
 def _open_cell(values: dict[str, Any], on_tick: Callable[[], None]) -> EmulatedCell:
-    try:
-        cell = EmulatedCell(
-            _profiles(values["profiles_directory"]),
-            Path(values["wire_dir"]) if values["wire_dir"] else default_wire_folder(),
-            seed=values["seed"],
-            rig_time_scale=values["time_scale"],
-            speed=values["speed"],
-            expected=[name for name in values["expected"] if name],
-            on_tick=on_tick,
-            chain=_chain(values),
-            supply=_supply(values),
-            camera=CameraSettings(
-                values["camera_width"],
-                values["camera_height"],
-                values["camera_fps"],
-                values["camera_port"],
-                values["jpeg_quality"],
-                values["camera_realtime_priority"],
-            ),
-            gauge_on=values["gauge_on"],
-        )
-        cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
-        if values["factory_fresh"]:
-            for slot in values["fingers"]:
-                cell.faults.inject("servo_unplugged", slot)
-        if values["fault_plan"]:
-            cell.faults.follow(read_plan(Path(values["fault_plan"]).read_text(encoding="utf-8")))
-        return cell.open()
-    except (EmulatorError, OSError) as error:
-        raise StartupError(str(error)) from error
-
-
-def _profiles(directory: str) -> dict[str, Profile]:
-    try:
-        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
-        return load_directory(folder)
-    except (ProfileError, PackageNotFoundError) as error:
-        raise StartupError(str(error)) from error
+    cell = EmulatedCell(
+        load_profiles(values["profiles_directory"]),
+        Path(values["wire_dir"]) if values["wire_dir"] else default_wire_folder(),
+        seed=values["seed"],
+        rig_time_scale=values["time_scale"],
+        speed=values["speed"],
+        expected=[name for name in values["expected"] if name],
+        on_tick=on_tick,
+        chain=_chain(values),
+        supply=_supply(values),
+        camera=CameraSettings(
+            values["camera_width"],
+            values["camera_height"],
+            values["camera_fps"],
+            values["camera_port"],
+            values["jpeg_quality"],
+            values["camera_realtime_priority"],
+        ),
+        gauge_on=values["gauge_on"],
+    )
+    cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
+    if values["factory_fresh"]:
+        for slot in values["fingers"]:
+            cell.faults.inject("servo_unplugged", slot)
+    if values["fault_plan"]:
+        cell.faults.follow(read_plan(Path(values["fault_plan"]).read_text(encoding="utf-8")))
+    return cell.open()
 
 
 def _chain(values: dict[str, Any]) -> list[ServoPlace]:
