@@ -7,6 +7,8 @@ LOCK ?= newest
 VENV := $(if $(filter oldest,$(LOCK)),.venv-oldest,.venv)
 REQUIREMENTS := $(if $(filter oldest,$(LOCK)),requirements-oldest.lock,requirements.lock)
 BIN := $(VENV)/bin
+# the environments would compile all of each other's cores again in one folder
+BUILD := SKBUILD_BUILD_DIR='build/$(filter oldest,$(LOCK))/{wheel_tag}'
 SRC := ros2_ws/src
 TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
 UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --generate-hashes
@@ -29,7 +31,7 @@ help:  ## this list
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
 $(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
-	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) bash .ci/setup.sh
+	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) $(BUILD) bash .ci/setup.sh
 	@touch $@
 
 parts-setup:  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
@@ -57,7 +59,7 @@ model: core-of-softgrip_model
 plant: core-of-softgrip_emulator
 tracker: core-of-softgrip_vision
 core-of-%:
-	flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
+	$(BUILD) flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
 
 # set-up has built the cores as they were then
 .SECONDEXPANSION:
@@ -85,11 +87,11 @@ REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
 test: setup parts-setup study-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore ,$(REAL_TIME))
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest -m "not long" $(REAL_TIME)
 
-long-tests: setup panel-setup  ## from boxes of parts to the first grasp, and a shift at the operator's page, by the documents' commands; some minutes
-	$(BIN)/python -m pytest -m long tests/system
+long-tests: setup panel-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, the wheel in a fresh environment; some minutes
+	$(BIN)/python -m pytest -m long tests/system tests/documents
 
 lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
 	$(BIN)/ruff check .
@@ -135,7 +137,7 @@ mutants: setup  ## deliberate errors that tests must notice, score by area; AREA
 
 crash: setup  ## the recorder killed a hundred times, its file cut a hundred times, every call of its writer failed once
 	SOFTGRIP_EVERY_CALL=1 $(BIN)/python -m pytest -q -n0 $(SRC)/softgrip_bag/test/test_every_call_fails.py
-	$(BIN)/python benchmarks/recorder_crash.py
+	$(BIN)/python benchmarks/bag/recorder_crash.py
 
 bench: setup parts-setup study-setup panel-setup  ## every benchmark, one JSON line a claim, into out/bench.jsonl and a picture
 	@mkdir -p $(OUT)
@@ -183,5 +185,5 @@ udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency 
 test-ros2:  ## on a sourced ROS 2 Jazzy: colcon build, then the tests of all packages and of tests/ on the real rclpy
 	@test -n "$$ROS_DISTRO" || { echo "Source a ROS 2 Jazzy first: source /opt/ros/jazzy/setup.bash"; exit 1; }
 	cd ros2_ws && colcon build --merge-install --cmake-args -DCMAKE_BUILD_TYPE=Release
-	source ros2_ws/install/setup.bash && python3 -m pytest $(addprefix --ignore ,$(REAL_TIME)) $(SRC) tests
-	source ros2_ws/install/setup.bash && python3 -m pytest $(REAL_TIME)
+	source ros2_ws/install/setup.bash && python3 -m pytest -m "not long" $(addprefix --ignore ,$(REAL_TIME)) $(SRC) tests
+	source ros2_ws/install/setup.bash && python3 -m pytest -m "not long" $(REAL_TIME)

@@ -24,9 +24,11 @@ def main() -> int:
     parser.add_argument("out", type=Path, help="file for the JSON lines; the picture goes beside it")
     parser.add_argument("scripts", nargs="*", help="names of scripts; none = all")
     arguments = parser.parse_args()
-    scripts = [HERE / f"{name}.py" for name in arguments.scripts] or sorted(
-        path for path in HERE.glob("*.py") if not path.name.startswith(("_", "run_all"))
-    )
+    known = {path.stem: path for path in sorted(HERE.glob("*/*.py")) if not path.name.startswith("_")}
+    unknown = set(arguments.scripts) - set(known)
+    if unknown:
+        parser.error(f"expected names of {', '.join(known)}, found {', '.join(sorted(unknown))}")
+    scripts = [known[name] for name in arguments.scripts or known]
     claims: list[dict[str, Any]] = []
     failed = []
     with Progress() as progress:

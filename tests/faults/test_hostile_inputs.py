@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import rclpy
 
-BENCHMARK = Path(__file__).resolve().parents[2] / "benchmarks/hostile_inputs.py"
+BENCHMARK = Path(__file__).resolve().parents[2] / "benchmarks/cell/hostile_inputs.py"
 COUNT = 3000
 
 pytestmark = [

@@ -25,6 +25,7 @@ from pathlib import Path
 
 from softgrip_bag.context import arithmetic
 from softgrip_bag.mcap_file import Attachment
+from softgrip_bag.nodes.messages import interface_text
 from softgrip_bag.nodes.replay import renewed
 from softgrip_bag.reader import RawMessage, read
 from softgrip_testing.bag_excerpt import excerpt
@@ -120,7 +121,7 @@ def renew(name: str) -> None:
     """Have the node of a part answer its recorded inputs anew."""
     node = NODES.get(name)
     if node is not None:
-        excerpt(BAGS / name, BAGS / f"{name}.new", instead=renewed(BAGS / name, node))
+        excerpt(BAGS / name, BAGS / f"{name}.new", instead=renewed(BAGS / name, node), find=interface_text)
         shutil.rmtree(BAGS / name)
         excerpt(BAGS / f"{name}.new", BAGS / name, edit=without_places)
         shutil.rmtree(BAGS / f"{name}.new")

@@ -13,9 +13,11 @@ import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 
 from softgrip_bag.context import restore, rounding_tolerance
+from softgrip_bag.nodes.messages import interface_text
+from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.replay import NODES, check
 from softgrip_bag.nodes.replayed_node import ReplayedNode
-from softgrip_bag.reader import RawMessage, read
+from softgrip_bag.reader import RawMessage
 from softgrip_interfaces.msg import CellState, FingerMarkers, MountedFinger
 from softgrip_testing.bag_excerpt import excerpt
 
@@ -56,11 +58,11 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
     reported: list[tuple[int, str, int]], lag: int, tmp_path: Path
 ) -> None:
     """The tracker hears before a frame what sits in the slot, the recorder some time after (or before) that frame."""
-    frames = list(read(FRAMES, {CAMERA}))
-    (like,) = read(FRAMES, {CELL})
+    frames = list(RecordedBag(FRAMES).read({CAMERA}))
+    (like,) = RecordedBag(FRAMES).read({CELL})
     news = {number: cell_state(like, profile, frames[number].received + late) for number, profile, late in reported}
     results: dict[str, list[RawMessage]] = {topic: [] for topic in RESULTS}
-    types = {raw.topic: raw.type_name for raw in read(FRAMES, set(RESULTS))}
+    types = {raw.topic: raw.type_name for raw in RecordedBag(FRAMES).read(set(RESULTS))}
     with tracker(tmp_path) as node:
         for number, frame in enumerate(frames):
             if number in news:
@@ -73,7 +75,7 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
     for number, profile, _ in reported:
         assert (configurations[number] == configurations[number - 1]) is (profile is NOBODY)
     late = [replace(frame, received=frame.received + lag) for frame in frames]
-    excerpt(FRAMES, tmp_path / "bag", instead={**results, CAMERA: late, CELL: list(news.values())})
+    excerpt(FRAMES, tmp_path / "bag", instead={**results, CAMERA: late, CELL: list(news.values())}, find=interface_text)
     found = check(tmp_path / "bag", "marker_tracker")
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
@@ -82,8 +84,8 @@ def test_frames_that_were_measured_with_news_that_the_recorder_got_later(
 @pytest.mark.parametrize("unheard", [1, 4])
 def test_a_node_that_answered_before_the_recorder_found_its_topic(unheard: int, tmp_path: Path) -> None:
     """The tracker remembers what it saw: that it had seen earlier frames shows in its first recorded answer."""
-    results = {topic: list(read(FRAMES, {topic}))[unheard:] for topic in RESULTS}
-    excerpt(FRAMES, tmp_path / "bag", instead=results)
+    results = {topic: list(RecordedBag(FRAMES).read({topic}))[unheard:] for topic in RESULTS}
+    excerpt(FRAMES, tmp_path / "bag", instead=results, find=interface_text)
     found = check(tmp_path / "bag", "marker_tracker", tolerance=TOLERANCE)
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
@@ -91,8 +93,10 @@ def test_a_node_that_answered_before_the_recorder_found_its_topic(unheard: int, 
 
 def test_a_recorder_that_took_one_topic_seconds_after_the_others(tmp_path: Path) -> None:
     """The predictor keeps tendon samples for 2 s: fed as they were received, the frames would meet none."""
-    late = [replace(raw, received=raw.received + 5_000_000_000) for raw in read(CLOSINGS, {"/finger/measured"})]
-    excerpt(CLOSINGS, tmp_path / "bag", instead={"/finger/measured": late})
+    late = [
+        replace(raw, received=raw.received + 5_000_000_000) for raw in RecordedBag(CLOSINGS).read({"/finger/measured"})
+    ]
+    excerpt(CLOSINGS, tmp_path / "bag", instead={"/finger/measured": late}, find=interface_text)
     found, as_it_was = (check(bag, "kinematics_predictor", tolerance=TOLERANCE) for bag in (tmp_path / "bag", CLOSINGS))
     assert found.divergence is None, str(found.divergence)
     assert found.compared == as_it_was.compared

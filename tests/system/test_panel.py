@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import socket
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from selenium.webdriver.common.keys import Keys
 
 from softgrip_cell.storage import Database, Library
 from softgrip_testing.browser import PanelBrowser
@@ -19,17 +24,27 @@ ASKED = "[data-name='rig-done']:not(.hidden)"
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-@pytest.mark.long
-@pytest.mark.timeout(240)
-def test_a_shift_by_clicks_only(launch: Callable[..., Any], tmp_path: Path) -> None:
-    arguments = (f"out:={tmp_path}", "panel:=true", "record:=false", "speed:=max", "lift_window_s:=1.0")
-    cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *arguments)
+def start_cell(launch: Callable[..., Any], out: Path, *arguments: str) -> tuple[Any, str]:
+    """Start an emulated cell with its page; returns it and the page's address."""
+    options = (f"out:={out}", "panel:=true", "record:=false", "speed:=max", *arguments)
+    cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *options)
     cell.wait_for("the page is at", 60.0)
     address = re.search(r"the page is at (http://127\.0\.0\.1:\d+)/", cell.output)
     assert address is not None
-    with PanelBrowser(address[1]) as browser:
-        browser.log_in("Ada")
-        browser.wait(lambda: browser.text("#mode") in {"Idle", "Holding"}, "a cell that is up")
+    return cell, address[1]
+
+
+def log_in(browser: PanelBrowser, name: str = "Ada") -> None:
+    browser.log_in(name)
+    browser.wait(lambda: browser.text("#mode") in {"Idle", "Holding"}, "a cell that is up")
+
+
+@pytest.mark.long
+@pytest.mark.timeout(240)
+def test_a_shift_by_clicks_only(launch: Callable[..., Any], tmp_path: Path) -> None:
+    cell, address = start_cell(launch, tmp_path, "lift_window_s:=1.0")
+    with PanelBrowser(address) as browser:
+        log_in(browser)
         stop_and_reset(browser, cell)
         calibrate(browser)
         swap(browser)
@@ -121,3 +136,132 @@ def grasp(browser: PanelBrowser) -> None:
     browser.open("/")
     lines = "return document.getElementById('camera').dataset.lines || ''"
     browser.wait(lambda: browser.script(lines) == "measured predicted", "prediction and measurement over the picture")
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_a_swap_outlives_reload_second_browser_panel_and_manager(launch: Callable[..., Any], tmp_path: Path) -> None:
+    port = free_port()
+    cell, address = start_cell(launch, tmp_path, f"panel_port:={port}")
+    with PanelBrowser(address) as browser, PanelBrowser(address) as second:
+        log_in(browser)
+        browser.open("/swap")
+        browser.press("take")
+        browser.press("swap-power")
+        browser.wait_for_text("#instruction", "pen the palm")
+        browser.driver.refresh()
+        browser.wait_for_text("#instruction", "pen the palm")
+        hand_over(browser, second)
+        browser.wait_for_text("#instruction", "nhook")
+        kill(cell, "panel")
+        browser.wait(lambda: answers(port), "the panel to be back")
+        log_in_again(browser)
+        browser.wait_for_text("#instruction", "nhook")  # where it was, with the token of before
+        browser.press("step-done")
+        browser.wait_for_text("#instruction", "nsert")
+        kill(cell, "grasp_mix_manager")
+        browser.wait_for_text("#instruction", "Take your hands out of the cell")
+        assert "locked: true" in safety(cell)
+        browser.press("step-done")
+        browser.wait_for_text("#instruction", "The swap has ended")
+        browser.wait(lambda: browser.text("#mode") == "Idle", "the drives to be unlocked")
+        assert "locked: false" in safety(cell)
+        swap(browser)
+    cell.interrupt()
+    cell.wait_for_end(30.0)
+
+
+def safety(cell: Any) -> str:
+    """Return safety/state by the driver's own word."""
+    return str(cell.ask("topic", "echo", "--once", "--qos-durability", "transient_local", "/safety/state"))
+
+
+def hand_over(browser: PanelBrowser, second: PanelBrowser) -> None:
+    """Let a second operator see the swap, ask for control, get it, and do a step."""
+    log_in_again(second, "Bob", has_control=False)
+    second.wait_for_text("#instruction", "pen the palm")
+    assert not second.find("[data-name='step-done']").is_enabled()
+    second.press("take")
+    browser.wait_for_text("#control", "Bob asks for control")
+    browser.press("hand_over")
+    second.wait_for_text("#control", "You have control")
+    assert not browser.find("[data-name='step-done']").is_enabled()
+    second.press("step-done")
+
+
+def log_in_again(browser: PanelBrowser, name: str = "Ada", *, has_control: bool = True) -> None:
+    browser.log_in(name)
+    browser.open("/swap")
+    if has_control:
+        browser.press("take")
+
+
+def kill(cell: Any, node: str) -> None:
+    """Kill a node and wait until it was started again."""
+    killed = cell.node_process(node)
+    os.kill(killed, signal.SIGKILL)
+    deadline_s = time.monotonic() + 30.0
+    while cell.node_process(node) in {None, killed}:
+        assert time.monotonic() < deadline_s, f"{node} was not started again"
+        time.sleep(0.05)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.mark.long
+@pytest.mark.timeout(240)
+def test_setting_up_by_clicks_does_what_ros2_does(launch: Callable[..., Any], tmp_path: Path) -> None:
+    cell, address = start_cell(launch, tmp_path)
+    with PanelBrowser(address) as browser:
+        log_in(browser)
+        browser.open("/setup")
+        browser.wait_for_text("#driver-phase", "tendons held")
+        browser.press("take")
+        bed_in(browser)
+        free_and_take_back(browser, cell)
+        set_a_parameter(browser, cell)
+    cell.interrupt()
+    cell.wait_for_end(30.0)
+
+
+def bed_in(browser: PanelBrowser) -> None:
+    """Tension until the zeros of the emulated tendons stay."""
+    for number in range(1, 6):
+        browser.press("tension")
+        browser.wait_for_text("#tensioning tbody tr", str(number))
+        if "The zeros stay" in browser.text("#tensioning-said"):
+            return
+    raise AssertionError(f"expected zeros that stay within 5 rounds, found {browser.text('#tensioning tbody')}")
+
+
+def free_and_take_back(browser: PanelBrowser, cell: Any) -> None:
+    browser.press("free-bus")
+    browser.press("free-confirm")
+    browser.wait_for_text("#bus-owner", "The bus is free")
+    assert "unconfigured" in cell.ask("lifecycle", "get", "/tendon_driver")
+    browser.press("take-bus")
+    browser.press("take-confirm")
+    browser.wait_for_text("#driver-phase", "tendons held")
+    assert "active" in cell.ask("lifecycle", "get", "/tendon_driver")
+
+
+def set_a_parameter(browser: PanelBrowser, cell: Any) -> None:
+    browser.wait(lambda: browser.count("#parameters option[value='camera']") == 1, "the cell's nodes")
+    browser.find("#parameters option[value='camera']").click()
+    browser.press("read-parameters")
+    browser.press("set-jpeg_quality")
+    field = browser.find(".new-value input")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys("70")
+    browser.press("set-confirm")
+    browser.wait_for_text("#parameters tbody", "70")
+    assert "70" in cell.ask("param", "get", "/camera", "jpeg_quality")

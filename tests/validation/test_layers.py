@@ -17,18 +17,18 @@ EMBEDDED = ("embedded_ros",)
 
 #: Pure code a package may import from other packages of the workspace.
 MAY_IMPORT = {
-    "softgrip_model": set(),
+    "softgrip_model": {"softgrip_time"},
     "softgrip_nodekit": {"softgrip_time"},
     "softgrip_time": set(),
     "softgrip_description": {"softgrip_model"},
     "softgrip_design": {"softgrip_description", "softgrip_model"},
     "softgrip_driver": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_emulator": {"softgrip_description", "softgrip_model", "softgrip_time"},
-    "softgrip_vision": {"softgrip_model"},
-    "softgrip_cell": {"softgrip_description", "softgrip_model"},
-    "softgrip_bag": {"softgrip_model"},
+    "softgrip_vision": {"softgrip_model", "softgrip_time"},
+    "softgrip_cell": {"softgrip_description", "softgrip_model", "softgrip_time"},
+    "softgrip_bag": {"softgrip_model", "softgrip_time"},
     "softgrip_bringup": set(),
-    "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_vision"},
+    "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_time", "softgrip_vision"},
     "softgrip_cmake": set(),
     "softgrip_security": set(),
     "softgrip_testing": {
@@ -40,7 +40,7 @@ MAY_IMPORT = {
         "softgrip_time",
         "softgrip_vision",
     },
-    "softgrip_gym": {"softgrip_cell", "softgrip_emulator", "softgrip_model", "softgrip_testing"},
+    "softgrip_gym": {"softgrip_cell", "softgrip_emulator", "softgrip_model", "softgrip_testing", "softgrip_time"},
     "softgrip_sweep": {"softgrip_bag", "softgrip_demo", "softgrip_design", "softgrip_model", "softgrip_testing"},
     "softgrip_demo": {
         "softgrip_bag",

@@ -3,8 +3,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import re
+import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,9 +26,7 @@ def tool(name: str) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    import sys  # noqa: PLC0415  dataclasses look their module up
-
-    sys.modules[name] = module
+    sys.modules[name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
@@ -116,6 +119,59 @@ def test_an_audit_that_could_not_ask_is_no_clean_one(found: list[dict[str, Any]]
     assert audit.verdict("a.lock", found) == expected
 
 
+def test_the_image_has_the_page_and_nothing_that_tests_alone_need() -> None:
+    """As the Dockerfile's awk takes them from the locks."""
+    dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
+    beside, left_out = (
+        set(found.split("|")) for found in re.findall(r"wanted = !?/\^\(([a-z0-9|-]+)\)==/", dockerfile)[1:]
+    )
+    locked = {one.name: set(re.findall(r"^([a-z0-9-]+)==", one.read_text(), re.MULTILINE)) for one in sbom.LOCKS}
+    assert beside <= locked["requirements.lock"]
+    assert left_out <= locked["requirements-panel.lock"]
+    tests = (ROOT / "requirements-panel.in").read_text().partition("# tests:")[2]
+    assert left_out == set(re.findall(r"^([a-z0-9-]+)==", tests, re.MULTILINE))
+
+
+def test_the_page_of_a_cell_without_a_network_is_reached_through_a_socket(tmp_path: Path) -> None:
+    forward = str(ROOT / "docker" / "forward.py")
+    with socket.create_server(("127.0.0.1", 0)) as page, socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        taken.close()
+        here = f"tcp:127.0.0.1:{page.getsockname()[1]}"
+        path = f"unix:{tmp_path}/page.sock"
+        pairs = ((path, here), (f"tcp:127.0.0.1:{port}", path))
+        running = [subprocess.Popen([sys.executable, forward, *pair]) for pair in pairs]
+        try:
+            client = _connected(port, deadline_s=time.monotonic() + 20.0)
+            with client, page.accept()[0] as served:
+                client.sendall(b"GET / HTTP/1.1")
+                assert served.recv(100) == b"GET / HTTP/1.1"
+                served.sendall(b"x" * 300_000)
+                served.shutdown(socket.SHUT_WR)
+                assert len(b"".join(iter(lambda: client.recv(65536), b""))) == 300_000
+            assert (tmp_path / "page.sock").stat().st_mode & 0o077 == 0
+        finally:
+            for one in running:
+                one.kill()
+                one.wait()
+
+
+def _connected(port: int, deadline_s: float) -> socket.socket:
+    """Return a connection that gets through both halves; one that is closed at once met a half that was not up yet."""
+    while time.monotonic() < deadline_s:
+        with contextlib.suppress(OSError):
+            found = socket.create_connection(("127.0.0.1", port), 5.0)
+            found.settimeout(0.3)
+            try:
+                found.recv(1)
+            except TimeoutError:
+                found.settimeout(10.0)
+                return found
+            found.close()
+        time.sleep(0.02)
+    raise AssertionError("expected both halves to be up")
+
+
 def test_the_image_runs_without_rights_and_without_a_network() -> None:
     dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
     assert re.search(r"^USER (?!root)\w+", dockerfile, re.MULTILINE)
@@ -123,8 +179,11 @@ def test_the_image_runs_without_rights_and_without_a_network() -> None:
     assert "RMW_IMPLEMENTATION=" in dockerfile
     assert dockerfile.index("USER softgrip") < dockerfile.index("ENTRYPOINT")
     services = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())["services"]
-    for service in services.values():
-        assert service["network_mode"] == "none"
+    page = services["page"]
+    assert page["ports"] == ["127.0.0.1:8480:8480"]  # of this machine alone
+    assert page["entrypoint"][:2] == ["python3", "/forward.py"]  # and nothing else is run where there is a network
+    for name, service in services.items():
+        assert name == "page" or service["network_mode"] == "none"
         assert service["read_only"] is True
         assert service["cap_drop"] == ["ALL"]
         assert not service["user"].startswith("0")

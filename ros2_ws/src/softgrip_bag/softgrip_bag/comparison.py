@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from softgrip_time.units import to_s
+
 #: Fields left out of the comparison: topic type -> field names.
 NOT_COMPARED = {
     # measures of the machine, not of the cell
@@ -30,7 +32,7 @@ class Divergence:
     def __str__(self) -> str:
         """Say it in one line."""
         return (
-            f"{self.topic} at {self.stamp * 1e-9:.9f} s, field {self.field}: "
+            f"{self.topic} at {to_s(self.stamp):.9f} s, field {self.field}: "
             f"recorded {self.recorded!r}, replayed {self.replayed!r}"
         )
 

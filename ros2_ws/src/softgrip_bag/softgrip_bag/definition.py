@@ -19,6 +19,7 @@ _FORMATS = {
     "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
 _LINE = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[[^\]]*\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)$")
+_PADDING = 4
 _PART = re.compile(r"(?m)^={80}$")
 
 
@@ -78,16 +79,26 @@ def parse_definitions(type_name: str, schema: str) -> dict[str, Definition]:
     return found
 
 
-def decode(type_name: str, definitions: Mapping[str, Definition], data: bytes) -> Decoded:
+def decode(type_name: str, definitions: Mapping[str, Definition], data: bytes, *, whole: bool = False) -> Decoded:
     """Return a message.
+
+    Args:
+        type_name: e.g. "softgrip_interfaces/msg/FrictionModel".
+        definitions: of it and all that it contains.
+        data: CDR with its four bytes of encapsulation.
+        whole: the message has to be all of the bytes, but for padding to four.
 
     Raises:
         BagError: the bytes are no such message.
     """
+    cursor = _Cursor(data, definitions)
     try:
-        return _Cursor(data, definitions).message(_short(type_name))
+        message = cursor.message(_short(type_name))
     except (struct.error, UnicodeDecodeError, KeyError, IndexError) as error:
         raise BagError(f"expected a {type_name} as the bag defines it, found {error!r}") from error
+    if whole and cursor.left >= _PADDING:
+        raise BagError(f"expected a {type_name} of {len(data)} bytes, found {cursor.left} bytes behind it")
+    return message
 
 
 class _Cursor:
@@ -98,6 +109,11 @@ class _Cursor:
         self._definitions = definitions
         self._order = "<" if data[1] & 1 else ">"
         self._at = 4
+
+    @property
+    def left(self) -> int:
+        """How many bytes are not read."""
+        return len(self._data) - self._at
 
     def message(self, name: str) -> Decoded:
         definition = self._definitions[name]

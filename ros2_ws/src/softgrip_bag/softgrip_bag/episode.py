@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_time.units import to_s
+
 Array = NDArray[np.float64]
 
 
@@ -62,7 +64,7 @@ class GraspEpisode:
     Attributes:
         bag: name of the bag.
         product, finger_set, outcome, reason: of the grasp.
-        evidence: the verdict's numbers, YAML.
+        evidence: the verdict's numbers, JSON.
         tendons: their names.
         times_ns: (n,) of the frames, one period apart, since the epoch.
         state_stamps_ns: (n,) stamp of the tendon/state that a frame shows.
@@ -131,6 +133,6 @@ def commanded(
             # where it was when the command came: the frame at or after it
             began = lengths_m[min(int(np.searchsorted(times_ns, one.time_ns)), len(times_ns) - 1), tendon]
             way = one.length_m - began
-            gone = min(abs(way), one.speed_m_s * 1e-9 * (time_ns - one.time_ns))
+            gone = min(abs(way), one.speed_m_s * to_s(time_ns - one.time_ns))
             length[row, tendon] = began + np.sign(way) * gone
     return length, tension

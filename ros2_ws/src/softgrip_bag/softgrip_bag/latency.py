@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.reader import TopicSummary, read, topic_summaries
+from softgrip_time.units import NANOSECONDS, to_s
 
 #: Every result and what it is computed from; where there are several, the first that is in the bag.
 LINKS = (
@@ -78,7 +79,7 @@ def read_stamps(bag: Path, topics: set[str]) -> dict[str, Stamps]:
     found: dict[str, list[tuple[int, int]]] = defaultdict(list)
     for message in read(bag, topics):
         seconds, nanoseconds = _STAMP.unpack_from(message.data, _ENCAPSULATION)
-        found[message.topic].append((seconds * 1_000_000_000 + nanoseconds, message.published))
+        found[message.topic].append((seconds * NANOSECONDS + nanoseconds, message.published))
     return {topic: np.array(found[topic], dtype=np.int64).reshape(-1, 2) for topic in topics}
 
 
@@ -90,8 +91,8 @@ def link(source: str, result: str, sources: Stamps, results: Stamps) -> Link:
         last[stamp] = max(at, last.get(stamp, at))
     both = [stamp for stamp in last if stamp in published]
     between = [stamp for stamp in published if last and min(last) <= stamp <= max(last)]
-    from_publication = [(last[stamp] - published[stamp]) * 1e-9 for stamp in both]
-    from_stamp = [(last[stamp] - stamp) * 1e-9 for stamp in both]
+    from_publication = [to_s(last[stamp] - published[stamp]) for stamp in both]
+    from_stamp = [to_s(last[stamp] - stamp) for stamp in both]
     return Link(
         source,
         result,

@@ -25,6 +25,7 @@ from pyarrow import parquet
 
 from softgrip_bag.episode import GraspEpisode
 from softgrip_bag.errors import BagError
+from softgrip_time.units import to_s
 
 VERSION: Final = "v3.0"
 IMAGE: Final = "observation.images.camera"
@@ -184,7 +185,7 @@ def _columns(episode: GraspEpisode, number: int, first: int, task: int, rate_hz:
 
 def _ages_s(episode: GraspEpisode, stamps_ns: NDArray[np.int64]) -> NDArray[np.float32]:
     """Return how old what a frame shows was at the frame's time [s]; -1 where there was nothing yet."""
-    return np.where(stamps_ns < 0, -1.0, 1e-9 * (episode.times_ns - stamps_ns)).astype(np.float32)
+    return np.where(stamps_ns < 0, -1.0, to_s(episode.times_ns - stamps_ns)).astype(np.float32)
 
 
 def _image_feature(image: bytes) -> dict[str, Any]:

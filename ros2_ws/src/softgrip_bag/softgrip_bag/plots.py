@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from softgrip_bag.statistics import BagStatistics
 from softgrip_bag.story import RecordedClosing, RecordedFit, RecordedSample, Story
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
+from softgrip_time.units import to_s
 
 #: One colour a joint, a load, a topic; the same everywhere.
 COLOURS = ("#0b6e4f", "#c8553d", "#3d5a98", "#8e6c8a", "#b08900", "#555555")
@@ -112,7 +113,7 @@ def timeline_figure(found: BagStatistics, story: Story) -> str:
         figure = Figure(figsize=(11.5, 1.6 + 0.17 * len(topics)), layout="constrained")
         modes, rates = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, max(1.0, 0.3 * len(topics))))
         _draw_modes(modes, story, found.start, duration)
-        counts = [np.histogram((topic.received - found.start) * 1e-9, edges)[0] for topic in topics]
+        counts = [np.histogram(to_s(topic.received - found.start), edges)[0] for topic in topics]
         shown = [row / max(1, row.max()) for row in counts] or [np.zeros(_BINS)]
         rates.imshow(shown, aspect="auto", extent=(0.0, duration, len(topics) - 0.5, -0.5), cmap="Greens", vmin=0.0)
         rates.set_yticks(range(len(topics)), [topic.name for topic in topics], fontsize=6.5)
@@ -122,14 +123,14 @@ def timeline_figure(found: BagStatistics, story: Story) -> str:
 
 
 def _draw_modes(axes: Axes, story: Story, start: int, duration: float) -> None:
-    times = [(mode.time - start) * 1e-9 for mode in story.modes]
+    times = [to_s(mode.time - start) for mode in story.modes]
     for mode, since, until in zip(story.modes, times, [*times[1:], duration], strict=True):
         axes.axvspan(since, until, ymin=0.0, ymax=0.45, color=_MODE_COLOURS.get(mode.mode, "#eeeeee"), lw=0)
     for grasp in story.grasps:
         good = grasp.outcome == "GRIPPED"
-        axes.plot((grasp.time - start) * 1e-9, 0.65, "o" if good else "X", color=COLOURS[0 if good else 1], ms=5)
+        axes.plot(to_s(grasp.time - start), 0.65, "o" if good else "X", color=COLOURS[0 if good else 1], ms=5)
     for fault in story.faults:
-        axes.plot((fault.time - start) * 1e-9, 0.9, "v", color=COLOURS[1], ms=5)
+        axes.plot(to_s(fault.time - start), 0.9, "v", color=COLOURS[1], ms=5)
     axes.set(ylim=(0, 1), yticks=[0.22, 0.65, 0.9], xlim=(0.0, duration))
     axes.set_yticklabels(["mode", "grasps", "faults"], fontsize=7)
     axes.grid(visible=False)

@@ -16,6 +16,7 @@ from softgrip_bag.reader import attachments, facts
 from softgrip_bag.repair import is_broken
 from softgrip_bag.statistics import BagStatistics
 from softgrip_bag.story import Story
+from softgrip_time.units import to_s
 
 #: Written by the recorder: topic -> messages that it knows to be missing.
 _DROPPED = "softgrip_dropped"
@@ -97,7 +98,7 @@ def render(bag: Path, found: BagStatistics, story: Story) -> str:
     )
     return environment.get_template("report.html.j2").render(
         title=f"Bag {bag.name}",
-        started=datetime.fromtimestamp(found.start * 1e-9, UTC).isoformat(timespec="seconds"),
+        started=datetime.fromtimestamp(to_s(found.start), UTC).isoformat(timespec="seconds"),
         data=data(bag, found, story),
         timeline=plots.timeline_figure(found, story),
         fits=[plots.fit_figure(fit, story.samples) for fit in story.fits if _measured(fit.time, story)],
@@ -132,7 +133,7 @@ def _milliseconds(values: Sequence[float]) -> list[float | None]:
 
 
 def _since(found: BagStatistics, time: int) -> float:
-    return round((time - found.start) * 1e-9, 3)
+    return round(to_s(time - found.start), 3)
 
 
 def _measured(time: int, story: Story) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.reader import RawMessage
+from softgrip_time.units import to_ns
 
 
 def snapshot_seconds(seconds: float) -> float:
@@ -30,7 +31,7 @@ class Ring:
     """
 
     def __init__(self, seconds: float, capacity_bytes: int) -> None:
-        self._length = round(seconds * 1e9)
+        self._length = to_ns(seconds)
         self._capacity = capacity_bytes
         self._messages: deque[RawMessage] = deque()
         self._latched: dict[str, RawMessage] = {}
@@ -60,7 +61,7 @@ class Ring:
         """Return the messages of the last seconds (0 = all kept), after the latched ones that held when they began."""
         if not self._messages:
             return self.latched()
-        since = self._messages[-1].received - round(seconds * 1e9) if seconds else 0
+        since = self._messages[-1].received - to_ns(seconds) if seconds else 0
         held = dict(self._before)
         held |= {m.topic: m for m in self._messages if m.received < since and m.topic in self._latched}
         recent = [message for message in self._messages if message.received >= since]

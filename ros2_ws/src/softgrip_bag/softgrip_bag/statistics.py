@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_bag.reader import read, topic_summaries
+from softgrip_time.units import to_s
 
 PERCENTILES = (50, 95, 99)
 
@@ -66,7 +67,7 @@ def statistics(bag: Path) -> BagStatistics:
     ]
     times = [time for times in received.values() if times for time in (times[0], times[-1])]
     start, end = (min(times), max(times)) if times else (0, 0)
-    return BagStatistics(start, (end - start) * 1e-9, sum(topic.messages for topic in topics), topics)
+    return BagStatistics(start, to_s(end - start), sum(topic.messages for topic in topics), topics)
 
 
 def _topic(name: str, type_name: str, size: int, received: list[int], published: list[int]) -> TopicStatistics:
@@ -74,10 +75,10 @@ def _topic(name: str, type_name: str, size: int, received: list[int], published:
     rate = longest_gap = float("nan")
     latency = (float("nan"),) * 3
     if len(times):
-        delays = np.percentile((times - np.array(published, dtype=np.int64)) * 1e-9, PERCENTILES)
+        delays = np.percentile(to_s(times - np.array(published, dtype=np.int64)), PERCENTILES)
         latency = (float(delays[0]), float(delays[1]), float(delays[2]))
     if len(times) > 1:
-        longest_gap = float(np.diff(times).max() * 1e-9)
-        covered = float(times[-1] - times[0]) * 1e-9
+        longest_gap = to_s(int(np.diff(times).max()))
+        covered = to_s(int(times[-1] - times[0]))
         rate = (len(times) - 1) / covered if covered > 0 else float("nan")
     return TopicStatistics(name, type_name, len(times), size, times, rate, longest_gap, latency)

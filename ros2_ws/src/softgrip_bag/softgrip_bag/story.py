@@ -68,7 +68,7 @@ class RecordedClosing:
 
 @dataclass(frozen=True)
 class RecordedGrasp:
-    """One goal of cell/grasp and its end; times in s where not said otherwise; evidence is YAML."""
+    """One goal of cell/grasp and its end; times in s where not said otherwise; evidence is JSON."""
 
     time: int
     product: str

@@ -22,6 +22,7 @@ from softgrip_bag.errors import BagError, DiskError
 from softgrip_bag.mcap_file import Attachment, McapFile, Topic
 from softgrip_bag.metadata import FileEntry, TopicEntry
 from softgrip_model.durable import make_folder_durably, sync_folder
+from softgrip_time.units import to_ns
 
 __all__ = ["Attachment", "BagWriter", "FileLimits", "Topic"]
 
@@ -184,7 +185,7 @@ class BagWriter:
         span, limits = self._file.span, self._limits
         if span.first is None:
             return False
-        too_long = 0 < limits.file_seconds * 1e9 <= received - span.first
+        too_long = 0 < to_ns(limits.file_seconds) <= received - span.first
         return too_long or 0 < limits.file_bytes <= self._file.size
 
     def _open(self) -> McapFile:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags from before enumerations began with UNSET: written here by rosbags with the definitions of that time."""
+"""Bags of older definitions: written here by rosbags with the definitions of their time."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +20,13 @@ from softgrip_bag.nodes.commands import info, replay
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import interface_text, message_class
 from softgrip_bag.nodes.recorded_bag import RecordedBag
+from softgrip_bag.nodes.trace import runs
 from softgrip_bag.offers import OfferedQos
-from softgrip_bag.old_definitions import ENUMERATIONS, old_name
+from softgrip_bag.old_definitions import ENUMERATIONS
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
-from softgrip_interfaces.msg import FrictionModel, FrictionSample, NodeTrace, PredictionResidual
+from softgrip_interfaces.msg import FingerMarkers, FrictionModel, FrictionSample, PredictionResidual
 
 #: As they stood in softgrip_interfaces at that time, without comments.
 OLD = {
@@ -193,46 +196,210 @@ def test_a_bag_of_today_is_read_as_it_is(tmp_path: Path) -> None:
     assert digest(bag).fits[0].verdict == "USABLE"
 
 
-def test_the_outcome_of_an_old_grasp_keeps_its_name_and_its_replay_is_refused(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with_trace = BagWriter(tmp_path / "trace")
-    kind = "softgrip_interfaces/msg/NodeTrace"
-    with_trace.add_topic(
-        Topic("/grasp_mix_manager/trace", kind, "", schema_text(kind, interface_text), (OfferedQos(),))
+def old_types(**texts: str) -> Any:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in texts.items():
+        store.register(get_types_from_msg(text, f"softgrip_interfaces/msg/{name}"))
+    return store
+
+
+def header(store: Any) -> Any:
+    return store.types[HEADER](stamp=store.types["builtin_interfaces/msg/Time"](sec=7, nanosec=8), frame_id="camera")
+
+
+def one_topic(folder: Path, topic: str, name: str, text: str, data: Sequence[bytes]) -> Path:
+    made = BagWriter(folder)
+    made.add_topic(Topic(topic, f"softgrip_interfaces/msg/{name}", "", text + STD, (OfferedQos(),)))
+    for number, one in enumerate(data, start=1):
+        made.write(topic, number, number, one)
+    return made.close()
+
+
+MARKERS = """std_msgs/Header header
+string finger
+string[] names
+float64[] u
+float64[] v
+float64[] x
+float64[] y
+float64[] stddev
+float32[] confidence
+bool[] occluded
+float32 threshold_quality
+string configuration
+"""
+
+
+def test_columns_of_markers_become_markers(tmp_path: Path) -> None:
+    store = old_types(FingerMarkers=MARKERS)
+    kind = store.types["softgrip_interfaces/msg/FingerMarkers"]
+    columns = {name: np.array([number, number + 0.5]) for number, name in enumerate(("u", "v", "x", "y", "stddev"))}
+    old = kind(
+        header=header(store),
+        finger="index",
+        names=["base", "tip"],
+        **columns,
+        confidence=np.array([0.25, 0.75], np.float32),
+        occluded=np.array([False, True]),
+        threshold_quality=0.5,
+        configuration="abc",
     )
-    with_trace.add_topic(
+    bag = one_topic(
+        tmp_path / "bag", "/m", "FingerMarkers", MARKERS, [bytes(store.serialize_cdr(old, old.__msgtype__))]
+    )
+    (raw,) = RecordedBag(bag).read()
+    found = deserialize_message(raw.data, FingerMarkers)
+    assert (found.finger, found.threshold_quality, found.configuration) == ("index", 0.5, "abc")
+    base, tip = found.markers
+    assert [(one.name, one.u, one.v, one.x, one.y, one.stddev) for one in (base, tip)] == [
+        ("base", 0.0, 1.0, 2.0, 3.0, 4.0),
+        ("tip", 0.5, 1.5, 2.5, 3.5, 4.5),
+    ]
+    assert [(one.confidence, one.occluded) for one in (base, tip)] == [(0.25, False), (0.75, True)]
+
+
+TRACE = """std_msgs/Header header
+uint64 first
+string[] names
+uint16[] name
+int64[] stamp
+int64[] wall
+int64[] monotonic
+uint32[] size
+uint8[] data
+"""
+RESULT = """uint8 outcome
+string reason
+string evidence
+float64 latency
+float64 duration
+float64[] pulled_lengths
+float64[] tensions
+"""
+RESULT_WITH_DECISION = RESULT.replace(
+    "string evidence\n", "string evidence\nsoftgrip_interfaces/GraspEvidence decision\n"
+)
+FEEDBACK = "string phase\nfloat64[] pulled_lengths\nfloat64[] tensions\nbool contact\n"
+EVIDENCE = "phase: hold\nexcess_n: {index: 1.5}\npeak_excess_n: {index: 2.5}\ndecided_stamp_ns: 5000000001\n"
+
+
+def old_trace(folder: Path, steps: Sequence[tuple[str, bytes]]) -> BagWriter:
+    """Return a bag with a trace of the time when its steps were columns."""
+    store = old_types(NodeTrace=TRACE)
+    names = sorted({name for name, _ in steps})
+    count = len(steps)
+    kind = store.types["softgrip_interfaces/msg/NodeTrace"]
+    trace = kind(
+        header=header(store),
+        first=0,
+        names=names,
+        name=np.array([names.index(name) for name, _ in steps], np.uint16),
+        stamp=np.arange(count),
+        wall=np.arange(count) + 100,
+        monotonic=np.arange(count) + 200,
+        size=np.array([len(data) for _, data in steps], np.uint32),
+        data=np.frombuffer(b"".join(data for _, data in steps), np.uint8),
+    )
+    made = BagWriter(folder)
+    made.add_topic(
+        Topic("/grasp_mix_manager/trace", "softgrip_interfaces/msg/NodeTrace", "", TRACE + STD, (OfferedQos(),))
+    )
+    made.write("/grasp_mix_manager/trace", 1, 1, bytes(store.serialize_cdr(trace, trace.__msgtype__)))
+    return made
+
+
+def old_result(outcome: int, evidence: str = "{}") -> bytes:
+    store = old_types(Result=RESULT)
+    kind = store.types["softgrip_interfaces/msg/Result"]
+    empty = np.array([])
+    made = kind(outcome, f"r{outcome}", evidence, latency=0.25, duration=4.0, pulled_lengths=empty, tensions=empty)
+    return bytes(store.serialize_cdr(made, made.__msgtype__))
+
+
+def test_steps_that_were_columns_become_steps_with_their_data(tmp_path: Path) -> None:
+    store = old_types(Feedback=FEEDBACK)
+    kind = store.types["softgrip_interfaces/msg/Feedback"]
+    feedback = kind(phase="lift", pulled_lengths=np.array([0.01]), tensions=np.array([2.0]), contact=True)
+    steps = [
+        ("topic /tendon/state", b""),
+        ("feedback /cell/grasp", bytes(store.serialize_cdr(feedback, feedback.__msgtype__))),
+        ("finished /cell/grasp", old_result(3, EVIDENCE)),
+    ]
+    bag = RecordedBag(old_trace(tmp_path / "bag", steps).close())
+    ((first, second, third),) = runs(bag, "/grasp_mix_manager/trace")
+    assert (first.name, first.number, first.stamp_ns, first.time_ns, first.monotonic_ns) == (
+        steps[0][0],
+        0,
+        0,
+        100,
+        200,
+    )
+    said = deserialize_message(second.data, Grasp.Feedback)
+    assert (said.phase, list(said.pulled_lengths), said.contact) == (Grasp.Feedback.LIFT, [0.01], True)
+    result = deserialize_message(third.data, Grasp.Result)
+    assert (result.outcome, result.reason, result.latency) == (Grasp.Result.SLIPPED, "r3", 0.25)
+    decision = result.decision
+    assert (decision.phase, decision.stamp.sec, decision.stamp.nanosec) == (decision.HOLD, 5, 1)
+    (index,) = decision.fingers
+    assert (index.finger, index.contact_tension, index.peak_contact_tension) == ("index", 1.5, 2.5)
+    assert np.isnan(index.tip_deviation)
+
+
+def test_a_result_with_yaml_and_numbers_keeps_its_numbers(tmp_path: Path) -> None:
+    parts = {"FingerEvidence": interface_text("softgrip_interfaces", "msg", "FingerEvidence")}
+    parts["GraspEvidence"] = interface_text("softgrip_interfaces", "msg", "GraspEvidence").replace(
+        "FingerEvidence[]", "softgrip_interfaces/FingerEvidence[]"
+    )
+    store = old_types(**parts, Result=RESULT_WITH_DECISION)
+    types = {
+        name: store.types[f"softgrip_interfaces/msg/{name}"] for name in ("FingerEvidence", "GraspEvidence", "Result")
+    }
+    finger = types["FingerEvidence"]("thumb", 3, 1.5, 0.1, 0.4, 2.5, 3.0, 0.02)
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
+    empty = np.array([])
+    result = types["Result"](
+        1, "held", "phase: hold", types["GraspEvidence"](stamp, 3, [finger]), 0.25, 4.0, empty, empty
+    )
+    data = bytes(store.serialize_cdr(result, result.__msgtype__))
+    (grasp,) = digest(old_trace(tmp_path / "bag", [("finished /cell/grasp", data)]).close()).grasps
+    assert (grasp.outcome, grasp.reason, grasp.latency, grasp.duration) == ("GRIPPED", "held", 0.25, 4.0)
+    assert json.loads(grasp.evidence) == {
+        "stamp_ns": 1_000_000_002,
+        "phase": "HOLD",
+        "fingers": [
+            {
+                "finger": "thumb", "state": "BLOCKED", "contact_tension": 1.5, "contact_tension_stddev": 0.1,
+                "threshold": 0.4, "peak_contact_tension": 2.5, "max_force": 3.0, "tip_deviation": 0.02,
+            }
+        ],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("data", [old_result(1) + bytes(8), old_result(1, "phase: [")], ids=["longer", "no YAML"])
+def test_a_result_of_neither_time_is_refused(data: bytes, tmp_path: Path) -> None:
+    bag = RecordedBag(old_trace(tmp_path / "bag", [("finished /cell/grasp", data)]).close())
+    with pytest.raises(BagError, match="expected a softgrip_interfaces/action/Grasp_Result"):
+        list(runs(bag, "/grasp_mix_manager/trace"))
+
+
+def test_the_outcome_of_an_old_grasp_keeps_its_name_and_its_replay_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = old_trace(tmp_path / "trace", [("finished /cell/grasp", old_result(number)) for number in range(5)])
+    made.add_topic(
         Topic("/friction/active", "softgrip_interfaces/msg/FrictionModel", "", OLD["FrictionModel"] + STD, ())
     )
-    results = [bytes(serialize_message(Grasp.Result(outcome=number, reason=f"r{number}"))) for number in range(5)]
-    steps = NodeTrace(
-        first=0,
-        size=[len(data) for data in results],
-        data=b"".join(results),
-        **_step_fields(len(results), "finished /cell/grasp"),
-    )
-    with_trace.write("/grasp_mix_manager/trace", 1, 1, bytes(serialize_message(steps)))
-    old = with_trace.close()
+    old = made.close()
     assert [grasp.outcome for grasp in digest(old).grasps] == ["GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED"]
     assert replay.main([str(old), "--through", "grasp_mix_manager", "--check"]) == 2
     assert "needs softgrip of that time" in capsys.readouterr().err
-
-
-def _step_fields(count: int, name: str) -> dict[str, Any]:
-    """Fill the other fields of a trace: names are listed once, the rest is a number a step."""
-    fields = NodeTrace.get_fields_and_field_types()
-    filled: dict[str, Any] = {}
-    for field, kind in fields.items():
-        if field in {"first", "size", "data", "header"} or not kind.startswith("sequence"):
-            continue
-        filled[field] = [name] if "string" in kind else [0] * count
-    return filled
 
 
 def test_the_table_names_what_the_interfaces_have() -> None:
     """Each enumeration of the table is UNSET and then its names, in this order; none is forgotten."""
     classes = {
         "Grasp_Result": Grasp.Result,
+        "Grasp_Feedback": Grasp.Feedback,
         "SwapFingers_Result": SwapFingers.Result,
         "CalibrateFriction_Result": CalibrateFriction.Result,
         "MoveTendon_Goal": MoveTendon.Goal,
@@ -244,4 +411,3 @@ def test_the_table_names_what_the_interfaces_have() -> None:
         for names in fields.values():
             assert kind.UNSET == 0
             assert [getattr(kind, one) for one in names] == list(range(1, len(names) + 1))
-            assert old_name(full, next(iter(fields)), len(names)) == "UNSET"

@@ -6,12 +6,6 @@ from __future__ import annotations
 #: former -> present name of fields and of kinds of files
 PRESENT_NAMES = {
     "hold_excess_n": "hold_contact_tension_n",
-    # evidence of a grasp
-    "excess_n": "contact_tension_n",
-    "contact_from_n": "threshold_n",
-    "force_at_most_n": "max_force_n",
-    "peak_excess_n": "peak_contact_tension_n",
-    "tip_off_m": "tip_deviation_m",
     "softgrip_passports": "softgrip_finger_records",
 }
 

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
+from softgrip_time.units import to_ns
+
 Kept = TypeVar("Kept")
 
 #: Tendon samples kept while their prediction is on its way: a quarter of a second at 1 kHz.
@@ -103,7 +105,7 @@ class ObservationOrder:
     """
 
     def __init__(self, allowed_lateness_s: float) -> None:
-        self._lateness_ns = round(allowed_lateness_s * 1e9)
+        self._lateness_ns = to_ns(allowed_lateness_s)
         self._waiting: OrderedDict[int, TendonSample] = OrderedDict()
         self._gone: OrderedDict[int, TendonSample] = OrderedDict()  # without their predictions
         self._early: OrderedDict[int, FreeMotion] = OrderedDict()

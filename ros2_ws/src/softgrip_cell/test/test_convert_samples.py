@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between messages and values: tendon samples, verdicts, and what earlier releases wrote."""
+"""Between messages and values: tendon samples, verdicts, phases."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import math
 from dataclasses import replace
 
 import pytest
-import yaml
 from sensor_msgs.msg import JointState
 
-from softgrip_cell.former_names import with_present_names
 from softgrip_cell.grasp.contact import ContactState
+from softgrip_cell.grasp.sequence import GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import FingerEvidence, GraspEvidence, GraspOutcome, GraspPhase, GraspVerdict
-from softgrip_cell.nodes.convert import grasp_result, tendon_sample
+from softgrip_cell.nodes.convert import grasp_evidence, grasp_feedback, grasp_result, tendon_sample
 from softgrip_cell.nodes.parameters import PARAMETERS
+from softgrip_interfaces.action import Grasp
+from softgrip_interfaces.msg import GraspEvidence as GraspEvidenceMessage
 
 SLOTS = ("index", "middle", "thumb")
 
@@ -61,7 +62,7 @@ def test_a_message_that_does_not_fit_makes_no_sample(columns: dict[str, list[obj
     assert tendon_sample(message(**columns), SLOTS) is None
 
 
-def test_a_verdict_carries_its_numbers_typed_and_as_yaml() -> None:
+def test_a_verdict_carries_its_numbers() -> None:
     found = FingerEvidence("index", ContactState.BLOCKED, 2.0, 0.35, 0.07, 2.5, 1.5, None)
     seen = replace(found, finger="middle", tip_deviation_m=0.02)
     evidence = GraspEvidence(GraspPhase.HOLD, 5_000_000_001, (found, seen))
@@ -73,28 +74,19 @@ def test_a_verdict_carries_its_numbers_typed_and_as_yaml() -> None:
     assert (first.contact_tension_stddev, first.peak_contact_tension, first.max_force) == (0.07, 2.5, 1.5)
     assert math.isnan(first.tip_deviation)
     assert second.tip_deviation == 0.02
-    text = yaml.safe_load(result.evidence)
-    assert text["decided_stamp_ns"] == 5_000_000_001
-    assert text["contact_tension_n"] == {"index": 2.0, "middle": 2.0}
-    assert text["tip_deviation_m"] == {"middle": 0.02}
 
 
 def test_a_refusal_carries_no_numbers() -> None:
     result = grasp_result(GraspVerdict(GraspOutcome.ABORTED, "refused", 0.0), None, 0.0)
     assert (result.decision.phase, list(result.decision.fingers)) == (result.decision.UNSET, [])
-    assert yaml.safe_load(result.evidence) == {}
 
 
-def test_evidence_of_an_earlier_release_is_read_under_the_present_names() -> None:
-    old = yaml.safe_load(
-        "phase: hold\nexcess_n: {index: 1.2}\ncontact_from_n: {index: 0.4}\npeak_excess_n: {index: 2.0}"
-    )
-    assert with_present_names(old) == {
-        "phase": "hold",
-        "contact_tension_n": {"index": 1.2},
-        "threshold_n": {"index": 0.4},
-        "peak_contact_tension_n": {"index": 2.0},
-    }
+@pytest.mark.parametrize("phase", GraspPhase)
+def test_a_phase_has_one_number_in_feedback_and_evidence(phase: GraspPhase) -> None:
+    number = grasp_feedback(GraspStep(phase, ()), None).phase
+    assert number == getattr(Grasp.Feedback, phase.name, 0) == getattr(GraspEvidenceMessage, phase.name, 0)
+    assert grasp_evidence(GraspEvidence(phase)).phase == number
+    assert (number == Grasp.Feedback.UNSET) == (phase is GraspPhase.DONE)
 
 
 @pytest.mark.parametrize(

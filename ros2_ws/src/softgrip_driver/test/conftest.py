@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from softgrip_driver.configuration import STAGE_RATES
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, OperatingMode
 from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
+from softgrip_driver.stage.drive_set import STAGE_RATES
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies

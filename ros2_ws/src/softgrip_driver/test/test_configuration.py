@@ -20,13 +20,13 @@ def configured(**changes):
 def test_one_value_counts_for_every_tendon():
     found = configured(spool_radii_m=[0.010, 0.012, 0.010], directions=[-1], servo_models=["XM430-W350"], **GENTLE)
     assert found.spools == {"index": Spool(0.010, -1), "middle": Spool(0.012, -1), "thumb": Spool(0.010, -1)}
-    assert [servo.model.name for servo in found.servos] == ["XM430-W350"] * 3
-    assert [servo.servo_id for servo in found.servos] == [1, 2, 3]
+    assert [servo.model.name for servo in found.drives.servos] == ["XM430-W350"] * 3
+    assert [servo.servo_id for servo in found.drives.servos] == [1, 2, 3]
 
 
 def test_a_measured_torque_model_replaces_the_data_sheet_s_for_its_own_tendon():
     found = configured(torque_per_ampere_nm_a=[0.0, 0.31, 0.0], friction_currents_a=[0.0, 0.04, 0.0])
-    first, second, _ = (servo.torque for servo in found.servos)
+    first, second, _ = (servo.torque for servo in found.drives.servos)
     assert (first.source, second.source) == ("data sheet", "calibrated")
     assert (second.torque_per_ampere, second.friction_current) == (0.31, 0.04)
     assert first.torque_per_ampere == pytest.approx(0.52 / 1.47)
@@ -36,7 +36,7 @@ STAGE = {"backend": "grbl", "tendons": ["pull"], "loop_rate": 10.0, "gauge_port"
 
 
 def test_a_stage_takes_one_tendon_and_a_gauge():
-    assert configured(**STAGE).servos == ()
+    assert configured(**STAGE).drives.gauge.kind == "gcl2"
 
 
 @pytest.mark.parametrize(
@@ -71,12 +71,12 @@ def test_what_contradicts_itself_is_refused(changes, text):
 
 
 def test_a_slow_loop_takes_a_slow_watchdog_or_none():
-    assert configured(loop_rate=20.0, bus_watchdog_s=0.1).bus_watchdog == 0.1
-    assert configured(loop_rate=20.0, bus_watchdog_s=0.0).bus_watchdog == 0.0
+    assert configured(loop_rate=20.0, bus_watchdog_s=0.1).drives.bus_watchdog == 0.1
+    assert configured(loop_rate=20.0, bus_watchdog_s=0.0).drives.bus_watchdog == 0.0
 
 
 def test_the_strongest_servo_may_get_as_warm_as_it_can_stand():
-    assert configured(servo_models=["XM430-W350"], temperature_limit_degc=80.0, **GENTLE).servos
+    assert configured(servo_models=["XM430-W350"], temperature_limit_degc=80.0, **GENTLE).drives.servos
 
 
 def test_limits_that_a_model_can_not_keep_are_refused_with_the_values_that_it_can():
@@ -92,4 +92,4 @@ def test_limits_that_a_model_can_not_keep_are_refused_with_the_values_that_it_ca
     # On a spool twice as wide the same shaft moves the tendon twice as fast, with half the force.
     wide = configured(servo_models=["XM430-W350"], spool_radii_m=[0.020], homing_tension_n=2.5, speed_m_s=0.06,
                       acceleration_m_s2=0.1, loop_rate=200.0)  # fmt: skip
-    assert [servo.model.name for servo in wide.servos] == ["XM430-W350"] * 3
+    assert [servo.model.name for servo in wide.drives.servos] == ["XM430-W350"] * 3

@@ -110,7 +110,7 @@ def values():
 def test_calibrated_values_and_the_limited_current_reach_the_servo(values):
     values |= {"winding_resistances_ohm": [3.1], "back_emfs_v_s": [0.41], "limited_currents": ["winding"]}
     values |= {"torque_per_ampere_nm_a": [0.33], "friction_slopes_a_s_m": [0.5], "gear_load_shares": [0.06]}
-    servo = checked_configuration(values).servos[0]
+    servo = checked_configuration(values).drives.servos[0]
     assert (servo.motor.resistance, servo.motor.back_emf) == (3.1, 0.41)
     assert (servo.torque.friction_slope, servo.torque.load_share) == (0.5, 0.06)
     assert not servo.limits_supply
@@ -123,7 +123,7 @@ def test_a_servo_without_current_is_refused_in_the_mode_that_needs_one(values):
     values |= {"speed_m_s": 0.03, "acceleration_m_s2": 0.2, "loop_rate": 200.0}
     with pytest.raises(ConfigurationError, match="expected 4 with a XL430-W250"):
         checked_configuration(values)
-    servo = checked_configuration(values | {"operating_mode": 4}).servos[0]
+    servo = checked_configuration(values | {"operating_mode": 4}).drives.servos[0]
     assert not servo.has_current_limit
     assert servo.pull(seen(0.1, 0.0, 11.1))[1] > 0.0
 

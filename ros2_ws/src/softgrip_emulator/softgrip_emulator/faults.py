@@ -197,6 +197,7 @@ class FaultBoard:
 
     def _started(self, fault: str, cause: Cause, arguments: dict[str, Any]) -> Undo:
         try:
+            _check_numbers(cause, arguments)
             return cause(self._cell, **arguments)
         except (TypeError, ValueError) as error:
             known = [name for name in inspect.signature(cause).parameters if name not in {"cell", "slot"}]
@@ -248,6 +249,13 @@ def _set(thing: object, **values: Any) -> Undo:
                 del _HELD[(id(thing), name)]
 
     return undo
+
+
+def _check_numbers(cause: Cause, arguments: Mapping[str, Any]) -> None:
+    for name, one in inspect.signature(cause).parameters.items():
+        value = arguments.get(name, one.default)
+        if isinstance(one.default, int | float) and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise TypeError(f"{name}: {value!r} where a number is expected")
 
 
 def _concerns_a_drive(cause: Cause) -> bool:

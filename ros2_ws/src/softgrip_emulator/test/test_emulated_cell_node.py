@@ -5,6 +5,7 @@ import signal
 from itertools import pairwise
 
 import pytest
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from softgrip_interfaces.msg import EmulatorTruth
@@ -45,8 +46,13 @@ def test_services_truth_and_clean_end(start, peer, tmp_path):
     assert peer.call(SetRig, "emulator/set_rig", angle=0.8, load=0.6).success
     fault = peer.call(InjectFault, "emulator/inject_fault", fault="servo_silent", target="2", duration=0.0)
     assert (fault.success, list(fault.active)) == (True, ["servo_silent@middle"])
-    bad = peer.call(InjectFault, "emulator/inject_fault", fault="slack", arguments="[1")
-    assert (bad.success, "YAML" in bad.message) == (False, True)
+    for argument, expected in (("length_m", "a number is expected"), ("colour", "expected arguments of ['length_m']")):
+        given = [Parameter(argument, value="long").to_parameter_msg()]
+        bad = peer.call(InjectFault, "emulator/inject_fault", fault="slack", arguments=given)
+        assert (bad.success, expected in bad.message) == (False, True), bad.message
+    lossy = [Parameter("share", value=0.0).to_parameter_msg()]
+    assert peer.call(InjectFault, "emulator/inject_fault", fault="bytes_lost", arguments=lossy).success
+    assert peer.call(InjectFault, "emulator/inject_fault", fault="clear", target="bytes_lost").success
     truths = peer.hear(EmulatorTruth, "emulator/truth", SENSOR)
     peer.spin_until(lambda: truths)
     truth = truths[-1]

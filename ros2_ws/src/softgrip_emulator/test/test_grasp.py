@@ -156,3 +156,22 @@ def test_the_same_seed_gives_the_same_grasp(cell):
         plant.place("grape")
         states.append(plant.close(8.0, max_s=1.5))
     assert states[0] == states[1]
+
+
+def test_a_hand_is_put_together_a_little_beside_its_drawing():
+    """The play of a foot is 0.2 mm each side (docs/parts.md), which tilts it on 16 mm by 0.025 rad at most."""
+    drawn = hand().slots
+    cells = [hand().assembled(seed).slots for seed in range(200)]
+    assert hand().assembled(7).slots == cells[7]
+    assert cells[7] != cells[8]
+    for name, place in drawn.items():
+        off = np.array([
+            (c[name].along_m - place.along_m, c[name].out_m - place.out_m, c[name].across_m - place.across_m)
+            for c in cells
+        ])  # fmt: skip
+        turned = np.array([c[name].rest_angle_rad - place.rest_angle_rad for c in cells])
+        expected_m = np.hypot(0.2e-3 / np.sqrt(3), 0.1e-3)  # uniform play, and the printer
+        assert off.std(axis=0) == pytest.approx(expected_m, rel=0.15)
+        assert np.abs(off.mean(axis=0)).max() < 4.0 * expected_m / np.sqrt(200)
+        assert turned.std() == pytest.approx(np.sqrt(2) * 0.2 / np.sqrt(3) / 16, rel=0.15)
+        assert {c[name].side for c in cells} == {place.side}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KIND: Final = "softgrip_grasp_policy"
-#: The policy that ships, for power fingers; benchmarks/gym.py trains it again.
+#: The policy that ships, for power fingers; benchmarks/virtual/gym.py trains it again.
 SHIPPED: Final = Path(__file__).parent / "data" / "grasp_policy.json"
 #: Features of a product that a tension depends on: 1, smallest size [0.1 m], mass [0.5 kg].
 FEATURES: Final = 3

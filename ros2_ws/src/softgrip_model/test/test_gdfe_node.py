@@ -10,9 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
 from softgrip_interfaces.msg import CellState, FrictionModel, MountedFinger, PredictedShape
-from softgrip_model.nodes import convert
 from softgrip_model.nodes.gdfe_simulator import GdfeSimulator
-from softgrip_nodekit import LATCHED, SENSOR
+from softgrip_nodekit import LATCHED, SENSOR, nanoseconds, to_time_message
 
 PERIOD_NS = 40_000_000
 
@@ -42,7 +41,7 @@ class Bench:
 
     def pull(self, stamp_ns, length):
         message = JointState(name=["index"], position=[length], velocity=[0.0], effort=[1.0])
-        message.header.stamp = convert.stamp_of(stamp_ns)
+        message.header.stamp = to_time_message(stamp_ns)
         before = len(self.got)
         self.tendons.publish(message)
         self.spin(lambda: len(self.got) > before)
@@ -66,7 +65,7 @@ def test_a_pulled_finger_closes_towards_minus_y(bench):
     shape = bench.pull(1_000_000_000, 0.006)
     vertices = np.array(shape.vertices).reshape(-1, 3)
     assert shape.converged
-    assert convert.nanoseconds(shape.header.stamp) == 1_000_000_000
+    assert nanoseconds(shape.header.stamp) == 1_000_000_000
     assert shape.header.frame_id == "index_base"
     assert vertices[:, 1].min() < -0.03
     assert len(shape.strain) == shape.hexahedra

@@ -31,7 +31,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from softgrip_interfaces.msg import InputNote
 from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.parameters import Parameter
-from softgrip_nodekit.stamps import NANOSECONDS, nanoseconds, to_time_message
+from softgrip_nodekit.stamps import nanoseconds, to_time_message
+from softgrip_time.units import NANOSECONDS, to_ns
 
 #: [ns] further behind its newest message the driving stream is only when its source has restarted.
 RESTART_NS: Final = 2 * NANOSECONDS
@@ -77,7 +78,7 @@ class LatchedInputs:
     """
 
     def __init__(self, allowed_lateness_s: float, note: NoteInput) -> None:
-        self._lateness_ns = round(allowed_lateness_s * NANOSECONDS)
+        self._lateness_ns = to_ns(allowed_lateness_s)
         self._note = note
         self.newest_ns = 0
         self._held: list[_Held] = []

@@ -22,10 +22,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
-from softgrip_interfaces.msg import NodeTrace
+from softgrip_interfaces.msg import NodeTrace, TraceStep
 from softgrip_nodekit.cell_time import duration_clock, duration_timer
 from softgrip_nodekit.stamps import nanoseconds, to_time_message
 from softgrip_nodekit.timers import steady_timer
+from softgrip_time.units import to_s
 
 #: [s] between two messages of a trace.
 _PERIOD_S = 0.1
@@ -63,7 +64,7 @@ class NodeIo:
 
     def monotonic_s(self) -> float:
         """Return the clock of durations [s]."""
-        return self.monotonic_ns() * 1e-9
+        return to_s(self.monotonic_ns())
 
     def draw_token(self) -> str:
         """Return 128 random bits as 32 hex digits: a secret that nobody can guess."""
@@ -132,8 +133,7 @@ class StepTrace:
 
     def __init__(self, node: Node) -> None:
         self._io = NodeIo(node)
-        self._names: dict[str, int] = {}
-        self._steps: list[tuple[int, int, int, int, bytes]] = []
+        self._steps: list[TraceStep] = []
         self._first = 0
         self._begun_ns: tuple[int, int] | None = None
         self._publisher = node.create_publisher(NodeTrace, "~/trace", _QOS)
@@ -164,28 +164,17 @@ class StepTrace:
         return found
 
     def _append(self, name: str, data: bytes, stamp: int = 0) -> None:
-        number = self._names.setdefault(name, len(self._names))
-        wall, monotonic = self._begun_ns or (0, 0)
-        self._steps.append((number, stamp, wall, monotonic, data))
+        time, monotonic = self._begun_ns or (0, 0)
+        self._steps.append(TraceStep(name=name, stamp=stamp, time=time, monotonic=monotonic, data=data))
 
     def publish(self) -> None:
         """Publish the steps since the last time."""
         if not self._steps:
             return
-        steps, self._steps = self._steps, []
-        names, stamps, walls, monotonics, data = zip(*steps, strict=True)
-        message = NodeTrace(
-            first=self._first,
-            names=list(self._names),
-            name=names,
-            stamp=stamps,
-            wall=walls,
-            monotonic=monotonics,
-            size=[len(item) for item in data],
-            data=b"".join(data),
-        )
+        message = NodeTrace(first=self._first, steps=self._steps)
         message.header.stamp = to_time_message(self._io.now_ns())
-        self._first += len(steps)
+        self._first += len(self._steps)
+        self._steps = []
         self._publisher.publish(message)
 
 

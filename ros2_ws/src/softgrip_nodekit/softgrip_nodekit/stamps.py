@@ -3,12 +3,12 @@
 
 from builtin_interfaces.msg import Time
 
-NANOSECONDS = 1_000_000_000
+from softgrip_time.units import NANOSECONDS, to_s
 
 
 def seconds(stamp: Time) -> float:
     """Return a stamp as seconds [s] since its clock's epoch."""
-    return float(stamp.sec + stamp.nanosec * 1e-9)
+    return float(stamp.sec + to_s(stamp.nanosec))
 
 
 def nanoseconds(stamp: Time) -> int:

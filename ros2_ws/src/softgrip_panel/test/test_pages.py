@@ -24,6 +24,13 @@ def take_control(browser: PanelBrowser) -> None:
         browser.wait_for_text("#control", "You have control")
 
 
+def wait_for_pictures(browser: PanelBrowser, count: int) -> None:
+    """Wait until so many more pictures have come."""
+    number = "return Number(document.getElementById('camera').dataset.number || 0)"
+    last = int(browser.script(number)) + count
+    browser.wait(lambda: browser.script(number) >= last, "pictures")
+
+
 def test_opening_pages_moves_and_powers_nothing(browser: PanelBrowser, site: RunningSite) -> None:
     for path in PAGES:
         browser.open(path)
@@ -179,6 +186,97 @@ def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: Panel
         "if (d[k + 2] > d[k] + 60) blue += 1; if (d[k] > d[k + 2] + 60) red += 1; } return [blue, red];"
     )
     assert min(colours) > 200  # the base is blue, the tip is red
+
+
+# --- set-up
+
+
+def test_the_bus_is_freed_for_a_terminal_and_taken_back(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/setup")
+    take_control(browser)
+    browser.wait_for_text("#driver-phase", "tendons held")
+    browser.wait_for_text("#driver", "Replies are lost")  # three of them, says the driver
+    browser.wait_for_text("#bus-owner", "The driver has the bus")
+    assert "wizard --port /dev/servos --tendons index middle thumb --file cell.yaml" in browser.text("#terminal")
+    browser.press("free-bus")
+    browser.wait_for_text(".dialog", "What the hand holds falls")
+    browser.press("free-confirm")
+    browser.wait_for_text("#bus-owner", "The bus is free")
+    browser.press("take-bus")
+    browser.press("take-confirm")
+    browser.wait_for_text("#driver-phase", "tendons held")
+    asked = [one["request"]["transition"]["label"] for one in site.calls() if one["act"] == "set_driver"]
+    assert asked == ["deactivate", "cleanup", "configure", "activate"]
+
+
+def test_tendons_are_bedded_in_until_no_zero_moves(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/setup")
+    take_control(browser)
+    browser.press("tension")
+    browser.wait_for_text("#tensioning tbody", "index +0.50 mm")
+    browser.wait_for_text("#tensioning-said", "Do another round")
+    browser.press("tension")
+    browser.wait_for_text("#tensioning-said", "The zeros stay")
+    moves = [one["request"] for one in site.calls() if one["act"] in {"pull", "slacken"}]
+    assert [(one["mode"], one["targets"]) for one in moves] == [(2, [5.0]), (1, [0.0])] * 2
+
+
+def test_a_weight_is_weighed_and_one_that_swings_is_not(browser: PanelBrowser) -> None:
+    browser.open("/setup")
+    browser.wait(lambda: browser.count("#weights option") == 3, "the tendons")
+    browser.press("weigh")  # the site's tensions never rest
+    browser.wait_for_text("#weight-problem", "expected a weight at rest")
+
+
+def test_a_lens_is_found_from_views_and_given_to_the_camera(
+    browser: PanelBrowser, site: RunningSite, board_pictures: list[bytes]
+) -> None:
+    browser.open("/setup")
+    take_control(browser)
+    browser.press("take-view")
+    browser.wait_for_text("#view-problem", "expected the board of 11 x 7 squares")
+    browser.press("find-lens")
+    browser.wait_for_text("#views", "at least 8 different views")
+    shown = site.folder / "shown.jpg"
+    for number, jpeg in enumerate(board_pictures, 1):
+        part = shown.with_suffix(".part")
+        part.write_bytes(jpeg)
+        part.replace(shown)
+        wait_for_pictures(browser, 2)
+        browser.press("take-view")
+        browser.wait_for_text("#views", f"Views: {number}")
+    browser.press("find-lens")
+    browser.wait_for_text("#views", "Lens found from")
+    browser.press("use-lens")
+    browser.wait(lambda: any(one["act"] == "set_camera_info" for one in site.calls()), "the lens at the camera")
+    shown.unlink()
+    (given,) = (one["request"]["camera_info"] for one in site.calls() if one["act"] == "set_camera_info")
+    assert given["k"][0] == pytest.approx(905.0, rel=0.01)  # what the pictures were drawn with
+    assert len(list((site.folder / "views").glob("view_*.jpg"))) == len(board_pictures)
+
+
+def test_a_parameter_is_set_within_its_bounds_only(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/setup")
+    take_control(browser)
+    browser.press("read-parameters")
+    browser.wait_for_text("#parameters", "50 .. 100")
+    assert browser.count("[data-name='set-source']") == 0  # at start only
+    browser.press("set-jpeg_quality")
+    field = browser.find(".new-value input")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys("101")
+
+    def refused() -> bool:  # a press while the dialog is still opening is lost
+        browser.press("set-confirm")
+        return "expected 50 .. 100, found 101" in browser.text(".dialog")
+
+    browser.wait(refused, "the bounds")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys("80")
+    browser.press("set-confirm")
+    browser.wait(lambda: "80" in browser.text("#parameters tbody tr td"), "the new value")
+    (setting,) = next(one["request"]["parameters"] for one in site.calls() if one["act"] == "set_parameter")
+    assert setting == {"name": "jpeg_quality", "value": {"type": 2, "integer_value": 80}}
 
 
 def test_a_hostile_name_is_text_and_nothing_else(browser: PanelBrowser) -> None:

@@ -28,10 +28,16 @@ PREFIXES = (
     "work.phase_",
     "bags.make_",
     "friction.plan_",
+    "setup.phase_",
+    "setup.free_",
+    "setup.take_",
+    "setup.do_",
+    "setup.why_",
+    "setup.bus_",
 )
 
 #: Names of files that look like keys.
-FILES = {"grasps.csv", "swap.json"}
+FILES = {"cell.yaml", "grasps.csv", "swap.json"}
 
 
 @functools.cache

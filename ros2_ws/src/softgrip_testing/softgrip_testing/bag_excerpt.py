@@ -11,6 +11,7 @@ from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import RawMessage, attachments, facts, read, topic_summaries
+from softgrip_bag.schema_text import FindInterface, schema_text
 from softgrip_bag.writer import BagWriter, Topic
 
 #: Written anew for each file.
@@ -24,6 +25,7 @@ def excerpt(
     since: int = 0,
     until: int | None = None,
     instead: Mapping[str, Sequence[RawMessage]] | None = None,
+    find: FindInterface | None = None,
     edit: Callable[[Attachment], Attachment] = lambda attachment: attachment,
 ) -> int:
     """Write a part of a bag; returns the number of messages.
@@ -37,6 +39,7 @@ def excerpt(
         since: [ns] by time of reception.
         until: [ns] by time of reception; None = the end.
         instead: topic -> messages in place of the recorded ones.
+        find: where these have today's form: gives its definition; None = they have the bag's.
         edit: gives what to carry in place of an attached file.
 
     Raises:
@@ -52,7 +55,8 @@ def excerpt(
             part.attach(edit(attachment))
         for topic in chosen:
             offers = tuple(OfferedQos.from_map(offer) for offer in topic.qos)
-            part.add_topic(Topic(topic.name, topic.type_name, topic.type_hash, topic.schema, offers))
+            schema = schema_text(topic.type_name, find) if find and topic.name in (instead or {}) else topic.schema
+            part.add_topic(Topic(topic.name, topic.type_name, topic.type_hash, schema, offers))
         for message in _merged(bag, {topic.name for topic in chosen}, instead or {}):
             if until is not None and message.received > until:
                 break

@@ -42,6 +42,7 @@ from softgrip_model.friction.fit import fit
 from softgrip_model.friction.measurements import Measurements
 from softgrip_model.profile import Profile, load_directory, shipped_directory
 from softgrip_testing.virtual_bus import VirtualBus
+from softgrip_time.units import to_ns
 
 Array = NDArray[np.float64]
 
@@ -157,7 +158,7 @@ class VirtualCell:
     @property
     def now_ns(self) -> int:
         """Virtual time of the last reading [ns]."""
-        return round(self._read_s * 1e9)
+        return to_ns(self._read_s)
 
     def home(self) -> None:
         """Home all tendons."""
@@ -325,7 +326,7 @@ class VirtualCell:
         self._periods += 1
         if self._periods % SEEN_EVERY == 0:
             self._frames.append(self.see_tip(self._camera_noise))
-        while self._frames and self.now_ns - self._frames[0].stamp_ns >= SEEN_AFTER_S * 1e9:
+        while self._frames and self.now_ns - self._frames[0].stamp_ns >= to_ns(SEEN_AFTER_S):
             yield self._frames.popleft()
 
     def hangs(self, for_s: float) -> bool:

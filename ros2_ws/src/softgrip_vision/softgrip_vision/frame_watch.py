@@ -8,6 +8,7 @@ from collections import deque
 
 import numpy as np
 
+from softgrip_time.units import to_ns, to_s
 from softgrip_vision.frame import CameraFrame
 
 #: [s] of the same picture, bit for bit: a sensor's noise never repeats
@@ -36,7 +37,7 @@ class FrameWatch:
             self._same_since = frame.stamp_ns
         self._last = frame
         self._stamps.append(frame.stamp_ns)
-        while frame.stamp_ns - self._stamps[0] > COUNT_TIME * 1e9:
+        while frame.stamp_ns - self._stamps[0] > to_ns(COUNT_TIME):
             self._stamps.popleft()
 
     def problem(self) -> str:
@@ -48,7 +49,7 @@ class FrameWatch:
         frame = self._last
         if frame is None:
             return ""
-        frozen = (frame.stamp_ns - self._same_since) * 1e-9
+        frozen = to_s(frame.stamp_ns - self._same_since)
         if frozen > FROZEN_TIME:
             return f"the picture is frozen: the same for {frozen:.1f} s, bit for bit; restart the camera"
         pixels = frame.pixels()

@@ -152,8 +152,9 @@ def test_from_stream_to_joint_angles(
     assert math.isnan(finger.pulled_length)
     assert math.isnan(finger.tension)
     assert seconds(watcher.measured[0].header.stamp) == pytest.approx(now, abs=2e-6)
-    assert list(watcher.markers[0].names) == ["base", "joint_0", "joint_1", "joint_2", "tip"]
-    assert not any(watcher.markers[0].occluded)
+    markers = watcher.markers[0].markers
+    assert [marker.name for marker in markers] == ["base", "joint_0", "joint_1", "joint_2", "tip"]
+    assert not any(marker.occluded for marker in markers)
     assert cv2.imdecode(np.frombuffer(watcher.overlays[0].data, np.uint8), cv2.IMREAD_COLOR).shape == (720, 1280, 3)
 
 

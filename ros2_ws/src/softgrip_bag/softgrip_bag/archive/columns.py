@@ -20,6 +20,7 @@ from typing import Any
 import pyarrow as pa
 
 from softgrip_bag.definition import Decoded, Definition, Field
+from softgrip_time.units import NANOSECONDS
 
 _ARROW = {
     "bool": pa.bool_(), "byte": pa.uint8(), "char": pa.uint8(), "int8": pa.int8(), "uint8": pa.uint8(),
@@ -107,5 +108,5 @@ def _value(value: Any) -> Any:
     if not isinstance(value, Decoded):
         return value
     if value.definition.name in {_TIME, _DURATION}:
-        return value.values["sec"] * 1_000_000_000 + value.values["nanosec"]
+        return value.values["sec"] * NANOSECONDS + value.values["nanosec"]
     return dict(_values(value)) or {"empty": True}

@@ -31,6 +31,7 @@ from softgrip_bag.definition import decode, parse_definitions
 from softgrip_bag.errors import BagError
 from softgrip_bag.reader import TopicSummary, bag_files, read, topic_summaries
 from softgrip_bag.repair import is_being_written, is_broken
+from softgrip_time.units import to_s
 
 SCHEMA = 1
 #: Messages in memory at a time, and rows of a Parquet row group.
@@ -135,7 +136,7 @@ class Archive:
         cell = cell_namespace(topic.name for topic in topics)
         start_ns = min((message.received for message in read(bag)), default=0)
         name = cell.strip("/").replace("/", ".") or ROOT_CELL
-        part = f"cell={name}/date={datetime.fromtimestamp(start_ns * 1e-9, UTC):%Y-%m-%d}"
+        part = f"cell={name}/date={datetime.fromtimestamp(to_s(start_ns), UTC):%Y-%m-%d}"
         files = []
         for table, content in make_tables(bag, digest).items():
             path = f"tables/{table}/{part}/{digest}.parquet"

@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import yaml
 
 from softgrip_bag.latency import Link, links
 from softgrip_bag.reader import facts
 from softgrip_bag.statistics import BagStatistics, statistics
 from softgrip_bag.story import RecordedGrasp, RecordedMode, Story
+from softgrip_time.units import to_ns, to_s
 
 _STAMP = pa.timestamp("ns", "UTC")
 _NUMBERS = pa.map_(pa.string(), pa.float64())
@@ -75,7 +74,7 @@ def story_tables(bag: Path, digest: str, story: Story) -> dict[str, pa.Table]:
         BagError: no bag, or no MCAP.
     """
     found = statistics(bag)
-    end_ns = found.start + round(1e9 * found.duration)
+    end_ns = found.start + to_ns(found.duration)
     rows: dict[str, Iterable[Mapping[str, Any]]] = {
         "bags": [_bag_row(bag, found)],
         "grasps": [_grasp_row(grasp, story.modes) for grasp in story.grasps],
@@ -131,16 +130,8 @@ def _grasp_row(grasp: RecordedGrasp, modes: Sequence[RecordedMode]) -> dict[str,
         "reason": grasp.reason,
         "latency_s": grasp.latency,
         "duration_s": grasp.duration,
-        "evidence": _as_json(grasp.evidence),
+        "evidence": grasp.evidence,
     }
-
-
-def _as_json(evidence: str) -> str:
-    """Return YAML as JSON; text that is no YAML as a JSON text, so that a column has one form."""
-    try:
-        return json.dumps(yaml.safe_load(evidence), default=str)
-    except yaml.YAMLError:
-        return json.dumps(evidence)
 
 
 def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any]]:
@@ -148,7 +139,7 @@ def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any
     return [
         {
             "stamp": mode.time,
-            "duration_s": 1e-9 * max(0, end - mode.time),
+            "duration_s": to_s(max(0, end - mode.time)),
             "mode": mode.mode,
             "finger_set": mode.finger_set,
             "product": mode.product,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from bisect import bisect_left
 from collections import defaultdict
 from pathlib import Path
@@ -12,10 +13,9 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
-from softgrip_bag.nodes.messages import message_class, stamp_of
+from softgrip_bag.nodes.messages import message_class, stamp_of, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.trace import TraceStep, runs
-from softgrip_bag.old_definitions import ENUMERATIONS, old_name
 from softgrip_bag.reader import RawMessage
 from softgrip_bag.story import (
     RecordedClosing,
@@ -27,7 +27,15 @@ from softgrip_bag.story import (
     Story,
 )
 from softgrip_interfaces.action import Grasp as GraspAction
-from softgrip_interfaces.msg import CellState, FrictionModel, FrictionSample, PredictionResidual
+from softgrip_interfaces.msg import (
+    CellState,
+    FingerEvidence,
+    FrictionModel,
+    FrictionSample,
+    GraspEvidence,
+    PredictionResidual,
+)
+from softgrip_nodekit import nanoseconds
 
 #: What the story is told from: topic -> type. Topics of that name and another type are left out.
 _READ = {
@@ -44,7 +52,6 @@ _READ = {
 _SHARED = {"/diagnostics"}
 _TRACE = "/grasp_mix_manager/trace"
 _UUID = 16
-_OUTCOMES = ("UNSET", *ENUMERATIONS["softgrip_interfaces/Grasp_Result"]["outcome"])
 #: [ns] a camera frame and a prediction of the same instant are at most so far apart.
 _TOGETHER = 20_000_000
 #: Modes in which something may be between the fingers.
@@ -188,21 +195,29 @@ def _grasps(bag: RecordedBag) -> list[RecordedGrasp]:
                 if step.name == f"goal {bag.cell}/cell/grasp":
                     product = deserialize_message(step.data[_UUID:], GraspAction.Goal).product
                 elif step.name == f"finished {bag.cell}/cell/grasp":
-                    found.append(grasp_result(bag, step, product))
+                    found.append(grasp_result(step, product))
     except BagError:
         return found  # what is there of a trace with a gap
     return found
 
 
-def grasp_result(bag: RecordedBag, step: TraceStep, product: str) -> RecordedGrasp:
+def grasp_result(step: TraceStep, product: str) -> RecordedGrasp:
     """Return how a grasp ended, of the trace's step that says so."""
     result = deserialize_message(step.data, GraspAction.Result)
-    outcome = (
-        old_name("softgrip_interfaces/Grasp_Result", "outcome", result.outcome)
-        if bag.is_before_unset
-        else _constant(GraspAction.Result, result.outcome, set(_OUTCOMES))
-    )
-    return RecordedGrasp(step.wall, product, outcome, result.reason, result.latency, result.duration, result.evidence)
+    outcome = _constant(GraspAction.Result, result.outcome)
+    evidence = _evidence(result.decision)
+    return RecordedGrasp(step.time_ns, product, outcome, result.reason, result.latency, result.duration, evidence)
+
+
+def _evidence(decision: GraspEvidence) -> str:
+    """Return the numbers behind a decision as JSON."""
+    fingers = [
+        {name: None if value != value else value for name, value in tree(finger).items()}  # noqa: PLR0124  NaN: unseen
+        | {"state": _constant(FingerEvidence, finger.state)}
+        for finger in decision.fingers
+    ]
+    phase = _constant(GraspEvidence, decision.phase)
+    return json.dumps({"stamp_ns": nanoseconds(decision.stamp), "phase": phase, "fingers": fingers})
 
 
 def _constant(kind: Any, value: int, names: set[str] | None = None) -> str:

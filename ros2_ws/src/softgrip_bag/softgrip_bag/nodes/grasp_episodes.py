@@ -102,12 +102,12 @@ def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep]) -> Iterator[_Traced
     for step in steps:
         name = step.name.replace(f" {bag.cell}/", " /", 1)
         if name == "goal /cell/grasp":
-            product, begun_ns = deserialize_message(step.data[_UUID:], GraspAction.Goal).product, step.wall
+            product, begun_ns = deserialize_message(step.data[_UUID:], GraspAction.Goal).product, step.time_ns
             moves = []
         elif name == "sent /tendon/move":
-            moves.append((step.wall, deserialize_message(step.data, MoveTendon.Goal)))
+            moves.append((step.time_ns, deserialize_message(step.data, MoveTendon.Goal)))
         elif name == "finished /cell/grasp":
-            yield _TracedGrasp(begun_ns, step.wall, tuple(moves), grasp_result(bag, step, product))
+            yield _TracedGrasp(begun_ns, step.time_ns, tuple(moves), grasp_result(step, product))
             moves = []
 
 

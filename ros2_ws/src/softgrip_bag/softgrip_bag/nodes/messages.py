@@ -17,6 +17,7 @@ from softgrip_bag.errors import BagError
 from softgrip_bag.reader import TopicSummary
 from softgrip_bag.schema_text import same_definition, schema_text
 from softgrip_nodekit import nanoseconds
+from softgrip_time.units import NANOSECONDS
 
 #: Bytes of CDR before the message; the second one says whether it is little endian.
 _ENCAPSULATION = 4
@@ -75,7 +76,7 @@ def stamp_in(data: bytes, kind: Any) -> int:
     if not _begins_with_header(kind):
         return stamp_of(deserialize_message(data, kind))
     seconds, nanoseconds = _STAMP[data[1] & 1].unpack_from(data, _ENCAPSULATION)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
 @functools.cache

@@ -46,6 +46,7 @@ from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic, clamp_
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
 from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run, with_message_info
+from softgrip_time.units import to_ns, to_s
 
 PARAMETERS = ParameterTable(
     Parameter("root", "out/bags", "folder that all bags asked for by services are below"),
@@ -253,7 +254,7 @@ class Recorder(Node):
             response.message = "expected a running recording, found " + ("none" if bag is None else "one being stopped")
             return response
         asked = time.time_ns()
-        self._drain, self._drained = Drain(asked, asked + int(1e9 * _DRAIN_LIMIT)), Future()
+        self._drain, self._drained = Drain(asked, asked + to_ns(_DRAIN_LIMIT)), Future()
         try:
             await self._drained
             self._end_recording()
@@ -459,7 +460,7 @@ class Recorder(Node):
             if publisher is not None or single:
                 self._losses.see(name, info["publication_sequence_number"], publisher)
             if not latched:
-                self._behind = max(self._behind, 1e-9 * (received - message.published))
+                self._behind = max(self._behind, to_s(received - message.published))
             self._ring.add(message, latched=latched)
             if faults is not None:
                 self._watch_faults(name, faults, data, cls)

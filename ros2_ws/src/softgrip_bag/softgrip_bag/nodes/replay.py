@@ -199,15 +199,15 @@ def _check_run(
     with _set_up(recording, name, ros_arguments, "fatal"):
         try:
             node = ReplayedNode(NODES[name].class_path, node_io=make)
-            end, without_input = steps[-1].wall, 0
+            end, without_input = steps[-1].time_ns, 0
             try:
                 io[0].run()
             except MissingMessageError:
-                end, without_input = log.next_step.wall - 1, log.pending
+                end, without_input = log.next_step.time_ns - 1, log.pending
             outputs = defaultdict(list)
             for output in node.published():
                 outputs[output.topic].append(output)
-            fed = Fed(outputs, steps[0].wall, {step.wall for step in steps}, end)
+            fed = Fed(outputs, steps[0].time_ns, {step.time_ns for step in steps}, end)
             found = _compare(recording, fed, tolerance)
             return ReplayResult(log.compared + found.compared, found.divergence, without_input)
         except Diverged as found_difference:

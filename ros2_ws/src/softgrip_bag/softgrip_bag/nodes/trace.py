@@ -12,8 +12,11 @@ from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import message_class, stamp_of
+from softgrip_bag.nodes.present_form import renewed_step
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import RawMessage
+from softgrip_interfaces.msg import NodeTrace
+from softgrip_time.units import to_s
 
 #: [ns] how much later, or earlier, than the node the recorder may have received a message.
 _SLACK_NS = 5_000_000_000
@@ -27,13 +30,13 @@ class MissingMessageError(BagError):
 
 @dataclass(frozen=True)
 class TraceStep:
-    """One entry of a trace: ``name`` is "<word> <what>", times in ns."""
+    """One entry of a trace: ``name`` is "<word> <what>"."""
 
     number: int
     name: str
-    stamp: int
-    wall: int
-    monotonic: int
+    stamp_ns: int
+    time_ns: int
+    monotonic_ns: int
     data: bytes
 
     @property
@@ -61,23 +64,17 @@ def runs(bag: RecordedBag, topic: str) -> Iterator[list[TraceStep]]:
                 f"{bag.path}: expected step {len(steps)} of {topic}, found {batch.first}: "
                 + ("messages are missing" if steps else "the recording began too long after the node did")
             )
-        steps += _steps(batch)
+        steps += _steps(batch, bag, topic)
     if steps:
         yield steps
 
 
-def _steps(batch: Any) -> Iterator[TraceStep]:
-    data = bytes(batch.data)
-    ends = [0, *itertools.accumulate(batch.size)]
-    for index, name in enumerate(batch.name):
-        yield TraceStep(
-            int(batch.first) + index,
-            str(batch.names[name]),
-            int(batch.stamp[index]),
-            int(batch.wall[index]),
-            int(batch.monotonic[index]),
-            data[ends[index] : ends[index + 1]],
-        )
+def _steps(batch: NodeTrace, bag: RecordedBag, topic: str) -> Iterator[TraceStep]:
+    for number, step in enumerate(batch.steps, start=int(batch.first)):
+        data = bytes(step.data)
+        if topic in bag.older:
+            data = renewed_step(step.name, data, before_unset=bag.is_before_unset)
+        yield TraceStep(number, step.name, int(step.stamp), int(step.time), int(step.monotonic), data)
 
 
 class TracedMessages:
@@ -101,8 +98,8 @@ class TracedMessages:
         Raises:
             MissingMessageError: when the recorder did not get it.
         """
-        key = (topic, step.stamp)
-        while key not in self._found and self._read_until < step.wall + _SLACK_NS:
+        key = (topic, step.stamp_ns)
+        while key not in self._found and self._read_until < step.time_ns + _SLACK_NS:
             raw = next(self._source, None)
             if raw is None:
                 break
@@ -110,9 +107,9 @@ class TracedMessages:
         if key not in self._found:
             raise MissingMessageError(
                 f"{self._bag.path}: step {step.number}: expected a message of {topic} with stamp "
-                f"{step.stamp * 1e-9:.9f} s, found none: the recorder did not get it (see `ros2 bag info`)"
+                f"{to_s(step.stamp_ns):.9f} s, found none: the recorder did not get it (see `ros2 bag info`)"
             )
-        self._forget(step.wall - _SLACK_NS)
+        self._forget(step.time_ns - _SLACK_NS)
         return self._found[key]
 
     def _add(self, raw: RawMessage) -> None:

@@ -71,7 +71,7 @@ class TraceComparison:
     @property
     def clocks_ns(self) -> tuple[int, int]:
         """Both recorded clocks of the present step."""
-        return self._now.wall, self._now.monotonic
+        return self._now.time_ns, self._now.monotonic_ns
 
     def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a running node's
         """Give back what the node remembered."""
@@ -104,7 +104,7 @@ class TraceComparison:
         """Return what to raise where the node left the trace."""
         step = self._steps[min(self._at, len(self._steps) - 1)]
         where = f"{self._name} step {step.number} ({name or self._now.name})"
-        return Diverged(Divergence(where, self._now.wall, field, recorded, replayed))
+        return Diverged(Divergence(where, self._now.time_ns, field, recorded, replayed))
 
     def _next_named(self, name: str) -> TraceStep:
         step = self.next_step

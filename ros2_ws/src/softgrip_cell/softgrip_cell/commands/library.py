@@ -20,6 +20,7 @@ from softgrip_cell.finger_records import KIND, SCHEMA, FingerState, finger_recor
 from softgrip_cell.outcomes import Tally, estimate
 from softgrip_cell.products import Fragility, ProductShape
 from softgrip_cell.storage import SHIPPED_URL, CellJournal, Database, Library
+from softgrip_time.units import to_s
 
 EPILOG = """examples:
   ros2 run softgrip_cell library export products.yaml     edit the file, then
@@ -142,7 +143,7 @@ def _audit(options: argparse.Namespace) -> None:
     with database:
         entries = library.audit()
     for entry in entries:
-        when = datetime.fromtimestamp(entry.at_ns * 1e-9, tz=UTC).isoformat(timespec="seconds")
+        when = datetime.fromtimestamp(to_s(entry.at_ns), tz=UTC).isoformat(timespec="seconds")
         print(f"{when} {entry.who}: {entry.action} {entry.subject} {entry.detail or ''}".rstrip())
 
 

@@ -11,6 +11,7 @@ from softgrip_cell.grasp.contact import ContactEstimator, FingerContact
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspTask
 from softgrip_cell.products import Fragility
+from softgrip_time.units import to_ns
 
 
 @dataclass(frozen=True)
@@ -100,10 +101,10 @@ class TensionControl:
     def press(self, slots: Sequence[int], contacts: Sequence[FingerContact], now_ns: int) -> Press:
         """Have these fingers press with what the recipe asks for, but with no more than the product bears."""
         settings = self._settings
-        pause_ns = (settings.starting_period_s - settings.starting_s) * 1e9
+        pause_ns = to_ns(settings.starting_period_s - settings.starting_s)
         for slot in slots:
             if now_ns >= self._starting_until_ns.get(slot, 0) + pause_ns:
-                self._starting_until_ns[slot] = now_ns + round(settings.starting_s * 1e9)
+                self._starting_until_ns[slot] = now_ns + to_ns(settings.starting_s)
             order = self._orders.setdefault(slot, _TensionOrder(now_ns))
             order.since_ns = now_ns
             order.requested_n, order.contact = self._requested_n(slot, contacts[slot]), contacts[slot]
@@ -134,8 +135,8 @@ class TensionControl:
             elif order.low_since_ns is None:
                 order.low_since_ns = now_ns
             low_ns = 0 if order.low_since_ns is None else now_ns - order.low_since_ns
-            is_due = now_ns - order.since_ns >= settings.keep_period_s * 1e9
-            if low_ns >= settings.low_s * 1e9 and is_due and not self.is_near_end(slot, contact):
+            is_due = now_ns - order.since_ns >= to_ns(settings.keep_period_s)
+            if low_ns >= to_ns(settings.low_s) and is_due and not self.is_near_end(slot, contact):
                 slots.append(slot)
         return (self.press(slots, contacts, now_ns),) if slots else ()
 
@@ -155,7 +156,7 @@ class TensionControl:
 
     def was_commanded_within(self, span_s: float, now_ns: int) -> bool:
         """Return whether a finger was commanded so short a time ago that it may not have begun to move."""
-        return any(now_ns - order.since_ns < span_s * 1e9 for order in self._orders.values())
+        return any(now_ns - order.since_ns < to_ns(span_s) for order in self._orders.values())
 
     def is_starting(self, slot: int, now_ns: int) -> bool:
         """Return whether a drive was commanded to pull a moment ago: its current does not measure tension yet."""

@@ -35,6 +35,7 @@ from typing import Final
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.observation import ObservedPair, SeenTip
+from softgrip_time.units import to_ns, to_s
 
 #: Period of tendon/state before two samples have shown it [s].
 FIRST_PERIOD_S: Final = 0.01
@@ -144,7 +145,7 @@ class RiseTest:
             return
         self.since_ns = now_ns if self.since_ns is None else self.since_ns
         self._readings.append((now_ns, value_n))
-        oldest_ns = now_ns - settings.test_window_s * 1e9
+        oldest_ns = now_ns - to_ns(settings.test_window_s)
         while len(self._readings) > needed and self._readings[0][0] < oldest_ns:
             self._readings.popleft()
         self.log_likelihood, total_n = 0.0, 0.0
@@ -231,7 +232,7 @@ class LateDrive:
             self.stddev_n = (0.0,) * len(pulled_m)
         else:
             before_ns, before_m = self._last
-            interval_s = (now_ns - before_ns) * 1e-9
+            interval_s = to_s(now_ns - before_ns)
             self._intervals_s.append(interval_s)
             late_s = max(0.0, interval_s - self.period_s)
             kept = math.exp(-interval_s / self._settings.drive_settling_s)
@@ -265,7 +266,7 @@ class TipTest:
         """Take a tendon sample with its prediction."""
         self._pairs.append(pair)
         keep_s = self._settings.tip_pair_s + self._settings.tip_fresh_s
-        while self._pairs[0].sample.stamp_ns < pair.sample.stamp_ns - keep_s * 1e9:
+        while self._pairs[0].sample.stamp_ns < pair.sample.stamp_ns - to_ns(keep_s):
             self._pairs.popleft()
 
     def observe(self, tip: SeenTip, period_s: float = FIRST_PERIOD_S) -> None:
@@ -274,7 +275,7 @@ class TipTest:
             return
         slot = self._slots.index(tip.slot)
         pair = min(self._pairs, key=lambda each: abs(each.sample.stamp_ns - tip.stamp_ns))
-        if abs(pair.sample.stamp_ns - tip.stamp_ns) > self._settings.tip_pair_s * 1e9:
+        if abs(pair.sample.stamp_ns - tip.stamp_ns) > to_ns(self._settings.tip_pair_s):
             return
         deviation_m = math.dist(tip.tip_m, pair.free.tip_m[slot])
         if math.isfinite(deviation_m):
@@ -287,7 +288,7 @@ class TipTest:
 
     def deviation_m(self, now_ns: int) -> dict[int, float]:
         """Return the distance of every slot's fingertip that was seen a moment ago from its predicted place [m]."""
-        fresh_ns = now_ns - self._settings.tip_fresh_s * 1e9
+        fresh_ns = now_ns - to_ns(self._settings.tip_fresh_s)
         return {slot: deviation_m for slot, (at_ns, deviation_m, _) in self._seen.items() if at_ns >= fresh_ns}
 
     def deflected(self, now_ns: int) -> frozenset[int]:

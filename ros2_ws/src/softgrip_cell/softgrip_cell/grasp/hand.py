@@ -16,6 +16,7 @@ from softgrip_cell.grasp.commands import TensionControl
 from softgrip_cell.grasp.contact import FingerContact
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspTask
+from softgrip_time.units import to_ns
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class MotionHistory:
     """Contacts of all fingers over a time span [s]."""
 
     def __init__(self, span_s: float) -> None:
-        self._span_ns = round(span_s * 1e9)
+        self._span_ns = to_ns(span_s)
         self._rows: deque[tuple[int, tuple[FingerContact, ...]]] = deque()
 
     def add(self, now_ns: int, contacts: tuple[FingerContact, ...]) -> None:
@@ -69,7 +70,7 @@ class MotionHistory:
     def motions_m(self, within_s: float) -> tuple[float, ...]:
         """Return how far every finger has moved lately [m]; infinite before it was watched for so long."""
         now_ns, last = self._rows[-1]
-        then_ns = now_ns - round(within_s * 1e9)
+        then_ns = now_ns - to_ns(within_s)
         before = next((contacts for at_ns, contacts in reversed(self._rows) if at_ns <= then_ns), None)
         if before is None:
             return (math.inf,) * len(last)
@@ -81,7 +82,7 @@ class MotionHistory:
 
     def peak_tension_n(self, within_s: float) -> tuple[float, ...]:
         """Return every finger's highest tension of late [N]."""
-        then_ns = self._rows[-1][0] - round(within_s * 1e9)
+        then_ns = self._rows[-1][0] - to_ns(within_s)
         late = [contacts for at_ns, contacts in self._rows if at_ns >= then_ns]
         return tuple(max(contact.tension_n for contact in column) for column in zip(*late, strict=True))
 

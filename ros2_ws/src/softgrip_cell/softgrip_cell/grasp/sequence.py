@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from softgrip_cell.grasp.commands import Command, Open, Stop, TensionControl
 from softgrip_cell.grasp.contact import ContactEstimator, FingerContact
@@ -26,8 +26,7 @@ from softgrip_cell.grasp.values import (
     pulled_text,
 )
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
-
-NANOSECONDS: Final = 1e9
+from softgrip_time.units import NANOSECONDS, to_ns
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class GraspSequence:
         """Take a tendon sample that has no prediction yet; too long without one ends the grasp."""
         if self._phase is GraspPhase.DONE or self._now_ns is None or sample.stamp_ns <= self._now_ns:
             return self._unchanged
-        stale_ns = self._settings.stale_s * NANOSECONDS
+        stale_ns = to_ns(self._settings.stale_s)
         waiting = self._unpaired_ns
         # While no samples came, or none were taken in, there was nothing to predict; the wait begins with the next one.
         if waiting and sample.stamp_ns - waiting[-1] > stale_ns:
@@ -260,7 +259,7 @@ class GraspSequence:
         run = self._runs.setdefault(name, [])
         if not run or run[-1] != self._now:
             run.append(self._now)
-        is_enough = len(run) >= self._estimator.decision_samples and self._now - run[0] >= for_s * NANOSECONDS
+        is_enough = len(run) >= self._estimator.decision_samples and self._now - run[0] >= to_ns(for_s)
         return run[0] if is_enough else None
 
     # --- commands of TABLE -------------------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 from softgrip_cell.grasp.contact import ContactState, FingerContact
 from softgrip_cell.grasp.reference import FreeReference
@@ -93,21 +92,6 @@ class GraspEvidence:
     phase: GraspPhase = GraspPhase.DONE
     decided_ns: int = 0
     fingers: tuple[FingerEvidence, ...] = ()
-
-    def document(self) -> dict[str, Any]:
-        """Return plain data, per slot in N and m."""
-        return {
-            "phase": self.phase.value,
-            "state": {each.finger: each.state.value for each in self.fingers},
-            "contact_tension_n": {each.finger: round(each.contact_tension_n, 3) for each in self.fingers},
-            "threshold_n": {each.finger: round(each.threshold_n, 3) for each in self.fingers},
-            "max_force_n": {each.finger: round(each.max_force_n, 3) for each in self.fingers},
-            "peak_contact_tension_n": {each.finger: round(each.peak_contact_tension_n, 3) for each in self.fingers},
-            "decided_stamp_ns": self.decided_ns,
-            "tip_deviation_m": {
-                each.finger: round(each.tip_deviation_m, 4) for each in self.fingers if each.tip_deviation_m is not None
-            },
-        }
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 from softgrip_cell.errors import CellError, RefusedError
+from softgrip_cell.grasp.values import GraspPhase
+from softgrip_cell.nodes.convert import GRASP_PHASES
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep, PlanMix, SelectProduct
@@ -46,6 +48,7 @@ GRASP_OUTCOMES = {
     Grasp.Result.TENDON_FAULT: "TENDON_FAULT",
     Grasp.Result.ABORTED: "ABORTED",
 }
+_PHASES = {number: phase for phase, number in GRASP_PHASES.items()}
 
 
 class CellTimeout(CellError):  # noqa: N818  reads as what it is
@@ -128,25 +131,25 @@ class CellController:
         *,
         confirm_lift: bool = True,
         trial: bool = False,
-        on_phase: Callable[[str], None] | None = None,
+        on_phase: Callable[[GraspPhase], None] | None = None,
         timeout_s: float = 60.0,
     ) -> Any:
         """Have a product grasped.
 
         Args:
             product: id.
-            confirm_lift: lift when ``on_phase`` says "lift"; the cell then watches the hold before it says GRIPPED.
+            confirm_lift: lift when ``on_phase`` says LIFT; the cell then watches the hold before it says GRIPPED.
             trial: grasp even with fingers that are known to fail on the product.
-            on_phase: called with "approach", "close", "hold", "lift", each once.
+            on_phase: called with each phase once; GraspPhase.LIFT == "lift".
             timeout_s: longest wait [s].
 
         Returns:
             Grasp.Result; look at its outcome (names in GRASP_OUTCOMES).
         """
-        given: list[str] = []
+        given: list[GraspPhase] = []
 
         def on_feedback(message: Any) -> None:
-            phase = message.feedback.phase
+            phase = _PHASES.get(message.feedback.phase, GraspPhase.DONE)
             if on_phase is not None and phase not in given:
                 given.append(phase)
                 on_phase(phase)

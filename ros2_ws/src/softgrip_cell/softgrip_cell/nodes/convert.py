@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import yaml
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
@@ -15,6 +14,7 @@ from softgrip_cell.finger_records import FingerRecord
 from softgrip_cell.gates import DriverFacts, FrictionFacts, SafetyFacts
 from softgrip_cell.grasp.contact import ContactState
 from softgrip_cell.grasp.reference import FreeReference
+from softgrip_cell.grasp.sequence import GraspStep
 from softgrip_cell.grasp.values import GraspEvidence, GraspOutcome, GraspPhase, GraspVerdict
 from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSample
 from softgrip_cell.outcomes import SuccessEstimate
@@ -40,7 +40,8 @@ from softgrip_interfaces.msg import (
 from softgrip_interfaces.msg import GraspEvidence as EvidenceMessage
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.friction.errors import FrictionError
-from softgrip_nodekit import to_time_message
+from softgrip_nodekit import nanoseconds, to_time_message
+from softgrip_time.units import to_s
 
 _SLOT_STATES = {
     SlotState.UNKNOWN: MountedFinger.UNKNOWN,
@@ -56,7 +57,8 @@ _OUTCOMES = {
     GraspOutcome.ABORTED: Grasp.Result.ABORTED,
 }
 
-_PHASES = {
+#: In Grasp.Feedback and GraspEvidence, whose constants are the same.
+GRASP_PHASES = {
     GraspPhase.APPROACH: EvidenceMessage.APPROACH,
     GraspPhase.CLOSE: EvidenceMessage.CLOSE,
     GraspPhase.HOLD: EvidenceMessage.HOLD,
@@ -74,11 +76,6 @@ _CONTACT_STATES = {
 
 #: Verdicts of friction models that may be used.
 _USABLE = {FrictionModel.USABLE, FrictionModel.REPEAT_POINTS}
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Return a stamp as nanoseconds of its clock."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def tendon_sample(message: JointState, slots: Sequence[str]) -> TendonSample | None:
@@ -197,7 +194,7 @@ def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
     return FrictionFacts(
         id=message.id,
         digest=digest,
-        age_s=(now_ns - nanoseconds(message.header.stamp)) * 1e-9,
+        age_s=to_s(now_ns - nanoseconds(message.header.stamp)),
         tension_high_n=float(message.tension_range[1]),
         usable=not objection,
         reason=objection,
@@ -288,7 +285,7 @@ def grasp_evidence(evidence: GraspEvidence) -> EvidenceMessage:
     """Return the numbers behind a verdict as a message."""
     return EvidenceMessage(
         stamp=to_time_message(evidence.decided_ns),
-        phase=_PHASES[evidence.phase],
+        phase=GRASP_PHASES[evidence.phase],
         fingers=[
             FingerEvidence(
                 finger=each.finger,
@@ -305,12 +302,21 @@ def grasp_evidence(evidence: GraspEvidence) -> EvidenceMessage:
     )
 
 
+def grasp_feedback(step: GraspStep, sample: TendonSample | None) -> Grasp.Feedback:
+    """Return where a grasp stands; ``sample`` is the last one, None before the first."""
+    return Grasp.Feedback(
+        phase=GRASP_PHASES[step.phase],
+        pulled_lengths=list(sample.pulled_m) if sample else [],
+        tensions=list(sample.tension_n) if sample else [],
+        contact=step.contact,
+    )
+
+
 def grasp_result(verdict: GraspVerdict, sample: TendonSample | None, duration_s: float) -> Grasp.Result:
     """Return how a grasp ended as an action result."""
     return Grasp.Result(
         outcome=_OUTCOMES[verdict.outcome],
         reason=verdict.reason,
-        evidence=yaml.safe_dump(verdict.evidence.document() if verdict.evidence else {}, sort_keys=False),
         decision=grasp_evidence(verdict.evidence) if verdict.evidence else EvidenceMessage(),
         latency=float(verdict.latency_s),
         duration=float(duration_s),

@@ -13,6 +13,7 @@ from softgrip_cell.grasp.commands import Close, Command, Open, Press
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
 from softgrip_nodekit import NodeIo, to_time_message
+from softgrip_time.units import to_ns
 
 Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
@@ -134,7 +135,7 @@ class DriverLink:
             speed=float(speed_m_per_s),
             tension_limit=float(tension_limit_n),
             lease=self.lease.token,
-            deadline=to_time_message(self._node_io.now_ns() + round(self._limits.order_s * 1e9)),
+            deadline=to_time_message(self._node_io.now_ns() + to_ns(self._limits.order_s)),
         )
 
         def on_result(future: Any) -> None:

@@ -49,6 +49,7 @@ from softgrip_nodekit import (
     Health,
     RecordingIo,
     StartupError,
+    nanoseconds,
     run,
     to_time_message,
 )
@@ -223,7 +224,7 @@ class GraspMixManager(Node):
         self._status = message
         self._status_silence.hear()
         faults = convert.tendon_faults(message, self._slots)
-        self._grasp.observe_faults(faults, convert.nanoseconds(message.header.stamp))
+        self._grasp.observe_faults(faults, nanoseconds(message.header.stamp))
         self._swap.observe_faults(faults)
         self._update_driver()
 

@@ -135,14 +135,7 @@ class GraspServer:
         changed = (step.phase, step.contact) != (self._step.phase, self._step.contact)
         self._step = step
         if changed and step.verdict is None and self._goal is not None:
-            self._goal.publish_feedback(
-                Grasp.Feedback(
-                    phase=step.phase.value,
-                    pulled_lengths=list(self._sample.pulled_m) if self._sample else [],
-                    tensions=list(self._sample.tension_n) if self._sample else [],
-                    contact=step.contact,
-                )
-            )
+            self._goal.publish_feedback(convert.grasp_feedback(step, self._sample))
         if step.verdict is not None and self._done is not None:
             done, self._sequence, self._goal, self._done = self._done, None, None, None
             done.set_result(step.verdict)

@@ -46,6 +46,7 @@ from softgrip_nodekit import (
     run,
     steady_timer,
 )
+from softgrip_time.units import to_s
 
 #: Who the driver names as the owner of the tendons.
 WHO = "gripper_command"
@@ -223,7 +224,7 @@ class GripperCommandNode(Node):
             slot: message.velocity[at[slot]] if len(message.velocity) > at[slot] else 0.0 for slot in self._slots
         }
         gripper = GripperSample(
-            time_s=sample.stamp_ns * 1e-9,
+            time_s=to_s(sample.stamp_ns),
             position_m=self._opening.opening_m(self._pulled_m),
             velocity_m_s=self._opening.velocity_m_s(self._pulled_m, speeds_m_s),
             effort_n=max(sample.tension_n),

@@ -21,6 +21,7 @@ from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage.engine import Database
 from softgrip_cell.storage.schema import FINGER_RECORD, LOCK, META, OPERATION, OUTCOME, SLOT, SWAP
 from softgrip_cell.swap.outcome import SwapOutcome
+from softgrip_time.units import to_s
 
 
 class SlotState(StrEnum):
@@ -253,7 +254,7 @@ class CellJournal:
             references: per serial, the free motion that the check saw: the slots become verified.
         """
         at_ns = self._now_ns()
-        day = datetime.fromtimestamp(at_ns * 1e-9, tz=UTC).date().isoformat()
+        day = datetime.fromtimestamp(to_s(at_ns), tz=UTC).date().isoformat()
         with self._database.write() as connection:
             for serial, reference in (references or {}).items():
                 connection.execute(

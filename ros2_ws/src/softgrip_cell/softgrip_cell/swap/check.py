@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from softgrip_cell.errors import CatalogueError
 from softgrip_cell.grasp.reference import FreeReference, learn_reference
 from softgrip_cell.observation import ObservedPair, SeenTip
+from softgrip_time.units import to_ns
 
 #: Fewer comparable samples than this prove nothing.
 MIN_SAMPLES: Final = 20
@@ -240,7 +241,7 @@ class EmptyClosing:
                 continue
             nearest = int(np.argmin(np.abs(stamps - tip.stamp_ns)))
             pair = self._pairs[nearest]
-            if abs(int(stamps[nearest]) - tip.stamp_ns) > settings.pair_s * 1e9:
+            if abs(int(stamps[nearest]) - tip.stamp_ns) > to_ns(settings.pair_s):
                 continue
             if pair.sample.pulled_m[index] < settings.from_m:
                 continue

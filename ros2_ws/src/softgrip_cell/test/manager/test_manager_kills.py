@@ -169,7 +169,7 @@ def test_kill_9_in_a_grasp_lets_nobody_grasp_before_the_fingers_were_opened(cell
 
     def on_feedback(message: Any) -> None:
         phases.append(message.feedback.phase)
-        if message.feedback.phase == phase:
+        if message.feedback.phase == getattr(Grasp.Feedback, phase.upper()):
             reached.set()
 
     goal = client.send_goal_async(Grasp.Goal(product="orange", confirm_lift=True), feedback_callback=on_feedback)

@@ -8,6 +8,8 @@ from typing import Any
 
 from softgrip_demo.record import FrictionPoint, FrictionResult, ShapeView
 from softgrip_interfaces.msg import FrictionModel
+from softgrip_nodekit import nanoseconds, seconds
+from softgrip_time.units import to_s
 
 VERDICTS = {
     FrictionModel.USABLE: "usable",
@@ -48,16 +50,15 @@ def outcome_latency(result: Any, received_ns: int) -> float:
         The event to the sample that decided, and that sample's stamp to the client; NaN where nothing was decided on a
         sample (a refusal).
     """
-    stamp = result.decision.stamp
-    decided_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
-    return math.nan if not decided_ns else result.latency + (received_ns - decided_ns) * 1e-9
+    decided_ns = nanoseconds(result.decision.stamp)
+    return math.nan if not decided_ns else result.latency + to_s(received_ns - decided_ns)
 
 
 def shape_view(shapes: list[Any]) -> ShapeView | None:
     """Return the last shape of a closing and the rate at which they came; None when there were fewer than two."""
     if len(shapes) < 2:
         return None
-    stamps = [shape.header.stamp.sec + shape.header.stamp.nanosec * 1e-9 for shape in shapes]
+    stamps = [seconds(shape.header.stamp) for shape in shapes]
     last = shapes[-1]
     vertices = [float(value) for value in last.vertices]
     faces = [int(value) for value in last.faces]

@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from softgrip_demo.errors import ShiftError
 from softgrip_nodekit import duration_clock
+from softgrip_time.units import to_ns
 
 POLL = 0.05  # [s] between looks at a condition while the executor spins
 
@@ -42,7 +43,7 @@ class CellLink:
             ShiftError: when it does not within ``timeout`` [s].
         """
         clock = clock or self._durations
-        deadline = clock.now() + Duration(nanoseconds=round(timeout * 1e9))
+        deadline = clock.now() + Duration(nanoseconds=to_ns(timeout))
         while not condition():
             if clock.now() > deadline:
                 raise ShiftError(f"expected {expected} within {timeout:g} s, found nothing; see the log of the cell")

@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
+from softgrip_driver.tendon.needs import TendonNeeds
+
 PULSES_PER_TURN = 4096
 RAD_PER_PULSE = 2.0 * math.pi / PULSES_PER_TURN
 #: one unit of the velocity items: 0.229 rpm
@@ -135,23 +137,6 @@ class CurrentSensing(Enum):
     WINDING = "winding"
     SUPPLY = "supply"
     NONE = "none"
-
-
-@dataclass(frozen=True)
-class TendonNeeds:
-    """Limits of a tendon that a model's gears and inertia ask for, at the horn.
-
-    Attributes:
-        homing_torque: [N m] that homing must allow, or the friction of the gears hides where the tendon becomes taut.
-        speed: [rad/s] up to which the data sheet's friction is good enough to feel a light finger.
-        acceleration: [rad/s^2] up to which the motor's inertia does not pass for tension.
-        loop_rate: [Hz] from which goals come smoothly enough: a stiff position control starts and stops with each one.
-    """
-
-    homing_torque: float
-    speed: float
-    acceleration: float
-    loop_rate: float = 200.0
 
 
 @dataclass(frozen=True, kw_only=True)

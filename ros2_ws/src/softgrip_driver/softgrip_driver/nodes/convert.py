@@ -20,6 +20,7 @@ from softgrip_driver.tendon.status import DriveSnapshot
 from softgrip_driver.tendon.trajectory import MAX_POINTS, TendonTrajectory
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import SafetyState, TendonOwner, TendonOwners, TendonStatus, TendonStatusArray
+from softgrip_nodekit import seconds
 
 
 def to_joint_state(drives: Sequence[DriveSnapshot], stamp: Time) -> JointState:
@@ -149,7 +150,7 @@ def from_trajectory(message: JointTrajectory, limits: Mapping[str, TendonLimits]
         raise ConfigurationError(
             f"trajectory: expected {len(names)} positions in every point, found {sorted(counts - {len(names)})}"
         )
-    times = [point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in message.points]
+    times = [seconds(point.time_from_start) for point in message.points]
     with_speeds = bool(message.points) and all(len(point.velocities) == len(names) for point in message.points)
     return {
         name: TendonTrajectory.checked(

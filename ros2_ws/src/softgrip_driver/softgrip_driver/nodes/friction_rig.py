@@ -48,6 +48,7 @@ from softgrip_model.friction.store import ModelStore
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, StartupError, cell_clock, run
 from softgrip_time import Clock as CellClock
 from softgrip_time import WallClock
+from softgrip_time.units import to_s
 
 #: [s] between looks at idle devices.
 _IDLE_PERIOD = 0.5
@@ -297,7 +298,7 @@ class FrictionRig(LifecycleNode):
             return
         try:
             with self.clock_of_cell.stepping():
-                sample = bench.look(self.get_clock().now().nanoseconds * 1e-9)
+                sample = bench.look(to_s(self.get_clock().now().nanoseconds))
         except (PortLostError, NoReplyError) as error:
             self._diagnostics.set("rig", Health.ERROR, str(error))
             self._take_up(bench)

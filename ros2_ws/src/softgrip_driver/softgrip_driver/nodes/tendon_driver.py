@@ -46,12 +46,14 @@ from softgrip_nodekit import (
     callback_errors,
     cell_clock,
     claim_name,
+    nanoseconds,
     run,
     steady_timer,
     to_time_message,
 )
 from softgrip_time import Clock as CellClock
 from softgrip_time import WallClock
+from softgrip_time.units import NANOSECONDS
 
 #: [s] for every drive to answer for the first time
 FIRST_READING = 2.0
@@ -65,7 +67,6 @@ MOVE_GRACE = 10.0
 ORDER_LIFETIME_S = 1.0
 #: [s] between looks whether the bus loop still runs, and whether the stop is on disk
 SUPERVISION_PERIOD_S = 0.5
-NANOSECONDS = 1_000_000_000
 #: [s] after which a thread that computes gives way to the bus thread; Python's default of 5 ms is a control period
 SWITCH_INTERVAL = 0.0005
 
@@ -148,7 +149,7 @@ class TendonDriver(LifecycleNode):
             self.get_logger().warning(f"starts locked by {record.lock_owner} ({record.lock_reason})")
         try:
             clock = self._clock_of_cell = cell_clock(self)
-            backend = configuration.backend(self.get_logger().warning, clock)
+            backend = configuration.drives.backend(self.get_logger().warning, clock)
             with clock.stepping():
                 identities = backend.connect(keep_torque=keeps_torque(record, configuration.policies))
         except (DriverError, StartupError) as error:
@@ -400,7 +401,7 @@ class TendonDriver(LifecycleNode):
 
     def _deadline_s(self, deadline: Time) -> float:
         """Return a deadline since the epoch as the loop's time [s]; one that is not set is a second from now."""
-        deadline_ns: int = deadline.sec * NANOSECONDS + deadline.nanosec
+        deadline_ns = nanoseconds(deadline)
         now_s = self._clock_of_cell.now_s()
         if deadline_ns == 0:
             return now_s + ORDER_LIFETIME_S

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from softgrip_driver.configuration import BACKENDS, LIMIT_PARAMETERS
-from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS
 from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.build import GAUGES
+from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_nodekit import Parameter, ParameterTable, Rank, realtime_parameter
 
@@ -45,10 +44,14 @@ _LIMITS = TendonLimits()
 PARAMETERS = ParameterTable(
     Parameter("autostart", True, "configure and activate at start"),
     Parameter(
-        "backend", "dynamixel", "what pulls: servos on a bus, or one tendon on a stage with a gauge", choices=BACKENDS
+        "backend",
+        "dynamixel",
+        "what pulls: dynamixel, feetech or damiao servos, grbl or mark10 for one tendon on a stage, or the name that "
+        "an installed package registers",
     ),
+    Parameter("backend_options", [""], "NAME=VALUE each, for a backend of another package"),
     Parameter("port", "/dev/ttyUSB0", "serial port of the servo bus, or of the stage", device=True),
-    Parameter("baud", 1_000_000, "of the servo bus", "1/s", choices=tuple(BAUD_CODES)),
+    Parameter("baud", 1_000_000, "of the servo bus", "1/s", 1200, 8_000_000),
     Parameter(
         "reply_margin_s", 0.004, "for a reply beyond the time its bytes need; for a stage's whole one", "s", 0.0005, 1.0
     ),
@@ -72,7 +75,7 @@ PARAMETERS = ParameterTable(
     Parameter("tendons", ["index", "middle", "thumb"], "names, in order"),
     Parameter("grippers", ["gripper"], "gripper of each tendon; a fault stops its own gripper only"),
     Parameter("servo_ids", [1, 2, 3], "ID of each tendon's servo", "", 0, 252),
-    Parameter("servo_models", ["XL330-M288"], "model of each tendon's servo", choices=tuple(MODELS)),
+    Parameter("servo_models", ["XL330-M288"], "model of each tendon's servo"),
     Parameter("directions", [1], "+1 where a positive rotation pulls, else -1", choices=(-1, 1)),
     Parameter("spool_radii_m", [0.010], "spool radius to the middle of the tendon", "m", 1e-3, 0.1),
     Parameter("torque_per_ampere_nm_a", [0.0], "measured by calibrate_tension; 0 = data sheet", "N m/A", 0.0, 100.0),

@@ -129,7 +129,8 @@ class Drive:
         return DriveSnapshot(
             self.tendon, self.state, self.homed, fault=self._fault, fault_reason=self._fault_reason,
             outcome=self._outcome, reason=self._reason, lost_replies=self._lost,
-            warnings=tuple(self._warnings.values()), job=self._job, **measured,
+            warnings=tuple(self._warnings.values()), job=self._job,
+            zero=math.nan if self._zero is None else self._zero, **measured,
         )  # fmt: skip
 
     @property

@@ -14,8 +14,9 @@ from softgrip_driver.tendon.motions import DriveState, MoveOutcome
 class DriveSnapshot:
     """What one drive is and does, for whoever watches.
 
-    Lengths [m] are pulled lengths; NaN until something was read. ``job`` counts the motions that were asked for;
-    ``outcome`` and ``reason`` are the last one's.
+    Lengths [m] are pulled lengths; NaN until something was read. ``zero`` [m] is where they count from in the device's
+    own frame, NaN while no tendon was homed. ``job`` counts the motions that were asked for; ``outcome`` and ``reason``
+    are the last one's.
     """
 
     tendon: str
@@ -37,6 +38,7 @@ class DriveSnapshot:
     time: float = 0.0
     warnings: tuple[str, ...] = ()
     job: int = 0
+    zero: float = math.nan
 
 
 @dataclass

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from softgrip_description.cell_file import ChainServo, ServoChain
-from softgrip_driver.configuration import LIMIT_PARAMETERS, SHIPPED_LOOP_RATE, required_parameters
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
+from softgrip_driver.dynamixel.drive_set import SHIPPED_LOOP_RATE, required_parameters
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode, ServoModel
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import GripperController, Policies
+from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel

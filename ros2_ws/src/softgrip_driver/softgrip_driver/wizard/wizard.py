@@ -12,9 +12,9 @@ from typing import TypeVar
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
 from softgrip_driver.commands import selftest
 from softgrip_driver.commands.person import Terminal
-from softgrip_driver.configuration import SHIPPED_LOOP_RATE
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.dynamixel.drive_set import SHIPPED_LOOP_RATE
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError
 from softgrip_driver.tendon.gripper import GripperController
 from softgrip_driver.tendon.loop import BusLoop

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rclpy.parameter import parameter_value_to_python
 from std_msgs.msg import Header
 
 from softgrip_emulator.cell import EmulatedFingerReading, Truth
@@ -45,16 +47,19 @@ def _to_finger_state(finger: EmulatedFingerReading) -> FingerState:
     return message
 
 
-def to_fault_arguments(text: str) -> dict[str, Any]:
-    """Arguments of a fault from the request's YAML.
+def to_fault_arguments(arguments: Sequence[ParameterMessage]) -> dict[str, Any]:
+    """Return the arguments of a fault: name -> number or text.
 
     Raises:
-        EmulatorError: not a mapping.
+        EmulatorError: an argument without a name or a value, or a name that comes twice.
     """
-    try:
-        data = yaml.safe_load(text) if text.strip() else {}
-    except yaml.YAMLError as error:
-        raise EmulatorError(f"arguments: expected a YAML mapping, found: {error}") from error
-    if not isinstance(data, dict):
-        raise EmulatorError(f"arguments: expected a YAML mapping, found {data!r}")
-    return data
+    found: dict[str, Any] = {}
+    for argument in arguments:
+        value = parameter_value_to_python(argument.value)
+        if not argument.name or argument.name in found or value is None:
+            raise EmulatorError(
+                f"arguments: expected names that differ, each with a value, found {argument.name!r} with {value!r}; "
+                "e.g. {name: share, value: {type: 3, double_value: 0.05}} (rcl_interfaces/ParameterType)"
+            )
+        found[argument.name] = value
+    return found

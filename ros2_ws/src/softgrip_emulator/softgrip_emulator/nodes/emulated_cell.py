@@ -39,6 +39,7 @@ from softgrip_nodekit import (
     run,
     to_time_message,
 )
+from softgrip_time.units import to_ns
 
 PARAMETERS = ParameterTable(
     Parameter(
@@ -185,7 +186,7 @@ class EmulatedCellNode(Node):
             self._clock_publisher.publish(Clock(clock=self._stamp()))
 
     def _stamp(self) -> Time:
-        return to_time_message(round(self.cell.epoch_time_s() * 1e9))
+        return to_time_message(to_ns(self.cell.epoch_time_s()))
 
     def _report(self) -> None:
         values = {

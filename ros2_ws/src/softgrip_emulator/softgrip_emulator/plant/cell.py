@@ -129,7 +129,7 @@ class CellPlant:
             radius = place.spool_direction * place.spool_radius_m * rng.normal(1.0, 0.003)
             self.servos.append(servo)
             self.motors.append(Motor(servo.model.motor, servo.shaft, radius, rng.uniform(0.8, 1.25)))
-        self.grasp = PlantGrasp(self.slots)
+        self.grasp = PlantGrasp(self.slots, seed)
         self._crate = np.random.default_rng([seed, 0x5052])
         self.mounted: list[FingerTruth | None] = [None] * len(self.places)
         self._memories: dict[tuple[str, str], list[float]] = {}

@@ -45,8 +45,8 @@ class GraspState:
 class PlantGrasp:
     """One product (or none) and its contacts with the mounted fingers."""
 
-    def __init__(self, slots: Sequence[str]) -> None:
-        self._hand: GraspWorld = hand()
+    def __init__(self, slots: Sequence[str], seed: int) -> None:
+        self._hand: GraspWorld = hand().assembled(seed)
         self._places = places = [self._hand.slots.get(slot, _SOMEWHERE) for slot in slots]
         self._product: PlantProduct | None = None
         self._core = _core.Grasp(

@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+import numpy as np
 import yaml
 
 import softgrip_description
 from softgrip_emulator.errors import EmulatorError
 
-if TYPE_CHECKING:
-    import numpy as np
-
 _DATA: Final = Path(__file__).parent / "data"
+_SLOT_STDDEV_M: Final = 0.15e-3
+"""A slot beside the drawing: 0.2 mm of play each side of a foot (docs/parts.md), uniform, and 0.1 mm of the printer."""
+_SLOT_STDDEV_RAD: Final = 0.01
+"""The same play at both ends of a foot of 16 mm: sqrt(2) 0.2 mm / sqrt(3) / 16 mm."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,17 @@ class SlotPlace:
     rest_angle_rad: float
     across_m: float
 
+    def assembled(self, rng: np.random.Generator) -> SlotPlace:
+        """The place of a finger in a palm that was printed and put together."""
+        along_m, out_m, across_m = rng.normal(0.0, _SLOT_STDDEV_M, 3)
+        return replace(
+            self,
+            along_m=self.along_m + along_m,
+            out_m=self.out_m + out_m,
+            across_m=self.across_m + across_m,
+            rest_angle_rad=self.rest_angle_rad + rng.normal(0.0, _SLOT_STDDEV_RAD),
+        )
+
 
 @dataclass(frozen=True)
 class GraspWorld:
@@ -76,6 +90,14 @@ class GraspWorld:
     description: softgrip_description.Hand
     clearance_m: float
     table_m: float
+
+    def assembled(self, seed: int) -> GraspWorld:
+        """The hand of a cell as it was put together: each slot a little beside the drawing, the same for one seed."""
+        slots = {
+            name: place.assembled(np.random.default_rng([seed, zlib.crc32(f"slot/{name}".encode())]))
+            for name, place in self.slots.items()
+        }
+        return replace(self, slots=slots)
 
     def presented_at(self, product: PlantProduct, profile: str) -> tuple[float, float]:
         """Centre of a product (along, out) [m] when the arm has gone down with a finger set."""
@@ -118,7 +140,7 @@ def product(name: str) -> PlantProduct:
 
 @cache
 def hand() -> GraspWorld:
-    """The hand of the cell."""
+    """The hand as it is described."""
     data = yaml.safe_load((_DATA / "hand.yaml").read_text(encoding="utf-8"))
     described = softgrip_description.shipped_hand()
     slots = {

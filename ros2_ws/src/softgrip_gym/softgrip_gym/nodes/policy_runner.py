@@ -21,7 +21,8 @@ from softgrip_gym.grasp_policy import GraspPolicy
 from softgrip_gym.tendons import PERIOD_S, SLOTS, next_targets, product_observation, tendon_observation
 from softgrip_interfaces.msg import EmulatorTruth, LeaseHeartbeat
 from softgrip_interfaces.srv import AcquireLease, MountFingers, PlaceObject, ReleaseLease
-from softgrip_nodekit import RELIABLE, SENSOR
+from softgrip_nodekit import RELIABLE, SENSOR, seconds
+from softgrip_time.units import to_ns
 
 #: [s] that a service, a homing, and the next tendon/state may take.
 SERVICE_TIMEOUT_S: Final = 10.0
@@ -133,7 +134,7 @@ class PolicyRunner:
     def _command(self, targets_m: Any, token: str) -> None:
         point = JointTrajectoryPoint(
             positions=[float(target_m) for target_m in targets_m],
-            time_from_start=Duration(nanosec=round(1e9 * PERIOD_S)),
+            time_from_start=Duration(nanosec=to_ns(PERIOD_S)),
         )
         message = JointTrajectory(joint_names=list(SLOTS), points=[point])
         message.header.frame_id = token
@@ -148,8 +149,7 @@ class PolicyRunner:
     def _stamp_s(self) -> float:
         if self._state is None or not set(SLOTS) <= set(self._state.name):
             return -np.inf
-        stamp = self._state.header.stamp
-        return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+        return seconds(self._state.header.stamp)
 
     def _call(self, client: Any, request: Any, timeout_s: float = SERVICE_TIMEOUT_S) -> Any:
         self._until(client.service_is_ready, SERVICE_TIMEOUT_S, f"service {client.srv_name}")

@@ -25,6 +25,7 @@ from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInsta
 from softgrip_model.finger.learning import SAMPLING, Expectation, Knowledge, measured
 from softgrip_model.finger.uncertainty import Causes
 from softgrip_model.finger.wear import WearVerdict
+from softgrip_time.units import to_s
 
 Array = NDArray[np.float64]
 
@@ -347,8 +348,8 @@ class CauseWatch:
 
     def _conditions(self, closing: Sequence[ClosingInstant], temperature_c: float) -> ClosingConditions:
         first, last = closing[0], closing[-1]
-        duration_s = max(1e-9 * (last.stamp - first.stamp), 1e-3)
-        rest_s = math.nan if self._ended is None else 1e-9 * (first.stamp - self._ended)
+        duration_s = max(to_s(last.stamp - first.stamp), 1e-3)
+        rest_s = math.nan if self._ended is None else to_s(first.stamp - self._ended)
         speed = (last.pulled_mm - first.pulled_mm) / duration_s
         made = ClosingConditions(speed, rest_s, temperature_c, self._further_mm)
         self._further_mm = max(0.0, last.pulled_mm - self._furthest_mm) if self._furthest_mm else 0.0

@@ -13,6 +13,8 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
+from softgrip_time.units import to_s
+
 Measured = TypeVar("Measured")
 
 #: [ns] how long samples and measurements are kept, and how far apart samples may be to be interpolated between.
@@ -56,7 +58,7 @@ class Matcher(Generic[Measured]):
             self._waiting.clear()
         if math.isnan(sample.velocity) and self._samples:
             last = self._samples[-1]
-            velocity = (sample.pulled_length - last.pulled_length) / (1e-9 * (sample.stamp - last.stamp))
+            velocity = (sample.pulled_length - last.pulled_length) / to_s(sample.stamp - last.stamp)
             sample = dataclasses.replace(sample, velocity=velocity)
         self._samples.append(sample)
         while sample.stamp - self._samples[0].stamp > self._span:

@@ -24,6 +24,7 @@ from softgrip_model.gdfe.closing_cache import ClosingCache, ClosingKey
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.profile import Profile
+from softgrip_time.units import to_ns, to_s
 
 #: Share of the last interval in the stated rate.
 _RATE_SMOOTHING = 0.2
@@ -77,7 +78,7 @@ class _RateLimit:
     def accepts(self, stamp_ns: int) -> bool:
         if self._rate_hz <= 0.0:
             return False
-        period = math.floor(stamp_ns * 1e-9 * self._rate_hz)
+        period = math.floor(to_s(stamp_ns) * self._rate_hz)
         if period == self._period:
             return False
         self._period = period
@@ -106,7 +107,7 @@ class _Pace:
 
     def record_shape(self, stamp_ns: int, requested: int) -> None:
         """Record a shape's stamp, and the keyframes that shapes have requested in all."""
-        gap_s = 0.0 if self._last_stamp is None else 1e-9 * (stamp_ns - self._last_stamp)
+        gap_s = 0.0 if self._last_stamp is None else to_s(stamp_ns - self._last_stamp)
         if gap_s > 0.0:
             now = 1.0 / gap_s
             is_restart = math.isnan(self.rate_hz) or gap_s > _TOO_SLOW_S
@@ -118,7 +119,7 @@ class _Pace:
         self._requested = requested
         if gap_s > _TOO_SLOW_S and not self._has_new_finger:
             self._late_gap_s = gap_s
-            self._late_until = stamp_ns + round(1e9 * min(_RELIEF_FACTOR * gap_s, _MAX_RELIEF_S))
+            self._late_until = stamp_ns + to_ns(min(_RELIEF_FACTOR * gap_s, _MAX_RELIEF_S))
         self._has_new_finger = False
         self._last_stamp = stamp_ns
 
@@ -173,7 +174,7 @@ class _ShownFinger:
             self.why = ""
         elif not self.why and taking_s > _TOO_LONG_S:
             self.why = f"its next shape would take {taking_s:.1f} s"
-        waited = 1e-9 * (stamp_ns - self._advanced) > _SILENCE_LIMIT_S
+        waited = to_s(stamp_ns - self._advanced) > _SILENCE_LIMIT_S
         self._has_time = still or (bool(self.why) and (waited or pace.has_free_keyframes))
         self._at_once = min(2 * self._given, _MAX_AT_ONCE) if pace.has_free_keyframes and self._given else 1
         if not self.why:

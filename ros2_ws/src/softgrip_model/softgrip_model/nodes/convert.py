@@ -30,22 +30,10 @@ from softgrip_model.finger.predictor import ActiveFriction, Prediction
 from softgrip_model.finger.session import MeasuredFinger, Residual
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.gdfe.session import Shown
-
-NANOSECONDS = 1_000_000_000
+from softgrip_nodekit import nanoseconds, to_time_message
 
 #: Modes of the cell in which a finger may be holding something, or stand where nobody knows.
 _NOT_FREE = (CellState.GRASPING, CellState.HOLDING, CellState.FAULT, CellState.ESTOP)
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Return a stamp in nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-
-
-def stamp_of(nanoseconds_since_epoch: int) -> Time:
-    """Return nanoseconds as a stamp."""
-    seconds, rest = divmod(nanoseconds_since_epoch, NANOSECONDS)
-    return Time(sec=seconds, nanosec=rest)
 
 
 def tendon_samples(message: JointState) -> tuple[list[str], list[TendonInput]]:
@@ -147,7 +135,7 @@ def finger_state(prediction: Prediction) -> FingerState:
 def residual_message(residual: Residual) -> PredictionResidual:
     """Return one residual, in the frame of its finger."""
     return PredictionResidual(
-        header=Header(stamp=stamp_of(residual.stamp), frame_id=f"{residual.finger}_base"),
+        header=Header(stamp=to_time_message(residual.stamp), frame_id=f"{residual.finger}_base"),
         finger=residual.finger,
         pulled_length=residual.pulled_length,
         tip_error=residual.tip_error,

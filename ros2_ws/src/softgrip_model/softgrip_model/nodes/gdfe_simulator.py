@@ -44,8 +44,10 @@ from softgrip_nodekit import (
     StampedInputs,
     StartupError,
     lateness_parameter,
+    nanoseconds,
     run,
 )
+from softgrip_time.units import to_s
 
 _SETTINGS = ClosingSettings()
 
@@ -138,7 +140,7 @@ class GdfeSimulator(Node):
                 self._markers.publish(convert.marker_message(message.header.stamp, shown))
             health = Health.WARN if shown.reason else Health.OK
             text = shown.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
-            behind = 1e-9 * (self.get_clock().now().nanoseconds - convert.nanoseconds(message.header.stamp))
+            behind = to_s(self.get_clock().now().nanoseconds - nanoseconds(message.header.stamp))
             values = {"solve_time_s": f"{shown.shape.solve_time:.4f}", "behind_state_s": f"{behind:.3f}"}
             self._report(f"finger {shown.finger}", health, text, values)
 

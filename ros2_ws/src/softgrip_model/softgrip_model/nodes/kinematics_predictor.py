@@ -41,6 +41,7 @@ from softgrip_nodekit import (
     StampedInputs,
     StartupError,
     lateness_parameter,
+    nanoseconds,
     realtime_parameter,
     run,
 )
@@ -186,7 +187,7 @@ class KinematicsPredictor(Node):
 
     def _on_measured(self, message: FingerStates) -> None:
         self._inputs.pair("finger/measured", message, SPAN_NS - MAX_GAP_NS)
-        stamp = convert.nanoseconds(message.header.stamp)
+        stamp = nanoseconds(message.header.stamp)
         self._publish_residuals(self._session.on_measured(stamp, convert.measured_fingers(message)))
 
     def _publish_residuals(self, residuals: Sequence[Residual]) -> None:

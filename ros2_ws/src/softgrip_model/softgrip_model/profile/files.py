@@ -167,7 +167,7 @@ def _build_tuple(arguments: tuple[Any, ...], data: Any, where: str) -> Any:
 
 
 def shipped_directory() -> Path:
-    """Return the folder of softgrip_bringup's profiles: of an installed workspace, else beside this source tree.
+    """Return the folder of softgrip_bringup's profiles: of an installed workspace, beside this source, or in the wheel.
 
     Raises:
         ProfileError: neither is there.
@@ -175,8 +175,9 @@ def shipped_directory() -> Path:
     installed = [
         Path(prefix) / "share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix
     ]
-    for share in [*installed, Path(__file__).resolve().parents[3]]:
-        directory = share / "softgrip_bringup" / "profiles"
+    here = Path(__file__).resolve()
+    places = [share / "softgrip_bringup" for share in (*installed, here.parents[3])]
+    for directory in (place / "profiles" for place in (*places, here.parents[1])):
         if directory.is_dir():
             return directory
     raise ProfileError("the profiles of softgrip_bringup were not found; source the workspace or name a folder")

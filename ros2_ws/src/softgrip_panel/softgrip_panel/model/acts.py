@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from softgrip_panel.model.parameters import ParameterKind
 from softgrip_panel.model.roles import Role
 
 
@@ -91,6 +92,10 @@ def _action(name: str, type_name: str, **goal: Any) -> RosCall:
 
 _TRIGGER = "std_srvs/srv/Trigger"
 _INTERFACES = "softgrip_interfaces"
+#: Of lifecycle_msgs/msg/Transition.
+_TRANSITIONS = {"configure": 1, "cleanup": 2, "activate": 3, "deactivate": 4}
+#: Of MoveTendon.
+_LENGTH, _TENSION = 1, 2
 
 
 def estop() -> Act:
@@ -231,6 +236,63 @@ def mount_fingers(fingers: Sequence[str], serials: Sequence[str], profiles: Sequ
     return Act("mount_fingers", call, subject=" ".join(filter(None, serials)))
 
 
+def set_driver(transition: str) -> Act:
+    """Make a transition of the driver's lifecycle: cleanup closes the bus, activate takes hold of the tendons."""
+    call = _service(
+        "tendon_driver/change_state",
+        "lifecycle_msgs/srv/ChangeState",
+        transition={"id": _TRANSITIONS[transition], "label": transition},
+    )
+    return Act("set_driver", call, Role.ENGINEER, subject=transition, timeout_s=90.0)
+
+
+def pull(tension_n: float, speed_m_s: float) -> Act:
+    """Pull all tendons to a tension and hold it."""
+    return _move("pull", _TENSION, tension_n, speed_m_s, 0.0, f"{tension_n:g} N")
+
+
+def slacken(speed_m_s: float, tension_limit_n: float) -> Act:
+    """Pay all tendons out to their zero."""
+    return _move("slacken", _LENGTH, 0.0, speed_m_s, tension_limit_n, "")
+
+
+def _move(name: str, mode: int, target: float, speed_m_s: float, tension_limit_n: float, subject: str) -> Act:
+    call = _action(
+        "tendon/move",
+        f"{_INTERFACES}/action/MoveTendon",
+        mode=mode,
+        targets=[target],
+        speed=speed_m_s,
+        tension_limit=tension_limit_n,
+    )
+    return Act(name, call, Role.ENGINEER, subject=subject, timeout_s=60.0)
+
+
+def set_parameter(node: str, name: str, kind: ParameterKind, value: Any) -> Act:
+    """Set a parameter of a node while it runs."""
+    setting = {"name": name, "value": {"type": int(kind), kind.field: value}}
+    call = _service(f"{node}/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[setting])
+    return Act("set_parameter", call, Role.ENGINEER, subject=f"{node} {name} {value}")
+
+
+def set_camera_info(
+    width: int, height: int, matrix: Sequence[float], distortion: Sequence[float], distortion_model: str
+) -> Act:
+    """Give the camera a lens, as cameracalibrator does."""
+    k = [float(one) for one in matrix]
+    info = {
+        "width": width,
+        "height": height,
+        "distortion_model": distortion_model,
+        "d": [float(one) for one in distortion],
+        "k": k,
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
+    }
+    call = _service("camera/set_camera_info", "sensor_msgs/srv/SetCameraInfo", camera_info=info)
+    return Act("set_camera_info", call, Role.ENGINEER, subject=f"{width}x{height}")
+
+
 #: One of each, for the documentation and for the tests of access: what the panel may ever call.
 EXAMPLES: tuple[Act, ...] = (
     estop(),
@@ -253,4 +315,9 @@ EXAMPLES: tuple[Act, ...] = (
     snapshot(30.0),
     place_object("egg"),
     mount_fingers(["index", "middle", "thumb"], ["PW-I-01", "PW-M-01", "PW-T-01"], ["power", "power", "power"]),
+    set_driver("cleanup"),
+    pull(5.0, 0.02),
+    slacken(0.02, 5.0),
+    set_parameter("camera", "jpeg_quality", ParameterKind.INTEGER, 80),
+    set_camera_info(640, 480, [600.0, 0.0, 320.0, 0.0, 600.0, 240.0, 0.0, 0.0, 1.0], [0.0] * 5, "plumb_bob"),
 )

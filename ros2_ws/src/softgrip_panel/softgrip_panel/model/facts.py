@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,12 @@ class OwnerView:
 
 @dataclass(frozen=True)
 class ComponentHealth:
-    """One status of /diagnostics: level 0 good, 1 warning, 2 error, 3 stale."""
+    """One status of /diagnostics: level 0 good, 1 warning, 2 error, 3 stale; its figures by name."""
 
     name: str
     level: int
     message: str
+    values: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

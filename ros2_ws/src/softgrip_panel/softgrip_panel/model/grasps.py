@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -165,28 +163,3 @@ def _counted_outcome(before: CellView | None, after: CellView) -> str:
         if getattr(after, name) > getattr(before, name)
     ]
     return {"tendon_faults": "TENDON_FAULT"}.get(grown[0], grown[0].upper()) if len(grown) == 1 else ""
-
-
-def export_csv(records: Iterable[GraspRecord]) -> str:
-    """Return grasps as CSV; a cell that a spreadsheet would take for a formula gets an apostrophe before it."""
-    out = io.StringIO()
-    writer = csv.writer(out)
-    writer.writerow(["number", "started_s", "product", "finger_set", "serials", "outcome", "duration_s", "reason"])
-    for record in records:
-        row = [
-            record.number,
-            f"{record.started_s:.3f}",
-            record.product,
-            record.finger_set,
-            " ".join(record.serials),
-            record.outcome,
-            f"{record.duration_s:.3f}",
-            record.reason,
-        ]
-        writer.writerow([_plain_cell(value) for value in row])
-    return out.getvalue()
-
-
-def _plain_cell(value: object) -> str:
-    text = str(value)
-    return f"'{text}" if text[:1] in {"=", "+", "-", "@", "\t", "\r"} else text

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -82,3 +84,28 @@ def check_age_days(record: FingerRecordView, today: date) -> int | None:
         return (today - date.fromisoformat(record.calibrated)).days
     except ValueError:
         return None
+
+
+def export_csv(rows: Iterable[GraspRow]) -> str:
+    """Return grasps as CSV; a cell that a spreadsheet would take for a formula gets an apostrophe before it."""
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow(["number", "at_s", "product", "finger_set", "serials", "outcome", "duration_s", "reason"])
+    for row in rows:
+        values = [
+            "" if row.number is None else row.number,
+            f"{row.at_s:.3f}",
+            row.product,
+            row.finger_set,
+            " ".join(row.serials),
+            row.outcome,
+            f"{row.duration_s:.3f}",
+            row.reason,
+        ]
+        writer.writerow([_plain_cell(value) for value in values])
+    return out.getvalue()
+
+
+def _plain_cell(value: object) -> str:
+    text = str(value)
+    return f"'{text}" if text[:1] in {"=", "+", "-", "@", "\t", "\r"} else text

@@ -7,10 +7,11 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softgrip_driver.faults import FAULTS
 from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmLevel
+from softgrip_panel.model.bench import BenchView
 from softgrip_panel.model.control import ControlDesk
 from softgrip_panel.model.facts import (
     CellView,
@@ -29,11 +30,14 @@ from softgrip_panel.model.facts import (
 from softgrip_panel.model.friction import FrictionModelView, RigProgress
 from softgrip_panel.model.grasps import GraspHistory
 from softgrip_panel.model.swap import SwapProgress
+from softgrip_panel.model.weights import WeightCheck
 
 #: Without tendon/status for so long the driver is called silent [s].
 SILENCE_S = 2.0
 #: At its start the panel waits so long for the driver before it calls it silent [s].
 START_S = 15.0
+#: The driver's node, the component of its bus, and what each of its servos says on /diagnostics.
+_DRIVER, _BUS, _ZERO = "tendon_driver", "bus", "zero [mm]"
 #: So many notices are kept for whoever opens a page.
 MAX_NOTICES = 50
 
@@ -83,6 +87,9 @@ class PanelState:
         self.friction_models: tuple[FrictionModelView, ...] = ()
         self.friction_active = ""
         self.residuals: dict[str, ResidualView] = {}
+        self.bench = BenchView()
+        self.weights = WeightCheck()
+        self.nodes: tuple[str, ...] = ()
         self.is_emulated = False
         self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
         self._numbers = 0
@@ -131,6 +138,7 @@ class PanelState:
         with self._lock:
             for status in statuses:
                 self._health[status.name] = status
+            self._observe_bench(statuses)
             facts = {
                 f"health/{one.name}": AlarmFact(
                     one.name, one.message, AlarmLevel.ERROR if one.level == 2 else AlarmLevel.WARNING
@@ -139,6 +147,17 @@ class PanelState:
                 if one.level in (1, 2)
             }
             self.alarms.observe("/diagnostics", facts)
+
+    def _observe_bench(self, statuses: Sequence[ComponentHealth]) -> None:
+        """Take what the driver says of its bus and its servos."""
+        own = {}
+        for one in statuses:
+            node, _, component = one.name.partition(": ")
+            if node.rpartition("/")[2] == _DRIVER:
+                own[component] = one.values
+        if _BUS in own:
+            servos = {name: values for name, values in own.items() if _ZERO in values}
+            self.bench = replace(self.bench, bus=own[_BUS], servos=servos, reports=self.bench.reports + 1)
 
     def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
         """Take the newest tendon/state beside its prediction."""

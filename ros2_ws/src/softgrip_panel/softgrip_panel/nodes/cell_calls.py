@@ -12,7 +12,7 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 
 from softgrip_panel.model.acts import Act, ActResult, CallKind
-from softgrip_panel.nodes.convert import request_message, ros_type
+from softgrip_panel.nodes.convert import answer_of, request_message, ros_type
 
 #: Called with the name of an act, what came, and who ordered it.
 Hook = Callable[[str, Any, str], Any]
@@ -68,7 +68,7 @@ class RosCalls:
     async def _called(self, act: Act, who: str) -> tuple[bool, str, Any]:
         client, kind = self._client(act)
         is_ready = client.service_is_ready if act.call.kind is CallKind.SERVICE else client.server_is_ready
-        if not await _until(is_ready, SERVER_WAIT_S):
+        if not await wait_until(is_ready, SERVER_WAIT_S):
             return False, f"expected {act.call.name} within {SERVER_WAIT_S:g} s, found none; is the cell up?", None
         if act.call.kind is CallKind.SERVICE:
             return await self._call_service(act, client, request_message(kind.Request, act.call.request))
@@ -76,18 +76,19 @@ class RosCalls:
 
     async def _call_service(self, act: Act, client: Any, request: Any) -> tuple[bool, str, Any]:
         future = client.call_async(request)
-        if not await _done(future, act.timeout_s):
+        if not await wait_for_answer(future, act.timeout_s):
             client.remove_pending_request(future)
             return False, f"expected an answer of {act.call.name} within {act.timeout_s:g} s, found none", None
         response = future.result()
-        return bool(getattr(response, "success", True)), str(getattr(response, "message", "")), response
+        success, message = answer_of(response)
+        return success, message or ("" if success else f"{act.call.name} refused; its log says why"), response
 
     async def _run_action(self, act: Act, client: Any, goal: Any, who: str) -> tuple[bool, str, Any]:
         def on_feedback(message: Any) -> None:
             self._on_feedback(act.name, message.feedback, who)
 
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
-        if not await _done(sent, 10.0):
+        if not await wait_for_answer(sent, 10.0):
             return False, f"expected {act.call.name} to take the goal within 10 s, found no answer", None
         handle = sent.result()
         if not handle.accepted:
@@ -96,7 +97,7 @@ class RosCalls:
         self._on_accepted(act.name, goal, who)
         try:
             result = handle.get_result_async()
-            if not await _done(result, act.timeout_s):
+            if not await wait_for_answer(result, act.timeout_s):
                 handle.cancel_goal_async()
                 return False, f"expected the end of {act.call.name} within {act.timeout_s:g} s; it was cancelled", None
             answer = result.result()
@@ -117,7 +118,8 @@ class RosCalls:
         return self._action_clients[name], kind
 
 
-async def _until(condition: Callable[[], bool], timeout_s: float) -> bool:
+async def wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
+    """Wait until a condition holds, without holding up the web's event loop; whether it does in time."""
     deadline_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline_s:
@@ -126,7 +128,7 @@ async def _until(condition: Callable[[], bool], timeout_s: float) -> bool:
     return True
 
 
-async def _done(future: Any, timeout_s: float) -> bool:
+async def wait_for_answer(future: Any, timeout_s: float) -> bool:
     """Wait for a future of rclpy without holding up the web's event loop; whether it is done in time."""
     loop = asyncio.get_running_loop()
     done = asyncio.Event()

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from softgrip_interfaces.action import CalibrateFriction, Grasp, SwapFingers
+from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
     FingerEvidence,
@@ -26,6 +26,7 @@ from softgrip_interfaces.msg import (
     TendonStatus,
     TendonStatusArray,
 )
+from softgrip_nodekit import seconds
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
@@ -42,7 +43,11 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress, intervals
 from softgrip_panel.model.grasps import FingerDecision
+from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import MAX_NODES, PanelShape
+
+#: Bounds of a parameter beyond this are none: the largest double, or whole number, stands for them.
+NO_BOUND = 9.2e18
 
 
 def _names(kind: Any, *names: str) -> dict[int, str]:
@@ -59,6 +64,9 @@ SLOT_STATES = {
 }
 TENDON_STATES = _names(
     TendonStatus, "DISCONNECTED", "IDENTIFIED", "HOLDING", "MOVING", "HOMING", "RELEASING", "STOPPED"
+)
+MOVE_OUTCOMES = _names(
+    MoveTendon.Result, "UNSET", "REACHED", "TENSION_LIMIT", "TIMEOUT", "CANCELLED", "FAULT", "REFUSED"
 )
 GRASP_OUTCOMES = _names(Grasp.Result, "GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED")
 SWAP_OUTCOMES = _names(SwapFingers.Result, "SUCCEEDED", "CANCELLED", "REFUSED", "FAILED")
@@ -140,7 +148,12 @@ def health_views(message: Any) -> list[ComponentHealth]:
     """Return a /diagnostics."""
     # the level is one byte: bytes of length 1 in rclpy
     return [
-        ComponentHealth(one.name, one.level[0] if isinstance(one.level, bytes) else int(one.level), one.message)
+        ComponentHealth(
+            one.name,
+            one.level[0] if isinstance(one.level, bytes) else int(one.level),
+            one.message,
+            {pair.key: pair.value for pair in one.values},
+        )
         for one in message.status
     ]
 
@@ -285,7 +298,7 @@ def counted_views(response: Any) -> tuple[CountedView, ...]:
     """Return the grasps of ListGrasps."""
     return tuple(
         CountedView(
-            one.stamp.sec + one.stamp.nanosec * 1e-9,
+            seconds(one.stamp),
             one.product,
             one.finger_set,
             one.outcome,
@@ -296,6 +309,53 @@ def counted_views(response: Any) -> tuple[CountedView, ...]:
     )
 
 
+def parameter_view(descriptor: Any, value: Any) -> ParameterView:
+    """Return a parameter by rcl_interfaces' descriptor and value."""
+    kind = ParameterKind(value.type)
+    found: Any = None if kind is ParameterKind.NOT_SET else getattr(value, kind.field)
+    if kind is ParameterKind.BYTES:
+        found = [int.from_bytes(one) for one in found]
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    low, high = (ranges[0].from_value, ranges[0].to_value) if ranges else (-math.inf, math.inf)
+    return ParameterView(
+        descriptor.name,
+        kind,
+        list(found) if kind >= ParameterKind.BYTES else found,
+        descriptor.description,
+        -math.inf if low <= -NO_BOUND else float(low),
+        math.inf if high >= NO_BOUND else float(high),
+        descriptor.additional_constraints,
+        not descriptor.read_only and kind is not ParameterKind.NOT_SET and kind is not ParameterKind.BYTES,
+    )
+
+
+def answer_of(response: Any) -> tuple[bool, str]:
+    """Return whether a service did what it was asked for, and its words."""
+    if hasattr(response, "results"):  # of SetParameters
+        return all(one.successful for one in response.results), "; ".join(
+            filter(None, (r.reason for r in response.results))
+        )
+    message = getattr(response, "message", getattr(response, "status_message", ""))
+    return bool(getattr(response, "success", True)), str(message)
+
+
 def request_message(kind: Any, fields: Mapping[str, Any]) -> Any:
-    """Return a request with its fields."""
-    return kind(**dict(fields))
+    """Return a request with its fields; a mapping is a message of its own."""
+    return _filled(kind(), fields)
+
+
+def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
+    types = message.get_fields_and_field_types()
+    for name, value in fields.items():
+        setattr(message, name, _field(types[name], value))
+    return message
+
+
+def _field(type_name: str, value: Any) -> Any:
+    """Return a field's value; `type_name` as "rcl_interfaces/Parameter" or "sequence<rcl_interfaces/Parameter>"."""
+    if isinstance(value, Mapping):
+        package, _, name = type_name.partition("/")
+        return _filled(ros_type(f"{package}/msg/{name}")(), value)
+    if isinstance(value, list) and value and isinstance(value[0], Mapping):
+        return [_field(type_name.removeprefix("sequence<").removesuffix(">"), one) for one in value]
+    return value

@@ -6,10 +6,12 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -54,6 +56,7 @@ from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.nodes import convert
 from softgrip_panel.nodes.cell_calls import RosCalls
+from softgrip_panel.nodes.parameter_reader import RosParameters
 from softgrip_panel.texts import Texts
 
 if TYPE_CHECKING:
@@ -61,6 +64,8 @@ if TYPE_CHECKING:
 
 #: How often streams are looked at while a page is open or a grasp goes on, and slow things always [s].
 SAMPLE_S, LOOK_S = 0.1, 1.0
+#: What the panel asks the driver about itself, in the order of `_on_driver`.
+DRIVER_PARAMETERS = ("estop_policy", "tension_hold_n", "port", "baud", "tendons", "servo_ids", "servo_models")
 #: Every so many looks the cell's lists are read again while a page is open.
 LISTS_EVERY = 4
 
@@ -95,6 +100,7 @@ class PanelNode(Node):
             self._state.swap.keep_in(folder / "swap.json")
         self._record = ActRecord(folder / "acts.jsonl" if folder else None, time.time)
         self._calls = RosCalls(self, self._on_accepted, self._on_feedback, self._read_result)
+        self._parameter_reader = RosParameters(self)
         self._newest: dict[str, tuple[Any, bytes]] = {}
         self._pictures = self._shapes = 0
         self._predicted: FingerStates | None = None
@@ -102,7 +108,8 @@ class PanelNode(Node):
         self._site, self._server, address = self._open_site(values)
         self._diagnostics = Diagnostics(self)  # only now: loading the pages takes a second
         self._subscribe()
-        self._policy_client = self.create_client(GetParameters, "tendon_driver/get_parameters")
+        self._driver_client = self.create_client(GetParameters, "tendon_driver/get_parameters")
+        self._phase_client = self.create_client(GetState, "tendon_driver/get_state")
         self._product_client = self.create_client(ListProducts, "cell/list_products")
         self._finger_client = self.create_client(ListFingers, "cell/list_fingers")
         self._grasp_client = self.create_client(ListGrasps, "cell/list_grasps")
@@ -148,6 +155,9 @@ class PanelNode(Node):
             log=self.get_logger().warning,
         )  # fmt: skip
         desk.on_done = self._write_audit
+        site.parameters = self._parameter_reader
+        site.lens.folder = Path(values["state_dir"]) / "views" if values["state_dir"] else None
+        site.calibration_file, site.watched_finger = values["calibration_file"], values["watched_finger"]
         site.owners = FaceOwners(Path(values["profiles_directory"]) if values["profiles_directory"] else None)
         host = values["host"] if is_loopback(values["host"]) else next(iter(sorted(names)))
         address = f"{'https' if tls else 'http'}://{host}:{port}/"
@@ -244,7 +254,7 @@ class PanelNode(Node):
     def _sample_picture(self) -> None:
         markers = self._take("finger/markers")
         if markers is not None:
-            self._overlay.measure(markers.finger, list(zip(markers.u, markers.v, strict=False)))
+            self._overlay.measure(markers.finger, [(one.u, one.v) for one in markers.markers])
         image = self._take("camera/image_raw/compressed")
         if image is None:
             return
@@ -256,12 +266,14 @@ class PanelNode(Node):
     def _look(self) -> None:
         """Ask for what changes seldom; say whether the page can be reached."""
         self._state.is_emulated = self._place_client.service_is_ready()
-        if not self._state.policy.estop_policy and self._policy_client.service_is_ready():
-            request = GetParameters.Request(names=["estop_policy", "tension_hold_n"])
-            self._policy_client.call_async(request).add_done_callback(self._on_policy)
+        if not self._state.policy.estop_policy:
+            self._ask(self._driver_client, GetParameters.Request(names=list(DRIVER_PARAMETERS)), self._on_driver)
+        if self._site.viewers:
+            self._ask(self._phase_client, GetState.Request(), self._on_phase)
         self._lists_due -= 1
         if self._lists_due <= 0 and (self._site.viewers or not self._state.products):
             self._lists_due = LISTS_EVERY
+            self._state.nodes = self._parameter_reader.nodes()
             self._ask(self._product_client, ListProducts.Request(), self._on_products)
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
             self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
@@ -270,10 +282,23 @@ class PanelNode(Node):
         health = Health.WARN if problem else Health.OK
         self._diagnostics.set("page", health, problem or "serves", {"pages": self._site.viewers})
 
-    def _on_policy(self, future: Any) -> None:
+    def _on_driver(self, future: Any) -> None:
         values = future.result().values
-        if len(values) == 2:
-            self._state.policy = StopPolicyView(values[0].string_value, values[1].double_value)
+        if len(values) == len(DRIVER_PARAMETERS):
+            policy, hold, port, baud, tendons, ids, models = values
+            self._state.policy = StopPolicyView(policy.string_value, hold.double_value)
+            self._state.bench = replace(
+                self._state.bench,
+                port=port.string_value,
+                baud=int(baud.integer_value),
+                tendons=tuple(tendons.string_array_value),
+                servo_ids=tuple(int(one) for one in ids.integer_array_value),
+                servo_models=tuple(models.string_array_value),
+            )
+
+    def _on_phase(self, future: Any) -> None:
+        with self._state.locked() as state:
+            state.bench = replace(state.bench, phase=future.result().current_state.label)
 
     def _on_products(self, future: Any) -> None:
         response = future.result()
@@ -350,6 +375,9 @@ class PanelNode(Node):
                 outcome = convert.RIG_OUTCOMES.get(result.outcome, "?")
                 state.rig = state.rig.ended(f"{outcome}: {result.reason}", result.model.id)
                 return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"
+            if act in {"pull", "slacken"}:
+                outcome = convert.MOVE_OUTCOMES.get(result.outcome, "?")
+                return outcome in {"REACHED", "TENSION_LIMIT"}, f"{outcome}: {result.reason}"
             outcome = convert.SWAP_OUTCOMES.get(result.outcome, "?")
             state.swap.end(success=outcome == "SUCCEEDED", message=result.reason)
             return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"

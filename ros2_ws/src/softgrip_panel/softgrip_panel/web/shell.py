@@ -29,6 +29,7 @@ PAGES: Final = {
     "/bags": "nav.bags",
     "/fingers": "nav.fingers",
     "/friction": "nav.friction",
+    "/setup": "nav.setup",
 }
 
 #: So long a notice lies over the page [s]; page Cell keeps the last ones.

@@ -26,9 +26,12 @@ from softgrip_panel.model.bags import BagJobs
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
-from softgrip_panel.model.grasps import export_csv
+from softgrip_panel.model.lens import LensViews
+from softgrip_panel.model.parameters import ParameterReader
+from softgrip_panel.model.records import export_csv, grasp_rows
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.shapes import FaceOwners, PanelShape, pack_faces, pack_shape
+from softgrip_panel.model.tensioning import Tensioning
 from softgrip_panel.model.work import Worker
 from softgrip_panel.texts import Texts
 from softgrip_panel.web.gate import COOKIE, TOKEN, App, Gate, person_of
@@ -57,6 +60,10 @@ class PanelSite:
         shape: newest deformed finger, None before the first; `shape_profile` is what it was printed from.
         owners: which hexahedron a face belongs to.
         viewers: pages that show live data now.
+        parameters: reads those of the cell's nodes, None = nobody can be asked.
+        lens: views of the board.
+        calibration_file, watched_finger: the camera's, for the commands of Set-up.
+        tensioning: rounds of it.
         log: says what was refused.
         label: makes the label of a finger.
     """
@@ -75,8 +82,16 @@ class PanelSite:
     shape: PanelShape | None = None
     shape_profile: str = ""
     owners: FaceOwners = field(default_factory=lambda: FaceOwners(None))
+    parameters: ParameterReader | None = None
+    lens: LensViews = field(default_factory=lambda: LensViews(None))
+    calibration_file: str = ""
+    watched_finger: str = "index"
     log: Callable[[str], Any] = print
     label: Callable[[FingerRecordView, Texts], str] | None = None
+
+    def __post_init__(self) -> None:
+        state = self.desk.state
+        self.tensioning = Tensioning(self.desk, lambda: state.bench)
 
     def app(self, pages: Callable[[PanelSite], None]) -> App:
         """Return the whole site as ASGI.
@@ -165,7 +180,7 @@ class PanelSite:
 
     async def _grasps_csv(self) -> Response:
         with self.desk.state.locked() as state:
-            text = export_csv(state.grasps.records)
+            text = export_csv(grasp_rows(state.grasps.records, state.counted))
         return Response(text, media_type="text/csv", headers={"content-disposition": "attachment; filename=grasps.csv"})
 
     async def _grasp_picture(self, number: int, moment: str) -> Response:

@@ -2,11 +2,12 @@
 """From views of a printed board to a calibration file."""
 
 from softgrip_vision.calibrating.board import Board, BoardView
-from softgrip_vision.calibrating.lens import LensFit, calibrate_lens
+from softgrip_vision.calibrating.lens import LensFit, calibrate_lens, covered_cells
 from softgrip_vision.calibrating.plane import PlaneFit, calibrate_plane
-from softgrip_vision.calibrating.views import collect_views
+from softgrip_vision.calibrating.views import MAX_VIEWS, collect_views, is_new_view
 
 __all__ = [
+    "MAX_VIEWS",
     "Board",
     "BoardView",
     "LensFit",
@@ -14,4 +15,6 @@ __all__ = [
     "calibrate_lens",
     "calibrate_plane",
     "collect_views",
+    "covered_cells",
+    "is_new_view",
 ]

@@ -79,14 +79,18 @@ def _count_problems(views: Sequence[BoardView]) -> list[str]:
     return [f"expected views of one resolution, found {sorted(sizes)}"] if len(sizes) > 1 else []
 
 
+def covered_cells(views: Sequence[BoardView]) -> NDArray[np.bool_]:
+    """Return (`CELLS`, `CELLS`) cells of the image in which some view shows a corner."""
+    covered = np.zeros((CELLS, CELLS), dtype=bool)
+    for view in views:
+        places = np.clip((view.pixels / view.size * CELLS).astype(int), 0, CELLS - 1)
+        covered[places[:, 1], places[:, 0]] = True
+    return covered
+
+
 def _coverage_problems(views: Sequence[BoardView]) -> list[str]:
     """Name the parts of the image where no view shows a corner."""
-    width, height = views[0].size
-    pixels = np.concatenate([view.pixels for view in views])
-    columns = np.clip((pixels[:, 0] / width * CELLS).astype(int), 0, CELLS - 1)
-    rows = np.clip((pixels[:, 1] / height * CELLS).astype(int), 0, CELLS - 1)
-    covered = np.zeros((CELLS, CELLS), dtype=bool)
-    covered[rows, columns] = True
+    covered = covered_cells(views)
     if covered.mean() >= MIN_COVERAGE:
         return []
     half = CELLS // 2

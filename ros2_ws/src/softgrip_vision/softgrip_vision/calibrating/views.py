@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -46,11 +46,16 @@ def collect_views(
                 raise CalibrationError(
                     f"{view.name}: expected all views of one resolution, {kept[0].size}, found {view.size}"
                 )
-            if all(_moved(view, other) for other in kept):
+            if is_new_view(view, kept):
                 kept.append(view)
         if progress is not None:
             progress(number + 1, len(kept))
     return kept
+
+
+def is_new_view(view: BoardView, kept: Sequence[BoardView]) -> bool:
+    """Whether a view shows the board elsewhere than every view that was kept."""
+    return all(_moved(view, other) for other in kept)
 
 
 def _moved(view: BoardView, other: BoardView) -> bool:

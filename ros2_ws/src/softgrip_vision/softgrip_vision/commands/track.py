@@ -23,6 +23,7 @@ import cv2
 from rich.console import Console
 from rich.progress import Progress
 
+from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.errors import VisionError
 from softgrip_vision.frame import FrameSource
@@ -37,7 +38,6 @@ from softgrip_vision.tracker import Tracker
 console = Console()
 #: Files have no other time line than their own.
 START_NS = 0
-SECONDS_PER_NS = 1e-9
 #: Share of the frames that a film announces: some containers give an estimate.
 MIN_SHARE = 0.95
 
@@ -127,7 +127,7 @@ def _readings(
     task = progress.add_task("tracking", total=getattr(source, "frame_count", 0) or None)
     try:
         while (frame := source.read()) is not None:
-            image, time = frame.pixels(), frame.stamp_ns * SECONDS_PER_NS
+            image, time = frame.pixels(), to_s(frame.stamp_ns)
             readings = tracker.measure(image, time)
             yield time, readings
             if not arguments.no_overlay:

@@ -33,6 +33,7 @@ from softgrip_nodekit import (
     steady_timer,
     to_time_message,
 )
+from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.errors import CalibrationError, FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
@@ -241,7 +242,7 @@ class CameraNode(Node):
 
     def _report(self) -> None:
         status = self._capture.status
-        age = (self.get_clock().now().nanoseconds - self._last_stamp_ns) * 1e-9 if self._published else float("inf")
+        age = to_s(self.get_clock().now().nanoseconds - self._last_stamp_ns) if self._published else float("inf")
         health, message = self._judge(status, age)
         values: dict[str, Any] = {
             "state": status.state.value,

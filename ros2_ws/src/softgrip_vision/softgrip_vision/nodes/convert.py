@@ -13,12 +13,12 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from softgrip_interfaces.msg import FingerMarkers, FingerState, FingerStates
+from softgrip_interfaces.msg import FingerMarkers, FingerState, FingerStates, Marker
 from softgrip_vision import colour
 from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.errors import FrameError
 from softgrip_vision.frame import CameraFrame
-from softgrip_vision.readings import FingerReading
+from softgrip_vision.readings import FingerReading, MarkerReading
 
 #: Channel order of the raw encodings that a colour camera publishes; index of B, G, R in a pixel, and its bytes.
 RAW_ENCODINGS = {"bgr8": ((0, 1, 2), 3), "rgb8": ((2, 1, 0), 3), "bgra8": ((0, 1, 2), 4), "rgba8": ((2, 1, 0), 4)}
@@ -74,20 +74,25 @@ def from_image_message(message: Image) -> colour.Image:
 
 def to_markers_message(reading: FingerReading, configuration: str, header: Header) -> FingerMarkers:
     """Return one finger's markers, and the digest of what they were found with."""
-    markers = reading.markers
     return FingerMarkers(
         header=header,
         finger=reading.finger,
-        names=[marker.name for marker in markers],
-        u=[float(marker.pixel[0]) for marker in markers],
-        v=[float(marker.pixel[1]) for marker in markers],
-        x=[float(marker.point[0]) for marker in markers],
-        y=[float(marker.point[1]) for marker in markers],
-        stddev=[float(marker.stddev_px) for marker in markers],
-        confidence=[float(marker.confidence) for marker in markers],
-        occluded=[bool(marker.occluded) for marker in markers],
+        markers=[_to_marker(marker) for marker in reading.markers],
         threshold_quality=float(reading.threshold_quality),
         configuration=configuration,
+    )
+
+
+def _to_marker(marker: MarkerReading) -> Marker:
+    return Marker(
+        name=marker.name,
+        u=float(marker.pixel[0]),
+        v=float(marker.pixel[1]),
+        x=float(marker.point[0]),
+        y=float(marker.point[1]),
+        stddev=float(marker.stddev_px),
+        confidence=float(marker.confidence),
+        occluded=bool(marker.occluded),
     )
 
 

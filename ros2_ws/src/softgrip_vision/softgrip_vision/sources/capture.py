@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from softgrip_time.units import to_s
 from softgrip_vision.errors import SourceError
 from softgrip_vision.frame import CameraFrame, FrameSource
 from softgrip_vision.sources.opening import SourceKind, SourceOptions, dereference, kind_of, open_source
@@ -166,7 +167,7 @@ class Capture:
                 return
             if paced:
                 start = start or (time.monotonic(), frame.stamp_ns)
-                due = start[0] + (frame.stamp_ns - start[1]) * 1e-9
+                due = start[0] + to_s(frame.stamp_ns - start[1])
                 self._stop.wait(max(0.0, due - time.monotonic()))
             self._put(frame)
 

@@ -17,6 +17,7 @@ from decimal import Decimal, InvalidOperation
 from email.message import Message
 from typing import Protocol
 
+from softgrip_time.units import NANOSECONDS
 from softgrip_vision.errors import FrameError, SourceError
 from softgrip_vision.frame import CameraFrame, jpeg_size
 
@@ -24,7 +25,6 @@ from softgrip_vision.frame import CameraFrame, jpeg_size
 LONGEST_HEADER = 16_384
 LARGEST_PART = 64 * 1024 * 1024
 TIMESTAMP = "x-timestamp"
-NANOSECONDS = 1_000_000_000
 
 
 class ByteReader(Protocol):

@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from softgrip_time.units import to_ns
 from softgrip_vision.errors import SourceError
 from softgrip_vision.frame import CameraFrame
 from softgrip_vision.v4l2_controls import ControlReport, ControlSettings, apply_controls
@@ -132,7 +133,7 @@ class VideoStream:
             if self._index == 0:
                 raise SourceError(f"{self._target}: expected frames, found none that can be decoded")
             return None
-        stamp = self._now_ns() if self._live else self._start_ns + round(self._index / self.fps * 1e9)
+        stamp = self._now_ns() if self._live else self._start_ns + to_ns(self._index / self.fps)
         self._index += 1
         return CameraFrame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
 
@@ -168,7 +169,7 @@ class FolderStream:
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None:
             raise SourceError(f"{path}: expected an image, found a file that is none; remove it from the folder")
-        stamp = self._start_ns + round(self._index / self.fps * 1e9)
+        stamp = self._start_ns + to_ns(self._index / self.fps)
         self._index += 1
         return CameraFrame(stamp, image.shape[1], image.shape[0], image=np.asarray(image, dtype=np.uint8))
 

@@ -13,6 +13,7 @@ from softgrip_bag.errors import BagError
 from softgrip_bag.reader import attachments, bag_files, facts
 from softgrip_bag.repair import is_broken
 from softgrip_bag.statistics import BagStatistics, statistics
+from softgrip_time.units import to_s
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -34,7 +35,7 @@ def text(bag: Path, found: BagStatistics) -> str:
     lines = [
         f"Bag:       {bag}, {len(bag_files(bag))} files, {size / 1e6:.1f} MB"
         + (", was cut off: `ros2 run softgrip_bag repair` finishes it" if is_broken(bag) else ""),
-        f"Start:     {datetime.fromtimestamp(found.start * 1e-9, UTC).isoformat()}",
+        f"Start:     {datetime.fromtimestamp(to_s(found.start), UTC).isoformat()}",
         f"Duration:  {found.duration:.3f} s",
         f"Messages:  {found.messages}",
         f"Carried:   {', '.join(a.name for a in attachments(bag)) or 'nothing'}",

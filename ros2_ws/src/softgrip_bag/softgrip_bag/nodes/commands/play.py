@@ -23,6 +23,7 @@ from softgrip_bag.nodes.messages import message_class
 from softgrip_bag.nodes.qos import recorded
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
+from softgrip_time.units import to_ns, to_s
 
 #: Topics that every node publishes by itself.
 _NOT_PLAYED = {"/rosout", "/parameter_events"}
@@ -169,9 +170,9 @@ def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
     try:
         for message in RecordedBag(options.bag).read(player.topics - {"/clock"} if options.clock else player.topics):
             if pace is None:
-                start = message.received + round(options.start_offset * 1e9)
+                start = message.received + to_ns(options.start_offset)
                 pace = _pace(options, player, start)
-            position = (message.received - start) * 1e-9
+            position = to_s(message.received - start)
             if position < 0:
                 continue
             if options.step:
@@ -191,7 +192,7 @@ def _play(options: argparse.Namespace, topics: Sequence[TopicSummary]) -> int:
 def _pace(options: argparse.Namespace, player: Player, start: int) -> Pace:
     """Return the bag's time from ``start`` [ns] on; at a terminal, Enter pauses it and lets it go on."""
     period = 1.0 / (options.clock or _POLL_RATE_HZ)
-    pace = Pace(options.rate, lambda s: player.tell_time(start + round(s * 1e9)), period, paused=options.start_paused)
+    pace = Pace(options.rate, lambda s: player.tell_time(start + to_ns(s)), period, paused=options.start_paused)
     if options.start_paused or (sys.stdin.isatty() and not options.step):
         print("Enter pauses and goes on", file=sys.stderr)
         threading.Thread(target=_listen, args=(pace,), name="keys", daemon=True).start()

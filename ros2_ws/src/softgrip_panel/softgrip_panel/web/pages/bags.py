@@ -11,8 +11,7 @@ from nicegui import background_tasks
 from softgrip_panel.model import acts
 from softgrip_panel.model.bags import REPLAYED, BagView
 from softgrip_panel.model.roles import Role
-from softgrip_panel.web.pages.cell import card
-from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import Page, element, text_element
 
 #: The folder is read so often [s].

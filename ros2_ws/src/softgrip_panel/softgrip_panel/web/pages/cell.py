@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
 
 from nicegui import ui
 
@@ -14,6 +13,7 @@ from softgrip_panel.model.alarms import Alarm
 from softgrip_panel.model.explain import explain_reset
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.state import Notice
+from softgrip_panel.web.parts import card, row
 from softgrip_panel.web.shell import ChoiceField, Page, clock_text, element, text_element
 
 #: So many tendons are told in words.
@@ -26,26 +26,12 @@ def cell_page(page: Page) -> None:
         with element("div", classes="column"):
             _camera(page)
             _tensions(page)
+            _counters(page)
         with element("div", classes="column"):
             _facts(page)
             _alarms(page)
             _actions(page)
-            _counters(page)
             _notices(page)
-
-
-def card(page: Page, key: str, name: str = "") -> Any:
-    """Return a section with its heading; its parts are made inside `with`."""
-    section = element("section", classes="card", aria_label=page.t(key), **({"id": name} if name else {}))
-    with section:
-        text_element("h2", page.t(key))
-    return section
-
-
-def row(page: Page, key: str, read: Any, name: str = "") -> None:
-    """Make a line of a list of facts."""
-    text_element("dt", page.t(key))
-    page.shown.text(text_element("dd", "", **({"id": name} if name else {})), read)
 
 
 def _camera(page: Page) -> None:
@@ -60,6 +46,7 @@ def _camera(page: Page) -> None:
 def _tensions(page: Page) -> None:
     with card(page, "cell.tensions"):
         element("canvas", id="tensions", width="640", height="190", role="img", aria_label=page.t("cell.tensions_aria"))
+        text_element("p", page.t("cell.tensions_hint"), "note")
         with element("ul", classes="hidden-list", id="tension-list"):
             for number in range(MAX_TENDONS):
                 line = text_element("li")

@@ -9,6 +9,7 @@ from softgrip_panel.web.pages.fingers import fingers_page
 from softgrip_panel.web.pages.friction import friction_page
 from softgrip_panel.web.pages.grasps import grasps_page
 from softgrip_panel.web.pages.records import label_html, records_page
+from softgrip_panel.web.pages.setup import setup_page
 from softgrip_panel.web.pages.swap import swap_page
 from softgrip_panel.web.pages.work import work_page
 from softgrip_panel.web.shell import add_page
@@ -25,4 +26,5 @@ def add_pages(site: PanelSite) -> None:
     add_page(site, "/bags", bags_page)
     add_page(site, "/fingers", fingers_page)
     add_page(site, "/friction", friction_page)
+    add_page(site, "/setup", setup_page)
     site.label = label_html

@@ -9,8 +9,7 @@ import math
 from nicegui import ui
 
 from softgrip_panel.model.facts import FingerView, ResidualView
-from softgrip_panel.web.pages.cell import card
-from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import Page, element, text_element
 
 

@@ -13,8 +13,7 @@ from softgrip_panel.model.acts import ActResult
 from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress
 from softgrip_panel.model.roles import Role
 from softgrip_panel.web.drawings import rig_drawing
-from softgrip_panel.web.pages.cell import card
-from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import ChoiceField, Page, element, text_element
 
 PLANS = ("9", "adaptive", "45")

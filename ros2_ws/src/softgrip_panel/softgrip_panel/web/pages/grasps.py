@@ -10,8 +10,7 @@ from nicegui import ui
 
 from softgrip_panel.model.grasps import GraspRecord
 from softgrip_panel.model.records import GraspFilter, GraspRow, grasp_rows
-from softgrip_panel.web.pages.cell import card
-from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import ChoiceField, Page, clock_text, element, text_element
 
 OUTCOMES = ("", "GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED")
@@ -43,7 +42,10 @@ def _list(page: Page, show: object) -> None:
             found = grasp_rows(page.state.grasps.records, page.state.counted)
             return tuple(row for row in found if chosen.admits(row))[:MAX_ROWS]
 
+        none = text_element("p", page.t("grasps.none"), "note")
+
         def write(found: tuple[GraspRow, ...]) -> None:
+            none.set_visibility(not found)
             body.clear()
             with body:
                 for row in found:

@@ -15,8 +15,7 @@ from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.records import check_age_days, life_share
 from softgrip_panel.model.roles import Role
 from softgrip_panel.texts import Texts
-from softgrip_panel.web.pages.cell import card
-from softgrip_panel.web.pages.work import table
+from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import Page, element, text_element
 
 
@@ -32,6 +31,7 @@ def records_page(page: Page) -> None:
             "records.checked",
             "records.material",
             "records.acts",
+            is_whole=True,
         )
 
         def write(fingers: tuple[FingerRecordView, ...]) -> None:

@@ -15,7 +15,7 @@ from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.swap import ASKS_SERIALS, HANDS_OUT, LIMIT_S, STEPS, SwapPhase, SwapView, read_serials
 from softgrip_panel.web.drawings import swap_drawing
-from softgrip_panel.web.pages.cell import card
+from softgrip_panel.web.parts import card
 from softgrip_panel.web.shell import Page, element, text_element
 
 SETS = ("power", "pinch", "hook")

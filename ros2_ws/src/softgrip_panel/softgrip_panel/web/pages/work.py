@@ -13,7 +13,7 @@ from softgrip_panel.model.facts import ProductView
 from softgrip_panel.model.orders import MAX_BYTES, read_orders
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.work import WorkItem, WorkOptions, WorkPhase, WorkRun
-from softgrip_panel.web.pages.cell import card, row
+from softgrip_panel.web.parts import card, row, table
 from softgrip_panel.web.shell import Page, element, text_element
 
 #: A file never leaves the browser but as the text of the orders.
@@ -172,18 +172,6 @@ def _measured(product: ProductView) -> str:
         f"{name}: {product.expected_success[name]:.0%} ({grasps})" for name, grasps in product.grasps.items() if grasps
     ]
     return ", ".join(counted) or "-"
-
-
-def table(page: Page, *heads: str) -> Any:
-    """Return the body of a plain table."""
-    with (
-        element("div", classes="scroll", tabindex="0", role="group", aria_label=page.t(heads[0])),
-        element("table", classes="plain"),
-    ):
-        with element("thead"), element("tr"):
-            for key in heads:
-                text_element("th", page.t(key), scope="col")
-        return element("tbody")
 
 
 def _percent(value: float) -> str:

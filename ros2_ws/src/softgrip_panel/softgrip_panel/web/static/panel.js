@@ -40,8 +40,22 @@ function setTheme(dark) {
   if (byId("curve")) drawGrasp(byId("curve"));
 }
 
+async function copyCommand(button) {
+  const code = button.parentElement.querySelector("code");
+  try {
+    await navigator.clipboard.writeText(code.textContent);
+    const word = button.textContent;
+    button.textContent = button.dataset.copied;
+    setTimeout(() => (button.textContent = word), 2000);
+  } catch {
+    getSelection().selectAllChildren(code); // a browser that does not let pages copy: it is selected instead
+  }
+}
+
 document.addEventListener("click", (event) => {
   if (event.target.closest("#estop")) stop();
+  const copy = event.target.closest(".copy");
+  if (copy) copyCommand(copy);
   if (event.target.closest("#theme")) setTheme(!document.body.classList.contains("body--dark"));
 });
 
@@ -59,7 +73,7 @@ async function drawPicture(message) {
   const pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0, width, height);
   image.close();
-  for (const [name, points] of Object.entries(head.lines)) drawChain(pen, points, scale, name === "predicted" ? "#58a6ff" : "#ff9340", name === "predicted");
+  for (const [name, points] of Object.entries(head.lines)) drawChain(pen, points, scale, colour(`--overlay-${name}`), name === "predicted");
   canvas.dataset.number = head.number;
   canvas.dataset.lines = Object.keys(head.lines).join(" ");
   byId("no-picture")?.remove();

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a cell costs while nobody asks it for anything: processor share and memory of each process.
+
+The shipped launch file on emulated hardware: the drives' loop, the camera and the tracker run, nothing is grasped. The
+emulated hardware is a process of its own and is left out of the sums: a real cell has none. Python's files are compiled
+beforehand, as after a first start: compiling them leaves megabytes behind in each process. Linux only (/proc).
+
+"Idles under 15 % of one core" is read both ways: "idle cell CPU" is that of all processes together, "idle cell CPU of
+the busiest node" that of each process.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from _live_cell import START_S, cell
+
+from softgrip_testing.benchmark_claim import claim, no_options, spread
+
+RUNS = 3
+SETTLE_S = 20.0
+MEASURE_S = 10.0
+DOMAIN = "78"
+EMULATOR = "emulated_cell"
+NODES = (
+    EMULATOR, "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
+    "marker_tracker", "grasp_mix_manager",
+)  # fmt: skip
+ROOT = Path(__file__).resolve().parents[2]
+_TICKS = os.sysconf("SC_CLK_TCK")
+_PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one process."""
+
+    cpu_percent: float
+    rss_mb: float
+
+
+def _node_processes(session: int) -> dict[str, int]:
+    """Return the process of each node of a launch, which is the leader of the session."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        try:
+            stat = (entry / "stat").read_text().rpartition(")")[2].split()
+            command = (entry / "cmdline").read_text()
+        except (OSError, IndexError):
+            continue
+        if len(stat) > 3 and stat[3] == str(session) and "keep_running" not in command:
+            found |= {name: int(entry.name) for name in NODES if f"__node:={name}\0" in command}
+    return found
+
+
+def _cpu_s(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
+def _rss_mb(process: int) -> float:
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * _PAGE_MB
+
+
+def measure(processes: dict[str, int]) -> dict[str, Cost]:
+    """Return what each process costs over `MEASURE_S`."""
+    begin = time.monotonic()
+    before = {name: _cpu_s(process) for name, process in processes.items()}
+    time.sleep(MEASURE_S)
+    seconds = time.monotonic() - begin
+    return {
+        name: Cost(100.0 * (_cpu_s(process) - before[name]) / seconds, _rss_mb(process))
+        for name, process in processes.items()
+    }
+
+
+def compile_sources() -> dict[str, str]:
+    """Compile the suite's Python files; return the environment in which they are used so."""
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    folders = [str(ROOT / "embedded"), str(ROOT / "ros2_ws" / "src")]
+    subprocess.run([sys.executable, "-m", "compileall", "-q", *folders], env=environment, check=True)
+    return environment
+
+
+def run_cell() -> list[dict[str, Cost]]:
+    """Start a cell, let it settle, measure it several times."""
+    with cell(DOMAIN, environment=compile_sources()) as launch:
+        deadline = time.monotonic() + START_S
+        while len(processes := _node_processes(launch.pid)) < len(NODES):
+            if time.monotonic() > deadline or launch.poll() is not None:
+                missing = ", ".join(set(NODES) - processes.keys())
+                raise RuntimeError(f"the cell did not start; missing: {missing}")
+            time.sleep(0.1)
+        time.sleep(SETTLE_S)
+        return [measure(processes) for _ in range(RUNS)]
+
+
+def main() -> None:
+    """Measure and print the claims."""
+    no_options(__doc__)
+    runs = run_cell()
+    nodes = [{name: cost for name, cost in run.items() if name != EMULATOR} for run in runs]
+    median = {
+        name: Cost(
+            statistics.median(run[name].cpu_percent for run in runs),
+            statistics.median(run[name].rss_mb for run in runs),
+        )
+        for name in NODES
+    }
+    each = "; ".join(f"{name} {cost.cpu_percent:.0f} % {cost.rss_mb:.0f} MB" for name, cost in median.items())
+    figures = (
+        ("idle cell CPU", "%", 15.0, [sum(cost.cpu_percent for cost in run.values()) for run in nodes]),
+        ("idle cell CPU of the busiest node", "%", 15.0, [max(c.cpu_percent for c in run.values()) for run in nodes]),
+        ("idle cell largest RSS", "MB", 80.0, [max(cost.rss_mb for cost in run.values()) for run in nodes]),
+    )
+    for name, unit, goal, values in figures:
+        note = f"{spread(values, unit)}; {each}"
+        claim(name, statistics.median(values), unit, better="lower", goal=goal, runs=RUNS, note=note)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Structured hostile inputs over every topic, service, action, parameter and liveliness token of a running cell.
+
+A stranger who knows only the interface texts sends them over Zenoh (`_hostile`): values that nobody would send, cut
+and mutated messages, garbage, tokens of nodes that cannot be. Counted: processes that ended, and how much memory the
+one that grew most takes in the end. The note says for how long tendon/state stopped at most, by the driver's own
+stamps, with and without the stranger.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import multiprocessing
+import sys
+import tempfile
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from _hostile import Generator, Input, Stranger, open_client
+from _live_cell import START_S, cell
+
+from embedded_ros import wire
+from embedded_ros.wire import EntityKind
+from softgrip_testing.benchmark_claim import claim
+
+DOMAIN = 213
+COUNT = 100_000
+#: [1/s] A stranger that sends as fast as it can shows how fast the computer is. 0 = that.
+RATE = 500.0
+#: Inputs before memory is measured first: what nodes make on first use is no growth.
+WARM_UP = 5_000
+SETTLE_S = 8.0
+BASELINE_S = 15.0
+LOOK_S = 0.5
+#: Inputs of one session; then the stranger leaves in the middle of everything and comes back.
+SESSION_INPUTS = 5_000
+GOAL_ENDED, GOAL_GROWTH_MB, GOAL_GAP_S = 0, 50.0, 0.1
+NODES = (
+    "emulated_cell", "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
+    "marker_tracker", "grasp_mix_manager",
+)  # fmt: skip
+MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Process:
+    """A running node: a restarted one is another process."""
+
+    name: str
+    pid: int
+
+    def resident_mb(self) -> float:
+        """Return its resident memory [MiB]; 0 when it is gone."""
+        try:
+            text = Path(f"/proc/{self.pid}/status").read_text()
+        except OSError:
+            return 0.0
+        line = next((line for line in text.splitlines() if line.startswith("VmRSS")), "VmRSS: 0 kB")
+        return int(line.split()[1]) / 1024.0
+
+
+def node_processes(session: int) -> dict[str, Process]:
+    """Return the nodes of a launch, which is a session, by name."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            command = (entry / "cmdline").read_text()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z" and "keep_running" not in command:
+            name = command.partition("__node:=")[2].partition("\0")[0]
+            if name:
+                found[name] = Process(name, int(entry.name))
+    return found
+
+
+class Watch:
+    """Notes which processes ended, and how much memory each takes."""
+
+    def __init__(self, session: int) -> None:
+        self._session = session
+        self._known = node_processes(session)
+        self.ended: list[str] = []
+        self.first: dict[str, float] = {}
+        self.peak: dict[str, float] = {}
+
+    def look(self) -> list[str]:
+        """Return the names of processes that ended since the last look."""
+        now = node_processes(self._session)
+        gone = [name for name, process in self._known.items() if now.get(name) != process]
+        self._known.update(now)
+        for name in gone:
+            if name not in now:
+                self._known.pop(name)
+        self.ended += gone
+        for process in now.values():
+            self.peak[process.name] = max(self.peak.get(process.name, 0.0), process.resident_mb())
+        return gone
+
+    def begin(self) -> None:
+        """Take what memory they have now as the beginning."""
+        self.first = {name: process.resident_mb() for name, process in self._known.items()}
+        self.peak = dict(self.first)
+
+    def growth(self) -> dict[str, float]:
+        """Return by how much [MiB] each has grown that was there all the time."""
+        return {
+            name: process.resident_mb() - self.first[name]
+            for name, process in self._known.items()
+            if name in self.first and name not in self.ended
+        }
+
+
+class Stamps:
+    """Listens to one publisher from a process of its own, which nothing the stranger does holds up.
+
+    Args:
+        stranger: who finds the publisher.
+    """
+
+    def __init__(self, stranger: Stranger) -> None:
+        entity = next(
+            entity
+            for entity in stranger.entities()
+            if entity.kind is EntityKind.PUBLISHER and (entity.node, entity.name) == ("tendon_driver", "/tendon/state")
+        )
+        gid = wire.gid_of(wire.encode_token(entity))
+        key = wire.data_key(stranger.domain, entity.name, entity.type, entity.hash)
+        spawn = multiprocessing.get_context("spawn")
+        self._questions, theirs = spawn.Pipe()
+        spawn.Process(target=listen, args=(stranger.domain, key, gid, theirs), daemon=True).start()
+        self._questions.recv()
+
+    def longest_s(self) -> tuple[float, int]:
+        """Return the longest time [s] between two samples since the last call, and how many were lost on the way."""
+        self._questions.send(None)
+        found: tuple[float, int] = self._questions.recv()
+        return found
+
+
+def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:
+    """Answer each question with the longest time between two samples since the last one, and how many are missing."""
+    heard: list[tuple[int, int]] = []
+
+    def take(sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        if attachment is not None and len(attachment) == wire.ATTACHMENT_BYTES:
+            sequence, stamp_ns, sender = wire.decode_attachment(attachment.to_bytes())
+            if sender == gid:
+                heard.append((sequence, stamp_ns))
+
+    session = open_client(domain)
+    subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+    questions.send(None)
+    while True:
+        try:
+            questions.recv()
+        except EOFError:
+            subscriber.undeclare()
+            session.close()
+            return
+        count = len(heard)
+        pairs = list(itertools.pairwise(heard[:count]))
+        # of samples that got lost nobody knows the times: the time between their neighbours is shared out
+        longest = max(((b[1] - a[1]) * 1e-9 / max(1, b[0] - a[0]) for a, b in pairs), default=float("inf"))
+        questions.send((longest, sum(max(0, b[0] - a[0] - 1) for a, b in pairs)))
+        del heard[: max(0, count - 1)]
+
+
+def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int, rate: float) -> float:
+    """Send inputs and watch; return how many were sent a second. What preceded an end goes to stderr."""
+    last: deque[Input] = deque(maxlen=200)
+    started = looked = time.monotonic()
+    for number in range(1, count + 1):
+        if number % SESSION_INPUTS == 0:
+            stranger.come_back()
+        if rate:
+            time.sleep(max(0.0, started + number / rate - time.monotonic()))
+        item = generator.next()
+        last.append(item)
+        stranger.send(item)
+        if time.monotonic() - looked > LOOK_S:
+            looked = time.monotonic()
+            for name in watch.look():
+                print(f"{name} ended; sent before:", file=sys.stderr)
+                for one in last:
+                    target = one.target.name if one.target else "token"
+                    print(f"  {target} {one.payload[:80]!r} {one.attachment!r}", file=sys.stderr)
+    return count / (time.monotonic() - started)
+
+
+def wait_for_nodes(session: int) -> None:
+    """Wait until every node runs and has come to rest."""
+    end = time.monotonic() + START_S
+    while not set(NODES) <= node_processes(session).keys():
+        if time.monotonic() > end:
+            raise TimeoutError(f"expected {NODES}, found {sorted(node_processes(session))}")
+        time.sleep(0.1)
+    time.sleep(SETTLE_S)
+
+
+def main() -> None:
+    """Run the cell, attack it, print the claims."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=COUNT, help="inputs (default %(default)s)")
+    parser.add_argument(
+        "--rate", type=float, default=RATE, help="inputs a second, 0 = all it can (default %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--baseline", type=float, default=BASELINE_S, help="[s] without the stranger")
+    parser.add_argument("--log", type=Path, help="file for what the cell says")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        log = arguments.log or Path(folder) / "cell.log"
+        with cell(str(DOMAIN), log=log) as launch:
+            wait_for_nodes(launch.pid)
+            stranger = Stranger(DOMAIN)
+            try:
+                run(stranger, launch.pid, arguments, log)
+            finally:
+                stranger.close()
+
+
+def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Path) -> None:
+    """Attack a running cell and print the claims."""
+    stamps = Stamps(stranger)
+    stamps.longest_s()
+    time.sleep(arguments.baseline)
+    without, _ = stamps.longest_s()
+    watch = Watch(session)
+    targets = stranger.targets()
+    generator = Generator(targets, arguments.seed, DOMAIN)
+    warm_up = min(WARM_UP, arguments.count // 2)
+    attack(stranger, generator, watch, warm_up, arguments.rate)
+    watch.begin()
+    logged = log.stat().st_size
+    rate = attack(stranger, generator, watch, arguments.count - warm_up, arguments.rate)
+    during, lost = stamps.longest_s()
+    time.sleep(SETTLE_S)
+    watch.look()
+    growth = watch.growth()
+    services = sum(target.is_service for target in targets)
+    note = (
+        f"{arguments.count} inputs, seed {arguments.seed}, {rate:.0f} a second, over {len(targets) - services} topics, "
+        f"{services} services and tokens; {stranger.answered} answered, {stranger.refused} refused; "
+        f"tendon/state stopped for {1e3 * during:.0f} ms at most, {1e3 * without:.0f} ms without "
+        f"({lost} samples lost on the way); "
+        f"log {(log.stat().st_size - logged) / MIB:.1f} MiB"
+    )
+    ended = ", ".join(watch.ended) or "none"
+    claim(
+        "processes ended", len(watch.ended), "", better="lower", goal=GOAL_ENDED, runs=1, note=f"{ended} of 9; {note}"
+    )
+    worst = max(growth, key=lambda name: growth[name])
+    shares = ", ".join(
+        f"{name} {growth[name]:+.1f} (peak {watch.peak[name] - watch.first[name]:+.1f})" for name in sorted(growth)
+    )
+    claim(
+        "memory growth",
+        round(growth[worst], 1),
+        "MiB",
+        better="lower",
+        goal=GOAL_GROWTH_MB,
+        runs=1,
+        note=f"{worst}; {shares}",
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts against their profile: STEP read back by gmsh, STL by manifold3d, and the time that a hand takes.
+
+Every finger of the shipped sets, and random ones within the bounds of section 4.2.3. gmsh may be installed anywhere:
+SOFTGRIP_GMSH_PYTHON names a Python that has it (default: this one, else the system's).
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import itertools
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import manifold3d
+import meshio
+import numpy as np
+
+from softgrip_description.hand import shipped_hand
+from softgrip_design.parts.files import write_part
+from softgrip_design.parts.finger_form import finger_form
+from softgrip_design.parts.forms import PartError
+from softgrip_design.parts.kit import whole_kit
+from softgrip_design.parts.palm import palm_seat
+from softgrip_design.parts.solid import make_solid
+from softgrip_model.profile import FingerDesign, load_directory, shipped_directory
+from softgrip_testing.benchmark_claim import claim
+
+HAND = shipped_hand()
+READER = Path(__file__).with_name("_step_reader.py")
+GOAL_UM = 10.0
+SEED = 1
+
+
+def random_designs(count: int) -> Iterator[FingerDesign]:
+    """Yield fingers within the bounds of section 4.2.3, with links, strips and openings drawn as well."""
+    rng = np.random.default_rng(SEED)
+    like = load_directory(shipped_directory())["power"].finger("index")
+    while count > 0:
+        design = dataclasses.replace(
+            like,
+            link_lengths_m=tuple(rng.uniform((0.032, 0.030, 0.022), (0.060, 0.045, 0.040)).round(6).tolist()),
+            thicknesses_m=tuple(rng.uniform(0.0025, 0.005, 3).round(6).tolist()),
+            routing_radii_m=tuple(rng.uniform(0.005, 0.013, 6).round(6).tolist()),
+            joint_lengths_m=tuple(rng.uniform(0.006, 0.012, 3).round(6).tolist()),
+            openings_rad=tuple(rng.uniform(math.radians(80.0), math.radians(90.0), 3).tolist()),
+            width_m=round(float(rng.uniform(0.012, 0.016)), 6),
+        )
+        yield design
+        count -= 1
+
+
+def gmsh_python() -> str:
+    """Return a Python that has gmsh, empty where there is none."""
+    for candidate in filter(None, (os.environ.get("SOFTGRIP_GMSH_PYTHON"), sys.executable, "/usr/bin/python3")):
+        found = subprocess.run([candidate, "-c", "import gmsh"], capture_output=True, check=False)
+        if found.returncode == 0:
+            return candidate
+    return ""
+
+
+def plane_of(surface: dict[str, Any]) -> tuple[np.ndarray, float]:
+    """Return unit normal (2,) in the finger's plane and distance from the origin of a plane along z."""
+    normal = np.array(surface["normal"][:2])
+    return normal, float(normal @ surface["point"][:2])
+
+
+def flank(planes: Sequence[dict[str, Any]], x_mm: float, side: float, reach_mm: float) -> dict[str, Any]:
+    """Return the largest oblique plane beside a joint: its groove's flank."""
+    beside = [
+        p for p in planes
+        if abs(p["normal"][2]) < 1e-9 and min(abs(p["normal"][0]), abs(p["normal"][1])) > 0.05
+        and p["box"][4] < 0.0 and 0.0 < side * (0.5 * (p["box"][0] + p["box"][3]) - x_mm) < reach_mm
+    ]  # fmt: skip
+    return max(beside, key=lambda p: p["area"])
+
+
+def errors_um(design: FingerDesign, found: dict[str, Any]) -> list[float]:
+    """Return the deviation of every h, l, r, opening (as micrometres at the body's depth), link, width and height."""
+    planes, x_mm, apexes, errors = found["planes"], 0.0, [], []
+    depth_mm = 1e3 * design.body_height_m
+    for j in range(design.joints):
+        reach = depth_mm * math.tan(0.5 * design.openings_rad[j]) + 1.0
+        flanks = [flank(planes, x_mm, side, reach) for side in (-1.0, 1.0)]
+        (n1, d1), (n2, d2) = (plane_of(one) for one in flanks)
+        apex = np.linalg.solve(np.array([n1, n2]), np.array([d1, d2]))
+        apexes.append(apex)
+        opening = math.acos(min(1.0, abs(float(n1 @ n2))))
+        opening = min((opening, math.pi - opening), key=lambda angle: abs(angle - design.openings_rad[j]))
+        errors.append(1e3 * depth_mm * abs(opening - design.openings_rad[j]))
+        level = [p for p in planes if abs(p["normal"][1]) > 1.0 - 1e-9 and p["box"][0] < x_mm < p["box"][3]]
+        lower = min(level, key=lambda p: abs(p["point"][1]))
+        upper = min((p for p in level if p["point"][1] > 0.3), key=lambda p: p["point"][1])
+        errors.append(1e3 * abs(upper["point"][1] - lower["point"][1] - 1e3 * design.thicknesses_m[j]))
+        # gmsh widens a bounding box by its tolerance, 1e-7
+        errors.append(1e3 * abs(lower["box"][3] - lower["box"][0] - 1e3 * design.joint_lengths_m[j]))
+        for side, (normal, distance) in enumerate(((n1, d1), (n2, d2))):
+            expected = 1e3 * design.routing_radii_m[2 * j + side]
+            radii = [
+                float(np.linalg.norm(crossing(axis, normal, distance) - apex))
+                for axis in found["cylinders"]
+                if axis["radius"] < 1.0 and abs(axis["start"][2]) < 1e-6 and abs(axis["end"][2]) < 1e-6
+                and beside(axis, x_mm, -1.0 if side == 0 else 1.0)
+            ]  # fmt: skip
+            errors.append(1e3 * min(abs(radius - expected) for radius in radii))
+        x_mm += 1e3 * design.link_lengths_m[j]
+    ends = [*(apex[0] for apex in apexes), found["box"][3]]
+    links = [b - a for a, b in itertools.pairwise(ends)]
+    errors += [1e3 * abs(link - 1e3 * length) for link, length in zip(links, design.link_lengths_m, strict=True)]
+    errors.append(1e3 * abs(found["box"][5] - found["box"][2] - 1e3 * design.width_m))
+    errors.append(1e3 * abs(-found["box"][1] - depth_mm))
+    return errors
+
+
+def beside(axis: dict[str, Any], x_mm: float, side: float) -> bool:
+    """Return whether a bore lies on one side of a joint: its nearer end within a groove's reach."""
+    ends = [side * (axis[key][0] - x_mm) for key in ("start", "end")]
+    return min(ends) > 0.0 and min(ends) < 16.0
+
+
+def crossing(axis: dict[str, Any], normal: np.ndarray, distance: float) -> np.ndarray:
+    """Return where a bore's axis meets a plane, (2,)."""
+    start, end = np.array(axis["start"][:2]), np.array(axis["end"][:2])
+    share = (distance - normal @ start) / (normal @ (end - start))
+    return np.asarray(start + share * (end - start))
+
+
+def is_watertight(path: Path) -> bool:
+    """Return whether an STL file closes a volume, by manifold3d."""
+    stl = meshio.read(path)
+    points, numbers = np.unique(stl.points.round(4), axis=0, return_inverse=True)
+    triangles = numbers.reshape(-1)[stl.cells_dict["triangle"]].astype(np.uint64)
+    distinct = (np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)
+    body = manifold3d.Manifold(manifold3d.Mesh64(points.astype(float), triangles[distinct]))
+    return bool(body.status() == manifold3d.Error.NoError and body.volume() > 0.0)
+
+
+def main() -> int:
+    """Measure and print the claims."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--random", type=int, default=10, help="random fingers (default: %(default)s)")
+    count = options.parse_args().random
+    python = gmsh_python()
+    if not python:
+        print("gmsh not found: pip install gmsh, or set SOFTGRIP_GMSH_PYTHON; no dimensions follow", file=sys.stderr)
+    with tempfile.TemporaryDirectory() as folder:
+        measure(Path(folder), count, python)
+    return 0
+
+
+def dimension_errors_um(python: str, designs: dict[Path, FingerDesign]) -> list[float]:
+    """Return the largest deviation of each STEP file from its design."""
+    read = subprocess.run([python, str(READER), *map(str, designs)], capture_output=True, text=True, check=True)
+    measured = json.loads(read.stdout.splitlines()[-1])
+    return [max(errors_um(design, found)) for design, found in zip(designs.values(), measured, strict=True)]
+
+
+def measure(folder: Path, count: int, python: str) -> None:
+    """Make the fingers and a hand, measure their files, print the claims."""
+    designs = {
+        (name, slot): profile.finger(slot)
+        for name, profile in load_directory(shipped_directory()).items()
+        for slot in profile.slots
+    }
+    designs |= {(f"random{i}", "index"): design for i, design in enumerate(random_designs(count))}
+    paths, refused, seconds = {}, 0, []
+    for (name, slot), design in designs.items():
+        into = folder / f"{name}_{slot}"
+        into.mkdir()
+        try:
+            finger = finger_form(design, 0.125, slot, palm_seat(HAND, slot), "")
+        except PartError:
+            refused += 1
+            continue
+        started = time.perf_counter()
+        write_part(make_solid(finger.form, finger.channels), into)
+        seconds.append(time.perf_counter() - started)
+        paths[name, slot] = into / f"finger_{slot}.step"
+    made = f"{len(paths)} fingers ({len(paths) - 9} random, {refused} refused by name)"
+    if python:
+        errors = dimension_errors_um(python, {paths[key]: designs[key] for key in paths})
+        claim("dimension error", max(errors), "um", better="lower", goal=GOAL_UM, runs=len(paths),
+              note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {made}; median "
+              f"{statistics.median(errors):.2g} um")  # fmt: skip
+    started = time.perf_counter()
+    solids = [make_solid(form) for form in whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0).others]
+    for solid in solids:
+        write_part(solid, folder)
+    hand_s = time.perf_counter() - started + 3.0 * statistics.median(seconds)
+    stls = [path.with_suffix(".stl") for path in paths.values()] + [folder / f"{s.form.name}.stl" for s in solids]
+    leaks = sum(not is_watertight(path) for path in stls)
+    others = f"{made} and the {len(solids)} other parts of a hand and its bench"
+    claim("not watertight", float(leaks), "parts", better="lower", goal=0.0, runs=len(stls),
+          note=f"STL read back, manifold3d; {others}")  # fmt: skip
+    each = f"a finger {statistics.median(seconds):.1f} s"
+    claim("hand time", hand_s, "s", better="lower", goal=None, runs=1,
+          note=f"all parts of hand and bench to STEP, STL, 3MF; {each}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the parameters of the cell's nodes: list, describe, get."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+from rclpy.node import Node
+
+from softgrip_panel.errors import PanelError
+from softgrip_panel.model.parameters import ParameterView
+from softgrip_panel.nodes.cell_calls import SERVER_WAIT_S, wait_for_answer, wait_until
+from softgrip_panel.nodes.convert import parameter_view
+
+#: A node that does not answer within this is named [s].
+ANSWER_S: Final = 5.0
+_SERVICE: Final = "/describe_parameters"
+
+
+class RosParameters:
+    """The way to the parameters of other nodes of this cell.
+
+    Args:
+        node: makes the clients.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clients: dict[str, Any] = {}
+
+    def nodes(self) -> tuple[str, ...]:
+        """Return the names of the cell's nodes that have parameters."""
+        inside = self._node.get_namespace().rstrip("/") + "/"
+        names = (name for name, _ in self._node.get_service_names_and_types() if name.endswith(_SERVICE))
+        own = (name.removesuffix(_SERVICE).removeprefix(inside) for name in names if name.startswith(inside))
+        return tuple(sorted(name for name in own if "/" not in name and not name.startswith("_")))
+
+    async def read(self, node: str) -> tuple[ParameterView, ...]:
+        """Return all parameters of a node.
+
+        Raises:
+            PanelError: there is no such node, or it does not answer.
+        """
+        if node not in self.nodes():
+            raise PanelError(f"expected one of {', '.join(self.nodes())}, found '{node[:80]}'")
+        listed = await self._ask(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        names = sorted(listed.result.names)
+        described = await self._ask(
+            DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names)
+        )
+        got = await self._ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+        return tuple(parameter_view(*pair) for pair in zip(described.descriptors, got.values, strict=False))
+
+    async def _ask(self, kind: Any, name: str, request: Any) -> Any:
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name)
+        client = self._clients[name]
+        if not await wait_until(client.service_is_ready, SERVER_WAIT_S):
+            raise PanelError(f"expected {name} within {SERVER_WAIT_S:g} s, found none; does the node run?")
+        future = client.call_async(request)
+        if not await wait_for_answer(future, ANSWER_S):
+            client.remove_pending_request(future)
+            raise PanelError(f"expected an answer of {name} within {ANSWER_S:g} s, found none")
+        return future.result()
