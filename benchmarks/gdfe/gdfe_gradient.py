@@ -13,13 +13,13 @@ import sys
 import time
 
 import numpy as np
-from _claim import claim, no_options, spread
 
 from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe.closing import ClosingSettings, profile_material
 from softgrip_model.gdfe.finger_gradient import Goal, MeshedFinger, joint_angle_goal, tension_goal, tip_goal
 from softgrip_model.profile import Profile, load_directory, shipped_directory
+from softgrip_testing.benchmark_claim import claim, no_options, spread
 
 RUNS = 3
 PULLED_MM = 10.0
