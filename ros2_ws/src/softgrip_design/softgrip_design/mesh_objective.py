@@ -22,22 +22,24 @@ from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.gdfe.closing import ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_gradient import MeshedFinger, joint_angle_goal, link_angles, tension_goal
-from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
-from softgrip_model.gdfe.materials import StressPolynomial
+from softgrip_model.gdfe.materials import SolidMaterial, StressPolynomial
 from softgrip_model.gdfe.solver import Equilibrium
 
 Array = NDArray[np.float64]
 
 #: n of Eq 4.4 in the mesh.
 STEPS = 6
+#: How closings are computed: as far as fingers go.
+SETTINGS = ClosingSettings(travel_mm=40.0, max_iterations=1000)
 #: [rad] at which a deflection is met, secants to it at most, and [mm] a radian takes before anything is known.
 DEFLECTION_TOLERANCE_RAD, SECANTS, FIRST_MM_PER_RAD = 1e-9, 15, 7.0
 
 
 @dataclass(frozen=True, eq=False)
 class MeshClosing:
-    """Joint angles (steps, n) [rad], tensions (steps,) [N], and both's slopes to h and r at equal deflection."""
+    """Pulled lengths (steps,), joint angles (steps, n), tensions (steps,), slopes of these two at equal deflection."""
 
+    pulled_mm: Array
     angle_rad: Array
     tension_n: Array
     angle_slopes: Array
@@ -53,7 +55,8 @@ class FollowOnMesh:
         target: joint angles to follow; `STEPS` of its steps are taken.
         weights: of error and force.
         lower, upper: bounds of the design vector h (n), r (2 n) [mm].
-        resolution: of the mesh.
+        settings: how it is closed.
+        material: of the finger; None = its strips'.
     """
 
     def __init__(
@@ -64,13 +67,21 @@ class FollowOnMesh:
         weights: Weights,
         lower: Array,
         upper: Array,
-        resolution: Resolution = RESOLUTIONS["fine"],
+        settings: ClosingSettings = SETTINGS,
+        material: SolidMaterial | None = None,
     ) -> None:
-        steps = np.unique(np.linspace(0, len(target.deflection_rad) - 1, STEPS + 1).round().astype(int))[1:]
+        count = len(target.deflection_rad)
+        steps = np.unique(np.ceil(count * np.arange(1, STEPS + 1) / STEPS).astype(int)) - 1
         self.target = DesignTarget(target.deflection_rad[steps], target.angle_rad[steps])
         self.lower, self.upper = lower, upper
         self._finger, self._law, self._weights = finger, law, weights
-        self._settings = ClosingSettings(resolution, travel_mm=40.0, max_iterations=1000)
+        self._material = material or strip_material(finger)
+        self._settings = settings
+
+    def meshed(self, x: Array) -> MeshedFinger:
+        """Return the design x in the mesh."""
+        n = self._finger.joints
+        return MeshedFinger(self._finger.with_design(x[:n], x[n:]), self._law, self._material, self._settings)
 
     def closing(self, x: Array) -> MeshClosing:
         """Return what the design x does.
@@ -79,10 +90,9 @@ class FollowOnMesh:
             GdfeError: it does not close so far, or cannot be meshed.
         """
         n = self._finger.joints
-        finger = self._finger.with_design(x[:n], x[n:])
-        meshed = MeshedFinger(finger, self._law, strip_material(finger), self._settings)
+        meshed = self.meshed(x)
         goals = [*(joint_angle_goal(joint) for joint in range(n)), tension_goal()]
-        angles, tensions, angle_slopes, tension_slopes = [], [], [], []
+        pulls, angles, tensions, angle_slopes, tension_slopes = [], [], [], [], []
         pulled_mm, rad_per_mm = 0.0, 1.0 / FIRST_MM_PER_RAD
         reached_rad = 0.0
         for deflection in self.target.deflection_rad:
@@ -94,11 +104,12 @@ class FollowOnMesh:
             reached_rad, rad_per_mm = float(deflection), float(whole[-1])
             # the pulled length that keeps the deflection changes with the design, too
             kept = slopes[:, : 3 * n] - np.outer(slopes[:, -1] / whole[-1], whole[: 3 * n])
+            pulls.append(pulled_mm)
             angles.append([one.value for one in found[:n]])
             tensions.append(found[n].value)
             angle_slopes.append(kept[:n])
             tension_slopes.append(kept[n])
-        return MeshClosing(*(np.array(each) for each in (angles, tensions, angle_slopes, tension_slopes)))
+        return MeshClosing(*(np.array(each) for each in (pulls, angles, tensions, angle_slopes, tension_slopes)))
 
     def error_deg(self, x: Array) -> float:
         """Return E_T, Eq 4.4 [deg]."""

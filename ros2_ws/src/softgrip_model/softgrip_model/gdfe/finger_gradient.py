@@ -29,6 +29,7 @@ from softgrip_model.gdfe.closing import (
     Keyframes,
     solve_mesh,
 )
+from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import FingerMesh, mesh_finger
 from softgrip_model.gdfe.materials import SolidMaterial
 from softgrip_model.gdfe.solver import ConstitutiveLaw, Equilibrium, Solver, SolverSettings, Supports
@@ -167,6 +168,10 @@ class MeshedFinger:
             GdfeError: there is none.
         """
         self._keyframes.cover(pulled_mm)
+        if not self._keyframes.within_reach(pulled_mm):
+            raise GdfeError(
+                f"pulled {pulled_mm:.2f} mm: expected a shape, found none beyond {self._keyframes.reach_mm:.2f} mm"
+            )
         return refined(self.solver, self._keyframes.start(pulled_mm), [CableDrive(pulled_mm)])
 
     def gradients(self, closed: Equilibrium, pulled_mm: float, goals: list[Goal]) -> list[DesignGradient]:
