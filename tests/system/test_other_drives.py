@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.long]
 DEVICES = ("rig:=false", "camera:=false", "gripper:=false", "panel:=false", "record:=false")
 MOVE = "{tendons: [index], mode: 1, targets: [0.015], speed: 0.02, tension_limit: 20.0}"
 
