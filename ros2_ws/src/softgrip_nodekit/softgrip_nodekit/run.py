@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,8 +50,9 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
 
     A node with a `realtime_parameter` gets its threads scheduled by it, and the log says whether the system allowed it.
     A lifecycle node whose parameter ``autostart`` is true is configured and activated first; where that fails the
-    process ends with code 2, so that a launch file can bring the cell down. The node's ``close()`` is called on every
-    exit path.
+    process ends with code 2, so that a launch file can bring the cell down; so it does over anything else that happens
+    before the node runs, such as a key that the middleware refuses. The node's ``close()`` is called on every exit
+    path.
 
     What a callback raises does not end the node: it is logged, counted and shown on /diagnostics (`callback_errors`).
     A callback that must end it raises FatalError. The node also answers ``~/ping`` (`softgrip_nodekit.health`), and
@@ -74,7 +76,7 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
     sys.setswitchinterval(SWITCH_INTERVAL)
     node: CellNode | None = None
     executor: Any = None
-    code = 0
+    code, is_started = 0, False
     try:
         node = factory()
         join_cell_time(node)
@@ -90,18 +92,23 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
         # What the start made stays. A collection that walks through all of it stops the node for tens of milliseconds.
         gc.collect()
         gc.freeze()
+        is_started = True
         _spin(executor, callback_errors(node))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StartupError as error:
-        code = _cannot_start(node.get_name() if node is not None else getattr(factory, "__name__", "node"), error)
+        code = _cannot_start(_name_of(node, factory), error)
     except FatalError as error:
         code = 1
         print(f"[{node.get_name() if node else ''}] ends: {error}", file=sys.stderr, flush=True)  # noqa: T201  as above
-    except Exception:
-        if not _is_asked_to_stop():
+    except Exception as error:
+        if _is_asked_to_stop():
+            pass  # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
+        elif is_started:
             raise
-        # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
+        else:
+            traceback.print_exc()
+            code = _cannot_start(_name_of(node, factory), error)
     finally:
         _leave(node, executor)
     return code
@@ -129,6 +136,10 @@ def _is_known(error: Exception) -> bool:
     known = _COUNTED in marks
     marks[_COUNTED] = True
     return known
+
+
+def _name_of(node: Node | None, factory: Callable[[], Node]) -> str:
+    return str(node.get_name()) if node is not None else getattr(factory, "__name__", "node")
 
 
 def _cannot_start(name: str, error: Exception) -> int:

@@ -22,6 +22,7 @@ from softgrip_nodekit import (
     run,
 )
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S
+from softgrip_nodekit.run import CANNOT_START
 from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
 
 ERROR = "Unable to convert call argument '0' to Python object"
@@ -143,6 +144,18 @@ def test_only_a_node_that_says_so_ends_over_a_callback(
     assert run(keep(made, kind), []) == code
     assert made[0].closed
     assert text in capfd.readouterr().err
+
+
+def test_whatever_keeps_a_node_from_starting_is_a_refusal_however_long_it_took(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    def unopened() -> CellNode:
+        raise RuntimeError("key.pem: expected mode 0600, found 0644")
+
+    assert run(unopened, []) == CANNOT_START
+    errors = capfd.readouterr().err
+    assert "[unopened] cannot start: key.pem: expected mode 0600, found 0644" in errors
+    assert "Traceback" in errors
 
 
 def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None:

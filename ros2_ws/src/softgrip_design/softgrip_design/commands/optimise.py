@@ -15,12 +15,14 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from softgrip_description.hand import shipped_hand
 from softgrip_design import hand, plots, trajectory
 from softgrip_design.design import HandDesign, Task, design_hand, design_uniform, published_on
 from softgrip_design.errors import DesignError
 from softgrip_design.objective import Weights
 from softgrip_design.optimiser import OptimiserSettings
 from softgrip_design.output import follow_report, uniform_report, write_cad_csv
+from softgrip_design.parts.printable import problems_of
 from softgrip_model import profile
 from softgrip_model.finger import FingerError, JointModel, MomentLaw
 from softgrip_model.finger.published import CHAPTER_4_ERROR_DEG
@@ -34,8 +36,9 @@ Minimises 2 E_T + E_F (Eq 4.4, 4.5): E_T [deg] is the deviation of the joint ang
 whole deflection, E_F [N] the tension that the full closing takes. SLSQP with exact gradients, 16 starts.
 
 Writes into --out: <id>.yaml (profile for the cell), <id>_cad.csv (user parameters for a CAD programme), <id>.png (as
-Fig 4.5) and <id>.json (error and force of every finger, and of the published designs on the same target). A finger
-that hardly moves in the demonstration takes thickness and routing of the index.
+Fig 4.5) and <id>.json (error and force of every finger, of the published designs on the same target, and what `parts`
+would refuse, which is printed as well). A finger that hardly moves in the demonstration takes
+thickness and routing of the index.
 
 TRAJECTORY is a file that `capture` wrote, or one that ships: {", ".join(trajectory.shipped())}.
 
@@ -137,9 +140,17 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
     profile.save(made, options.out / f"{identity}.yaml")
     write_cad_csv(design.fingers, options.out / f"{identity}_cad.csv")
     plots.draw_design(f"{path.stem}, friction {friction_id}", design, options.out / f"{identity}.png")
-    report = {"trajectory": path.name, "friction": friction_id, **follow_report(design, compared)}
+    refused = problems_of(made, shipped_hand())
+    report = {
+        "trajectory": path.name,
+        "friction": friction_id,
+        **follow_report(design, compared),
+        "not_printable": refused,
+    }
     (options.out / f"{identity}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     _print_design(design, compared, options.out / identity)
+    for text in refused.values():
+        print(f"parts would refuse it for the shipped hand: {text}")
     return 0
 
 

@@ -15,11 +15,12 @@ from rosgraph_msgs.msg import Clock
 from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
-from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
+from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
 from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
+from softgrip_emulator.servos import available_models, load_ratings
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
@@ -100,12 +101,12 @@ PARAMETERS = ParameterTable(
         "gauge_on", "", "slot whose tendon the force gauge hangs in, to calibrate its servo; empty = the rig's cable"
     ),
     Parameter("fault_plan", "", "YAML file with faults at times or at random; empty = none"),
-    Parameter("truth_rate", 30.0, "of emulator/truth", "Hz", 0.1, 200.0),
+    Parameter("truth_rate", 30.0, "of emulator/truth, in the cell's time", "Hz", 0.1, 200.0),
     realtime_parameter(Rank.EMULATED_HARDWARE),
 )
 
 
-_CLOCK_PERIOD_S: Final = 0.005
+_CLOCK_PERIOD_S: Final = 0.01
 """Least time of the cell between two messages on /clock."""
 _CLOCK_REPEATED_S: Final = 0.1
 """A time that stands is published again after this, by the computer's clock, for nodes that have just started."""
@@ -122,15 +123,16 @@ class EmulatedCellNode(CellNode):
         self._name_lock = claim_name(self)  # before the wires of another cell are touched
         self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR)
         self._published_s = self._published_at = -1.0
+        self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
+        self._truth_period_s = 1.0 / values["truth_rate"]
+        self._truth_due_s = 0.0
         self._cell = cell = _open_cell(values, self._on_tick)
         self._diagnostics = Diagnostics(self, "emulated")
-        self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
         # The wires exist by now: whoever waits for these services may open them at once.
         self.create_service(MountFingers, "emulator/mount", self._on_mount)
         self.create_service(PlaceObject, "emulator/place_object", self._on_place)
         self.create_service(InjectFault, "emulator/inject_fault", self._on_fault)
         self.create_service(SetRig, "emulator/set_rig", self._on_rig)
-        self.create_timer(1.0 / values["truth_rate"], self._publish_truth)
         self.create_timer(1.0, self._report)
         self.get_logger().info(f"wires in {cell.wire_dir}, camera at {cell.stream_url}")
 
@@ -176,7 +178,7 @@ class EmulatedCellNode(CellNode):
         self._truth.publish(convert.to_truth_message(self.cell.truth(), self._stamp()))
 
     def _on_tick(self) -> None:
-        """Publish the time; in the thread that drives it."""
+        """Publish the time and the truth; in the thread that drives it."""
         cell = self._cell
         if cell is None or not self.context.ok():
             return
@@ -184,6 +186,9 @@ class EmulatedCellNode(CellNode):
         if now_s - self._published_s > 0.999 * _CLOCK_PERIOD_S or computer_s - self._published_at > _CLOCK_REPEATED_S:
             self._published_s, self._published_at = now_s, computer_s
             self._clock_publisher.publish(Clock(clock=self._stamp()))
+        if now_s >= self._truth_due_s:
+            self._truth_due_s = max(self._truth_due_s + self._truth_period_s, now_s)
+            self._publish_truth()
 
     def _stamp(self) -> Time:
         return to_time_message(to_ns(self.cell.epoch_time_s()))
@@ -275,7 +280,7 @@ def _chain(values: dict[str, Any]) -> list[ServoPlace]:
 
 
 def _supply(values: dict[str, Any]) -> Supply:
-    return Supply(values["supply_v"] or load_model(values["servo_model"]).motor.nominal_voltage_v)
+    return Supply(values["supply_v"] or load_ratings(values["servo_model"]).nominal_voltage_v)
 
 
 def main(args: Sequence[str] | None = None) -> None:
