@@ -171,6 +171,7 @@ class OwnWorld:
             patch.setattr(f"softgrip_driver.{module}.WallClock", lambda: self.clock)
         for module in PORTS:
             patch.setattr(f"softgrip_driver.{module}.serial", SimpleNamespace(Serial=self._serial, EIGHTBITS=8))
+        patch.setattr("softgrip_driver.dynamixel.port._PatientSerial", self._serial)
 
     def port(self, path, device):
         """Serve a device under a path."""
