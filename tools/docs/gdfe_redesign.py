@@ -53,10 +53,10 @@ def calculix_error_deg(objective: FollowOnMesh, x: Array, element: str) -> float
     found = calculix(deck(meshed.mesh, tensions, element, SHARE), len(meshed.mesh.mesh.nodes))
     joints = np.array([np.zeros(meshed.finger.joints), *(joints_of(meshed.mesh, moved) for _, moved in found)])
     deflection = joints.sum(axis=1)
-    wanted = objective.target.deflection_rad
-    if deflection[-1] < wanted[-1]:
+    deflections = objective.target.deflection_rad
+    if deflection[-1] < deflections[-1]:
         return float("nan")
-    angles = np.stack([np.interp(wanted, deflection, joint) for joint in joints.T], axis=1)
+    angles = np.stack([np.interp(deflections, deflection, joint) for joint in joints.T], axis=1)
     return float(np.sqrt(np.mean(np.degrees(angles - objective.target.angle_rad) ** 2)))
 
 

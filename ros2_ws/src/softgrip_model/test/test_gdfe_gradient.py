@@ -9,7 +9,7 @@ import pytest
 from softgrip_model.finger import Finger
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe import CableDrive, GdfeError, Solver, SolverSettings, Supports, _core, bar
-from softgrip_model.gdfe.adjoint import Tangent, refined
+from softgrip_model.gdfe.adjoint import EquilibriumTangent, refined
 from softgrip_model.gdfe.closing import ClosingSettings, profile_material
 from softgrip_model.gdfe.finger_gradient import MeshedFinger, joint_angle_goal, tension_goal, tip_goal
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
@@ -89,7 +89,7 @@ def test_a_drawn_bar_of_one_material_has_the_closed_form():
     load[end, 0] = 1e-5
     solver = Solver(mesh, [Linear("steel", 1.0, 0.3)], supports)
     found = solver.solve(load=load, tolerance=1e-9)
-    tangent = Tangent(solver, found, [])
+    tangent = EquilibriumTangent(solver, found, [])
     slopes = np.zeros_like(mesh.nodes)
     slopes[end, 0] = 1.0 / len(end)
     drawn = float(found.displacement[end, 0].mean())
@@ -102,7 +102,7 @@ def test_levels_solve_what_a_dense_factor_solves():
     held, end = (mesh.nodes_where(np.abs(mesh.nodes[:, 0] - x) < 1e-9) for x in (0.0, 6.0))
     supports = Supports.none(len(mesh.nodes)).with_prescribed(held).with_tied(end, "x")
     solver = Solver(mesh, [Linear("one", 1.0, 0.3)], supports)
-    tangent = Tangent(solver, solver.solve(load=np.full_like(mesh.nodes, 1e-4), tolerance=1e-8), [])
+    tangent = EquilibriumTangent(solver, solver.solve(load=np.full_like(mesh.nodes, 1e-4), tolerance=1e-8), [])
     right = np.random.default_rng(3).normal(size=(tangent.unknowns, 2))
     levels = levels_of(mesh.hexes, tangent.unknown_of, tangent.unknowns)
     assert len(np.unique(levels)) == 6
@@ -124,7 +124,7 @@ def test_what_has_no_gradient_is_refused(profile):
     with pytest.raises(GdfeError, match="taut cables"):
         finger.gradients(slack, 0.0, GOALS)
     with pytest.raises(GdfeError, match="converged"):
-        Tangent(finger.solver, replace(slack, converged=False), [CableDrive(0.0)])
+        EquilibriumTangent(finger.solver, replace(slack, converged=False), [CableDrive(0.0)])
     with pytest.raises(GdfeError, match="expected a residual"):
         refined(finger.solver, finger.solver.rest(), [CableDrive(60.0)], max_iterations=5)
     thesis = Solver(
@@ -134,4 +134,4 @@ def test_what_has_no_gradient_is_refused(profile):
         settings=SolverSettings(law=ConstitutiveLaw.THESIS),
     )
     with pytest.raises(GdfeError, match="forgets stress"):
-        Tangent(thesis, replace(slack, converged=True), [])
+        EquilibriumTangent(thesis, replace(slack, converged=True), [])

@@ -15,7 +15,7 @@ from softgrip_driver.errors import (
 )
 from softgrip_driver.feetech import registers as reg
 from softgrip_driver.feetech.bus import FeetechBus
-from softgrip_driver.feetech.registers import FeetechItem, FeetechStatusBits, Phase
+from softgrip_driver.feetech.registers import FeetechItem, FeetechStatusBits, PhaseBits
 from softgrip_driver.feetech.servo import FeetechServo
 
 ATTEMPTS = 4
@@ -60,8 +60,8 @@ def identify(bus: FeetechBus, servo: FeetechServo) -> tuple[FeetechServo, str]:
             f"tendon '{servo.tendon}', ID {servo.servo_id}: expected model {servo.model.name} ({servo.model.number}), "
             f"found {name} ({number}); {remedy}"
         )
-    phase = Phase(bus.get(servo.servo_id, reg.PHASE, ATTEMPTS) & (Phase.FINE_SPEED | Phase.COUNTS_TURNS))
-    unit = reg.RAD_PER_S_FINE if phase & Phase.FINE_SPEED else reg.RAD_PER_S_COARSE
+    phase = PhaseBits(bus.get(servo.servo_id, reg.PHASE, ATTEMPTS) & (PhaseBits.FINE_SPEED | PhaseBits.COUNTS_TURNS))
+    unit = reg.RAD_PER_S_FINE if phase & PhaseBits.FINE_SPEED else reg.RAD_PER_S_COARSE
     firmware = bus.get(servo.servo_id, reg.FIRMWARE, ATTEMPTS)
     text = f"{servo.model.name}/{number} id {servo.servo_id} fw {firmware & 0xFF}.{firmware >> 8}"
     return replace(servo, rad_per_s=unit), text
@@ -100,7 +100,7 @@ def examine(bus: FeetechBus, servo: FeetechServo, attempts: int = ATTEMPTS) -> I
         # both 0, and an angle that counts turns: absolute positions over several turns
         reg.MIN_ANGLE: 0,
         reg.MAX_ANGLE: 0,
-        reg.PHASE: phase | Phase.COUNTS_TURNS,
+        reg.PHASE: phase | PhaseBits.COUNTS_TURNS,
         reg.ANGLE_RESOLUTION: 1,
         reg.MODE: 0,
         reg.UNLOADING: int(reg.UNLOADING_BITS),

@@ -100,7 +100,7 @@ CYCLE_BLOCK = (TORQUE_ENABLE.address, PRESENT_CURRENT.address + PRESENT_CURRENT.
 MARK_END = 16
 
 
-class Phase(IntFlag):
+class PhaseBits(IntFlag):
     """Bits of the phase (18) that matter here."""
 
     FINE_SPEED = 0x04

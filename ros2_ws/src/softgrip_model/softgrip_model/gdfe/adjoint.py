@@ -118,7 +118,7 @@ class Adjoint:
     cable: Array
 
 
-class Tangent:
+class EquilibriumTangent:
     """The tangent of a converged equilibrium without obstacles, pressures or follower forces."""
 
     def __init__(self, solver: Solver, equilibrium: Equilibrium, drives: Sequence[CableDrive]) -> None:

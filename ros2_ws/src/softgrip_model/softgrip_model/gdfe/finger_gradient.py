@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from softgrip_model.finger import Finger
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.gdfe import _core
-from softgrip_model.gdfe.adjoint import Adjoint, CableLine, Tangent, place_of, refined
+from softgrip_model.gdfe.adjoint import Adjoint, CableLine, EquilibriumTangent, place_of, refined
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable
 from softgrip_model.gdfe.closing import (
     LENGTH_TOLERANCE_MM,
@@ -180,12 +180,12 @@ class MeshedFinger:
         Raises:
             GdfeError: a slack cable, or an equilibrium at a limit point.
         """
-        tangent = Tangent(self.solver, closed, [CableDrive(pulled_mm)])
+        tangent = EquilibriumTangent(self.solver, closed, [CableDrive(pulled_mm)])
         changes = [self._changed(tangent, k) for k in range(3 * self.finger.joints)]
         return [self._gradient(tangent, goal, closed, changes) for goal in goals]
 
     def _gradient(
-        self, tangent: Tangent, goal: Goal, closed: Equilibrium, changes: list[_DesignChange]
+        self, tangent: EquilibriumTangent, goal: Goal, closed: Equilibrium, changes: list[_DesignChange]
     ) -> DesignGradient:
         found = goal(self.mesh, tangent.vertices, closed.tension[0][0])
         by_vertices, by_anchor = found.by_vertices, 0.0
@@ -211,12 +211,12 @@ class MeshedFinger:
         more, less = (goal(one.mesh, one.vertices, one.actuator_tension).value for one in (change.more, change.less))
         return (more - less) / (2.0 * DESIGN_STEP_MM)
 
-    def _changed(self, tangent: Tangent, number: int) -> _DesignChange:
+    def _changed(self, tangent: EquilibriumTangent, number: int) -> _DesignChange:
         """Return what a larger and a smaller h or r do at the displacement and the tension of a state."""
         more, less = (self._imbalance(tangent, number, side * DESIGN_STEP_MM) for side in (1.0, -1.0))
         return _DesignChange(more, less)
 
-    def _imbalance(self, tangent: Tangent, number: int, step_mm: float) -> _Imbalance:
+    def _imbalance(self, tangent: EquilibriumTangent, number: int, step_mm: float) -> _Imbalance:
         n = self.finger.joints
         design = np.concatenate([self.finger.thickness_mm, self.finger.routing_mm])
         design[number] += step_mm
