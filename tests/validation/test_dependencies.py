@@ -45,6 +45,7 @@ KEYS = {
 #: Modules that no distribution packages, or whose package is heavy: imported inside a function of the file named, which
 #: says how to get them. File, module.
 OPTIONAL = {
+    ("softgrip_bag/rerun_file.py", "rerun"),
     ("softgrip_design/capture/detector.py", "mediapipe"),
     ("softgrip_design/parts/files.py", "lib3mf"),
     ("softgrip_design/parts/solid.py", "build123d"),

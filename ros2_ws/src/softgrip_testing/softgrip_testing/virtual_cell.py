@@ -221,13 +221,13 @@ class VirtualCell:
 
     def cycle(self) -> None:
         """Live one driver period."""
-        self.plant.advance_to(self._begin_s(), alone=True)
+        self.plant.advance_to(self._begin_s())
         self._read_s = self.plant.now_s
         readings = {name: replace(r, time=self._read_s) for name, r in self._backend.read().items()}
         actions = self.controller.step(self._read_s, readings)
         writes_after_s = self._lateness.writes_after_s + self._lateness.late_s(self._delays)
         if writes_after_s:
-            self.plant.advance_to(self._read_s + writes_after_s, alone=True)
+            self.plant.advance_to(self._read_s + writes_after_s)
         self._act(actions)
 
     def _begin_s(self) -> float:

@@ -187,6 +187,13 @@ def solve_closing(
         is_keyframe: take half the iterations at most, and keep what other solves start from only.
     """
     solver.set_friction(0, friction.law)
+    return solve_mesh(settings, solver, pulled_mm, start, is_keyframe=is_keyframe)
+
+
+def solve_mesh(
+    settings: ClosingSettings, solver: Solver, pulled_mm: float, start: State, *, is_keyframe: bool = False
+) -> Equilibrium:
+    """Find the equilibrium at a pulled length with the solver's own friction; arguments as in `solve_closing`."""
     found = solver.solve(
         start=start,
         drives=[CableDrive(pulled_mm)],
