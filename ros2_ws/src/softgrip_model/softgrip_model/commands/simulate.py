@@ -215,7 +215,7 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
         else:
             reference = None
     rows += [(f"published: {what}", text) for what, text in case.compare.published.items()]
-    warnings = warnings_of(case.mesh, case.materials, last.displacement)
+    warnings = warnings_of(case.mesh, case.materials, last.displacement, case.law)
     data["warnings"] = warnings
     rows += [("warning", text) for text in warnings]
     return SimulationResult(

@@ -104,6 +104,7 @@ class Settings:
         threads: int = ...,
         step_limit: float = ...,
         sections_after: int = ...,
+        max_tangent_unknowns: int = ...,
     ) -> None: ...
 
 class Problem:
@@ -155,6 +156,7 @@ class Outcome:
     shortening: list[float]
     touches: list[Touch]
     history: list[float]
+    unstable_modes: int
 
 class ElementForces:
     def __init__(self, problem: Problem, settings: Settings) -> None: ...

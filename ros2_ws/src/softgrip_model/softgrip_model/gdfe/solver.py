@@ -122,6 +122,9 @@ class SolverSettings:
         step_limit: largest motion of a node in one iteration; 0 = none.
         sections_after: iterations after which rigid cross-sections answer, too: for slender bodies that bend much, held
             at one end on all axes, without obstacles; negative = never.
+        max_tangent_unknowns: up to so many unknowns (three a free node) the rigorous law's own tangent stands in for
+            the constant matrix, where neither cables, pressures, followers nor obstacles act; 0 = never. Only with it
+            is the stability of an equilibrium known.
     """
 
     law: ConstitutiveLaw = ConstitutiveLaw.CALIBRATED
@@ -134,6 +137,7 @@ class SolverSettings:
     threads: int = 1
     step_limit: float = 0.0
     sections_after: int = -1
+    max_tangent_unknowns: int = 20_000
 
     def __post_init__(self) -> None:
         """Take names for what they name.
@@ -160,6 +164,7 @@ class SolverSettings:
             threads=self.threads,
             step_limit=self.step_limit,
             sections_after=self.sections_after,
+            max_tangent_unknowns=self.max_tangent_unknowns,
         )
 
 
@@ -186,6 +191,8 @@ class Equilibrium:
         shortening: per cable.
         contacts: per obstacle.
         motions: of the obstacles, as asked for.
+        unstable_modes: independent motions of the free unknowns that lower the energy: with any, a body leaves this
+            equilibrium at a touch. None where it is not known (`SolverSettings.max_tangent_unknowns`).
         history: residual of every iteration.
     """
 
@@ -201,6 +208,7 @@ class Equilibrium:
     shortening: tuple[float, ...]
     contacts: tuple[Contact, ...]
     motions: tuple[Vector, ...]
+    unstable_modes: int | None
     history: tuple[float, ...] = field(repr=False)
 
     @property
@@ -415,5 +423,6 @@ class Solver:
             shortening=tuple(out.shortening),
             contacts=contacts_of(out.touches, len(self.surroundings.obstacles)),
             motions=acts.motions,
+            unstable_modes=None if out.unstable_modes < 0 else out.unstable_modes,
             history=tuple(out.history),
         )

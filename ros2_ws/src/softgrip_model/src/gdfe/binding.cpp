@@ -178,7 +178,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("window", &gdfe::Settings::window)
       .def_readwrite("threads", &gdfe::Settings::threads)
       .def_readwrite("step_limit", &gdfe::Settings::step_limit)
-      .def_readwrite("sections_after", &gdfe::Settings::sections_after);
+      .def_readwrite("sections_after", &gdfe::Settings::sections_after)
+      .def_readwrite("max_tangent_unknowns", &gdfe::Settings::max_tangent_unknowns);
 
   py::class_<gdfe::Problem>(module, "Problem")
       .def(py::init(&from_fields<gdfe::Problem>))
@@ -230,7 +231,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("tension", &gdfe::Outcome::tension)
       .def_readonly("shortening", &gdfe::Outcome::shortening)
       .def_readonly("touches", &gdfe::Outcome::touches)
-      .def_readonly("history", &gdfe::Outcome::history);
+      .def_readonly("history", &gdfe::Outcome::history)
+      .def_readonly("unstable_modes", &gdfe::Outcome::unstable_modes);
 
   py::class_<gdfe::ElementForces>(module, "ElementForces")
       .def(py::init<const gdfe::Problem&, const gdfe::Settings&>(), py::arg("problem"), py::arg("settings"))
