@@ -32,6 +32,7 @@ from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.trajectory import TendonTrajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.plant.cell import CellPlant, default_chain
 from softgrip_emulator.rig.truth import FrictionTruth
 from softgrip_model.finger.matching import TendonInput as ModelSample
@@ -136,7 +137,8 @@ class VirtualCell:
             for i, s in enumerate(SLOTS, start=1)
         ]
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
-        self._backend = DynamixelBackend(VirtualBus(self.plant.servos, lambda: self.plant.now_s), servos, watchdog=0.0)
+        emulated = [servo for servo in self.plant.servos if isinstance(servo, EmulatedServo)]
+        self._backend = DynamixelBackend(VirtualBus(emulated, lambda: self.plant.now_s), servos, watchdog=0.0)
         self.controller = GripperController(dict.fromkeys(SLOTS, tendon_limits), Policies())
         self._frames: deque[SeenTip] = deque()
         self._periods = 0
