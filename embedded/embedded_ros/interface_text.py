@@ -100,10 +100,25 @@ def parse_interface(path: Path, package: str, kind: str) -> list[MessageText]:
         raise InterfaceError(
             f"{path}: expected {len(suffixes) - 1} line(s) '---' in a .{kind} file, found {len(parts) - 1}"
         )
-    return [
+    found = [
         _parse_part(lines, f"{package}/{kind}/{path.stem}{suffix}", package, path)
         for lines, suffix in zip(parts, suffixes, strict=True)
     ]
+    _refuse_common_constants(found, path)
+    return found
+
+
+def _refuse_common_constants(parts: list[MessageText], path: Path) -> None:
+    """Refuse equal constants in two parts: rosidl_parser 4.6 gives both to the first, whose C does not compile then."""
+    owners: dict[tuple[str, str, str], str] = {}
+    for part in parts:
+        for name, kind, value in part.constants:
+            owner = owners.setdefault((name, kind, repr(value)), part.name)
+            if owner != part.name:
+                raise InterfaceError(
+                    f"{path}: constant '{name}' is the same in {owner.rpartition('/')[2]} and "
+                    f"{part.name.rpartition('/')[2]}, which does not build on ROS 2 Jazzy; give one another name"
+                )
 
 
 def _parse_part(lines: list[tuple[int, str]], name: str, package: str, path: Path) -> MessageText:

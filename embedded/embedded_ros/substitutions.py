@@ -21,6 +21,7 @@ _REFUSED = {
     "anon", "eval", "file-content", "filename", "find-exec", "find-pkg-prefix", "optenv",
     "param",
 }  # fmt: skip
+_COMPARE = {"equals", "not-equals"}
 
 
 class Scope:
@@ -85,7 +86,13 @@ def _perform(inner: str, scope: Scope) -> str:
         raise LaunchError(f"$({name} ...) is not part of embedded/; it needs ROS 2")
     if name not in _FUNCTIONS:
         raise LaunchError(f"unknown substitution $({name} ...); expected one of {', '.join(sorted(_FUNCTIONS))}")
-    arguments = [substitute(argument, scope) for argument in _split(rest)]
+    parts = _split(rest)
+    if name in _COMPARE and "" in parts:
+        raise LaunchError(
+            f"$({inner}): '' compares as the text [] on ROS 2 Jazzy; compare with a variable that is empty: "
+            '`let: {name: nothing, value: ""}`, $(var nothing)'
+        )
+    arguments = [substitute(part, scope) for part in parts]
     function, minimum, maximum = _FUNCTIONS[name]
     if not minimum <= len(arguments) <= maximum:
         raise LaunchError(f"$({inner}): expected {minimum} to {maximum} arguments, found {len(arguments)}")

@@ -200,6 +200,13 @@ def test_a_service_needs_its_separator(tmp_path: Path) -> None:
         parse_interface(path, "p", "srv")
 
 
+def test_a_constant_that_jazzy_would_give_to_the_wrong_part_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "Bad.action"
+    path.write_text("uint8 NONE=0\nuint8 mode\n---\nuint8 NONE=1\n---\nuint8 NONE=0\nuint8 phase\n")
+    with pytest.raises(InterfaceError, match=r"'NONE' is the same in Bad_Goal and Bad_Feedback.*another name"):
+        parse_interface(path, "p", "action")
+
+
 def test_an_unknown_type_says_what_there_is() -> None:
     with pytest.raises(UnknownInterfaceError, match=r"std_msgs/msg has: .*String"):
         registry().interface("std_msgs/msg/Nope")

@@ -177,6 +177,7 @@ launch:
         (f"launch:\n- node: {NODE}, param: [{{from: /no.yaml}}]}}\n", 2, "found nothing at /no.yaml"),
         ("launch:\n- node_container: {}\n", 2, "needs ROS 2"),
         ("launch:\n- set_env: {name: a, value: $(nope x)}\n", 2, "unknown substitution"),
+        ("launch:\n- let: {name: a, value: \"$(equals '' x)\"}\n", 2, r"text \[\] on ROS 2 Jazzy.*nothing"),
         ("launch:\n- set_env: {name: a, value: $(eval 1)}\n", 2, "needs ROS 2"),
         ("launch:\n- set_env: {name: a, value: $(command /no/such)}\n", 2, "cannot be run"),
         ("launch:\n- set_env: {name: a, value: $(command 'sh -c \"echo why >&2; exit 3\"')}\n", 2, "why"),

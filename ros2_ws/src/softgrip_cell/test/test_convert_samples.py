@@ -86,7 +86,7 @@ def test_a_phase_has_one_number_in_feedback_and_evidence(phase: GraspPhase) -> N
     number = grasp_feedback(GraspStep(phase, ()), None).phase
     assert number == getattr(Grasp.Feedback, phase.name, 0) == getattr(GraspEvidenceMessage, phase.name, 0)
     assert grasp_evidence(GraspEvidence(phase)).phase == number
-    assert (number == Grasp.Feedback.UNSET) == (phase is GraspPhase.DONE)
+    assert (number == Grasp.Feedback.PHASE_UNSET) == (phase is GraspPhase.DONE)
 
 
 @pytest.mark.parametrize(

@@ -75,12 +75,12 @@ def _fill(message: Any, old: Decoded) -> None:
 
 
 def _by_name(kind: Any, definition: Definition, names: Collection[str], value: int | str) -> int:
-    """Return today's number of the name that a number had then, or of a name; UNSET's where it had none."""
+    """Return today's number of the name that a number had then, or of a name; 0, which is unset, where it had none."""
     if isinstance(value, str):
         found = value.upper() if value.upper() in names else UNSET
     else:
         found = next((name for name in names if definition.constants.get(name) == value), UNSET)
-    return int(getattr(kind, found))
+    return 0 if found == UNSET else int(getattr(kind, found))
 
 
 def _filled(kind: str, old: Decoded) -> Any:

@@ -313,6 +313,6 @@ def test_a_stream_that_ends_in_the_middle_stops(driver):
 def test_an_order_without_limits_is_refused(driver):
     driver.start().home()
     assert "tension limit above 0" in driver.move(0.01, tension_limit=0.0).reason
-    assert "LENGTH" in driver.move(0.01, mode=Goal.UNSET).reason
+    assert "LENGTH" in driver.move(0.01, mode=Goal.MODE_UNSET).reason
     assert int(MoveMode.LENGTH) == Goal.LENGTH
     assert int(MoveMode.TENSION) == Goal.TENSION

@@ -166,6 +166,11 @@ class Knowledge:
         """Changes when any number of it does."""
         return text_digest(f"{self.mean.tobytes().hex()};{self.covariance.tobytes().hex()};{self.misfit!r}")
 
+    @functools.cached_property
+    def name(self) -> str:
+        """Of its prior and all its numbers."""
+        return f"{self.causes.prior}:{self.digest}"
+
     def predict(self, pulled_mm: Array) -> Believed | None:
         """Return joint angles and tip at pulled lengths (K,); None where the finger has no equilibrium."""
         found = self.finger.at(pulled_mm)

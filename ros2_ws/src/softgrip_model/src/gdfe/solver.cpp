@@ -5,20 +5,13 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "softgrip/gdfe/element_forces.hpp"
+
 namespace softgrip::gdfe {
 namespace {
 
 // How often one step is halved when it leaves what the law has a value for.
 constexpr int kMaxHalvings = 12;
-
-std::vector<Element> make_elements(const Problem& problem, const Settings& settings) {
-  std::vector<Element> elements(static_cast<std::size_t>(problem.hexes.rows()));
-#pragma omp parallel for num_threads(settings.threads) if (settings.threads > 1)
-  for (Eigen::Index e = 0; e < problem.hexes.rows(); ++e) {
-    elements[static_cast<std::size_t>(e)] = make_element(corners_of(problem.rest, problem.hexes, e), settings.metric);
-  }
-  return elements;
-}
 
 // A vector of the iteration: the mesh's unknowns of every axis, then the cables' tensions.
 std::vector<std::size_t> parts_of(const Unknowns& unknowns, std::size_t cables) {
