@@ -69,12 +69,9 @@ class _InterfaceLoader:
         names = known.names(package, kind)
 
         def attribute(name: str) -> Any:
-            if name in names:
-                found = known.interface(f"{package}/{kind}/{name}")
-            elif kind != "msg" and name.partition("_")[0] in names:
-                found = known.message(f"{package}/{kind}/{name}")
-            else:
+            if name not in names:  # such as Move_Result: rosidl has it as Move.Result alone
                 raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}; it has {', '.join(names)}")
+            found = known.interface(f"{package}/{kind}/{name}")
             setattr(module, name, found)
             return found
 

@@ -207,6 +207,14 @@ def test_a_constant_that_jazzy_would_give_to_the_wrong_part_is_refused(tmp_path:
         parse_interface(path, "p", "action")
 
 
+def test_parts_are_found_where_rosidl_has_them_and_nowhere_else() -> None:
+    assert Fibonacci.Result is not Fibonacci.Goal
+    with pytest.raises(ImportError):
+        from example_interfaces.action import Fibonacci_Result  # noqa: F401, PLC0415
+    with pytest.raises(ImportError):
+        from std_srvs.srv import Trigger_Request  # noqa: F401, PLC0415
+
+
 def test_an_unknown_type_says_what_there_is() -> None:
     with pytest.raises(UnknownInterfaceError, match=r"std_msgs/msg has: .*String"):
         registry().interface("std_msgs/msg/Nope")

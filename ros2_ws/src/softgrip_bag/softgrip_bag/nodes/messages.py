@@ -28,19 +28,18 @@ _COLUMNS = 64
 
 @functools.cache
 def message_class(type_name: str) -> Any:
-    """Return the class of e.g. "std_msgs/msg/String" "pkg/action/Move_FeedbackMessage" or "pkg/srv/Set_Event".
+    """Return the class of e.g. "std_msgs/msg/String", "pkg/action/Move_Result" or "pkg/srv/Set_Event".
 
     Raises:
         BagError: when the package is not installed or does not have the type.
     """
     package, kind, name = type_name.split("/")
     try:
-        module = importlib.import_module(f"{package}.{kind}")
-        if kind == "action" and name.endswith("_FeedbackMessage"):
-            return getattr(module, name.removesuffix("_FeedbackMessage")).Impl.FeedbackMessage
-        if kind == "srv" and name.endswith("_Event"):
-            return getattr(module, name.removesuffix("_Event")).Event
-        return getattr(module, name)
+        whole, _, part = name.partition("_")  # the name of an interface has no underscore
+        found = getattr(importlib.import_module(f"{package}.{kind}"), whole)
+        if part == "FeedbackMessage":
+            return found.Impl.FeedbackMessage
+        return getattr(found, part) if part else found
     except (ImportError, AttributeError) as error:
         raise BagError(
             f"expected an installed type {type_name}, found none ({error}); install package {package}"
