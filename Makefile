@@ -16,7 +16,7 @@ SEED ?= 1
 OUT ?= out
 STAMP := $(VENV)/.setup
 # what only some need, each with a lock of its own: requirements-<name>.lock
-EXTRAS := parts study docs panel
+EXTRAS := parts study docs panel rerun s3
 CORES := softgrip_model softgrip_emulator softgrip_vision
 # all but the finger kernel's own files, which are not formatted yet
 CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
@@ -30,13 +30,15 @@ help:  ## this list
 
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 
-$(STAMP): $(REQUIREMENTS) requirements-capture.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
+$(STAMP): $(REQUIREMENTS) requirements-capture.lock requirements-sources.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) $(BUILD) bash .ci/setup.sh
 	@touch $@
 
 parts-setup:  ## build123d and what else makes parts to print of a profile (docs/parts.md), 660 MB
 study-setup:  ## Dask for `sweep` and Gymnasium for softgrip_gym (docs/virtual.md)
 docs-setup:  ## Sphinx and what else makes the documentation's site, 40 MB
+rerun-setup:  ## rerun-sdk for `export --rerun` (docs/archive.md), 500 MB
+s3-setup:  ## s3fs for archives in S3 (docs/archive.md), and moto, the server that tests ask
 panel-setup:  ## NiceGUI and what else makes the operator's page (docs/panel.md), 90 MB; chromium for its tests where apt may
 
 $(EXTRAS:%=%-setup): %-setup: $(VENV)/.%
@@ -82,16 +84,17 @@ cell: setup $(VENV)/.panel  ## the emulated cell in real time, until Ctrl-C
 	@mkdir -p $(OUT)/cell
 	@$(WITH_VENV) ros2 launch softgrip_bringup cell.launch.yaml out:=$(OUT)/cell seed:=$(SEED)
 
-# Tests that run in real time (a whole cell, the drives' nodes) have the machine to themselves.
+# Tests that run in real time (a whole cell, the drives' nodes): two at a time, and nothing beside them.
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
-test: setup parts-setup study-setup panel-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
+test: setup parts-setup study-setup panel-setup s3-setup $(if $(filter oldest,$(LOCK)),,lint)  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
 	$(MAKE) cpp-tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(addprefix --ignore ,$(REAL_TIME))
-	$(BIN)/python -m pytest -m "not long" $(REAL_TIME)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(REAL_TIME)
 
-long-tests: setup panel-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, the wheel in a fresh environment; some minutes
+long-tests: setup panel-setup rerun-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, cells on other drives, Rerun's own reader, the wheel in a fresh environment; some minutes
 	$(BIN)/python -m pytest -m long tests/system tests/documents
+	$(BIN)/python -m pytest tests/replay/test_rerun_file.py
 
 lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
 	$(BIN)/ruff check .
@@ -160,7 +163,7 @@ lock:  ## write the locks again, with the hash of every file that may be install
 	$(BIN)/python -m pip install -q uv
 	$(UV_LOCK) requirements.in -o requirements.lock
 	$(UV_LOCK) requirements-oldest.in -o requirements-oldest.lock
-	for extra in capture $(EXTRAS); do $(UV_LOCK) --no-deps requirements-$$extra.in -o requirements-$$extra.lock || exit 1; done
+	for extra in capture sources $(EXTRAS); do $(UV_LOCK) --no-deps requirements-$$extra.in -o requirements-$$extra.lock || exit 1; done
 
 sbom: setup  ## what the suite is made of, as CycloneDX, into out/sbom.json
 	@mkdir -p $(OUT)

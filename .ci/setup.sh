@@ -48,6 +48,7 @@ fi
 pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
 echo "== Python packages of $REQUIREMENTS"
 pip install --require-hashes --only-binary :all: -r "$REQUIREMENTS"
+pip install --no-deps --no-build-isolation --require-hashes -r requirements-sources.lock
 echo "== hand capture (MediaPipe; its own pins are older than they need to be, so without them)"
 pip install --no-deps --require-hashes --only-binary :all: -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
 for package in softgrip_model softgrip_emulator softgrip_vision; do

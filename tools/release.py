@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Give every package a version: `python tools/release.py 0.2.0`, then commit and tag as it prints.
+"""Give every package a version: `python tools/release.py 0.3.0`, then commit and tag as it prints.
 
-The changelog has to have a section of that version. Without a version it checks that all packages have the same one.
+What stands under Unreleased in the changelog goes into that version's section, which is made where there is none.
+Without a version it checks that all packages have the same one.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime as dt
 import re
 import subprocess
 import sys
@@ -42,6 +44,32 @@ def changelog_versions() -> list[str]:
     return re.findall(r"^## \[(\d+\.\d+\.\d+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
+def released(text: str, version: str, date: str) -> str:
+    """Return a changelog whose Unreleased entries stand in the section of a version, newest in front."""
+    head, *sections = re.split(r"^(?=## \[)", text, flags=re.MULTILINE)
+    named = dict(zip(re.findall(r"^## \[([^]]+)\]", text, re.MULTILINE), sections, strict=True))
+    fresh = _entries(named["Unreleased"])
+    if version in named:
+        title, *intro = re.split(r"^(?=### )", named[version], maxsplit=1, flags=re.MULTILINE)[0].splitlines()
+        old = _entries(named[version])
+    else:
+        title, intro, old = f"## [{version}] - {date}", [], {}
+    kinds = [*old, *(kind for kind in fresh if kind not in old)]
+    parts = ["\n".join([title, *intro]).strip()]
+    parts += [f"### {kind}\n\n" + "\n".join(filter(None, (fresh.get(kind), old.get(kind)))) for kind in kinds]
+    made = "\n\n".join(parts) + "\n\n"
+    rest = [made if name == version else section for name, section in named.items() if name != "Unreleased"]
+    if version not in named:
+        rest.insert(0, made)
+    return (head + "## [Unreleased]\n\n" + "".join(rest)).rstrip() + "\n"
+
+
+def _entries(section: str) -> dict[str, str]:
+    """Return kind of change -> its entries."""
+    kinds = re.split(r"^### (.*)$", section, flags=re.MULTILINE)[1:]
+    return {kind: text.strip() for kind, text in zip(kinds[::2], kinds[1::2], strict=True)}
+
+
 def main() -> int:
     """Write or check versions."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -51,10 +79,12 @@ def main() -> int:
         found = sorted(set(versions().values()))
         print(f"{len(versions())} files: {', '.join(found)}")
         return 0 if len(found) == 1 else 1
-    if not VERSION.fullmatch(requested) or requested not in changelog_versions():
-        text = f"expected a version with a section in CHANGELOG.md, found {requested!r}; add '## [{requested}] - DATE'"
-        print(text, file=sys.stderr)
+    if not VERSION.fullmatch(requested):
+        print(f"expected a version such as 0.2.0, found {requested!r}", file=sys.stderr)
         return 2
+    changelog = ROOT / "CHANGELOG.md"
+    today = dt.datetime.now(tz=dt.UTC).date().isoformat()
+    changelog.write_text(released(changelog.read_text(encoding="utf-8"), requested, today), encoding="utf-8")
     for path in files():
         text = path.read_text(encoding="utf-8")
         path.write_text(PLACES[path.name].sub(rf"\g<1>{requested}\g<3>", text, count=1), encoding="utf-8")

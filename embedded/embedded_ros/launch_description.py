@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import shutil
 import tempfile
 from copy import copy
 from dataclasses import dataclass, field
@@ -129,9 +132,14 @@ def joined(base: str, name: str) -> str:
 
 
 def temporary(text: str) -> str:
-    """Return the path of a new file with this text."""
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="launch_params_", suffix=".yaml", delete=False, encoding="utf-8"
-    ) as file:
+    """Return the path of a new file with this text, which is there until this process ends."""
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml", dir=_folder(), delete=False, encoding="utf-8") as file:
         file.write(text)
     return file.name
+
+
+@functools.cache
+def _folder() -> str:
+    folder = tempfile.mkdtemp(prefix="launch_params_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

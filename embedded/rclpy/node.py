@@ -218,12 +218,12 @@ class Node:
         if new_executor is not None:
             new_executor.add_node(self)
 
-    def _rcl_ready(self, endpoint: Endpoint) -> None:
-        """Have the executor run an endpoint that has become ready; called on Zenoh's threads."""
+    def _rcl_ready(self, entity: Endpoint | Timer) -> None:
+        """Have the executor run an entity that has become ready; called on Zenoh's threads."""
         reference = self._rcl_executor_reference
         if reference is not None and (executor := reference()) is not None:
-            if endpoint._is_entity:
-                executor._hint(endpoint, self)
+            if entity._is_entity:
+                executor._hint(entity, self)
             else:
                 executor.wake()
 
@@ -479,6 +479,7 @@ class Node:
         made = Timer(callback, group, int(period), clock or self._clock, context=self._context, autostart=autostart)
         # Weakly: a node that is dropped takes its timers along.
         made._wake = functools.partial(_wake_node, weakref.ref(self))
+        made._due = functools.partial(_run_timer, weakref.ref(self), weakref.ref(made))
         group.add_entity(made)
         self._timers.append(made)
         self._rcl_changed()
@@ -1062,6 +1063,12 @@ def _wake_node(reference: weakref.ref[Node]) -> None:
     node = reference()
     if node is not None:
         node._rcl_wake()
+
+
+def _run_timer(node_reference: weakref.ref[Node], reference: weakref.ref[Timer]) -> None:
+    node, timer = node_reference(), reference()
+    if node is not None and timer is not None:
+        node._rcl_ready(timer)
 
 
 def _infos(entities: Iterable[Entity]) -> list[TopicEndpointInfo]:

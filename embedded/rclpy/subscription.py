@@ -64,6 +64,7 @@ class Subscription(Endpoint):
         self.raw = raw
         self.callback_group = callback_group
         self._executor_event = False
+        self._runs_on_arrival = False
         self._callback_type = self.CallbackType.MessageOnly
         self._callback: Callable[..., Any] = callback
         self.callback = callback
@@ -123,8 +124,20 @@ class Subscription(Endpoint):
             self._count(size)
         queue.append((payload, data, time.time_ns()))
         # The executor may have emptied the queue in between: then it does not look for this one.
-        if not waiting or len(queue) == 1:
+        if self._runs_on_arrival:
+            self._run_waiting()
+        elif not waiting or len(queue) == 1:
             self._node._rcl_ready(self)
+
+    def _run_on_arrival(self) -> None:
+        """From now on, run the callback on Zenoh's thread as a sample arrives, without the executor."""
+        self._runs_on_arrival = True
+
+    def _run_waiting(self) -> None:
+        taken = self._take()
+        if taken is not None:
+            callback, arguments = taken
+            callback(*arguments)
 
     def _accept(self, gid: bytes) -> bool:
         """Whether DDS would deliver from this publisher; not remembered until its token is seen."""

@@ -59,6 +59,8 @@ class TimeSource:
 
             qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._clock_sub = node.create_subscription(Clock, CLOCK_TOPIC, self.clock_callback, qos)
+            # As rclcpp's thread for the clock: the executor is woken for timers that are due, not for each tick.
+            self._clock_sub._run_on_arrival()
 
     def attach_node(self, node: Node) -> None:
         """Follow the parameter use_sim_time of a node; declare it when it is not."""

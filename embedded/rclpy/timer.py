@@ -37,6 +37,8 @@ class TimerInfo:
 class Timer(Destroyable):
     """Made by ``Node.create_timer``; its period is in nanoseconds of its clock."""
 
+    _is_entity = True  # see Endpoint
+
     def __init__(
         self,
         callback: Callable[..., Any] | None,
@@ -59,6 +61,7 @@ class Timer(Destroyable):
         self._canceled = not autostart
         self._destroyed = False
         self._wake: Callable[[], None] = lambda: None
+        self._due: Callable[[], None] = lambda: None
         now = clock._now_ns()
         self._last_ns = now
         self._next_ns = now + timer_period_ns
@@ -122,7 +125,10 @@ class Timer(Destroyable):
         if changed or now < self._last_ns:
             self._last_ns = now
             self._next_ns = now + self._period_ns
-        self._wake()
+        if changed:
+            self._wake()
+        elif self._is_ready():
+            self._due()
 
     def is_canceled(self) -> bool:
         """Whether it was canceled."""

@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import FloatingPointRange, Log, ParameterDescriptor, ParameterEvent, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.exceptions import InvalidParameterValueException, ParameterNotDeclaredException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_rosout_default
@@ -22,6 +26,23 @@ from embedded_ros.wire import EntityKind, encode_token
 
 Make = Callable[..., Node]
 Spin = Callable[..., bool]
+
+
+class CountingExecutor(SingleThreadedExecutor):
+    """Counts how often it polls at all that a node has."""
+
+    polls = 0
+
+    def _look(self, nodes: list[Node] | None) -> Iterator[Any]:
+        self.polls += 1
+        return super()._look(nodes)
+
+
+def holds(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
+    deadline = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return condition()
 
 
 def test_parameters_are_checked_before_they_are_set(make_node: Make) -> None:
@@ -126,6 +147,34 @@ def test_simulated_time_drives_timers(make_node: Make, spin_until: Spin) -> None
             assert spin_until(lambda: not timer.is_ready(), node)
     assert len(calls) == 3
     assert [round(at / 1e9) % 10 for at in calls] == [calls[0] // 10**9 % 10] * 3
+
+
+def test_the_clock_goes_on_without_the_executor_which_wakes_for_due_timers_alone(make_node: Make) -> None:
+    node = make_node("n", parameter_overrides=[Parameter("use_sim_time", value=True)])
+    clock = make_node("clock").create_publisher(Clock, "/clock", 10)
+    calls: list[int] = []
+
+    def tell(second: int) -> None:
+        clock.publish(Clock(clock=Time(sec=second)))
+        assert holds(lambda: node.get_clock().now().nanoseconds == second * 10**9)
+
+    tell(1)  # nobody spins
+    node.create_timer(10.0, lambda: calls.append(node.get_clock().now().nanoseconds // 10**9))
+    executor = CountingExecutor(context=node.context)
+    executor.add_node(node)
+    spinning = threading.Thread(target=executor.spin)
+    spinning.start()
+    try:
+        assert holds(lambda: executor.polls > 0)
+        began, before = time.monotonic(), executor.polls
+        for second in range(2, 102):
+            tell(second)
+            assert holds(lambda second=second: len(calls) == (second - 1) // 10)
+        assert executor.polls - before <= 10.0 * (time.monotonic() - began) + 2  # those of every tenth of a second
+        assert calls == list(range(11, 102, 10))
+    finally:
+        executor.shutdown()
+        spinning.join(5.0)
 
 
 def test_graph_queries(make_node: Make) -> None:

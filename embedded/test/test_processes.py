@@ -88,7 +88,10 @@ def test_interfaces_of_the_workspace_are_shown(start: Start) -> None:
     assert output(start, "pkg", "executables", "talk_interfaces").splitlines()[0] == "talk_interfaces breaks"
 
 
-def test_launch_runs_until_interrupted_and_leaves_nothing(start: Start, workspace: Path) -> None:
+@pytest.mark.parametrize("ends_by", [signal.SIGINT, signal.SIGTERM])
+def test_launch_runs_until_interrupted_and_leaves_nothing(
+    start: Start, workspace: Path, tmp_path: Path, ends_by: signal.Signals
+) -> None:
     (workspace / "talk_interfaces" / "launch" / "two.launch.yaml").write_text(
         "launch:\n- arg: {name: period, default: '0.5', description: '[s] between messages'}\n"
         "- node: {pkg: talk_interfaces, exec: talker, param: [{name: period, value: $(var period)}]}\n"
@@ -97,10 +100,14 @@ def test_launch_runs_until_interrupted_and_leaves_nothing(start: Start, workspac
     shown = output(start, "launch", "-s", "talk_interfaces", "two.launch.yaml")
     assert "'period':" in shown
     assert "[s] between messages" in shown
-    launch = start("launch", "talk_interfaces", "two.launch.yaml", "period:=0.02")
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    launch = start("launch", "talk_interfaces", "two.launch.yaml", "period:=0.02", TMPDIR=str(temporary))
     launch.wait_for("[listener-2] heard")
     started = pids(launch)
-    assert launch.stop(signal.SIGINT) == 0
+    assert len(list(temporary.glob("*/*.yaml"))) == 1  # talker's parameters
+    assert launch.stop(ends_by) == 0
+    assert list(temporary.iterdir()) == []
     assert len(started) == 2
     assert all(gone(pid) for pid in started)
     assert any("process has finished cleanly" in line for line in launch.lines)

@@ -35,3 +35,26 @@ def test_every_package_has_the_same_version() -> None:
 
 def test_that_version_has_a_section() -> None:
     assert set(release.versions().values()) <= set(release.changelog_versions())
+
+
+def test_a_release_takes_what_is_unreleased() -> None:
+    text = "# C\n\nWords.\n\n## [Unreleased]\n\n### Added\n\n* b\n\n### Fixed\n\n* f\n  more\n\n"
+    old = "## [0.1.0] - 2026-01-01\n\nFirst.\n\n### Added\n\n* a\n"
+    made = release.released(text + old, "0.2.0", "2026-02-02")
+    assert made == (
+        "# C\n\nWords.\n\n## [Unreleased]\n\n## [0.2.0] - 2026-02-02\n\n"
+        "### Added\n\n* b\n\n### Fixed\n\n* f\n  more\n\n"
+        f"{old}"
+    )
+    assert release.released(made, "0.2.0", "2026-03-03") == made  # nothing new
+    into = release.released(text + old, "0.1.0", "2026-02-02")
+    assert into == (
+        "# C\n\nWords.\n\n## [Unreleased]\n\n## [0.1.0] - 2026-01-01\n\nFirst.\n\n### Added\n\n* b\n* a\n\n"
+        "### Fixed\n\n* f\n  more\n"
+    )
+
+
+def test_no_line_of_this_changelog_is_lost_in_a_release() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    made = release.released(text, release.changelog_versions()[0], "2026-01-01")
+    assert sorted(set(filter(None, text.splitlines()))) == sorted(set(filter(None, made.splitlines())))

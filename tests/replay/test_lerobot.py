@@ -19,7 +19,7 @@ from softgrip_bag.episode import TendonCommand, commanded
 from softgrip_bag.errors import BagError
 from softgrip_bag.lerobot import IMAGE, write_lerobot
 from softgrip_bag.nodes.commands import export
-from softgrip_bag.nodes.grasp_episodes import grasp_episodes
+from softgrip_bag.nodes.recorded_episodes import recorded_episodes
 
 BAG = Path(__file__).resolve().parent / "bags" / "grasps"
 RATE_HZ = 20
@@ -110,7 +110,7 @@ def test_images_are_the_bags_own_bytes(tmp_path: Path) -> None:
     picture = np.zeros((4, 6, 3), np.uint8)
     picture[..., 2] = 200  # OpenCV's red
     image = cv2.imencode(".png", picture)[1].tobytes()
-    one = grasp_episodes(BAG, RATE_HZ)[0]
+    one = recorded_episodes(BAG, RATE_HZ)[0]
     count = len(one.times_ns)
     episode = replace(one, images=(image,) * count, image_stamps_ns=one.times_ns - 5_000_000)
     write_lerobot(tmp_path / "out", [episode], RATE_HZ)

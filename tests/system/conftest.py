@@ -58,7 +58,10 @@ class Launched:
 
     def wait_for_end(self, timeout: float) -> int:
         """Wait until the launch has ended; returns its exit code."""
-        code = self.process.wait(timeout)
+        try:
+            code = self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"expected the launch to end within {timeout} s, found:\n{self.output[-8000:]}")
         self._reader.join(5.0)
         return code
 
@@ -102,6 +105,7 @@ class Launched:
             for line in self.process.stdout:
                 self._lines.append(line)
                 log.write(line)
+                log.flush()
 
     def _processes(self) -> list[int]:
         found = []

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")
 #: [s] within which a cell that cannot start has to be gone (and the machine may be busy). Its exit code is not looked
 #: at: ROS 2's launch ends with 0 then, embedded/'s with 1, as its own tests show.
-GIVE_UP = 25.0
+GIVE_UP = 100.0
 UP = "wires in"  # the emulated cell is ready
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

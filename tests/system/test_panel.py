@@ -28,7 +28,7 @@ def start_cell(launch: Callable[..., Any], out: Path, *arguments: str) -> tuple[
     """Start an emulated cell with its page; returns it and the page's address."""
     options = (f"out:={out}", "panel:=true", "record:=false", "speed:=max", *arguments)
     cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *options)
-    cell.wait_for("the page is at", 60.0)
+    cell.wait_for("the page is at", 120.0)
     address = re.search(r"the page is at (http://127\.0\.0\.1:\d+)/", cell.output)
     assert address is not None
     return cell, address[1]
@@ -40,7 +40,7 @@ def log_in(browser: PanelBrowser, name: str = "Ada") -> None:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(400)
 def test_a_shift_by_clicks_only(launch: Callable[..., Any], tmp_path: Path) -> None:
     cell, address = start_cell(launch, tmp_path, "lift_window_s:=1.0")
     with PanelBrowser(address) as browser:
@@ -139,7 +139,7 @@ def grasp(browser: PanelBrowser) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(500)
 def test_a_swap_outlives_reload_second_browser_panel_and_manager(launch: Callable[..., Any], tmp_path: Path) -> None:
     port = free_port()
     cell, address = start_cell(launch, tmp_path, f"panel_port:={port}")
@@ -218,7 +218,7 @@ def answers(port: int) -> bool:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(400)
 def test_setting_up_by_clicks_does_what_ros2_does(launch: Callable[..., Any], tmp_path: Path) -> None:
     cell, address = start_cell(launch, tmp_path)
     with PanelBrowser(address) as browser:

@@ -141,7 +141,7 @@ def test_a_cell_without_its_keys_does_not_start(launch: Callable[..., Any], tmp_
         *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
         *(f"out:={tmp_path}/out", "secure:=true", f"keys:={tmp_path}/none"),
     )
-    cell.wait_for_end(60.0)
+    cell.wait_for_end(100.0)
     assert ("ZENOH_SESSION_CONFIG_URI" if ON_ZENOH else "SECURITY ERROR") in cell.output
     assert "bus loop" not in cell.output
 
@@ -158,5 +158,5 @@ def test_a_cell_whose_key_lies_open_does_not_start(launch: Callable[..., Any], t
         *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
         *(f"out:={tmp_path}/out", "secure:=true", f"keys:={keys}"),
     )
-    cell.wait_for_end(60.0)
+    cell.wait_for_end(100.0)
     assert "expected mode 0600, found 0644" in cell.output

@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "softgrip_nodekit": {"softgrip_time"},
     "softgrip_time": set(),
     "softgrip_description": {"softgrip_model"},
-    "softgrip_design": {"softgrip_description", "softgrip_model"},
+    "softgrip_design": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_driver": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_emulator": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_vision": {"softgrip_model", "softgrip_time"},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/reference/generated from the code: interfaces, parameters, faults, commands, file formats, API.
+"""Writes docs/reference/generated from the code: interfaces, parameters, faults, commands, files, Python and C++.
 
 The pages are not committed: what is written down twice differs one day. `make docs` and `make site` write them.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "pages"))
 
-from generated import api, commands, faults, formats, interfaces, parameters
+from generated import api, commands, cpp, faults, formats, interfaces, parameters
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs/reference/generated"
@@ -29,6 +29,7 @@ def pages() -> dict[str, str]:
         "commands.md": commands.page(),
         "file-formats.md": formats.page(),
         **api.pages(),
+        **cpp.pages(),
     }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One grasp as learning stacks want it: frames at a fixed rate, each with what was last known at its time."""
+"""One grasp or demonstration as learning stacks want it: frames at a fixed rate, each with what was last known then."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from softgrip_time.units import to_s
 
 Array = NDArray[np.float64]
+
+#: Outcomes that are a success: of cell/grasp, and of a teleoperated demonstration.
+SUCCESSES = ("GRIPPED", "SUCCEEDED")
 
 
 @dataclass(frozen=True)
@@ -58,12 +61,13 @@ class TendonCommand:
 
 
 @dataclass(frozen=True)
-class GraspEpisode:
-    """One grasp.
+class Episode:
+    """One grasp of the manager's, or one demonstration of a person's.
 
     Attributes:
         bag: name of the bag.
-        product, finger_set, outcome, reason: of the grasp.
+        task: what is done, in words.
+        product, finger_set, outcome, reason: of the grasp; a demonstration has no product.
         evidence: the verdict's numbers, JSON.
         tendons: their names.
         times_ns: (n,) of the frames, one period apart, since the epoch.
@@ -77,6 +81,7 @@ class GraspEpisode:
     """
 
     bag: str
+    task: str
     product: str
     finger_set: str
     outcome: str
@@ -97,8 +102,8 @@ class GraspEpisode:
 
     @property
     def is_success(self) -> bool:
-        """Whether the verdict is GRIPPED."""
-        return self.outcome == "GRIPPED"
+        """Whether the cell's verdict is GRIPPED, or a person's SUCCEEDED."""
+        return self.outcome in SUCCESSES
 
 
 def commanded(

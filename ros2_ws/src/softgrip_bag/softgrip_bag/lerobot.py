@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write grasps as a LeRobotDataset v3.0 (https://github.com/huggingface/lerobot, src/lerobot/datasets).
+"""Write episodes as a LeRobotDataset v3.0 (https://github.com/huggingface/lerobot, src/lerobot/datasets).
 
     meta/info.json, meta/stats.json, meta/tasks.parquet, meta/episodes/chunk-000/file-000.parquet
     data/chunk-000/file-000.parquet    a row a frame, a row group an episode
@@ -23,7 +23,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from softgrip_bag.episode import GraspEpisode
+from softgrip_bag.episode import Episode
 from softgrip_bag.errors import BagError
 from softgrip_time.units import to_s
 
@@ -63,7 +63,7 @@ class _Column:
         return flat if len(self.names) == 1 else pa.FixedSizeListArray.from_arrays(flat, len(self.names))
 
 
-def write_lerobot(folder: Path, episodes: Sequence[GraspEpisode], rate_hz: int) -> None:
+def write_lerobot(folder: Path, episodes: Sequence[Episode], rate_hz: int) -> None:
     """Write a dataset.
 
     Args:
@@ -75,10 +75,10 @@ def write_lerobot(folder: Path, episodes: Sequence[GraspEpisode], rate_hz: int) 
         BagError: nothing to write, a folder that is not empty, or episodes that differ in what they have.
     """
     if not episodes:
-        raise BagError("expected at least one grasp that moved a tendon, found none in these bags")
+        raise BagError("expected at least one grasp or demonstration that moved a tendon, found none in these bags")
     if folder.exists() and any(folder.iterdir()):
         raise BagError(f"{folder}: expected a new or empty folder, found files in it")
-    tasks = list(dict.fromkeys(map(_task, episodes)))
+    tasks = list(dict.fromkeys(one.task for one in episodes))
     with_images = all(one.images for one in episodes)
     rows: list[dict[str, Any]] = []
     every: list[Stats] = []
@@ -86,7 +86,7 @@ def write_lerobot(folder: Path, episodes: Sequence[GraspEpisode], rate_hz: int) 
     frames = 0
     files = _DataFiles(folder)
     for number, episode in enumerate(episodes):
-        columns = _columns(episode, number, frames, tasks.index(_task(episode)), rate_hz)
+        columns = _columns(episode, number, frames, tasks.index(episode.task), rate_hz)
         found = {name: column.feature for name, column in columns.items()}
         if with_images:
             found[IMAGE] = _image_feature(episode.images[0])
@@ -144,12 +144,7 @@ class _DataFiles:
             self._writer.close()
 
 
-def _task(episode: GraspEpisode) -> str:
-    name = episode.product.replace("_", " ")
-    return f"Grasp the {name} with the {episode.finger_set or 'mounted'} fingers and lift it"
-
-
-def _columns(episode: GraspEpisode, number: int, first: int, task: int, rate_hz: int) -> dict[str, _Column]:
+def _columns(episode: Episode, number: int, first: int, task: int, rate_hz: int) -> dict[str, _Column]:
     count = len(episode.times_ns)
     last = np.arange(count) == count - 1
     state = np.hstack([episode.lengths_m, episode.tensions_n])
@@ -183,7 +178,7 @@ def _columns(episode: GraspEpisode, number: int, first: int, task: int, rate_hz:
     }
 
 
-def _ages_s(episode: GraspEpisode, stamps_ns: NDArray[np.int64]) -> NDArray[np.float32]:
+def _ages_s(episode: Episode, stamps_ns: NDArray[np.int64]) -> NDArray[np.float32]:
     """Return how old what a frame shows was at the frame's time [s]; -1 where there was nothing yet."""
     return np.where(stamps_ns < 0, -1.0, to_s(episode.times_ns - stamps_ns)).astype(np.float32)
 
@@ -234,12 +229,10 @@ def _merged(every: Sequence[Stats]) -> Stats:
     return merged
 
 
-def _episode_row(
-    episode: GraspEpisode, number: int, first: int, place: tuple[int, int], stats: Stats
-) -> dict[str, Any]:
+def _episode_row(episode: Episode, number: int, first: int, place: tuple[int, int], stats: Stats) -> dict[str, Any]:
     row: dict[str, Any] = {
         "episode_index": number,
-        "tasks": [_task(episode)],
+        "tasks": [episode.task],
         "length": len(episode.times_ns),
         "data/chunk_index": place[0],
         "data/file_index": place[1],
@@ -303,12 +296,12 @@ def _write_json(path: Path, document: Any) -> None:
     path.write_text(json.dumps(document, indent=4) + "\n", encoding="utf-8")
 
 
-def _card(episodes: Sequence[GraspEpisode], rate_hz: int, *, with_images: bool) -> str:
+def _card(episodes: Sequence[Episode], rate_hz: int, *, with_images: bool) -> str:
     """Return the data card: what this is, what is emulated, what the columns mean."""
     template = _TEMPLATES.get_template("lerobot_card.md.j2")
     return template.render(
-        grasps=len(episodes),
-        held=sum(one.is_success for one in episodes),
+        episodes=len(episodes),
+        successes=sum(one.is_success for one in episodes),
         frames=sum(len(one.times_ns) for one in episodes),
         bags=sorted({one.bag for one in episodes}),
         rate_hz=rate_hz,

@@ -12,12 +12,17 @@ import yaml
 
 from softgrip_model.durable import write_durably
 
+try:
+    from yaml import CSafeDumper as SafeDumper
+except ImportError:  # PyYAML without libyaml
+    from yaml import SafeDumper  # type: ignore[assignment]
+
 VERSION = 9
 DISTRIBUTION = "jazzy"
 FILE_NAME = "metadata.yaml"
 
 
-class Plain(yaml.SafeDumper):
+class Plain(SafeDumper):
     """YAML without anchors: rosbag2's files have none."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002  the name is PyYAML's

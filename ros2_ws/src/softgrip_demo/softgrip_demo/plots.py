@@ -95,7 +95,8 @@ def tip_figure(closing: ShiftClosing) -> str:
         )
         axes.title.set_fontsize(8.5)
         axes.set_aspect("equal")
-        figure.legend(loc="outside lower center", ncols=3)
+        # below the axes; "outside lower center" is new in matplotlib 3.7, Ubuntu 24.04 has 3.6
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3)
         return svg(figure)
 
 

@@ -81,21 +81,19 @@ def quaternion_of(pose: Array) -> tuple[float, float, float, float]:
 
     Shepperd's method: the largest of the four components is computed first, so that no division is by a small number.
     """
-    r = pose[:3, :3]
-    squares = np.array([
-        1.0 + r[0, 0] - r[1, 1] - r[2, 2],
-        1.0 - r[0, 0] + r[1, 1] - r[2, 2],
-        1.0 - r[0, 0] - r[1, 1] + r[2, 2],
-        1.0 + r[0, 0] + r[1, 1] + r[2, 2],
-    ])  # fmt: skip
-    off = {(0, 1): r[0, 1] + r[1, 0], (0, 2): r[0, 2] + r[2, 0], (1, 2): r[1, 2] + r[2, 1],
-           (0, 3): r[2, 1] - r[1, 2], (1, 3): r[0, 2] - r[2, 0], (2, 3): r[1, 0] - r[0, 1]}  # fmt: skip
-    first = int(np.argmax(squares))
-    row = np.array([
-        squares[first] if k == first else off[min(k, first), max(k, first)] for k in range(4)
-    ]) / (2.0 * math.sqrt(squares[first]))  # fmt: skip
-    x, y, z, w = row if row[3] >= 0.0 else -row
-    return float(x), float(y), float(z), float(w)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = pose[:3, :3].tolist()
+    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
+    largest = max(squares)
+    rows = (
+        (largest, xy + yx, xz + zx, zy - yz),
+        (xy + yx, largest, yz + zy, xz - zx),
+        (xz + zx, yz + zy, largest, yx - xy),
+        (zy - yz, xz - zx, yx - xy, largest),
+    )
+    row = rows[squares.index(largest)]
+    scale = math.copysign(2.0 * math.sqrt(largest), row[3] or 1.0)
+    x, y, z, w = (component / scale for component in row)
+    return x, y, z, w
 
 
 def rpy_of(pose: Array) -> tuple[float, float, float]:

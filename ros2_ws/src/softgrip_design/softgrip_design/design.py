@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_design import hand
 from softgrip_design.errors import DesignError
+from softgrip_design.mesh_objective import SETTINGS, FollowOnMesh
 from softgrip_design.objective import CloseUniformly, FollowTrajectory, Weights
 from softgrip_design.optimiser import OptimiserSettings, Optimum, optimise, optimise_all
 from softgrip_design.target import MIN_DEFLECTION_RAD, STEPS, DesignTarget, deflection_rad, target
@@ -19,6 +20,8 @@ from softgrip_design.trajectory import FingerTrajectory
 from softgrip_model.finger import Finger, JointModel, MomentLaw, Solution
 from softgrip_model.finger.published import CHAPTER_4_MM, OPTIMISED_ROUTING_MM, chapter_3_finger
 from softgrip_model.friction.laws import FrictionLaw
+from softgrip_model.gdfe.errors import GdfeError
+from softgrip_model.gdfe.finger_mesh import Resolution
 
 Array = NDArray[np.float64]
 
@@ -81,6 +84,7 @@ class Followed:
         error_per_joint_deg: root mean square of each joint.
         force_n: E_F.
         optimum: how it was found.
+        mesh_error_deg: E_T in the mesh, of the kernel's design and of this one; None: not closed there.
     """
 
     name: str
@@ -91,6 +95,7 @@ class Followed:
     error_per_joint_deg: tuple[float, ...]
     force_n: float
     optimum: Optimum
+    mesh_error_deg: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -172,6 +177,32 @@ def evaluate(name: str, objective: FollowTrajectory, optimum: Optimum) -> Follow
         force_n=float(closing.tension_n[0, -1, 0]),
         optimum=optimum,
     )
+
+
+def improve_on_mesh(followed: Followed, objective: FollowTrajectory, task: Task, resolution: Resolution) -> Followed:
+    """Return a finger that follows its target in the mesh, near the kernel's design (`mesh_objective`).
+
+    Raises:
+        DesignError: the kernel's design does not close so far in the mesh.
+    """
+    on_mesh = FollowOnMesh(
+        followed.finger,
+        task.law,
+        objective.target,
+        task.weights,
+        objective.lower,
+        objective.upper,
+        replace(SETTINGS, resolution=resolution),
+    )
+    x = followed.optimum.x
+    try:
+        before = on_mesh.error_deg(x)
+        improved = on_mesh.improve(x)
+        after = on_mesh.error_deg(improved)
+    except GdfeError as error:
+        raise DesignError(f"{followed.name} in the mesh: {error}; cut the motion shorter") from error
+    found = evaluate(followed.name, objective, replace(followed.optimum, x=improved))
+    return replace(found, mesh_error_deg=(before, after))
 
 
 def published_on(objective: FollowTrajectory) -> dict[str, tuple[float, float]]:

@@ -80,6 +80,7 @@ def _followed(one: Followed) -> dict[str, Any]:
         **_dimensions(one.finger),
         "error_deg": one.error_deg,
         "error_per_joint_deg": list(one.error_per_joint_deg),
+        "mesh_error_deg": list(one.mesh_error_deg) if one.mesh_error_deg else None,
         "force_n": one.force_n,
         "objective": one.optimum.value,
         "starts": [_number(value) for value in one.optimum.start_values],

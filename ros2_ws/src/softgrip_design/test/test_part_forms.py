@@ -118,7 +118,7 @@ def test_any_finger_that_is_not_refused_has_the_dimensions_of_its_profile(
         ({"width_m": 0.0115}, "as wide as its foot"),
         ({"body_height_m": 0.0135}, "joint 0: expected its groove to end"),
         ({"routing_radii_m": (0.0040, 0.006, 0.006, 0.006, 0.006, 0.006)}, "the foot has room for a cable"),
-        ({"routing_radii_m": (0.0135, 0.006, 0.006, 0.006, 0.006, 0.006)}, "the foot has room for a cable"),
+        ({"routing_radii_m": (0.0145, 0.006, 0.006, 0.006, 0.006, 0.006)}, "the foot has room for a cable"),
     ],
 )
 def test_a_profile_that_cannot_be_made_is_refused_with_joint_and_reason(changes: dict, reason: str) -> None:

@@ -23,7 +23,9 @@ from softgrip_time import Clock
 GROUP = "softgrip.drives"
 #: those of this package, by name; written here, so that they are there also where it runs from its sources
 SHIPPED = {
+    "damiao": "softgrip_driver.damiao.drive_set:configure",
     "dynamixel": "softgrip_driver.dynamixel.drive_set:configure",
+    "feetech": "softgrip_driver.feetech.drive_set:configure",
     "grbl": "softgrip_driver.stage.drive_set:configure",
     "mark10": "softgrip_driver.stage.drive_set:configure",
 }

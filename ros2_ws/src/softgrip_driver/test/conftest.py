@@ -15,29 +15,34 @@ from pathlib import Path
 
 import pytest
 
+from softgrip_driver.configuration import checked_configuration
+from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, OperatingMode
+from softgrip_driver.feetech import registers as feetech
+from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.stage.drive_set import STAGE_RATES
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
+from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.tendon.needs import fitted_limits
 from softgrip_driver.tendon.safety import Safety
 from softgrip_driver.tendon.safety_store import SafetyStore
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.table import load_model
-from softgrip_emulator.faults import BUS_FAULTS
+from softgrip_emulator.faults import BUS_FAULTS, Overrides
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.spring import SpringPlant
 from softgrip_emulator.rig.truth import RigTruth
+from softgrip_emulator.servos import load_ratings, make_chain
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.usb_adapter import UsbAdapter
 from softgrip_model.profile import load_directory
@@ -48,6 +53,13 @@ BAUD = 1_000_000
 #: `make faults` sets the variable and measures in real time with the driver's real limits.
 QUIET = os.environ.get("SOFTGRIP_QUIET_MACHINE") == "1"
 POLICIES = Policies()
+#: models that are no Dynamixels, and the backend that drives them
+OTHER_MODELS = dict.fromkeys(feetech.MODELS, "feetech") | dict.fromkeys(damiao.MODELS, "damiao")
+
+
+def other_model(name):
+    """The driver's table of a model that is no Dynamixel."""
+    return (feetech.MODELS | damiao.MODELS)[name]
 
 
 def load(path):
@@ -58,6 +70,12 @@ def load(path):
 
 
 worlds = load(Path(__file__).with_name("worlds.py"))
+
+
+def shipped_limits(model, no_reply=0.05):
+    """The limits as shipped; of a model that is no Dynamixel, those that it can keep on a spool of 10 mm."""
+    limits = TendonLimits(no_reply=no_reply)
+    return limits if model in MODELS else fitted_limits(limits, other_model(model), 0.010)
 
 
 class RunningLoop:
@@ -133,36 +151,56 @@ class Bench(RunningLoop):
         latency=None, tendons=TENDONS, report=lambda _: None,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
-        limits = limits or TendonLimits(no_reply=0.05 if world.quiet else 0.3)
+        self.overrides = Overrides()
+        limits = limits or shipped_limits(model, 0.05 if world.quiet else 0.3)
         chain = [
             ServoPlace(name, number, model, limits_winding=limits_current is CurrentSensing.WINDING)
             for number, name in enumerate(tendons, start=1)
         ]
-        supply = Supply(load_model(model).motor.nominal_voltage_v)
+        supply = Supply(load_ratings(model).nominal_voltage_v)
         self.plant = CellPlant(load_directory(PROFILES), seed=seed, chain=chain, supply=supply)
         fingers = [name for name in tendons if name in TENDONS]
         self.plant.mount(fingers, list("abc"), ["power"] * 3)
         self.plant.now_s = world.clock.now_s()
-        self.bus_wire = FaultyWire(
-            DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to), seed
-        )
+        self.bus_wire = FaultyWire(make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to), seed)
         wire = self.bus_wire if latency is None else UsbAdapter(self.bus_wire, latency)
         self.bus_port = world.port(folder / "servos", wire)
-        table = MODELS[model]
-        torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
-        self.servos = [
-            ServoConfiguration(
-                name, i, table, Spool(0.010, 1), torque, mode, limits.tension_hard, limits.speed, limits=limits_current
-            )
-            for i, name in enumerate(tendons, start=1)
-        ]
-        self.bus = Bus(str(folder / "servos"), BAUD, reply_margin=0.004 if world.quiet else 0.02)
-        self.backend = DynamixelBackend(self.bus, self.servos, watchdog=0.08 if world.quiet else 0.6, report=report)
+        self.model, self.mode, self.limits_current, self.report = model, mode, limits_current, report
+        make = self._dynamixel if model in MODELS else self._configured
+        self.backend = make(str(folder / "servos"), model, tendons, limits, rate)
         self.safety = Safety(SafetyStore(folder / "safety.yaml"))
         self.controller = GripperController(
             dict.fromkeys(tendons, limits), policies, grippers, 1.0 / rate, lambda: block_of(self.safety, policies)
         )
         self.loop = world.loop(self.backend, self.controller, rate, history)
+
+    def _dynamixel(self, port, model, tendons, limits, _rate):
+        table = MODELS[model]
+        torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
+        self.servos = [
+            ServoConfiguration(
+                name, i, table, Spool(0.010, 1), torque, self.mode, limits.tension_hard, limits.speed,
+                limits=self.limits_current,
+            )
+            for i, name in enumerate(tendons, start=1)
+        ]  # fmt: skip
+        self.bus = Bus(port, BAUD, reply_margin=0.004 if self.world.quiet else 0.02)
+        watchdog = 0.08 if self.world.quiet else 0.6
+        return DynamixelBackend(self.bus, self.servos, watchdog=watchdog, report=self.report)
+
+    def _configured(self, port, model, tendons, limits, rate):
+        """The backend that brings the model, from the node's own parameters."""
+        values = {row.name: row.default for row in PARAMETERS.rows} | {
+            LIMIT_PARAMETERS[name]: value for name, value in vars(limits).items()
+        }
+        values |= {
+            "backend": OTHER_MODELS[model], "port": port, "tendons": list(tendons), "servo_models": [model],
+            "servo_ids": list(range(1, len(tendons) + 1)), "loop_rate": rate, "spool_radii_m": [0.010],
+            "reply_margin_s": 0.004 if self.world.quiet else 0.02,
+            "bus_watchdog_s": 0.08 if self.world.quiet else 0.6,
+        }  # fmt: skip
+        self.drives = checked_configuration(values).drives
+        return self.drives.backend(self.report, self.world.clock)
 
     def open(self) -> Bench:
         self.world.live(self.plant.advance_to)

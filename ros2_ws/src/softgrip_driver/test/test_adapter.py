@@ -38,7 +38,7 @@ class Serial:
 
 
 def test_an_open_port_is_asked_for_low_latency(monkeypatch):
-    monkeypatch.setattr(port_module.serial, "Serial", Serial)
+    monkeypatch.setattr(port_module, "_PatientSerial", Serial)
     port = BusPort("/dev/ttyUSB0", 1_000_000, 0.004, WallClock())
     port.open()
     assert port.ser.low_latency is True

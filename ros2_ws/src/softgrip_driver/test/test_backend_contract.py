@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One contract over every tendon backend, each against its emulated device: servo models and modes, stand, stage."""
+"""One contract over every tendon backend, each against its emulated device: servo models and modes, stand, stage.
+
+An installed package adds its own by an entry point in the group `softgrip.drive_contracts`: a class that is made with a
+folder and a world, and has what `StageDevice` has (docs/how-to/write-a-backend.md).
+"""
+
+from importlib.metadata import entry_points
 
 import pytest
 
@@ -15,7 +21,8 @@ from softgrip_emulator.rig.truth import RigTruth
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
 SERVOS = [
     ("XL330-M288", CURRENT), ("XC330-M288", CURRENT), ("XM430-W350", CURRENT),
-    ("XL330-M288", EXTENDED), ("XM430-W350", EXTENDED),
+    ("XL330-M288", EXTENDED), ("XM430-W350", EXTENDED), ("STS3215", CURRENT),
+    ("DM-J4310-2EC", CURRENT),
 ]  # fmt: skip
 STAGES = [("mark10", "gcl2"), ("grbl", "newtons")]
 MOVED = 0.004
@@ -35,14 +42,14 @@ class ServoDevice:
         self.backend.disconnect()
         self.limits_tension = mode is CURRENT
         #: [N] above what the gears' friction is worth where it matters, and the share that it and the torque may be off
-        self.limit = 3.0 if mode is EXTENDED else 15.0 if model.startswith("XM430") else 6.0
+        self.limit = 3.0 if mode is EXTENDED else 6.0 if model.startswith("X") and "330" in model else 15.0
         self.tension_error = 0.5
 
     def tension(self):
         return float(self.bench.plant.bank.tension_n[0])
 
     def pulls(self):
-        return bool(self.bench.plant.servos[0].registers.get("torque_enable"))
+        return self.bench.plant.servos[0].holds
 
     def fall_silent(self):
         self.bench.cause("bus_dead")
@@ -105,6 +112,7 @@ def pytest_generate_tests(metafunc):
     if "device" not in metafunc.fixturenames:
         return
     kinds = [("servo", *row) for row in SERVOS] + [("stage", *row) for row in STAGES]
+    kinds += [("installed", one.name, one) for one in entry_points(group="softgrip.drive_contracts")]
     benches = [{"model": kind[1], "mode": kind[2]} if kind[0] == "servo" else {} for kind in kinds]
     names = [f"{model} mode {mode}" if kind == "servo" else model for kind, model, mode in kinds]
     # The bench opens its port only when a servo device asks for it.
@@ -118,7 +126,11 @@ def bench_settings():
 
 @pytest.fixture
 def device(request, kind, bench_settings, tmp_path, world):
-    one = ServoDevice(request, *kind[1:]) if kind[0] == "servo" else StageDevice(tmp_path, world, *kind[1:])
+    one = {
+        "servo": lambda: ServoDevice(request, *kind[1:]),
+        "stage": lambda: StageDevice(tmp_path, world, *kind[1:]),
+        "installed": lambda: kind[2].load()(tmp_path, world),
+    }[kind[0]]()
     yield one
     one.recover()
     one.backend.disconnect()

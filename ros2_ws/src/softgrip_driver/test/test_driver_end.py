@@ -36,7 +36,7 @@ def a_driver(done: list[str]) -> Any:
 def test_the_drives_are_safe_before_the_health_monitor_is_closed() -> None:
     done: list[str] = []
     with pytest.raises(StuckError):
-        TendonDriver._disconnect(cast("TendonDriver", a_driver(done)))
+        TendonDriver.disconnect(cast("TendonDriver", a_driver(done)))
     assert done == ["loop stopped", "disconnected, torque False", "disarmed"]
 
 

@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 
 import pytest
 
+from softgrip_driver.dynamixel.registers import CurrentSensing
+from softgrip_driver.errors import DriverError
 from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
 from softgrip_driver.tendon.motions import DriveState, MoveOutcome
 
 TABLES = {
     "bus": "servos: 200 Hz, 3 servos at 1 Mbaud",
     "stand": "test stand with GCL2 gauge: 20 Hz",
+    "start": "before anything moves",
     "grbl": "GRBL stage with streaming amplifier (raw counts, 80 a second): 10 Hz",
 }
 STAGE_DEVICES = {"stand": ("mark10", "gcl2"), "grbl": ("grbl", "raw")}
@@ -175,6 +178,77 @@ def test_fault(bench, row, matrix):
     recovered = recover(bench, row)
     aim = "-" if row.safe_within is None else f"{row.safe_within * 1e3:.0f} ms"
     matrix[TABLES[row.device]].append((row.label, row.on, row.fault or "rides through", seen, aim, recovered))
+
+
+class Said(list):
+    """What a person is told at start."""
+
+    def note(self, matrix, cause, reason):
+        matrix[TABLES["start"]].append((cause, "start", reason, "nothing moves", "-", "by hand"))
+        assert any(reason in text for text in self), self
+
+
+def test_two_servos_with_one_id(benches, tmp_path, world, matrix):
+    bench, said = benches[0](tmp_path, world), Said()
+    for servo in bench.plant.servos[:2]:
+        servo.registers.put("id", 1)
+    bench.plant.servos[0].shaft.angle_rad += 1.0
+    try:
+        bench.open()
+    except DriverError as error:
+        said.append(str(error))
+    bench.close()
+    said.note(matrix, "duplicate_id", "several servos with ID 1")
+    assert all(servo.shaft.duty == 0.0 for servo in bench.plant.servos)
+
+
+def test_an_adapter_that_keeps_bytes_back(benches, tmp_path, world, matrix):
+    said = Said()
+    bench = benches[0](tmp_path, world, latency=0.016, report=said.append)
+    try:
+        bench.open()
+    finally:
+        bench.close()
+    said.note(matrix, "latency 16 ms", "the USB adapter keeps bytes back")
+
+
+@pytest.mark.parametrize("limits", [CurrentSensing.SUPPLY, CurrentSensing.WINDING])
+def test_a_limit_on_either_side_of_the_supply_homes_gently(benches, tmp_path, world, matrix, limits):
+    bench = benches[0](tmp_path, world, limits_current=limits).open()
+    try:
+        bench.loop.power(on=True)
+        ticket = bench.loop.call(lambda c, now: c.home(now))
+        pulled = 0.0
+        while bench.result(ticket)[0] is None:
+            bench.pass_time(0.05)
+            pulled = max(pulled, float(bench.plant.bank.tension_n.max()))
+        assert bench.result(ticket)[0] is MoveOutcome.REACHED, bench.result(ticket)
+    finally:
+        bench.close()
+    matrix[TABLES["start"]].append(
+        (f"limit of the {limits.value}", "homing", "-", f"pulls {pulled:.1f} N", "4 N", "by itself")
+    )
+    assert pulled < 4.0
+
+
+@pytest.mark.parametrize(("cause", "fault"), [("cell_cut", "gauge_unproven"), ("cell_reversed", "gauge_reversed")])
+def test_a_cell_that_does_not_feel_the_tendon(benches, tmp_path, world, matrix, cause, fault):
+    bench = benches[1](tmp_path, world, "grbl", "raw", 2.0)
+    bench.rig.inject(cause)
+    try:
+        bench.open()
+        bench.loop.power(on=True)
+        for force in (0.0, 5.0, 0.0):
+            bench.plant.pull_by_hand(force)
+            bench.pass_time(1.0)
+        assert bench.until(lambda seen: seen.drives[0].fault == fault, 3.0), bench.drive("pull")
+        ticket = bench.loop.call(lambda c, now: c.home(now))
+        bench.pass_time(3.0)
+        assert bench.result(ticket)[0] is not MoveOutcome.REACHED
+        assert bench.plant.force == 0.0
+    finally:
+        bench.close()
+    matrix[TABLES["start"]].append((cause, "start", fault, "nothing is wound in", "-", "by hand"))
 
 
 def named(bench, row, before, began, ticket):

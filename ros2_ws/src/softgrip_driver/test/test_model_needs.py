@@ -5,11 +5,15 @@ from dataclasses import replace
 
 import pytest
 
+from softgrip_driver.configuration import checked_configuration
 from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 
 RADIUS_M = 0.010
+PROVEN = ("XC330-M288", "XC330-T288", "XM430-W210", "XM430-W350")
 
 
 def bench_of(name):
@@ -22,9 +26,7 @@ def bench_of(name):
     return {"model": name, "limits": limits, "rate": needs.loop_rate}
 
 
-@pytest.mark.parametrize(
-    "bench", [bench_of(name) for name in ("XC330-M288", "XC330-T288", "XM430-W210", "XM430-W350")], indirect=True
-)
+@pytest.mark.parametrize("bench", [bench_of(name) for name in PROVEN], indirect=True)
 def test_a_model_homes_and_closes_within_its_limits(bench):
     limits = bench.controller.drives["index"].limits
     bench.loop.power(on=True)
@@ -34,3 +36,37 @@ def test_a_model_homes_and_closes_within_its_limits(bench):
     assert [drive.length for drive in bench.loop.snapshot.drives] == pytest.approx(taut, abs=4e-4)
     outcome, reason = bench.run(bench.move([0.015], limits.speed))
     assert outcome is MoveOutcome.REACHED, reason
+
+
+@pytest.mark.parametrize("bench", [bench_of("XM540-W270")], indirect=True)
+def test_a_drive_too_strong_for_light_fingers_ends_safely(bench):
+    """Its gears hide 25 N: homing meets the hard limit, says so, and pulls no harder than a tendon stands."""
+    bench.loop.power(on=True)
+    ticket = bench.loop.call(lambda c, now: c.home(now))
+    pulled = 0.0
+    while bench.result(ticket)[0] is None:
+        bench.pass_time(0.05)
+        pulled = max(pulled, float(bench.plant.bank.tension_n.max()))
+    outcome, reason = bench.result(ticket)
+    assert outcome is MoveOutcome.FAULT
+    assert "tension above the hard limit" in reason
+    assert pulled < 60.0
+
+
+@pytest.mark.parametrize(
+    ("model", "changes", "text"),
+    [
+        ("XM540-W270", {}, "homing_tension_n of at least 25 N"),
+        ("XM540-W150", {"homing_tension_n": 25.0}, "speed_m_s of at most 0.02 m/s"),
+        ("XM430-W210", {}, "homing_tension_n of at least 4 N"),
+        ("XC330-T288", {}, "loop_rate of at least 200 Hz"),
+        ("XL430-W250", {"homing_tension_n": 3.0, "operating_mode": 5}, "operating_mode: expected 4 with a XL430-W250"),
+        ("XC430-W150", {"homing_tension_n": 3.0, "operating_mode": 5}, "operating_mode: expected 4 with a XC430-W150"),
+        ("XC430-W240", {"homing_tension_n": 3.0, "operating_mode": 5}, "operating_mode: expected 4 with a XC430-W240"),
+    ],
+)
+def test_a_model_is_refused_what_it_cannot_do(model, changes, text):
+    slow = {"loop_rate": 200.0, "speed_m_s": 0.03, "acceleration_m_s2": 0.05} if changes else {}
+    values = {row.name: row.default for row in PARAMETERS.rows} | {"servo_models": [model]} | slow | changes
+    with pytest.raises(ConfigurationError, match=text):
+        checked_configuration(values)

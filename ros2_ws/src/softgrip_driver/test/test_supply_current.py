@@ -13,12 +13,12 @@ from softgrip_driver.commands import calibrate_tension
 from softgrip_driver.configuration import checked_configuration
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing
-from softgrip_driver.dynamixel.winding import MotorReading, Winding, fit_winding
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
 
 WINDING = Winding(3.4, 0.44, 0.05)
 SUPPLY, PHASE = CurrentSensing.SUPPLY, CurrentSensing.WINDING

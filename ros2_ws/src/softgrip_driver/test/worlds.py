@@ -19,8 +19,8 @@ from softgrip_emulator.wire.pty import Line, PtyPort
 from softgrip_testing.virtual_clock import PLANT_PERIOD_S, VirtualClock, VirtualRigClock
 
 #: modules of the driver that make a clock where they are given none, or open a port
-CLOCKED = ("dynamixel.bus", "tendon.loop", "stage.backend", "rig.line_port", "commands.stage")
-PORTS = ("dynamixel.port", "rig.line_port")
+CLOCKED = ("dynamixel.bus", "serial_link", "tendon.loop", "stage.backend", "rig.line_port", "commands.stage")
+PORTS = ("dynamixel.port", "serial_link", "rig.line_port")
 
 
 class Cable:
@@ -171,6 +171,7 @@ class OwnWorld:
             patch.setattr(f"softgrip_driver.{module}.WallClock", lambda: self.clock)
         for module in PORTS:
             patch.setattr(f"softgrip_driver.{module}.serial", SimpleNamespace(Serial=self._serial, EIGHTBITS=8))
+        patch.setattr("softgrip_driver.dynamixel.port._PatientSerial", self._serial)
 
     def port(self, path, device):
         """Serve a device under a path."""

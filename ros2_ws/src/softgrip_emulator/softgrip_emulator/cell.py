@@ -17,12 +17,12 @@ from softgrip_emulator.camera.camera_process import CameraProcess
 from softgrip_emulator.camera.exposure_sample import CameraSettings, ExposureSample, Pose
 from softgrip_emulator.camera.optics import draw_optics
 from softgrip_emulator.clock import ScaledCellClock, SetClock
-from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.faults import FaultBoard
+from softgrip_emulator.faults import FaultBoard, Overrides
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.sensor import OtherLine
+from softgrip_emulator.servos import make_chain
 from softgrip_emulator.time_server import GIVE_UP_S, TimeServer
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.folder import open_wire_folder
@@ -115,7 +115,7 @@ class EmulatedCell:
         if gauge_on:
             index = self.plant.index(gauge_on)
             self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
-        self.chain = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to)
+        self.chain = make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.time_server = TimeServer(
             wire_dir / TIME_SOCKET,
@@ -134,6 +134,7 @@ class EmulatedCell:
         self.camera = CameraProcess(self._settings, seed, SEEN_SLOT, self._on_exposed)
         self._exposed_s = self._exposure_due_s = 0.0
         self._exposing_since = 0.0
+        self.overrides = Overrides()
         self.faults = FaultBoard(self)
 
     def open(self) -> Self:

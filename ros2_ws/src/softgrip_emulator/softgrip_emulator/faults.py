@@ -96,6 +96,41 @@ def random_plan(
     return sorted(rows, key=lambda row: row.at_s)
 
 
+@dataclass
+class _Held:
+    """An attribute that faults hold: what it is without them, and what each of them wants, the latest last."""
+
+    thing: object
+    without: Any
+    requested: dict[object, Any] = field(default_factory=dict)
+
+
+class Overrides:
+    """Attributes that faults hold. Of several faults on one the latest counts; the last to end leaves it as it was."""
+
+    def __init__(self) -> None:
+        self._held: dict[tuple[int, str], _Held] = {}  # each holds its thing, so that no other one gets its id
+
+    def set(self, thing: object, **values: Any) -> Undo:
+        """Give attributes other values; returns what ends it."""
+        fault = object()
+        for name, value in values.items():
+            held = self._held.setdefault((id(thing), name), _Held(thing, getattr(thing, name)))
+            held.requested[fault] = value
+            setattr(thing, name, value)
+        return lambda: self._end(fault, thing, tuple(values))
+
+    def _end(self, fault: object, thing: object, names: Sequence[str]) -> None:
+        for name in names:
+            held = self._held.get((id(thing), name))
+            if held is None or fault not in held.requested:
+                continue
+            del held.requested[fault]
+            setattr(thing, name, [held.without, *held.requested.values()][-1])
+            if not held.requested:
+                del self._held[(id(thing), name)]
+
+
 class FaultBoard:
     """Injects and clears faults on one cell."""
 
@@ -218,39 +253,6 @@ class FaultBoard:
 # -- the causes: each starts a fault and returns what ends it ---------------------------------------------------------
 
 
-@dataclass
-class _Held:
-    """An attribute that faults hold: what it is without them, and what each of them wants, the latest last."""
-
-    thing: object
-    without: Any
-    requested: dict[object, Any] = field(default_factory=dict)
-
-
-_HELD: dict[tuple[int, str], _Held] = {}
-
-
-def _set(thing: object, **values: Any) -> Undo:
-    """Give attributes other values. Of several faults on one the latest counts; the last to end leaves it as it was."""
-    fault = object()
-    for name, value in values.items():
-        held = _HELD.setdefault((id(thing), name), _Held(thing, getattr(thing, name)))
-        held.requested[fault] = value
-        setattr(thing, name, value)
-
-    def undo() -> None:
-        for name in values:
-            held = _HELD.get((id(thing), name))
-            if held is None or fault not in held.requested:
-                continue
-            del held.requested[fault]
-            setattr(thing, name, [held.without, *held.requested.values()][-1])
-            if not held.requested:
-                del _HELD[(id(thing), name)]
-
-    return undo
-
-
 def _check_numbers(cause: Cause, arguments: Mapping[str, Any]) -> None:
     for name, one in inspect.signature(cause).parameters.items():
         value = arguments.get(name, one.default)
@@ -267,27 +269,27 @@ def _forget(values: dict[str, float], slot: str) -> None:
 
 
 def _bytes_lost(cell: EmulatedCell, share: float = 0.02) -> Undo:
-    return _set(cell.bus_wire.faults, lost=float(share))
+    return cell.overrides.set(cell.bus_wire.faults, lost=float(share))
 
 
 def _bytes_flipped(cell: EmulatedCell, share: float = 0.02) -> Undo:
-    return _set(cell.bus_wire.faults, flipped=float(share))
+    return cell.overrides.set(cell.bus_wire.faults, flipped=float(share))
 
 
 def _bytes_duplicated(cell: EmulatedCell, share: float = 0.02) -> Undo:
-    return _set(cell.bus_wire.faults, duplicated=float(share))
+    return cell.overrides.set(cell.bus_wire.faults, duplicated=float(share))
 
 
 def _bytes_delayed(cell: EmulatedCell, delay_s: float = 0.05, share: float = 1.0) -> Undo:
-    return _set(cell.bus_wire.faults, delay_s=float(delay_s), delayed=float(share))
+    return cell.overrides.set(cell.bus_wire.faults, delay_s=float(delay_s), delayed=float(share))
 
 
 def _crc_error(cell: EmulatedCell, share: float = 1.0) -> Undo:
-    return _set(cell.bus_wire.faults, spoiled=float(share))
+    return cell.overrides.set(cell.bus_wire.faults, spoiled=float(share))
 
 
 def _bus_dead(cell: EmulatedCell) -> Undo:
-    return _set(cell.bus_wire.faults, dead=True)
+    return cell.overrides.set(cell.bus_wire.faults, dead=True)
 
 
 def _unplugged(cell: EmulatedCell) -> Undo:
@@ -296,17 +298,17 @@ def _unplugged(cell: EmulatedCell) -> Undo:
 
 
 def _servo_silent(cell: EmulatedCell, slot: str) -> Undo:
-    return _set(cell.plant.servos[cell.plant.index(slot)], silenced=True)
+    return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], silenced=True)
 
 
 def _servo_unplugged(cell: EmulatedCell, slot: str) -> Undo:
     # It boots when it is plugged in again: the plant sees the voltage come back.
-    return _set(cell.plant.servos[cell.plant.index(slot)], is_connected=False)
+    return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], is_connected=False)
 
 
 def _alert(cell: EmulatedCell, slot: str, bits: int = EmulatedHardwareError.ELECTRICAL_SHOCK) -> Undo:
     # The bits stay until the servo is rebooted, as on the real one.
-    return _set(cell.plant.servos[cell.plant.index(slot)], forced_error_bits=int(bits))
+    return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], forced_error_bits=int(bits))
 
 
 def _overload(cell: EmulatedCell, slot: str) -> Undo:
@@ -327,7 +329,7 @@ def _heating(cell: EmulatedCell, slot: str, power_w: float = 6.0) -> Undo:
 
 
 def _brown_out(cell: EmulatedCell, voltage_v: float = 2.5) -> Undo:
-    return _set(cell.plant.disturbances, supply_v=float(voltage_v))
+    return cell.overrides.set(cell.plant.disturbances, supply_v=float(voltage_v))
 
 
 def _silent_reboot(cell: EmulatedCell, slot: str) -> Undo:
@@ -344,7 +346,7 @@ def _wrong_baud(cell: EmulatedCell, slot: str, register: int = 1) -> Undo:
 
 
 def _position_glitch(cell: EmulatedCell, slot: str, pulses: int = -4095) -> Undo:
-    return _set(cell.plant.servos[cell.plant.index(slot)], position_glitch_pulses=int(pulses))
+    return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], position_glitch_pulses=int(pulses))
 
 
 def _tendon_break(cell: EmulatedCell, slot: str) -> Undo:
@@ -366,19 +368,19 @@ def _jammed(cell: EmulatedCell, slot: str) -> Undo:
 
 
 def _camera_frozen(cell: EmulatedCell) -> Undo:
-    return _set(cell.camera.faults, frozen=True)
+    return cell.overrides.set(cell.camera.faults, frozen=True)
 
 
 def _camera_dropped(cell: EmulatedCell, share: float = 0.5) -> Undo:
-    return _set(cell.camera.faults, drop_share=float(share))
+    return cell.overrides.set(cell.camera.faults, drop_share=float(share))
 
 
 def _camera_dark(cell: EmulatedCell, gain: float = 0.08) -> Undo:
-    return _set(cell.camera.faults, gain=float(gain))
+    return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 
 def _camera_overexposed(cell: EmulatedCell, gain: float = 3.0) -> Undo:
-    return _set(cell.camera.faults, gain=float(gain))
+    return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 
 BUS_FAULTS: dict[str, Cause] = {

@@ -11,7 +11,7 @@ from softgrip_time.protocol import CancelRequest, Join, Packet, Progress, TimeRe
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-#: [s] of the computer's time that bytes may take through the system, to the device or to the host.
+#: [s] of the computer's time that bytes may take through the system to the device.
 _ON_THE_WIRE_S: Final = 1.0
 #: [s] by which a frame's stamp, seconds since the epoch in decimals, may be off.
 _STAMP_ROUNDING_S: Final = 1e-4
@@ -24,8 +24,7 @@ class Participant:
     Attributes:
         join: who it is.
         request: what a stepper waits for; None while it works.
-        is_granted: its wait is over, and it knows.
-        is_read_due: its device has sent something, so that it works again; what it reads may get lost.
+        is_granted: its wait is over, and it knows: its time has come, or its device sends.
         progress_s: how far a follower has come [s].
         held_since: [s, the computer's] since when it holds the time; None while it does not.
         is_given_up: it held for too long; its next packet ends this.
@@ -34,7 +33,6 @@ class Participant:
     join: Join
     request: TimeRequest | None = None
     is_granted: bool = False
-    is_read_due: bool = False
     progress_s: float = 0.0
     held_since: float | None = None
     is_given_up: bool = False
@@ -52,7 +50,7 @@ class Participant:
         """
         self.is_given_up, self.held_since = False, None
         if isinstance(packet, TimeRequest) and not self.join.follows:
-            self.request, self.is_granted, self.is_read_due = packet, False, False
+            self.request, self.is_granted = packet, False
         elif isinstance(packet, CancelRequest) and not self.join.follows:
             self.request = None
         elif isinstance(packet, Progress) and self.join.follows:
@@ -113,11 +111,9 @@ class Participants:
         """Return the steppers whose requested time has come, and who do not know it yet."""
         return [one for one in self.all if one.request and not one.is_granted and one.request.until_s <= now_s]
 
-    def release_readers(self, terminal: str) -> None:
-        """Release who waits for bytes of a device that has sent some."""
-        for one in self.all:
-            if one.request is not None and one.request.reads == terminal:
-                one.is_read_due = True
+    def readers(self, terminal: str) -> list[Participant]:
+        """Return the steppers that wait for bytes of the device on a terminal."""
+        return [one for one in self.all if one.request and not one.is_granted and one.request.reads == terminal]
 
     def add_exposure(self, now_s: float) -> None:
         """Add an exposure that the follower of frames will measure; no effect where there is none."""
@@ -134,10 +130,8 @@ class Participants:
         if one.request is None or one.is_granted:
             return True
         written = one.request.written.items()
-        on_the_wire = one.is_read_due or any(size > received.get(terminal, size) for terminal, size in written)
-        is_lost = one.held_since is not None and computer_s - one.held_since >= _ON_THE_WIRE_S
-        one.is_read_due = one.is_read_due and not is_lost
-        return on_the_wire and not is_lost
+        is_on_the_wire = any(size > received.get(terminal, size) for terminal, size in written)
+        return is_on_the_wire and (one.held_since is None or computer_s - one.held_since < _ON_THE_WIRE_S)
 
     def _limit_s(self, one: Participant) -> float:
         if one.join.follows == "frames":

@@ -82,6 +82,7 @@ class TimeServer:
         self._anchor = (0.0, time.monotonic())
         self._looked_at = time.monotonic()
         self._connections: dict[int, tuple[socket.socket, Participant | None]] = {}
+        self._readable: set[int] = set()  # files of ports that are to be served
         self._server: socket.socket | None = None
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._stop = threading.Event()
@@ -173,9 +174,15 @@ class TimeServer:
         self.held_s[label] = self.held_s.get(label, 0.0) + time.monotonic() - since_s
 
     def _serve_ports(self) -> None:
+        readable, self._readable = self._readable, set()
         for port in self._ports():
-            if port.serve():
-                self.participants.release_readers(port.terminal)
+            if port.is_service_due(readable):
+                port.serve(self._release_readers)
+
+    def _release_readers(self, terminal: str) -> None:
+        """Grant the requests of those who wait for bytes of a device that is about to send some."""
+        for one in self.participants.readers(terminal):
+            self._release(one)
 
     def _target_s(self, now_s: float) -> float:
         """Return the next time at which something is to happen [s]."""
@@ -221,6 +228,7 @@ class TimeServer:
                 self._accept()
             elif file in self._connections:
                 self._receive(file)
+        self._readable.update(set(masters).intersection(ready))
         return bool(ready)
 
     def _accept(self) -> None:
@@ -256,9 +264,11 @@ class TimeServer:
             self._connections[connection.fileno()] = connection, participant
             self._grant(connection, 0)
             return participant
+        is_answered = participant.is_granted
         participant.update(packet)
         if isinstance(packet, CancelRequest):
-            self._grant(connection, packet.number)
+            if not is_answered:
+                self._grant(connection, packet.number)
         elif isinstance(packet, TimeRequest) and packet.until_s <= self.clock.now_s():
             self._release(participant)
         return participant

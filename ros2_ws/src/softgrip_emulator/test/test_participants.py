@@ -45,28 +45,17 @@ def test_a_stepper_holds_the_time_unless_it_waits(everybody):
     assert holds(everybody, 0.5)
 
 
-def test_bytes_of_its_device_release_a_stepper_and_nobody_else(everybody):
+def test_bytes_of_its_device_end_a_steppers_wait_and_nobody_elses(everybody):
     driver, rig = add(everybody, "driver"), add(everybody, "rig")
     driver.update(TimeRequest(1, 0.5, WIRE))
     rig.update(TimeRequest(1, 0.5, "/dev/pts/4"))
-    everybody.release_readers(WIRE)
-    assert (driver.is_read_due, rig.is_read_due) == (True, False)
+    assert everybody.readers(WIRE) == [driver]
+    driver.is_granted = True
+    assert everybody.readers(WIRE) == []
     assert holds(everybody, computer_s=100.0)
-    driver.update(CancelRequest(1))
-    assert holds(everybody, computer_s=100.1)
     driver.update(TimeRequest(2, 0.4, WIRE))
     assert not holds(everybody, computer_s=100.2)
-
-
-def test_a_stepper_whose_devices_bytes_got_lost_waits_on_until_its_time(everybody):
-    driver = add(everybody, "driver")
-    driver.update(TimeRequest(1, 0.5, WIRE))
-    everybody.release_readers(WIRE)
-    assert holds(everybody, computer_s=100.0)
-    assert not holds(everybody, computer_s=101.5)
-    assert not holds(everybody, computer_s=101.6)
-    assert everybody.limit_s() == 0.5
-    assert everybody.due(0.5) == [driver]
+    assert everybody.readers(WIRE) == [driver]
 
 
 def test_the_time_stands_while_bytes_are_on_their_way_to_a_device_but_not_for_ever(everybody):

@@ -110,6 +110,17 @@ def test_scatter_is_what_the_truth_says():
     assert np.std(np.log(ratios)) == pytest.approx(0.015, rel=0.1)
 
 
+def test_a_point_is_laid_the_same_way_however_long_the_pull_before_it_was():
+    rigs = [plant(RigTruth.from_seed(2)) for _ in range(2)]
+    for rig, end_s in zip(rigs, (4.0, 9.0), strict=True):
+        rig.set(0.9, 0.6)
+        rig.move(20e-3, 1e-3)
+        rig.advance(end_s)
+        rig.stop()
+        rig.set(1.5, 1.0)
+    assert rigs[0].setting == rigs[1].setting
+
+
 def test_friction_is_the_integral_of_pressure_dependent_shear():
     """Against the differential equation stepped by Runge-Kutta, from the contact's width and pressure."""
     for seed in range(5):

@@ -5,6 +5,7 @@ import os
 import socket
 import threading
 import time
+import tty
 from itertools import pairwise
 from pathlib import Path
 
@@ -31,10 +32,35 @@ class PortWithAlarms:
     def next_due_s(self):
         return self.alarms[0] if self.alarms else None
 
-    def serve(self):
+    def is_service_due(self, _readable):
+        return True
+
+    def serve(self, _announce):
         while self.alarms and self.alarms[0] <= self.clock.now_s():
             self.served.append((self.alarms.pop(0), self.clock.now_s()))
-        return False
+
+
+class SendingPort(PortWithAlarms):
+    """A port whose device sends a byte at given times [s]; the first of them get lost on their way."""
+
+    def __init__(self, clock, alarms, lost=0):
+        super().__init__(clock, alarms)
+        self.master, self.host = os.openpty()
+        tty.setraw(self.host)
+        self.terminal, self.lost = os.ttyname(self.host), lost
+
+    def serve(self, announce):
+        while self.alarms and self.alarms[0] <= self.clock.now_s():
+            self.alarms.pop(0)
+            announce(self.terminal)
+            if self.lost:
+                self.lost -= 1
+            else:
+                os.write(self.master, b"x")
+
+    def close(self):
+        os.close(self.master)
+        os.close(self.host)
 
 
 @pytest.fixture
@@ -102,6 +128,49 @@ def test_a_wait_ends_when_a_file_can_be_read(serve, tmp_path):
         assert clock.wait_readable([read], until_s) == [read]  # at once
     os.close(read)
     os.close(write)
+
+
+@pytest.fixture
+def sending(serve):
+    """A server with a port whose device sends; the function returns the file that the host reads."""
+    ports = []
+
+    def start(alarms, **options):
+        serve(lambda clock: ports.append(SendingPort(clock, alarms, **options)) or ports, speed=0.0)
+        return ports[0].host
+
+    yield start
+    for port in ports:
+        port.close()
+
+
+def test_bytes_of_the_device_end_a_wait_at_the_time_when_they_came(sending, tmp_path):
+    sends = [5.0 + 0.0037 * k for k in range(1, 60)]
+    host = sending(sends)
+    clock = SimulatedClock(tmp_path / "time", "driver")
+    clock.attach(host)
+    seen = []
+    with clock.stepping():
+        clock.wait(5.0)
+        while len(seen) < 59:
+            assert clock.wait_readable([host], 6.0) == [host]
+            seen.append(clock.now_s())
+            assert os.read(host, 10) == b"x"
+        clock.wait(5.5)  # no answer to an earlier wait is left over
+        assert clock.now_s() == 5.5
+    assert seen == sends
+
+
+def test_a_wait_for_bytes_that_got_lost_goes_on_to_its_time(sending, tmp_path):
+    host = sending([5.1, 5.3], lost=1)
+    clock = SimulatedClock(tmp_path / "time", "driver")
+    clock.attach(host)
+    with clock.stepping():
+        clock.wait(5.0)
+        assert clock.wait_readable([host], 5.2) == []
+        assert clock.now_s() == 5.2
+        assert clock.wait_readable([host], 5.4) == [host]
+        assert clock.now_s() == 5.3
 
 
 def test_detached_the_time_goes_on_without_a_stepper(serve, tmp_path, until):

@@ -64,12 +64,13 @@ def test_bends_add_up_to_the_joint_angles() -> None:
         bends(finger, [0.1, 0.2])
 
 
-# h, l [mm], q [deg] -> linear, Eq 4.3 as a tangent, |strain| tangent, neutral axis [N mm], w = 15 mm (reference table)
+# h, l [mm], q [deg] -> linear, Eq 4.3 as a tangent, |strain| tangent, neutral axis, Eq 4.3 as a secant [N mm];
+# w = 15 mm (reference table)
 MOMENTS = {
-    (3, 5, 60): (154.7, 170.1, 95.7, 132.6),
-    (3, 10, 60): (77.4, 79.3, 60.7, 74.1),
-    (3, 5, 90): (232.1, 283.9, 116.6, 178.1),
-    (5, 10, 60): (358.2, 382.9, 239.4, 320.2),
+    (3, 5, 60): (154.7, 170.1, 95.7, 132.6, 200.8),
+    (3, 10, 60): (77.4, 79.3, 60.7, 74.1, 83.1),
+    (3, 5, 90): (232.1, 283.9, 116.6, 178.1, 387.6),
+    (5, 10, 60): (358.2, 382.9, 239.4, 320.2, 432.2),
 }
 
 
@@ -112,6 +113,18 @@ def test_moments_are_integrals_of_stress(angle: float) -> None:
     assert absolute == pytest.approx(moment(0.0, absolute=True), rel=1e-9)
     neutral, _, _ = strip_moment(strip_finger(thickness, length, MomentLaw.NEUTRAL_AXIS), 0, angle)
     assert neutral == pytest.approx(moment(brentq(axial, -0.5, 0.5, xtol=1e-15), absolute=False), rel=1e-9)
+
+
+def test_the_signed_secant_is_equation_4_2() -> None:
+    """K q with K = w / l times the integral of E(e) y^2 dy, e = k y."""
+    thickness, length, width, angle = 3.4, 9.0, 15.0, 0.7
+    a, b, c = TANGENT_MODULUS_MPA
+    curvature = angle / length
+    integral, _ = quad(
+        lambda y: (a * (curvature * y) ** 2 + b * curvature * y + c) * y**2, -thickness / 2, thickness / 2
+    )
+    moment, _, _ = strip_moment(strip_finger(thickness, length, MomentLaw.SIGNED_SECANT), 0, angle)
+    assert moment == pytest.approx(width / length * integral * angle, rel=1e-12)
 
 
 @pytest.mark.parametrize("law", MomentLaw)

@@ -224,6 +224,29 @@ def test_objects_come_off_again() -> None:
     assert path.gap[-1, 0] > 1.0
 
 
+def test_a_tip_snaps_past_an_object_where_its_equilibria_end() -> None:
+    """Before the jump the contact force grows without bound in its slope; after it every law holds again."""
+    finger = chapter_4_finger("power")
+    closing = close(finger, LAW, [8.0, 8.5]).tip_mm[0]
+    ahead = (closing[1] - closing[0]) / np.linalg.norm(closing[1] - closing[0])
+    c, s = math.cos(0.7), -math.sin(0.7)
+    centre = closing[0] + 6.0 * np.array([[c, -s], [s, c]]) @ ahead
+    pulls = np.arange(1.0, 16.1, 0.5)
+    path = follow(finger, LAW, pulls, contacts=[Cylinder((float(centre[0]), float(centre[1])), 6.0)])
+    assert not path.failed.any()
+    (jump,) = np.flatnonzero(path.status & Status.SNAPPED)
+    assert path.contact_force[jump - 1, 0] > 0.1
+    steps = np.linalg.norm(np.diff(path.tip_mm, axis=0), axis=1)
+    assert steps[jump - 1] > 2.0 * np.median(steps)
+    gaps = np.linalg.norm(path.tip_mm - centre, axis=1) - 6.0
+    assert gaps.min() > -1e-9
+    np.testing.assert_allclose(path.gap[:, 0], gaps, atol=1e-9)
+    assert path.contact_force[-1, 0] == 0.0
+    ratio, pulled, back = cone(finger, LAW, path)
+    assert (ratio <= pulled + 1e-7).all()
+    assert (ratio >= -back - 1e-7).all()
+
+
 def test_random_designs_go_up_and_down() -> None:
     rng = np.random.default_rng(11)
     targets = [*np.arange(1.0, 16.0, 1.0), *np.arange(14.0, 0.5, -1.0), 3.0, 5.0, 4.0]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from softgrip_model.finger import FRICTIONLESS, FingerError, Status
+from softgrip_model.finger.parts import bends, groove
 from softgrip_model.finger.published import OPTIMISED_ROUTING_MM, UNIFORM_ROUTING_MM, chapter_3_finger
-from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
-from softgrip_model.friction.laws import LambdaSign
+from softgrip_model.finger.replication import BendingForce, Replica, ReplicationRecipe, replicate
+from softgrip_model.friction.laws import FrictionLaw, LambdaSign, Law
 from softgrip_model.friction.published import published
 
 PRINTED = published("twine-tpu", LambdaSign.PRINTED).law
@@ -72,6 +73,28 @@ def test_it_is_no_equilibrium() -> None:
     """Without friction it needs 8.43 N where 7.381 N is exact (reference): K dq = arm dT drops T d(arm)."""
     found = replicate(chapter_3_finger(UNIFORM_ROUTING_MM), FRICTIONLESS)
     assert found.tension_n[-1, 0] == pytest.approx(8.43, abs=0.006)
+
+
+AS_PRINTED = ReplicationRecipe(passage_radius_mm=0.0, force=BendingForce.TENSION_LOSS)
+
+
+def test_equation_3_6_as_printed_bends_the_last_joint_alone_without_friction() -> None:
+    found = replicate(chapter_3_finger(UNIFORM_ROUTING_MM), FRICTIONLESS, pulled_mm=10.0, recipe=AS_PRINTED)
+    degrees = np.degrees(found.angle_rad)
+    np.testing.assert_allclose(degrees[-1, :2], 0.0, atol=1e-12)
+    assert degrees[-1, 2] > 60.0
+
+
+def test_the_first_step_of_equations_3_5_and_3_6() -> None:
+    """From the straight finger each joint turns in proportion to what its two points take; the last has the rest."""
+    law = FrictionLaw(Law.CAPSTAN, (0.4,), 3.125)
+    finger = chapter_3_finger((6.0, 9.0, 5.0, 12.0, 10.0, 5.0))
+    found = replicate(finger, law, pulled_mm=1e-3, steps=1, recipe=AS_PRINTED)
+    share = np.exp(-np.concatenate([[0.0], np.cumsum(0.4 * np.abs(bends(finger, [0.0, 0.0, 0.0])))]))
+    taken = np.array([share[0] - share[2], share[2] - share[4], share[4]])
+    arms = [groove(finger.routing_mm[2 * j], finger.routing_mm[2 * j + 1], 0.0).arm_mm for j in range(3)]
+    expected = taken * np.array(arms)  # strips of one thickness
+    np.testing.assert_allclose(found.angle_rad[0] / found.angle_rad[0].sum(), expected / expected.sum(), rtol=1e-5)
 
 
 def test_a_shut_groove_breaks_it_off() -> None:

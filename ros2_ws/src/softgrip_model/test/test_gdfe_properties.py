@@ -81,6 +81,56 @@ def test_rigorous_forces_are_the_gradient_of_the_energy():
     assert np.sum(solver.internal_force(at) * direction) == pytest.approx(slope, rel=1e-7)
 
 
+def drawn_block(material, law=ConstitutiveLaw.RIGOROUS, **settings):
+    """Return a solver of a bar of 2 x 1 x 1 whose sides are free, and what moves its end by a stretch."""
+    mesh = bar((2.0, 1.0, 1.0), (4, 2, 2))
+    x, y, z = mesh.nodes.T
+    end = mesh.nodes_where(x == x.max())
+    supports = Supports.none(len(mesh.nodes)).with_prescribed(end, "x")
+    for axis, place in zip("xyz", (x, y, z), strict=True):
+        supports = supports.with_prescribed(mesh.nodes_where(place == place.min()), axis)
+    moved = np.zeros_like(mesh.nodes)
+    moved[end, 0] = 2.0
+    return Solver(mesh, [material], supports, settings=SolverSettings(law=law, **settings)), moved
+
+
+def test_the_rigorous_law_needs_few_iterations_with_its_own_tangent():
+    """At nu = 0.499, where the constant matrix alone needs many."""
+    solver, moved = drawn_block(neo_hookean("rubber", 1.0, 0.499))
+    found = solver.solve(0.02 * moved, tolerance=1e-8)
+    constant, _ = drawn_block(neo_hookean("rubber", 1.0, 0.499), max_tangent_unknowns=0)
+    slow = constant.solve(0.02 * moved, tolerance=1e-8)
+    assert found.converged
+    assert found.iterations <= 30  # 20 of them by the constant matrix: the first tangent is not definite
+    assert found.unstable_modes == 0
+    assert slow.iterations > 3 * found.iterations
+    assert slow.unstable_modes is None
+    np.testing.assert_allclose(found.displacement, slow.displacement, atol=1e-7)
+
+
+def test_an_equilibrium_that_is_not_stable_is_found_out():
+    """A folded bar, found by the constant matrix: its forces balance, its energy is ten times that of the drawn one."""
+    material = neo_hookean("rubber", 1.0, 0.45)
+    constant, moved = drawn_block(material, max_tangent_unknowns=0)
+    folded = constant.solve(0.3 * moved, tolerance=1e-8)
+    straight = march(constant, lambda share: Loading(0.3 * share * moved), 4, tolerance=1e-8).last
+    assert folded.converged
+    assert constant.energy(folded.displacement) > 5.0 * constant.energy(straight.displacement)
+    solver, _ = drawn_block(material)
+    assert solver.solve(0.3 * moved, start=folded.state, tolerance=1e-8).unstable_modes == 1
+    assert solver.solve(0.3 * moved, start=straight.state, tolerance=1e-8).unstable_modes == 0
+
+
+def test_a_march_does_not_take_an_unstable_equilibrium():
+    solver, moved = drawn_block(neo_hookean("rubber", 1.0, 0.45))
+    found = march(solver, lambda share: Loading(0.3 * share * moved), 1, tolerance=1e-8)
+    assert found.completed
+    end = moved[:, 0] > 0.0
+    expected = float(neo_hookean("rubber", 1.0, 0.45).uniaxial_stress(np.array(1.3)))
+    assert found.last.reaction[end, 0].sum() == pytest.approx(expected, rel=1e-6)
+    assert found.last.unstable_modes == 0
+
+
 @pytest.mark.parametrize("law", [ConstitutiveLaw.CALIBRATED, ConstitutiveLaw.RIGOROUS])
 def test_forces_turn_with_the_body(law):
     mesh = skewed()
@@ -95,18 +145,10 @@ def test_forces_turn_with_the_body(law):
 
 def drawn_bar_with_free_sides(material, stretch, **settings):
     """Return the nominal stress of a bar of 2 x 1 x 1, a quarter of a longer one, its sides free."""
-    mesh = bar((2.0, 1.0, 1.0), (4, 2, 2))
-    x, y, z = mesh.nodes.T
-    end = mesh.nodes_where(x == x.max())
-    supports = Supports.none(len(mesh.nodes)).with_prescribed(end, "x")
-    for axis, place in zip("xyz", (x, y, z), strict=True):
-        supports = supports.with_prescribed(mesh.nodes_where(place == place.min()), axis)
-    solver = Solver(mesh, [material], supports, settings=SolverSettings(**settings))
-    moved = np.zeros_like(mesh.nodes)
-    moved[end, 0] = 2.0 * (stretch - 1.0)
-    drawn = march(solver, lambda share: Loading(share * moved), increments=4, tolerance=1e-8).last
+    solver, moved = drawn_block(material, **{"law": ConstitutiveLaw.CALIBRATED, **settings})
+    drawn = march(solver, lambda share: Loading(share * (stretch - 1.0) * moved), increments=4, tolerance=1e-8).last
     assert drawn.converged
-    return drawn.reaction[end, 0].sum()
+    return drawn.reaction[moved[:, 0] > 0.0, 0].sum()
 
 
 @pytest.mark.parametrize("shape", list(VolumeShape))

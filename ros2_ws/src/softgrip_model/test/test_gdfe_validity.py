@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from softgrip_model.gdfe import Linear, bar
+from softgrip_model.gdfe import ConstitutiveLaw, Linear, Mesh, Solver, SolverSettings, Supports, VolumeShape, bar
 from softgrip_model.gdfe.materials import cheetah_ogden, neo_hookean, ninjaflex, ninjaflex_ogden
-from softgrip_model.gdfe.validity import principal_stretches, warnings_of
+from softgrip_model.gdfe.validity import law_error, principal_stretches, warnings_of
 
 
 def uniaxial(l):  # noqa: E741  lambda of the equations
@@ -86,4 +86,38 @@ def test_an_ogden_material_warns_where_it_is_unstable():
     mesh, displacement = moved((1.25, 1.25, 0.64))
     found = warnings_of(mesh, [neo_hookean("rubber", 1.0, 0.45), cheetah_ogden()], displacement)
     assert any(text.startswith("Cheetah: not stable (Drucker) in 1 elements, as in element 1") for text in found)
-    assert not any(text.startswith("rubber") for text in found)
+    assert not any(text.startswith("rubber: not stable") for text in found)
+
+
+@pytest.mark.parametrize("shape", list(VolumeShape))
+@pytest.mark.parametrize(("mode", "stretch"), [(uniaxial, 1.5), (planar, 1.1), (equibiaxial, 1.1), (uniaxial, 0.9)])
+def test_the_calibrated_laws_error_is_that_of_its_stress(mode, stretch, shape):
+    """Against forces of both laws on one element, whose deviators are compared here by hand."""
+    material = cheetah_ogden(0.45)
+    mesh, displacement = moved(mode(stretch))
+    everywhere = np.arange(len(mesh.nodes), dtype=np.int32)
+    deviators = []
+    for law in (ConstitutiveLaw.CALIBRATED, ConstitutiveLaw.RIGOROUS):
+        supports = Supports.none(len(mesh.nodes)).with_prescribed(everywhere)
+        settings = SolverSettings(law=law, volume_shape=shape)
+        solver = Solver(Mesh(mesh.nodes, mesh.hexes, np.zeros(2)), [material], supports, settings=settings)
+        force = solver.internal_force(displacement)
+        nominal = [force[at == at.max(), axis].sum() for axis, at in enumerate(mesh.nodes.T)] / np.array(
+            [1.0, 2.0, 2.0]
+        )
+        kirchhoff = nominal * mode(stretch)
+        deviators.append(kirchhoff - kirchhoff.mean())
+    calibrated, rigorous = deviators
+    expected = np.linalg.norm(calibrated - rigorous) / np.linalg.norm(rigorous)
+    assert law_error(material, mode(stretch)[None], shape)[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_calibrated_law_says_where_the_rigorous_one_is_needed():
+    material = ninjaflex_ogden(0.45)
+    mesh, drawn = moved(uniaxial(1.4))
+    assert not warnings_of(mesh, [material, material], drawn)
+    mesh, spread = moved(equibiaxial(1.2))
+    (text, _) = warnings_of(mesh, [material, material], spread)
+    assert "off by 51 % of the stress" in text
+    assert "take the law 'rigorous'" in text
+    assert not warnings_of(mesh, [material, material], spread, ConstitutiveLaw.RIGOROUS)

@@ -12,9 +12,11 @@ import pytest
 
 from softgrip_model.finger import FingerError, JointModel, Kernel
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
+from softgrip_model.finger.learning import Knowledge
 from softgrip_model.finger.matching import Matcher, TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, Configuration, TendonReading, Validity, assumed_friction
 from softgrip_model.finger.session import MeasuredFinger, Residual, Session
+from softgrip_model.finger.uncertainty import PRIOR
 from softgrip_model.finger.wear import WearSettings
 from softgrip_model.profile import Profile
 
@@ -54,6 +56,26 @@ def test_prediction_depends_on_its_own_reading_alone(profiles: dict[str, Profile
         assert alone.tensions.tobytes() == prediction.tensions.tobytes()
         assert alone.tip == prediction.tip
         assert alone.tip_stddev == prediction.tip_stddev
+
+
+def test_a_finger_that_stands_is_not_solved_again_and_nothing_old_is_given(
+    profiles: dict[str, Profile], friction: ActiveFriction
+) -> None:
+    configuration = Configuration(profiles, {"index": "power"}, friction)
+    still, letting_out = TendonReading("index", 0.02), TendonReading("index", 0.02, -0.01)
+    prior = Knowledge.prior(configuration.causes("index", PRIOR))
+    (first,) = configuration.predict([still])
+    assert configuration.predict([still])[0] is first
+    asked = [(still, prior), (letting_out, prior), (TendonReading("index", 0.0201), prior), (still, None)]
+    for reading, known in asked:
+        knowledge = {} if known is None else {"index": known}
+        (again,) = configuration.predict([reading], knowledge)
+        (fresh,) = Configuration(profiles, {"index": "power"}, friction).predict([reading], knowledge)
+        assert again is not first
+        assert again.joint_angles.tobytes() == fresh.joint_angles.tobytes()
+        assert (again.tip, again.tip_stddev, again.validity, again.reason) == (
+            fresh.tip, fresh.tip_stddev, fresh.validity, fresh.reason
+        )  # fmt: skip
 
 
 def test_standard_deviation_is_that_of_drawn_coefficients(

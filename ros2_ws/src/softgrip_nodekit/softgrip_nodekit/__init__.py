@@ -4,15 +4,17 @@
 Node-level code: it imports rclpy, and only modules under a package's ``nodes/`` import it.
 """
 
+from softgrip_nodekit.answers import answer
 from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
 from softgrip_nodekit.cell_lock import claim_name
 from softgrip_nodekit.cell_time import CellFollower, cell_clock, duration_clock, duration_timer, join_cell_time
 from softgrip_nodekit.diagnostics import Diagnostics, Health
-from softgrip_nodekit.errors import FatalError, StartupError
+from softgrip_nodekit.errors import FatalError, StartupError, startup_errors
 from softgrip_nodekit.event_time import StampedInputs, input_stamp_ns, lateness_parameter
 from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.health import HealthMonitor, HealthWatch
-from softgrip_nodekit.node_io import NodeIo, RecordingIo
+from softgrip_nodekit.node import CellNode, HardwareNode
+from softgrip_nodekit.node_io import GoalHandle, NodeIo, RecordingIo
 from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim_processor, realtime_parameter
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
@@ -28,8 +30,11 @@ __all__ = [
     "SENSOR",
     "CallbackErrors",
     "CellFollower",
+    "CellNode",
     "Diagnostics",
     "FatalError",
+    "GoalHandle",
+    "HardwareNode",
     "Health",
     "HealthMonitor",
     "HealthWatch",
@@ -42,6 +47,7 @@ __all__ = [
     "StartupError",
     "UrgentServer",
     "WhileBrief",
+    "answer",
     "callback_errors",
     "cell_clock",
     "claim_name",
@@ -56,6 +62,7 @@ __all__ = [
     "realtime_parameter",
     "run",
     "seconds",
+    "startup_errors",
     "steady_timer",
     "to_time_message",
     "with_message_info",

@@ -17,7 +17,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.errors import StartupError, startup_errors
 from softgrip_time import Clock as CellClock
 from softgrip_time import Follower, SimulatedClock, WallClock
 
@@ -88,10 +88,8 @@ def cell_clock(node: Node) -> CellClock:
     path = _lockstep(node)
     if not path:
         return WallClock()
-    try:
+    with startup_errors(OSError):
         return SimulatedClock(Path(path), node.get_name())
-    except OSError as error:
-        raise StartupError(str(error)) from error
 
 
 def await_cell(node: Node) -> None:

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from softgrip_nodekit.cell_time import USE_SIM_TIME, is_simulated
 from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.node import CellNode
 
 #: The service by which a node shows that its executor works through its callbacks.
 PING = "~/ping"
@@ -38,14 +39,14 @@ def guard_parameter_services(node: Node) -> None:
             service.callback = _checked(service.callback, _refuse_all)
 
 
-def settle_time(node: Node) -> None:
+def settle_time(node: CellNode) -> None:
     """Keep the node's kind of time: it is chosen at the start, and with real hardware it is the computer's.
 
     Raises:
         StartupError: simulated time was asked for, and the node has a device that is not emulated.
     """
     if is_simulated(node):
-        real = [str(path) for path in getattr(node, "device_paths", []) if is_real_device(str(path))]
+        real = [str(path) for path in node.device_paths if is_real_device(str(path))]
         if real:
             raise StartupError(
                 f"{USE_SIM_TIME} is true, and {', '.join(real)} is real hardware, which knows no simulated time; "

@@ -16,7 +16,7 @@ import secrets
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
-from rclpy.action import ActionClient, ActionServer
+from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -40,7 +40,37 @@ _QOS = QoSProfile(
 #: Bytes of the number that a request or a sent goal has, to tell its answer by.
 NUMBER_BYTES = 8
 
-Execute = Callable[[Any], Awaitable[Any]]
+
+class GoalHandle(Protocol):
+    """A goal that an action serves: rclpy's handle, a recorded one, or one of a replay."""
+
+    @property
+    def request(self) -> Any:
+        """What is asked for."""
+
+    @property
+    def goal_id(self) -> Any:
+        """Its unique_identifier_msgs/UUID."""
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Whether the client wants it to end."""
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Publish how far it is."""
+
+    def succeed(self) -> None:
+        """Say that it was reached."""
+
+    def abort(self) -> None:
+        """Say that it was not reached."""
+
+    def canceled(self) -> None:
+        """Say that it ended because the client wanted it to."""
+
+
+Execute = Callable[[GoalHandle], Awaitable[Any]]
+Cancel = Callable[[GoalHandle], CancelResponse]
 
 
 class NodeIo:
@@ -82,7 +112,7 @@ class NodeIo:
         """Make a timer on the clock of durations."""
         duration_timer(self._node, period_s, callback)
 
-    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
+    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
         """Serve goals; both callbacks get rclpy's goal handle, or what has its names."""
         server = ActionServer(self._node, kind, name, execute_callback=execute, cancel_callback=cancel)
         self._servers.append(server)
@@ -240,12 +270,12 @@ class RecordingIo(NodeIo):
 
         self._io.create_timer(period_s, due)
 
-    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
+    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
         """Serve goals."""
         full = self._resolve(name)
         to_cancel: set[bytes] = set()
 
-        async def accepted(handle: Any) -> Any:
+        async def accepted(handle: GoalHandle) -> Any:
             key = bytes(handle.goal_id.uuid)
             self._log.begin(f"goal {full}", key + as_bytes(handle.request))
             result = await execute(_RecordedGoal(self._log, full, handle, to_cancel))
@@ -253,7 +283,7 @@ class RecordingIo(NodeIo):
             self._log.say(f"finished {full}", result)
             return result
 
-        def cancelled(handle: Any) -> Any:
+        def cancelled(handle: GoalHandle) -> CancelResponse:
             key = bytes(handle.goal_id.uuid)
             self._log.begin(f"cancel {full}", key)
             to_cancel.add(key)
@@ -326,12 +356,13 @@ class Answer:
 class _RecordedGoal:
     """A goal that is served, in rclpy's names."""
 
-    def __init__(self, log: StepLog, name: str, handle: Any, to_cancel: set[bytes]) -> None:
+    def __init__(self, log: StepLog, name: str, handle: GoalHandle, to_cancel: set[bytes]) -> None:
         self._log = log
         self._name = name
         self._handle = handle
         self._to_cancel = to_cancel
         self.request = handle.request
+        self.goal_id = handle.goal_id
 
     @property
     def is_cancel_requested(self) -> bool:

@@ -13,6 +13,7 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 
 from softgrip_nodekit.errors import StartupError
+from softgrip_nodekit.node import CellNode
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,9 @@ class ParameterTable:
         if problems:
             raise StartupError("; ".join(problems))
         node.add_on_set_parameters_callback(self._validate)
-        node.device_paths = [values[row.name] for row in self.rows if row.device]  # type: ignore[attr-defined]
-        node.former_parameters = [row.former for row in self.rows if row.former]  # type: ignore[attr-defined]
+        if isinstance(node, CellNode):
+            node.device_paths = [values[row.name] for row in self.rows if row.device]
+            node.former_parameters = [row.former for row in self.rows if row.former]
         return values
 
     def on_change(self, node: Node, apply: Callable[[dict[str, Any]], None]) -> None:

@@ -9,13 +9,14 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
@@ -24,6 +25,7 @@ from softgrip_nodekit.context import end_context
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import make_executor
 from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
+from softgrip_nodekit.node import CellNode, HardwareNode
 from softgrip_nodekit.priority import REALTIME_PRIORITY, claim_processor, own_threads
 
 #: Exit code of a process that could not start.
@@ -43,13 +45,14 @@ _COUNTED = "softgrip_is_counted"
 _NOT_PARAMETERS = ("qos_overrides.", "not_given_")
 
 
-def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
+def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, threads: int = 1) -> int:
     """Run a node until it is told to stop, and leave cleanly.
 
     A node with a `realtime_parameter` gets its threads scheduled by it, and the log says whether the system allowed it.
     A lifecycle node whose parameter ``autostart`` is true is configured and activated first; where that fails the
-    process ends with code 2, so that a launch file can bring the cell down. A node may have a method ``close()``: it is
-    called on every exit path, before the node is destroyed, and leaves hardware safe.
+    process ends with code 2, so that a launch file can bring the cell down; so it does over anything else that happens
+    before the node runs, such as a key that the middleware refuses. The node's ``close()`` is called on every exit
+    path.
 
     What a callback raises does not end the node: it is logged, counted and shown on /diagnostics (`callback_errors`).
     A callback that must end it raises FatalError. The node also answers ``~/ping`` (`softgrip_nodekit.health`), and
@@ -71,9 +74,9 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
     _end_with_the_terminal()
     # A large message that one thread reads must not hold up a loop, or an emergency stop, of another.
     sys.setswitchinterval(SWITCH_INTERVAL)
-    node: Node | None = None
+    node: CellNode | None = None
     executor: Any = None
-    code = 0
+    code, is_started = 0, False
     try:
         node = factory()
         join_cell_time(node)
@@ -84,23 +87,28 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, *, threa
         _claim_processor(node)
         executor = make_executor(node, threads)
         executor.add_node(node)
-        if isinstance(node, LifecycleNode) and _autostart(node):
+        if isinstance(node, HardwareNode) and _autostart(node):
             _bring_up(node)
         # What the start made stays. A collection that walks through all of it stops the node for tens of milliseconds.
         gc.collect()
         gc.freeze()
+        is_started = True
         _spin(executor, callback_errors(node))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StartupError as error:
-        code = _cannot_start(node.get_name() if node is not None else getattr(factory, "__name__", "node"), error)
+        code = _cannot_start(_name_of(node, factory), error)
     except FatalError as error:
         code = 1
         print(f"[{node.get_name() if node else ''}] ends: {error}", file=sys.stderr, flush=True)  # noqa: T201  as above
-    except Exception:
-        if not _is_asked_to_stop():
+    except Exception as error:
+        if _is_asked_to_stop():
+            pass  # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
+        elif is_started:
             raise
-        # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
+        else:
+            traceback.print_exc()
+            code = _cannot_start(_name_of(node, factory), error)
     finally:
         _leave(node, executor)
     return code
@@ -130,6 +138,10 @@ def _is_known(error: Exception) -> bool:
     return known
 
 
+def _name_of(node: Node | None, factory: Callable[[], Node]) -> str:
+    return str(node.get_name()) if node is not None else getattr(factory, "__name__", "node")
+
+
 def _cannot_start(name: str, error: Exception) -> int:
     print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
     return CANNOT_START
@@ -141,14 +153,13 @@ def _end_with_the_terminal() -> None:
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
 
 
-def _refuse_unknown_parameters(node: Node) -> None:
+def _refuse_unknown_parameters(node: CellNode) -> None:
     """Refuse values for parameters that the node does not have: ROS 2 passes over a misspelt one in silence."""
     given = node._parameter_overrides  # noqa: SLF001  rclpy has no public way to ask
-    former = getattr(node, "former_parameters", ())
     unknown = [
         name
         for name in given
-        if not node.has_parameter(name) and not name.startswith(_NOT_PARAMETERS) and name not in former
+        if not node.has_parameter(name) and not name.startswith(_NOT_PARAMETERS) and name not in node.former_parameters
     ]
     if unknown:
         known = ", ".join(sorted(node.list_parameters([], 0).names))
@@ -172,13 +183,13 @@ def _autostart(node: Node) -> bool:
     return node.has_parameter("autostart") and bool(node.get_parameter("autostart").value)
 
 
-def _bring_up(node: LifecycleNode) -> None:
+def _bring_up(node: HardwareNode) -> None:
     await_cell(node)
-    _await_devices([Path(path) for path in getattr(node, "device_paths", [])])
+    _await_devices([Path(path) for path in node.device_paths])
     for transition in (node.trigger_configure, node.trigger_activate):
         result = transition()
         if result != TransitionCallbackReturn.SUCCESS:
-            reason = getattr(node, "startup_problem", "") or "see the log above"
+            reason = node.startup_problem or "see the log above"
             raise StartupError(f"{transition.__name__.removeprefix('trigger_')} failed: {reason}")
 
 
@@ -189,12 +200,11 @@ def _await_devices(paths: Sequence[Path]) -> None:
         time.sleep(DEVICE_POLL)
 
 
-def _leave(node: Node | None, executor: Any) -> None:
+def _leave(node: CellNode | None, executor: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not cut the way to safe short
     try:
-        close = getattr(node, "close", None)
-        if close is not None:
-            close()
+        if node is not None:
+            node.close()
     finally:
         if executor is not None:
             executor.shutdown(timeout_sec=2.0)

@@ -13,24 +13,23 @@ import rclpy
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.time import Time
 
-from softgrip_nodekit import Diagnostics, Parameter, ParameterTable, StartupError, steady_timer
+from softgrip_nodekit import CellNode, Diagnostics, Parameter, ParameterTable, StartupError, steady_timer
 from softgrip_nodekit.guards import guard_parameter_services, settle_time
 
-MakeNode = Callable[..., Node]
+MakeNode = Callable[..., CellNode]
 
 
 @pytest.fixture
 def make_node() -> Iterator[MakeNode]:
     context = rclpy.Context()
     rclpy.init(args=[], context=context)
-    nodes: list[Node] = []
+    nodes: list[CellNode] = []
 
-    def make(*overrides: RosParameter) -> Node:
-        nodes.append(Node("guarded", context=context, parameter_overrides=list(overrides)))
+    def make(*overrides: RosParameter) -> CellNode:
+        nodes.append(CellNode("guarded", context=context, parameter_overrides=list(overrides)))
         return nodes[-1]
 
     yield make
@@ -39,7 +38,7 @@ def make_node() -> Iterator[MakeNode]:
     context.try_shutdown()
 
 
-def ask(node: Node, kind: Any, name: str, value: ParameterValue) -> Any:
+def ask(node: CellNode, kind: Any, name: str, value: ParameterValue) -> Any:
     """Call what serves a kind of request, as an executor would."""
     (service,) = [service for service in node.services if service.srv_type is kind]
     return service.callback(kind.Request(parameters=[ParameterMessage(name=name, value=value)]), kind.Response())

@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter as RosParameter
 
-from softgrip_nodekit import Parameter, ParameterTable, StartupError
+from softgrip_nodekit import CellNode, Parameter, ParameterTable, StartupError
 
 TABLE = ParameterTable(
     Parameter("rate", 100.0, "of the loop", "Hz", 10.0, 500.0, changeable=True),
@@ -32,7 +32,7 @@ def context() -> Iterator[Any]:
 
 def make_node(context: Any, *arguments: str) -> Any:
     rclpy.init(args=["--ros-args", *arguments], context=context)
-    return rclpy.create_node("table", context=context)
+    return CellNode("table", context=context)
 
 
 def test_defaults_have_unit_and_bounds_in_their_descriptor(context: Any) -> None:
@@ -130,11 +130,11 @@ def test_a_value_of_a_former_parameter_of_another_meaning_is_converted(context: 
 FORMER_NODE = """
 import sys
 import threading
-from rclpy.node import Node
+from softgrip_nodekit import CellNode
 from softgrip_nodekit import Parameter, ParameterTable, run
 
 def made():
-    node = Node("meter")
+    node = CellNode("meter")
     table = ParameterTable(Parameter("timeout_s", 2.0, "of a wait", "s", 0.0, 9.0, former="patience_s"))
     print("timeout", table.declare(node)["timeout_s"], flush=True)
     threading.Timer(0.5, node.context.try_shutdown).start()
@@ -156,11 +156,11 @@ def test_a_node_starts_with_a_file_that_has_a_former_name(tmp_path: Path) -> Non
 
 NODE = """
 import sys
-from rclpy.node import Node
+from softgrip_nodekit import CellNode
 from softgrip_nodekit import run
 
 def made():
-    node = Node("meter")
+    node = CellNode("meter")
     node.declare_parameter("rate", 1.0)
     return node
 

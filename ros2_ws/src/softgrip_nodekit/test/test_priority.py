@@ -16,13 +16,13 @@ from softgrip_nodekit import Rank, WhileBrief, claim_processor, priority
 ALL_THREADS = """
 import os, sys, threading
 import rclpy
-from rclpy.node import Node
+from softgrip_nodekit import CellNode
 from softgrip_nodekit import ParameterTable, Rank, realtime_parameter, run
 from softgrip_nodekit.priority import own_threads
 
 TABLE = ParameterTable(realtime_parameter(Rank.PREDICTION))
 
-class Hasty(Node):
+class Hasty(CellNode):
     def __init__(self):
         super().__init__("hasty")
         TABLE.declare(self)

@@ -10,10 +10,10 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
-from rclpy.node import Node
 
 from softgrip_nodekit import (
     CallbackErrors,
+    CellNode,
     Diagnostics,
     FatalError,
     Health,
@@ -22,12 +22,13 @@ from softgrip_nodekit import (
     run,
 )
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S
+from softgrip_nodekit.run import CANNOT_START
 from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
 
 ERROR = "Unable to convert call argument '0' to Python object"
 
 
-class Failing(Node):
+class Failing(CellNode):
     """Fails in each callback, until it has been asked often enough."""
 
     def __init__(self, calls: int = 3) -> None:
@@ -145,6 +146,18 @@ def test_only_a_node_that_says_so_ends_over_a_callback(
     assert text in capfd.readouterr().err
 
 
+def test_whatever_keeps_a_node_from_starting_is_a_refusal_however_long_it_took(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    def unopened() -> CellNode:
+        raise RuntimeError("key.pem: expected mode 0600, found 0644")
+
+    assert run(unopened, []) == CANNOT_START
+    errors = capfd.readouterr().err
+    assert "[unopened] cannot start: key.pem: expected mode 0600, found 0644" in errors
+    assert "Traceback" in errors
+
+
 def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None:
     now, said = [0.0], []
     errors = CallbackErrors(said.append, lambda: False, clock=lambda: now[0])
@@ -183,10 +196,10 @@ def await_lines(said: list[str], count: int) -> None:
 CLINGING = """
 import ctypes, sys
 import rclpy
-from rclpy.node import Node
+from softgrip_nodekit import CellNode
 from softgrip_nodekit import run
 
-class Clinging(Node):
+class Clinging(CellNode):
     def __init__(self):
         super().__init__("clinging")
         self.create_timer(0.01, rclpy.shutdown)

@@ -226,15 +226,19 @@ def rest_shape() -> PanelShape:
     )  # fmt: skip
 
 
-def driver_health(site: PanelSite) -> list[ComponentHealth]:
-    """What the driver says of its bus; its zeros move by 0.5, 0.05 and no more millimetres from homing to homing."""
+def driver_health(zero_mm: float) -> list[ComponentHealth]:
+    """What the driver says of its bus and its servos."""
     bus = {"rate [Hz]": "100.0", "jitter p99 [ms]": "0.21", "missed cycles": "0", "lost replies": "3"}
-    zero = {0: 0.0, 1: 1.0, 2: 1.5}.get(site.cell.homings, 1.55)  # type: ignore[attr-defined]
-    servo = {"zero [mm]": f"{zero:.3f}", "current [A]": "0.120", "temperature [degC]": "31", "voltage [V]": "5.0"}
+    servo = {"zero [mm]": f"{zero_mm:.3f}", "current [A]": "0.120", "temperature [degC]": "31", "voltage [V]": "5.0"}
     return [
         ComponentHealth("tendon_driver: bus", 0, "running", bus),
         *(ComponentHealth(f"tendon_driver: {name}", 0, "holding", servo) for name in SLOTS),
     ]
+
+
+def bedded_zero_mm(homings: int) -> float:
+    """Zeros that move by 0.5, 0.05 and no more millimetres from homing to homing."""
+    return {0: 0.0, 1: 1.0, 2: 1.5}.get(homings, 1.55)
 
 
 def feed(site: PanelSite, stop: threading.Event) -> None:
@@ -248,7 +252,7 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
             [TensionView(name, 0.016 * phase, 2.0 + 9.0 * phase + k, 1.5 + 7.0 * phase) for k, name in enumerate(SLOTS)]
         )
         state.observe_tendons([TendonView(name, "HOLDING", homed=True) for name in SLOTS])
-        state.observe_health(driver_health(site))
+        state.observe_health(driver_health(bedded_zero_mm(site.cell.homings)))  # type: ignore[attr-defined]
         state.advance()
         image = np.full((480, 640, 3), 40, np.uint8)
         chain = [(120.0 + 90 * k, 200.0 + 60 * phase * k) for k in range(5)]
@@ -290,11 +294,14 @@ def make_site(folder: Path, port: int) -> PanelSite:
         for name in SLOTS
         for k in (1, 2)
     )  # fmt: skip
+    state.fingers += (replace(state.fingers[0], serial=HOSTILE, profile=HOSTILE, state="store", objection=HOSTILE),)
     state.catalogue = tuple(
         ProductView(name, name, "power", 0.06, {"power": "success"}, {"power": 0.9}, {"power": 3})
         for name in state.products
     )
     (folder / "bags" / "softgrip_20261125").mkdir(parents=True, exist_ok=True)
+    (folder / "bags" / HOSTILE).mkdir(exist_ok=True)
+    (folder / "bags" / HOSTILE / f"{HOSTILE}.mcap").write_bytes(b"MCAP")
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
     state.friction_models = (
         FrictionModelView(

@@ -8,7 +8,7 @@ from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from softgrip_panel.access.sessions import FREE_TRIES
@@ -95,6 +95,10 @@ def test_without_a_session_there_is_nothing(site: RunningSite) -> None:
         "/label/..%2f..%2fusers.yaml",
         "/bags/..%2f..%2fusers.yaml",
         "/bags/%2fetc%2fpasswd",
+        "/bags/softgrip_20261125/files/..%2f..%2f..%2facts.jsonl",
+        "/bags/softgrip_20261125/files/%2fetc%2fpasswd",
+        "/bags/..%2fbags%2fsoftgrip_20261125/files/part_0.mcap",
+        "/bags/../../acts.jsonl/report",
         "/grasps/1/..%2fat.jpg",
     ],
 )
@@ -104,6 +108,7 @@ def test_no_path_leads_out(site: RunningSite, path: str) -> None:
     assert status == 404
     assert "class PanelSite" not in text
     assert "root:x" not in text
+    assert any(one["act"] == "request" and not one["success"] for one in site.recorded())
 
 
 def token_of_open(site: RunningSite) -> str:
@@ -137,6 +142,30 @@ def test_a_websocket_of_another_origin_or_without_a_session_is_closed(site: Runn
         assert refused.value.response.status_code == 403
     with connect(url, origin=site.address, additional_headers={"Cookie": f"{COOKIE}={token}"}) as socket:  # type: ignore[arg-type]
         assert socket.recv(timeout=10.0)
+
+
+def test_a_forged_session_is_written_down_once_and_without_its_token(site: RunningSite) -> None:
+    for _ in range(3):
+        assert ask(site, "GET", "/grasps.csv", cookie="f0rged-token")[0] == 401
+    found = [one for one in site.recorded() if "forged" in str(one["message"]) and one["subject"] == "/grasps.csv"]
+    assert len(found) == 1
+    assert "f0rged-token" not in (site.folder / "acts.jsonl").read_text()
+
+
+def test_a_message_that_is_too_large_ends_its_websocket(site: RunningSite) -> None:
+    token = token_of_open(site)
+    url = site.address.replace("http", "ws") + "/live"
+    with connect(url, origin=site.address, additional_headers={"Cookie": f"{COOKIE}={token}"}) as socket:  # type: ignore[arg-type]
+        socket.send(b"x" * 300_000)
+        with pytest.raises(ConnectionClosed) as ended:
+            receive_to_the_end(socket)
+        assert ended.value.rcvd is not None
+        assert ended.value.rcvd.code == 1009  # too big, RFC 6455
+
+
+def receive_to_the_end(socket: Any) -> None:
+    while True:
+        socket.recv(timeout=10.0)
 
 
 def test_a_session_ends_with_its_log_out(site: RunningSite) -> None:

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import importlib
 import json
 import math
 import random
 import struct
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,7 +31,7 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.explain import explain_reset, explain_stop
 from softgrip_panel.model.facts import CellView, CountedView, SafetyView, StopPolicyView, TendonView, TensionView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
-from softgrip_panel.model.grasps import GraspRecord
+from softgrip_panel.model.grasps import MAX_GRASPS, MAX_PICTURED, GraspRecord
 from softgrip_panel.model.orders import OrderLine, read_orders
 from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
@@ -535,3 +538,27 @@ def test_two_hundred_operators_with_a_thousand_acts_each_break_no_rule() -> None
     assert len(state.notices) <= 50
     assert len(state.alarms.active) <= 200
     assert len(state.grasps.records) <= 200
+
+
+@pytest.mark.slow
+def test_eight_hours_leave_the_model_as_large_as_the_first_three_did(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parent)  # benchmarks/driver/panel_memory.py plays the same cell
+    busy_cell = importlib.import_module("busy_cell")
+    clock = busy_cell.SimulatedTime()
+    state = PanelState(clock, clock)
+    state.observe_cell(CellView("IDLE", "power"))
+    cell = busy_cell.BusyCell(ActDesk(state, Calls(), ActRecord(None, clock)), clock)
+    # every tenth tick: each grasp, each alarm, a second between tensions
+    tracemalloc.start()
+    sizes = []
+    for hour in range(8):
+        for number in range(hour * 36_000, (hour + 1) * 36_000, 10):
+            cell.tick(number)
+        gc.collect()
+        sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert cell.grasps == 8 * 180
+    assert len(state.grasps.records) == MAX_GRASPS
+    assert sizes[-1] < 1.1 * sizes[2], sizes  # by then every list of a fixed length is full
+    pictured = [record for record in state.grasps.records if record.pictures]
+    assert len(pictured) == MAX_PICTURED  # the rest of what is kept is small

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 from selenium.webdriver.common.keys import Keys
@@ -13,6 +14,8 @@ from softgrip_testing.browser import PanelBrowser
 
 pytestmark = pytest.mark.slow
 
+#: What panel_site gives for a product, a serial, a value, a folder.
+HOSTILE = "<img src=x onerror=window.hacked=1>"
 #: conftest's
 RunningSite = Any
 
@@ -279,13 +282,32 @@ def test_a_parameter_is_set_within_its_bounds_only(browser: PanelBrowser, site: 
     assert setting == {"name": "jpeg_quality", "value": {"type": 2, "integer_value": 80}}
 
 
-def test_a_hostile_name_is_text_and_nothing_else(browser: PanelBrowser) -> None:
+def test_a_hostile_name_is_text_and_nothing_else(browser: PanelBrowser, site: RunningSite) -> None:
     for path in PAGES:
         browser.open(path)
         browser.wait(lambda: browser.script("return !document.body.classList.contains('disconnected')"), "live data")
         assert browser.script("return window.hacked === undefined && !document.querySelector('img[src=x]')")
     browser.open("/work")
-    browser.wait_for_text("#products", "<img src=x onerror=window.hacked=1>")
+    browser.wait_for_text("#products", HOSTILE)
+    browser.open("/records")
+    browser.wait_for_text("#records", HOSTILE)  # a serial
+    browser.open("/setup")
+    browser.press("read-parameters")
+    browser.wait_for_text("#parameters", HOSTILE)  # a value
+    browser.open("/bags")
+    browser.wait_for_text("#bags", "softgrip_20261125")
+    assert HOSTILE not in browser.text("#bags")  # no name that a bag may have
+    browser.driver.get(f"{site.address}/label/{quote(HOSTILE, safe='')}")
+    browser.wait_for_text("strong", HOSTILE)
+    assert browser.script("return window.hacked === undefined")
+
+
+def test_a_file_that_is_too_large_never_leaves_the_browser(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/work")
+    (site.folder / "large.csv").write_text("egg,1\n" * 20_000)
+    browser.find("#orders input[type=file]").send_keys(str(site.folder / "large.csv"))
+    browser.wait_for_text("#order-problem", "at most 64 KiB")
+    assert browser.find("#orders textarea").get_attribute("value") == ""
 
 
 def test_no_request_leaves_the_machine(browser: PanelBrowser, site: RunningSite) -> None:

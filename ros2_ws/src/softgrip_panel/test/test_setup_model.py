@@ -19,6 +19,7 @@ from softgrip_panel.errors import PanelError
 from softgrip_panel.model import tensioning
 from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.bench import BenchView, bus_causes, terminal_steps
+from softgrip_panel.model.control import LOST_S
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import ComponentHealth
 from softgrip_panel.model.lens import LensViews
@@ -32,9 +33,21 @@ IDA = Person("s1", "Ida", Role.ENGINEER)
 ADA = Person("s2", "Ada", Role.OPERATE)
 
 
+class Clock:
+    s = 0.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
 @pytest.fixture
-def state() -> PanelState:
-    return PanelState(lambda: 0.0, lambda: 0.0)
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def state(clock: Clock) -> PanelState:
+    return PanelState(clock, clock)
 
 
 # --- parameters
@@ -229,6 +242,15 @@ def test_without_control_or_as_an_operator_nothing_is_pulled(
     asyncio.run(work.run_round(ADA))
     assert "expected the role engineer" in work.problem
     assert "pull" not in cell.done
+
+
+def test_a_round_whose_watcher_has_left_ends(state: PanelState, bedding: tuple[Tensioning, Cell], clock: Clock) -> None:
+    work, cell = bedding
+    state.control.take(IDA)
+    clock.s += LOST_S + 1.0
+    asyncio.run(work.run_round(IDA))
+    assert "no open page of yours" in work.problem
+    assert cell.done == []
 
 
 def test_a_silent_driver_ends_the_round(state: PanelState, bedding: tuple[Tensioning, Cell]) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
+from softgrip_model.gdfe.finger_gradient import link_angles
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh
 from softgrip_model.gdfe.materials import Ogden
 from softgrip_model.profile import load_directory, shipped_directory
@@ -57,14 +58,8 @@ def tip_of(finger: FingerMesh, displacement: Array) -> Array:
 
 def joints_of(finger: FingerMesh, displacement: Array) -> Array:
     """Return joint angles (joints,) [rad]: mean rotations about z of the links' nodes, from link to link."""
-    turned = [0.0]
-    for nodes in finger.link_nodes:
-        rest = finger.mesh.nodes[nodes, :2]
-        at = rest + displacement[nodes, :2]
-        rest, at = rest - rest.mean(axis=0), at - at.mean(axis=0)
-        across = rest[:, 0] * at[:, 1] - rest[:, 1] * at[:, 0]
-        turned.append(-float(np.arctan2(across.sum(), (rest * at).sum())))
-    return np.diff(np.unwrap(turned))
+    turned, _ = link_angles(finger, finger.mesh.nodes + displacement)
+    return np.diff(turned, prepend=0.0)
 
 
 def shortening_of(finger: FingerMesh, displacement: Array) -> float:

@@ -32,6 +32,7 @@ from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.trajectory import TendonTrajectory
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.plant.cell import CellPlant, default_chain
 from softgrip_emulator.rig.truth import FrictionTruth
 from softgrip_model.finger.matching import TendonInput as ModelSample
@@ -136,7 +137,8 @@ class VirtualCell:
             for i, s in enumerate(SLOTS, start=1)
         ]
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
-        self._backend = DynamixelBackend(VirtualBus(self.plant.servos, lambda: self.plant.now_s), servos, watchdog=0.0)
+        emulated = [servo for servo in self.plant.servos if isinstance(servo, EmulatedServo)]
+        self._backend = DynamixelBackend(VirtualBus(emulated, lambda: self.plant.now_s), servos, watchdog=0.0)
         self.controller = GripperController(dict.fromkeys(SLOTS, tendon_limits), Policies())
         self._frames: deque[SeenTip] = deque()
         self._periods = 0
@@ -221,13 +223,13 @@ class VirtualCell:
 
     def cycle(self) -> None:
         """Live one driver period."""
-        self.plant.advance_to(self._begin_s(), alone=True)
+        self.plant.advance_to(self._begin_s())
         self._read_s = self.plant.now_s
         readings = {name: replace(r, time=self._read_s) for name, r in self._backend.read().items()}
         actions = self.controller.step(self._read_s, readings)
         writes_after_s = self._lateness.writes_after_s + self._lateness.late_s(self._delays)
         if writes_after_s:
-            self.plant.advance_to(self._read_s + writes_after_s, alone=True)
+            self.plant.advance_to(self._read_s + writes_after_s)
         self._act(actions)
 
     def _begin_s(self) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 #: [byte] Longer packets are refused.
@@ -37,7 +37,7 @@ class Join:
 
 @dataclass(frozen=True, slots=True)
 class TimeRequest:
-    """A stepper waits.
+    """A stepper waits. It is answered once: by the time, or as its device sends, or after a `CancelRequest`.
 
     Attributes:
         number: of the request, counted by the stepper.
@@ -54,7 +54,7 @@ class TimeRequest:
 
 @dataclass(frozen=True, slots=True)
 class CancelRequest:
-    """A stepper stopped waiting and asks for the time."""
+    """A stepper stopped waiting and asks for the time; one that has been granted its request is answered already."""
 
     number: int
 
@@ -84,11 +84,13 @@ class TimeGrant:
 Packet = Join | TimeRequest | CancelRequest | Progress | TimeGrant
 _KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (Join, TimeRequest, CancelRequest, Progress, TimeGrant)}
 _FIELDS = {name: kind.__annotations__ for name, kind in _KINDS.items()}
+_to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 
 def encode(packet: Packet) -> bytes:
     """Return a packet's bytes."""
-    return json.dumps({type(packet).__name__: asdict(packet)}, separators=(",", ":")).encode()
+    name = type(packet).__name__
+    return _to_json({name: {field: getattr(packet, field) for field in _FIELDS[name]}}).encode()
 
 
 def decode(data: bytes) -> Packet:

@@ -171,14 +171,19 @@ class Archive:
 
     def _open(self, path: str) -> Any:
         full = f"{self.root}/{path}"
-        self.files.makedirs(full.rpartition("/")[0], exist_ok=True)
+        self._make_folder(full)
         return self.files.open(full, "wb")
 
     def _write(self, path: str, data: bytes) -> None:
-        self.files.makedirs(path.rpartition("/")[0], exist_ok=True)
+        self._make_folder(path)
         new = f"{path}.new"
         self.files.pipe_file(new, data)
         self.files.mv(new, path)
+
+    def _make_folder(self, path: str) -> None:
+        """Make the folder of a file where there are folders; S3 has none, and would make a bucket of a wrong name."""
+        if "file" in self.files.protocol:
+            self.files.makedirs(path.rpartition("/")[0], exist_ok=True)
 
     def _copy(self, bag: Path, target: str) -> None:
         files = sorted(path for path in bag.iterdir() if path.is_file()) if bag.is_dir() else [bag]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.errors import BagError
@@ -30,10 +31,12 @@ from softgrip_interfaces.action import Grasp as GraspAction
 from softgrip_interfaces.msg import (
     CellState,
     FingerEvidence,
+    FingerStates,
     FrictionModel,
     FrictionSample,
     GraspEvidence,
     PredictionResidual,
+    TendonStatusArray,
 )
 from softgrip_nodekit import nanoseconds
 
@@ -77,13 +80,13 @@ class _Reader:
         name = raw.topic.removeprefix(self._cell).strip("/").replace("/", "_")
         getattr(self, f"_{name}")(raw.received, message)
 
-    def _cell_state(self, time: int, message: Any) -> None:
+    def _cell_state(self, time: int, message: CellState) -> None:
         mode = _constant(CellState, message.mode)
         self._mode = mode
         reason = message.fault or message.reason
         self.story.modes.append(RecordedMode(time, mode, message.finger_set, message.product, reason))
 
-    def _friction_active(self, time: int, message: Any) -> None:
+    def _friction_active(self, time: int, message: FrictionModel) -> None:
         fit = RecordedFit(
             time=time,
             id=message.id,
@@ -100,20 +103,20 @@ class _Reader:
         if not self.story.fits or self.story.fits[-1].id != fit.id:
             self.story.fits.append(fit)
 
-    def _rig_sample(self, time: int, message: Any) -> None:
+    def _rig_sample(self, time: int, message: FrictionSample) -> None:
         accepted = message.verdict == FrictionSample.ACCEPTED
         self.story.samples.append(
             RecordedSample(time, message.angle, message.tension_high, message.tension_low, accepted=accepted)
         )
 
-    def _finger_measured(self, _: int, message: Any) -> None:
+    def _finger_measured(self, _: int, message: FingerStates) -> None:
         if self._mode not in _BUSY:
             self._tips(message, self.measured)
 
-    def _finger_predicted(self, _: int, message: Any) -> None:
+    def _finger_predicted(self, _: int, message: FingerStates) -> None:
         self._tips(message, self.predicted)
 
-    def _tips(self, message: Any, into: dict[tuple[str, str], list[Tip]]) -> None:
+    def _tips(self, message: FingerStates, into: dict[tuple[str, str], list[Tip]]) -> None:
         stamp = stamp_of(message)
         for finger in message.fingers:
             if finger.validity != finger.FAILED:
@@ -124,12 +127,12 @@ class _Reader:
         if self._mode not in _BUSY:
             self.errors[message.finger].append((stamp_of(message), float(message.tip_error_percent)))
 
-    def _tendon_status(self, time: int, message: Any) -> None:
+    def _tendon_status(self, time: int, message: TendonStatusArray) -> None:
         for tendon in message.tendons:
             self._fault(time, "tendon/status", tendon.tendon, tendon.fault, tendon.reason)
         self._fault(time, "tendon/status", "all", "estop" if message.estop else "", "the emergency stop is latched")
 
-    def _diagnostics(self, time: int, message: Any) -> None:
+    def _diagnostics(self, time: int, message: DiagnosticArray) -> None:
         for status in message.status:
             bad = status.level[0] == _ERROR
             self._fault(time, "diagnostics", status.name, status.name if bad else "", status.message)

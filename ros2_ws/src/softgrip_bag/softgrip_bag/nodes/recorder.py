@@ -22,7 +22,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -45,7 +44,16 @@ from softgrip_bag.snapshot import FaultWatch, Ring, snapshot_seconds
 from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic, clamp_stamp
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
-from softgrip_nodekit import Diagnostics, Health, Parameter, ParameterTable, StartupError, run, with_message_info
+from softgrip_nodekit import (
+    CellNode,
+    Diagnostics,
+    Health,
+    Parameter,
+    ParameterTable,
+    StartupError,
+    run,
+    with_message_info,
+)
 from softgrip_time.units import to_ns, to_s
 
 PARAMETERS = ParameterTable(
@@ -112,7 +120,7 @@ _FAULTS: dict[str, Callable[[Any], dict[str, str]]] = {
 }
 
 
-class Recorder(Node):
+class Recorder(CellNode):
     """Subscribes raw to whatever is published."""
 
     def __init__(self) -> None:

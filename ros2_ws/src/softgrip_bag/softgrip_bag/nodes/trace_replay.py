@@ -20,7 +20,7 @@ from softgrip_bag.comparison import Divergence, first_difference
 from softgrip_bag.nodes.messages import tree
 from softgrip_bag.nodes.trace import TracedMessages, TraceStep
 from softgrip_nodekit import NodeIo
-from softgrip_nodekit.node_io import NUMBER_BYTES, Answer, Execute, as_bytes
+from softgrip_nodekit.node_io import NUMBER_BYTES, Answer, Cancel, Execute, as_bytes
 
 _UUID_BYTES = 16
 
@@ -170,7 +170,7 @@ class ReplayIo(NodeIo):
         """Note who is called by time."""
         self._entries["timer"] = lambda _: callback()
 
-    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Callable[[Any], Any]) -> None:
+    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
         """Note who gets goals."""
         full = self._node.resolve_service_name(name)
         goals: dict[bytes, _ReplayedGoal] = {}
@@ -180,8 +180,11 @@ class ReplayIo(NodeIo):
             goals[key] = _ReplayedGoal(key, deserialize_message(step.data[_UUID_BYTES:], kind.Goal))
             self._advance(execute(goals[key]))
 
+        def cancelled(step: TraceStep) -> None:
+            cancel(goals[step.data])
+
         self._entries[f"goal {full}"] = accepted
-        self._entries[f"cancel {full}"] = lambda step: cancel(goals[step.data])
+        self._entries[f"cancel {full}"] = cancelled
 
     def create_client(self, kind: Any, name: str) -> Any:
         """Return what answers with the recorded responses."""
@@ -273,6 +276,7 @@ class _ReplayedGoal:
     def __init__(self, key: bytes, request: Any) -> None:
         self.goal_id = SimpleNamespace(uuid=key)
         self.request = request
+        self.is_cancel_requested = False  # the log's handle says what a step has said
 
     def publish_feedback(self, feedback: Any) -> None:
         """Nobody listens; the log compares."""

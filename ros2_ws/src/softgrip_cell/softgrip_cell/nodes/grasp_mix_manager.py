@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -45,12 +45,14 @@ from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     RecordingIo,
     StartupError,
     nanoseconds,
     run,
+    startup_errors,
     to_time_message,
 )
 
@@ -66,10 +68,8 @@ RETRY_S = 2.0
 #: After its start the driver may take so long before its silence is an error [s].
 START_S = 10.0
 
-Value = TypeVar("Value")
 
-
-class GraspMixManager(Node):
+class GraspMixManager(CellNode):
     """Knows products and fingers, plans, guides swaps, grasps, and says how it went."""
 
     def __init__(self, node_io: Callable[[Node], RecordingIo] = RecordingIo) -> None:
@@ -91,9 +91,11 @@ class GraspMixManager(Node):
         self._order = ObservationOrder(values["allowed_lateness_s"])
         self._published: Any = None
         self._diagnostics = Diagnostics(self, watch_nodes=True)
-        self._database = self._start(lambda: Database(values["database_url"], exclusive=True, deferred=True))
+        with startup_errors(CellError):
+            self._database = Database(values["database_url"], exclusive=True, deferred=True)
         try:
-            self._cell = self._start(lambda: self._open_cell(values))
+            with startup_errors(CellError):
+                self._cell = self._open_cell(values)
         except StartupError:
             self._database.close()
             raise
@@ -169,13 +171,6 @@ class GraspMixManager(Node):
     def _load(self, saved: bytes) -> None:
         if saved:
             self._database.load(saved)
-
-    @staticmethod
-    def _start(make: Callable[[], Value]) -> Value:
-        try:
-            return make()
-        except CellError as error:
-            raise StartupError(str(error)) from error
 
     def _friction_facts(self) -> Any:
         if self._friction is None:
@@ -312,7 +307,7 @@ class GraspMixManager(Node):
         state = self._cell.state()
         self._diagnostics.set("cell", health, state["fault"] or state["reason"] or mode.name.lower(), state)
 
-    def _on_select(self, request: Any, response: Any) -> Any:
+    def _on_select(self, request: SelectProduct.Request, response: SelectProduct.Response) -> SelectProduct.Response:
         try:
             choice = self._cell.select(request.product)
         except CellError as error:
@@ -329,7 +324,7 @@ class GraspMixManager(Node):
         self._publish_state()
         return response
 
-    def _on_plan(self, request: Any, response: Any) -> Any:
+    def _on_plan(self, request: PlanMix.Request, response: PlanMix.Response) -> PlanMix.Response:
         if len(request.products) != len(request.quantities):
             response.success = False
             response.message = (

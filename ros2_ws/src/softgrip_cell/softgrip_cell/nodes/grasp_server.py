@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from rclpy.action import CancelResponse
 from rclpy.task import Future
@@ -19,7 +18,7 @@ from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_interfaces.action import Grasp, MoveTendon
-from softgrip_nodekit import NodeIo
+from softgrip_nodekit import GoalHandle, NodeIo
 
 
 class GraspServer:
@@ -31,7 +30,7 @@ class GraspServer:
         self._driver = driver
         self._settings = settings
         self._sequence: GraspSequence | None = None
-        self._goal: Any = None
+        self._goal: GoalHandle | None = None
         self._done: Future | None = None
         self._sample: TendonSample | None = None
         self._is_active = False
@@ -78,7 +77,7 @@ class GraspServer:
         if self._sequence is not None:
             self._do(self._sequence.abort(reason))
 
-    async def _execute(self, goal_handle: Any) -> Grasp.Result:
+    async def _execute(self, goal_handle: GoalHandle) -> Grasp.Result:
         request = goal_handle.request
         started_s = self._cell.now_s()
         try:
@@ -109,7 +108,7 @@ class GraspServer:
         self._node_io.create_task(self._cell.end_grasp, task, verdict, duration_s)
         return result
 
-    async def _owned(self, goal_handle: Any) -> str:
+    async def _owned(self, goal_handle: GoalHandle) -> str:
         """Become the owner of the tendons; returns why not."""
         owned = Future()
         self._driver.lease.acquire(owned.set_result)
@@ -118,14 +117,14 @@ class GraspServer:
             return "cancelled by the client before anything moved"
         return f"refused: {denied}" if denied else ""
 
-    def _refused(self, goal_handle: Any, reason: str) -> Grasp.Result:
+    def _refused(self, goal_handle: GoalHandle, reason: str) -> Grasp.Result:
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
         else:
             goal_handle.abort()
         return convert.grasp_result(GraspVerdict(GraspOutcome.ABORTED, reason, 0.0), self._sample, 0.0)
 
-    def _cancel(self, _goal_handle: Any) -> CancelResponse:
+    def _cancel(self, _goal_handle: GoalHandle) -> CancelResponse:
         self._node_io.create_task(self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 

@@ -15,7 +15,6 @@ from typing import Any
 
 from control_msgs.action import GripperCommand, ParallelGripperCommand
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -32,18 +31,21 @@ from softgrip_description import Hand, HandError, load_hand, shipped_hand
 from softgrip_description.opening import GripperOpening, gripper_opening
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, SafetyState, TendonOwners
-from softgrip_model.profile import Profile, ProfileError, load_directory, shipped_directory
+from softgrip_model.profile import Profile, ProfileError, load_profiles
 from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
     SENSOR,
+    CellNode,
     Diagnostics,
+    GoalHandle,
     Health,
     NodeIo,
     Parameter,
     ParameterTable,
     StartupError,
     run,
+    startup_errors,
     steady_timer,
 )
 from softgrip_time.units import to_s
@@ -97,7 +99,7 @@ PARAMETERS = ParameterTable(
 )
 
 
-class GripperCommandNode(Node):
+class GripperCommandNode(CellNode):
     """Translates between control_msgs and the tendons."""
 
     def __init__(self) -> None:
@@ -270,28 +272,28 @@ class GripperCommandNode(Node):
         closes = goal.position_m < self._server.sample.position_m - self._settings.goal_tolerance_m
         return str(self._cell.product) if closes and self._cell.mode == int(CellMode.IDLE) else ""
 
-    async def _run_command(self, handle: Any) -> GripperCommand.Result:
+    async def _run_command(self, handle: GoalHandle) -> GripperCommand.Result:
         outcome = await self._run(handle, _goal_of(handle.request))
         result = GripperCommand.Result()
         if outcome.sample is not None and not handle.is_cancel_requested:
             result.position, result.effort = outcome.sample.position_m, outcome.sample.effort_n
         return self._ended(handle, outcome, result)
 
-    async def _run_parallel(self, handle: Any) -> ParallelGripperCommand.Result:
+    async def _run_parallel(self, handle: GoalHandle) -> ParallelGripperCommand.Result:
         outcome = await self._run(handle, _parallel_goal_of(handle.request))
         result = ParallelGripperCommand.Result()
         if outcome.sample is not None and not handle.is_cancel_requested:
             result.state = self._state_of(outcome.sample)
         return self._ended(handle, outcome, result)
 
-    async def _run(self, handle: Any, goal: GripperGoal) -> GoalOutcome:
+    async def _run(self, handle: GoalHandle, goal: GripperGoal) -> GoalOutcome:
         self._handles.append(handle)
         try:
             return await self._server.run(goal)
         finally:
             self._handles.remove(handle)
 
-    def _ended(self, handle: Any, outcome: GoalOutcome, result: Any) -> Any:
+    def _ended(self, handle: GoalHandle, outcome: GoalOutcome, result: Any) -> Any:
         """Set flags and state as ros2_controllers do; see softgrip_cell.gripper.goal_monitor."""
         if handle.is_cancel_requested:
             handle.canceled()
@@ -319,7 +321,7 @@ class GripperCommandNode(Node):
                 feedback = ParallelGripperCommand.Feedback(state=self._state_of(sample))
             handle.publish_feedback(feedback)
 
-    def _cancel(self, _handle: Any) -> CancelResponse:
+    def _cancel(self, _handle: GoalHandle) -> CancelResponse:
         self._io.create_task(self._server.hold, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
@@ -395,12 +397,10 @@ def _parallel_goal_of(request: Any) -> GripperGoal:
     return parallel_goal(request.command.position, request.command.velocity, request.command.effort)
 
 
+@startup_errors(HandError, ProfileError)
 def _load(hand_file: str, profiles_directory: str) -> tuple[Hand, dict[str, Profile]]:
-    try:
-        hand = load_hand(Path(hand_file)) if hand_file else shipped_hand()
-        return hand, load_directory(Path(profiles_directory) if profiles_directory else shipped_directory())
-    except (HandError, ProfileError) as error:
-        raise StartupError(str(error)) from error
+    hand = load_hand(Path(hand_file)) if hand_file else shipped_hand()
+    return hand, load_profiles(profiles_directory)
 
 
 def main(args: Sequence[str] | None = None) -> int:

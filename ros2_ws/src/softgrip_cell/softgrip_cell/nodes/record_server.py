@@ -11,7 +11,7 @@ from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.nodes import convert
 from softgrip_cell.storage import CellJournal, Library
 from softgrip_interfaces.srv import ListFingers, ListGrasps, ListProducts, RetireFinger, WriteAudit
-from softgrip_nodekit import NodeIo
+from softgrip_nodekit import NodeIo, answer
 
 #: So many grasps are listed where nobody says how many, and at most.
 LISTED: Final = 100
@@ -42,7 +42,7 @@ class RecordServer:
         node_io.create_service(RetireFinger, "cell/retire_finger", _answering(self._retire_finger))
         node_io.create_service(WriteAudit, "cell/write_audit", _answering(self._write_audit))
 
-    def _list_products(self, _request: Any, response: Any) -> str:
+    def _list_products(self, _request: ListProducts.Request, response: ListProducts.Response) -> str:
         catalogue = self._cell.catalogue()
         estimates = self._cell.estimates(catalogue)
         response.products = [
@@ -50,19 +50,19 @@ class RecordServer:
         ]
         return f"{len(response.products)} products"
 
-    def _list_fingers(self, _request: Any, response: Any) -> str:
+    def _list_fingers(self, _request: ListFingers.Request, response: ListFingers.Response) -> str:
         records = self._library.finger_records().values()
         response.fingers = [
             convert.finger_record_entry(record, self._journal.reference(record.serial)) for record in records
         ]
         return f"{len(response.fingers)} fingers"
 
-    def _list_grasps(self, request: Any, response: Any) -> str:
+    def _list_grasps(self, request: ListGrasps.Request, response: ListGrasps.Response) -> str:
         limit = min(int(request.limit) or LISTED, MAX_LISTED)
         response.grasps = [convert.grasp_entry(grasp) for grasp in self._journal.grasps(limit)]
         return f"{len(response.grasps)} grasps"
 
-    def _retire_finger(self, request: Any, _response: Any) -> str:
+    def _retire_finger(self, request: RetireFinger.Request, _response: RetireFinger.Response) -> str:
         for name, value in (("who", request.who), ("reason", request.reason)):
             if not value.strip():
                 raise RefusedError(f"{name}: expected some words for the audit table, found none")
@@ -70,22 +70,13 @@ class RecordServer:
         self._on_change()
         return f"finger {request.serial} is retired"
 
-    def _write_audit(self, request: Any, _response: Any) -> str:
+    def _write_audit(self, request: WriteAudit.Request, _response: WriteAudit.Response) -> str:
         if not request.who.strip() or not request.action.strip():
             raise RefusedError("who, action: expected some words, found none")
         self._library.note(request.who.strip(), request.action.strip(), request.subject, request.detail)
         return "written"
 
 
-def _answering(answer: Callable[[Any, Any], str]) -> Callable[[Any, Any], Any]:
+def _answering(act: Callable[[Any, Any], str]) -> Callable[[Any, Any], Any]:
     """Return a service's callback that says why where it refuses."""
-
-    def answering(request: Any, response: Any) -> Any:
-        try:
-            response.message = answer(request, response)
-            response.success = True
-        except CellError as error:
-            response.success, response.message = False, str(error)
-        return response
-
-    return answering
+    return lambda request, response: answer(response, lambda: act(request, response), CellError)

@@ -27,7 +27,7 @@ from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
-from softgrip_nodekit import NodeIo
+from softgrip_nodekit import GoalHandle, NodeIo, answer
 
 #: A tendon with less tension than this may be unhooked [N].
 SLACK_N: Final = 2.0
@@ -82,7 +82,7 @@ class SwapServer:
         self._slots = tuple(slots)
         self._limit_s = limit_s
         self._sequence: SwapSequence | None = None
-        self._goal: Any = None
+        self._goal: GoalHandle | None = None
         self._token = ""  # of the running swap, for cell/confirm_step
         self._waiting = Future()
         self._ended: SwapEnded | None = None
@@ -96,7 +96,7 @@ class SwapServer:
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
         node_io.create_action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
-        node_io.create_service(ConfirmStep, "cell/confirm_step", self._confirm)
+        node_io.create_service(ConfirmStep, "cell/confirm_step", self._on_confirm)
 
     @property
     def active(self) -> bool:
@@ -161,7 +161,7 @@ class SwapServer:
             self._next_ask_s = now_s + ASK_S
             self._lock.ask(self._cell.lock.token, self._on_lock_asked)
 
-    async def _execute(self, goal_handle: Any) -> SwapFingers.Result:
+    async def _execute(self, goal_handle: GoalHandle) -> SwapFingers.Result:
         request = goal_handle.request
         try:
             sequence = self._cell.begin_swap(request.finger_set, list(request.serials))
@@ -373,6 +373,7 @@ class SwapServer:
             _resolve(self._waiting)
 
     def _tell(self, turn: SwapTransition) -> None:
+        assert self._goal is not None
         self._goal.publish_feedback(
             SwapFingers.Feedback(
                 step=turn.step.value,
@@ -383,18 +384,15 @@ class SwapServer:
             )
         )
 
-    def _confirm(self, request: Any, response: Any) -> Any:
-        try:
-            if self._sequence is not None:
-                response.message = self._confirm_step(self._sequence, request)
-            else:
-                response.message = self._confirm_hands_out(request)
-            response.success = True
-        except RefusedError as error:
-            response.success, response.message = False, str(error)
-        return response
+    def _on_confirm(self, request: ConfirmStep.Request, response: ConfirmStep.Response) -> ConfirmStep.Response:
+        return answer(response, lambda: self._confirm(request), RefusedError)
 
-    def _confirm_step(self, sequence: SwapSequence, request: Any) -> str:
+    def _confirm(self, request: ConfirmStep.Request) -> str:
+        if self._sequence is not None:
+            return self._confirm_step(self._sequence, request)
+        return self._confirm_hands_out(request)
+
+    def _confirm_step(self, sequence: SwapSequence, request: ConfirmStep.Request) -> str:
         _check_token(request.token, self._token)
         if self._goal is None or self._ended is not None:
             raise RefusedError("the swap is ending; look at its result")
@@ -402,7 +400,7 @@ class SwapServer:
         _resolve(self._waiting, turn)
         return turn.instruction
 
-    def _confirm_hands_out(self, request: Any) -> str:
+    def _confirm_hands_out(self, request: ConfirmStep.Request) -> str:
         """Unlock the drives that an interrupted swap left locked, in this or in an earlier run."""
         lock = self._cell.lock
         if lock is None:
@@ -422,7 +420,7 @@ class SwapServer:
         self._lock.unlock(lock.token, "a person confirmed that hands are out", answered)
         return "the drives are being unlocked; run cell/swap before any grasp"
 
-    def _cancel(self, _goal_handle: Any) -> CancelResponse:
+    def _cancel(self, _goal_handle: GoalHandle) -> CancelResponse:
         self._node_io.create_task(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
         return CancelResponse.ACCEPT
 

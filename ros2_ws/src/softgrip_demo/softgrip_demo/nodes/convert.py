@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from softgrip_demo.record import FrictionPoint, FrictionResult, ShapeView
-from softgrip_interfaces.msg import FrictionModel
+from softgrip_interfaces.action import CalibrateFriction, Grasp
+from softgrip_interfaces.msg import FrictionModel, PredictedShape
 from softgrip_nodekit import nanoseconds, seconds
 from softgrip_time.units import to_s
 
@@ -18,7 +18,7 @@ VERDICTS = {
 }
 
 
-def friction_result(result: Any) -> FrictionResult:
+def friction_result(result: CalibrateFriction.Result) -> FrictionResult:
     """Return a CalibrateFriction result as the record holds it."""
     model = result.model
     return FrictionResult(
@@ -39,7 +39,7 @@ def friction_result(result: Any) -> FrictionResult:
     )
 
 
-def outcome_latency(result: Any, received_ns: int) -> float:
+def outcome_latency(result: Grasp.Result, received_ns: int) -> float:
     """Return how long after the deciding event a Grasp result has come to its client [s].
 
     Args:
@@ -54,7 +54,7 @@ def outcome_latency(result: Any, received_ns: int) -> float:
     return math.nan if not decided_ns else result.latency + to_s(received_ns - decided_ns)
 
 
-def shape_view(shapes: list[Any]) -> ShapeView | None:
+def shape_view(shapes: list[PredictedShape]) -> ShapeView | None:
     """Return the last shape of a closing and the rate at which they came; None when there were fewer than two."""
     if len(shapes) < 2:
         return None

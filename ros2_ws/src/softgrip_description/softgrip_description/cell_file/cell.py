@@ -67,11 +67,12 @@ class ChainServo:
 
 @dataclass(frozen=True)
 class ServoChain:
-    """Servos on one bus: its port, baud rate [1/s] (None = as shipped), and who is on it."""
+    """Servos on one bus: its port, baud rate [1/s] and backend (None = as shipped), and who is on it."""
 
     port: str
     baud: int | None = None
     chain: tuple[ChainServo, ...] = ()
+    drive: str | None = None
 
     def with_servo(self, servo: ChainServo) -> ServoChain:
         """Return the chain with a servo, in place of the one of the same tendon."""
@@ -256,7 +257,7 @@ class _Reader:
             )
             for row in data["chain"]
         )
-        return ServoChain(data["port"], data.get("baud"), chain)
+        return ServoChain(data["port"], data.get("baud"), chain, data.get("drive"))
 
     def _rig(self, data: Mapping[str, Any]) -> CellRig:
         return CellRig(self._section(RigStage, data["stage"]), self._section(RigGauge, data["gauge"]))
@@ -273,7 +274,8 @@ def cell_text(cell: CellFile) -> str:
     data: dict[str, Any] = {"schema": SCHEMA, "cell": cell.name, "hardware": cell.hardware}
     if cell.servos is not None:
         rows = [_row(servo) for servo in cell.servos.chain]
-        data["servos"] = {"port": cell.servos.port, "baud": cell.servos.baud, "chain": rows}
+        servos = cell.servos
+        data["servos"] = {"drive": servos.drive, "port": servos.port, "baud": servos.baud, "chain": rows}
     data |= {"hand": cell.hand, "camera": cell.camera, "rig": cell.rig, "folders": cell.folders}
     data["parameters"] = {node: dict(values) for node, values in cell.parameters.items()}
     return _HEADER + yaml.safe_dump(_plain(data), sort_keys=False, width=110)

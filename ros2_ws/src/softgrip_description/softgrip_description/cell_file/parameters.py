@@ -113,6 +113,8 @@ def _driver(servos: ServoChain, shipped: Values) -> Values:
     }
     if servos.baud is not None:
         values["baud"] = servos.baud
+    if servos.drive is not None:
+        values["backend"] = servos.drive
     for servo in servos.chain:
         if servo.direction is None:
             raise CellFileError(

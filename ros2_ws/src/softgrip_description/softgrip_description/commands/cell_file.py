@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from softgrip_description.cell_file import (
     node_parameters,
     read_shipped,
 )
+from softgrip_description.commands.launch_folder import make_launch_folder
 from softgrip_description.errors import CellFileError
 
 EPILOG = """examples:
@@ -90,7 +90,7 @@ def _declared(arguments: Mapping[str, str]) -> list[dict[str, Any]]:
 def launch(options: argparse.Namespace) -> int:
     """Write the files of the launch into a folder of their own and print it, without a line break as launch asks."""
     cell = load_cell(options.file)
-    folder = Path(tempfile.mkdtemp(prefix="softgrip_cell_"))
+    folder = make_launch_folder()
     write_launch_files(cell, options.known, folder)
     print(folder, end="")
     return 0

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
@@ -22,17 +21,19 @@ from softgrip_description.pose_feed import HandPose
 from softgrip_description.ros2_control import GripperJoint, with_gripper_joint
 from softgrip_description.urdf import fixed_transforms, urdf_of
 from softgrip_interfaces.msg import CellState, FingerStates, MountedFinger
-from softgrip_model.profile import Profile, ProfileError, load_directory, shipped_directory
+from softgrip_model.profile import ProfileError, load_profiles
 from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
     ParameterTable,
     StartupError,
     run,
+    startup_errors,
 )
 
 #: What URDF asks for: the defaults of gripper_command's effort_limit_n [N] and max_velocity_m_s [m/s].
@@ -50,7 +51,7 @@ PARAMETERS = ParameterTable(
 )
 
 
-class HandDescription(Node):
+class HandDescription(CellNode):
     """Translates between topics and a `HandPose`."""
 
     def __init__(self) -> None:
@@ -60,7 +61,8 @@ class HandDescription(Node):
         self._publish_tf: bool = values["publish_tf"]
         self._gripper_joint: str = values["gripper_joint"]
         self._hand = _load_hand(values["hand_file"])
-        self._profiles = _load_profiles(values["profiles_directory"])
+        with startup_errors(ProfileError):
+            self._profiles = load_profiles(values["profiles_directory"])
         self._pose = HandPose(self._hand, self._profiles, self._prefix)
         self._diagnostics = Diagnostics(self)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
@@ -68,10 +70,8 @@ class HandDescription(Node):
         # tf2 listens to these two absolute names; the prefix keeps several hands apart.
         self._tf = self.create_publisher(TFMessage, "/tf", RELIABLE)
         self._tf_static = self.create_publisher(TFMessage, "/tf_static", LATCHED)
-        try:
+        with startup_errors(HandError):
             self._pose.set_mounted(_start_mounting(values["fingers"], values["profiles"]))
-        except HandError as error:
-            raise StartupError(str(error)) from error
         self._publish_description()
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
         source = f"finger/{values['joint_source']}"
@@ -136,18 +136,9 @@ class HandDescription(Node):
         return {slot: profile for slot, (profile, _) in self._pose.fingers.items()}
 
 
+@startup_errors(HandError)
 def _load_hand(path: str) -> Hand:
-    try:
-        return load_hand(Path(path)) if path else shipped_hand()
-    except HandError as error:
-        raise StartupError(str(error)) from error
-
-
-def _load_profiles(directory: str) -> dict[str, Profile]:
-    try:
-        return load_directory(Path(directory) if directory else shipped_directory())
-    except ProfileError as error:
-        raise StartupError(str(error)) from error
+    return load_hand(Path(path)) if path else shipped_hand()
 
 
 def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:

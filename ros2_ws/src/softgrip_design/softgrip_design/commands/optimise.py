@@ -8,6 +8,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -15,12 +16,14 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from softgrip_description.hand import shipped_hand
 from softgrip_design import hand, plots, trajectory
-from softgrip_design.design import HandDesign, Task, design_hand, design_uniform, published_on
+from softgrip_design.design import HandDesign, Task, design_hand, design_uniform, improve_on_mesh, published_on
 from softgrip_design.errors import DesignError
 from softgrip_design.objective import Weights
 from softgrip_design.optimiser import OptimiserSettings
 from softgrip_design.output import follow_report, uniform_report, write_cad_csv
+from softgrip_design.parts.printable import problems_of
 from softgrip_model import profile
 from softgrip_model.finger import FingerError, JointModel, MomentLaw
 from softgrip_model.finger.published import CHAPTER_4_ERROR_DEG
@@ -28,14 +31,16 @@ from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.friction.model_file import read_model
 from softgrip_model.friction.published import published, published_ids
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, Resolution
 
 EPILOG = f"""\
 Minimises 2 E_T + E_F (Eq 4.4, 4.5): E_T [deg] is the deviation of the joint angles from the demonstration at equal
 whole deflection, E_F [N] the tension that the full closing takes. SLSQP with exact gradients, 16 starts.
 
 Writes into --out: <id>.yaml (profile for the cell), <id>_cad.csv (user parameters for a CAD programme), <id>.png (as
-Fig 4.5) and <id>.json (error and force of every finger, and of the published designs on the same target). A finger
-that hardly moves in the demonstration takes thickness and routing of the index.
+Fig 4.5) and <id>.json (error and force of every finger, of the published designs on the same target, and what `parts`
+would refuse, which is printed as well). A finger that hardly moves in the demonstration takes
+thickness and routing of the index.
 
 TRAJECTORY is a file that `capture` wrote, or one that ships: {", ".join(trajectory.shipped())}.
 
@@ -44,6 +49,7 @@ examples:
   optimise out/capture/motion_02_pinch.csv --finger index --friction braid-tpu
   optimise --objective uniform            the finger of section 3.4: all joints alike over 20 mm
 """
+COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
 DEFAULT_FRICTION = {"follow": "braid-tpu-chapter4", "uniform": "twine-tpu"}
 
 
@@ -76,6 +82,12 @@ def parser() -> argparse.ArgumentParser:
         "--joint-model",
         choices=tuple(map(str, JointModel)),
         help=f"mode F or mode P, docs/finger.md (default: {JointModel.FLEXURE}; {JointModel.HINGE} for uniform)",
+    )
+    made.add_argument(
+        "--on-mesh",
+        choices=tuple(RESOLUTIONS),
+        help="then move every design on to where the finger follows in the mesh (GDFE), not in the kernel alone: "
+        "minutes a finger",
     )
     made.add_argument("--starts", type=int, default=16, help="of the search, per finger (default: %(default)s)")
     made.add_argument("--seed", type=int, default=1, help="of the starts (default: %(default)s)")
@@ -124,6 +136,8 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
         search=OptimiserSettings(starts=options.starts, seed=options.seed),
     )
     design = _with_progress(demonstration, names, task)
+    if options.on_mesh:
+        design = _on_mesh(design, demonstration, task, RESOLUTIONS[options.on_mesh])
     identity = options.id or path.stem
     three_joints = [one for one in design.followed if one.finger.joints == 3]
     compared = {one.name: published_on(task.objective(demonstration, one.name)) for one in three_joints}
@@ -137,17 +151,36 @@ def _follow(options: argparse.Namespace, friction_id: str, law: FrictionLaw) -> 
     profile.save(made, options.out / f"{identity}.yaml")
     write_cad_csv(design.fingers, options.out / f"{identity}_cad.csv")
     plots.draw_design(f"{path.stem}, friction {friction_id}", design, options.out / f"{identity}.png")
-    report = {"trajectory": path.name, "friction": friction_id, **follow_report(design, compared)}
+    refused = problems_of(made, shipped_hand())
+    report = {
+        "trajectory": path.name,
+        "friction": friction_id,
+        **follow_report(design, compared),
+        "not_printable": refused,
+    }
     (options.out / f"{identity}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     _print_design(design, compared, options.out / identity)
+    for text in refused.values():
+        print(f"parts would refuse it for the shipped hand: {text}")
     return 0
 
 
 def _with_progress(demonstration: trajectory.FingerTrajectory, names: Sequence[str], task: Task) -> HandDesign:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with Progress(*COLUMNS, console=Console(stderr=True), transient=True) as progress:
         bars = {name: progress.add_task(name, total=task.search.starts) for name in names}
         return design_hand(demonstration, names, task, lambda name: progress.advance(bars[name]))
+
+
+def _on_mesh(
+    design: HandDesign, demonstration: trajectory.FingerTrajectory, task: Task, resolution: Resolution
+) -> HandDesign:
+    """Return the fingers moved on in the mesh; those that share a design keep the kernel's."""
+    with Progress(*COLUMNS, console=Console(stderr=True), transient=True) as progress:
+        followed = tuple(
+            improve_on_mesh(one, task.objective(demonstration, one.name), task, resolution)
+            for one in progress.track(design.followed, description="in the mesh")
+        )
+    return replace(design, followed=followed)
 
 
 def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float, float]]], stem: Path) -> None:
@@ -155,6 +188,7 @@ def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float,
     table = Table(title=f"{count} finger{'s' * (count > 1)} in {design.seconds:.2f} s", caption=f"written: {stem}.*")
     for heading in ("finger", "h [mm]", "r [mm]", "error [deg]", "force [N]", "pull [mm]", "starts within 1 %"):
         table.add_column(escape(heading), justify="left" if heading == "finger" else "right")
+    in_mesh = []
     for one in design.followed:
         near = sum(value <= 1.01 * one.optimum.value for value in one.optimum.start_values)
         table.add_row(
@@ -166,10 +200,15 @@ def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float,
             f"{one.closing.pulled_mm[0, -1]:.2f}",
             f"{near}/{len(one.optimum.start_values)}",
         )
+        if one.mesh_error_deg:
+            before, after = one.mesh_error_deg
+            in_mesh.append(f"{one.name} {after:.2f} deg (the kernel's design {before:.2f} deg)")
     for other in design.shared:
         table.add_row(other.name, f"as {other.taken_from}", other.why)
     console = Console(width=None if sys.stdout.isatty() else 130)
     console.print(table)
+    if in_mesh:
+        console.print(f"error in the mesh: {'; '.join(in_mesh)}")
     if "index" in compared:
         each = (f"{grasp} {error:.2f} deg, {force:.1f} N" for grasp, (error, force) in compared["index"].items())
         console.print("designs of Fig 4.4 on the index's target: " + "; ".join(each))

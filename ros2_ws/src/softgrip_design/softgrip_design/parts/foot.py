@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 from softgrip_description.hand import HandSlot
 
-#: Section of the tenon: y and z.
-Y_MM, HALF_WIDTH_MM = (-11.0, 4.0), 6.0
+#: Section of the tenon: y and z. Deep enough for cables within the bounds of section 4.2.3 and openings from 80 deg:
+#: r0 = 13 mm lies 13 cos 40 deg = 9.96 mm deep.
+Y_MM, HALF_WIDTH_MM = (-12.0, 4.0), 6.0
 LENGTH_MM = 16.0
 #: The body behind the first groove: its back covers the tenon by this much, and its front is at least this deep.
 SHOULDER_MM, BODY_DEPTH_MM = 2.0, 12.0

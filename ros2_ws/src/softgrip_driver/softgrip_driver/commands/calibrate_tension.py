@@ -24,12 +24,12 @@ from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, ServoModel
-from softgrip_driver.dynamixel.winding import MotorReading, Winding, fit_winding
 from softgrip_driver.errors import ConfigurationError, NoReplyError
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
+from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
 from softgrip_time import Clock
 
 TEXT = """Fit the torque model of a servo, k current = tension radius + friction, against a force gauge or weights.

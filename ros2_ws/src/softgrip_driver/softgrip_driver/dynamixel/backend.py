@@ -14,9 +14,9 @@ from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
 from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
 from softgrip_driver.dynamixel.servo_state import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
-from softgrip_driver.dynamixel.winding import MotorReading, Winding
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.winding import MotorReading, Winding
 
 #: names of the fault table for the bits of the hardware error status; plain integers, for this is asked in every cycle
 _FAULT_NAMES = {

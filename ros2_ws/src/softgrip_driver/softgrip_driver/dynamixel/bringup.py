@@ -17,7 +17,6 @@ from softgrip_driver.dynamixel.registers import (
     OperatingMode,
     ServoModel,
 )
-from softgrip_driver.dynamixel.winding import RATED_DEGC, MotorReading, Winding
 from softgrip_driver.errors import (
     ConfigurationError,
     CorruptReplyError,
@@ -26,6 +25,7 @@ from softgrip_driver.errors import (
     WrongDeviceError,
 )
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_driver.tendon.winding import RATED_DEGC, MotorReading, Winding
 
 _ATTEMPTS = 4
 #: [1/s] as a servo comes (e-manual, Baud Rate(8))

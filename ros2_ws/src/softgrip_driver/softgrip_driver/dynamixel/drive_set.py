@@ -13,13 +13,13 @@ from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, CurrentSensing, OperatingMode, ServoModel
-from softgrip_driver.dynamixel.winding import Winding
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.needs import LASTING_SHARE, check_motor
 from softgrip_driver.tendon.units import TorqueModel
+from softgrip_driver.tendon.winding import Winding
 from softgrip_time import Clock
 
 #: [Hz] of the control loop, where nothing else is said

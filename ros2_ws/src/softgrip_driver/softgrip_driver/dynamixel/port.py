@@ -8,7 +8,10 @@ version of the SDK.
 
 from __future__ import annotations
 
+import os
+import select
 import termios
+from contextlib import suppress
 from typing import Any
 
 import serial
@@ -26,6 +29,20 @@ BITS_PER_BYTE = 10
 #: what pyserial and the tty layer raise when the device goes away (termios.error is no OSError; a closed Serial raises
 #: TypeError from its missing file descriptor)
 PORT_ERRORS = (OSError, termios.error, TypeError, ValueError)
+
+
+class _PatientSerial(serial.Serial):
+    """A port that hangs only where it does not take bytes: for pyserial, so does one of a computer that pauses."""
+
+    def write(self, data: Any, /) -> int:
+        """Write all bytes; SerialTimeoutException when the port has taken none for ``write_timeout`` [s]."""
+        port, left = self.fileno(), memoryview(data)
+        while left:
+            if not select.select((), (port,), (), self.write_timeout)[1]:
+                raise serial.SerialTimeoutException("Write timeout")
+            with suppress(BlockingIOError):
+                left = left[os.write(port, left) :]
+        return len(data)
 
 
 class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
@@ -53,7 +70,7 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         """Open the port for this process alone."""
         if self.is_open:
             self.closePort()
-        self.ser = serial.Serial(
+        self.ser = _PatientSerial(
             port=self.port_name, baudrate=cflag_baud, bytesize=serial.EIGHTBITS, timeout=0, exclusive=True,
             write_timeout=WRITE_TIMEOUT_S,
         )  # fmt: skip

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
-from softgrip_driver.dynamixel.winding import MotorReading
+from softgrip_driver.tendon.winding import MotorReading
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
@@ -77,7 +76,7 @@ def sample_message(judged: JudgedPoint, stamp: Time) -> FrictionSample:
     return message
 
 
-def feedback_message(step: ProcedureStep) -> Any:
+def feedback_message(step: ProcedureStep) -> CalibrateFriction.Feedback:
     """Return a step as the action's feedback."""
     feedback = CalibrateFriction.Feedback()
     feedback.phase = int(step.phase)
@@ -89,7 +88,7 @@ def feedback_message(step: ProcedureStep) -> Any:
     return feedback
 
 
-def request_of(goal: Any) -> Request:
+def request_of(goal: CalibrateFriction.Goal) -> Request:
     """Return what an action goal asks for."""
     return Request(
         plan=goal.plan,

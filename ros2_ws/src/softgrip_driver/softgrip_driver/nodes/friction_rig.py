@@ -17,7 +17,7 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -45,7 +45,18 @@ from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.record import ModelVerdict
 from softgrip_model.friction.store import ModelStore
-from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health, StartupError, cell_clock, run
+from softgrip_nodekit import (
+    LATCHED,
+    RELIABLE,
+    SENSOR,
+    Diagnostics,
+    GoalHandle,
+    HardwareNode,
+    Health,
+    StartupError,
+    cell_clock,
+    run,
+)
 from softgrip_time import Clock as CellClock
 from softgrip_time import WallClock
 from softgrip_time.units import to_s
@@ -58,7 +69,7 @@ _NO_RIG = "this bench has no rig (stage: none): friction models are served, noth
 _KEPT = "accepted points are kept: resume the plan to go on"
 
 
-class FrictionRig(LifecycleNode):
+class FrictionRig(HardwareNode):
     """The node; measuring runs in the action's thread, everything else in the others."""
 
     def __init__(self) -> None:
@@ -66,10 +77,9 @@ class FrictionRig(LifecycleNode):
         self._values = PARAMETERS.declare(self)
         self._has_rig = self._values["stage"] != NO_STAGE
         if not self._has_rig:
-            self.device_paths: list[str] = []  # none that `run` would wait for
+            self.device_paths = []  # none that `run` would wait for
         self._diagnostics = Diagnostics(self, hardware_id=self._values["stage_port"] if self._has_rig else "")
         self._folder = Path(self._values["model_dir"]).expanduser()
-        self.startup_problem = ""
         self._bench: Bench | None = None
         #: that the devices wait on
         self.clock_of_cell: CellClock = WallClock()
@@ -135,9 +145,8 @@ class FrictionRig(LifecycleNode):
             with clock.stepping():
                 identities = bench.open(timeout=self._values["connect_timeout"])
         except (DriverError, StartupError) as error:
-            self.startup_problem = str(error)
             self._diagnostics.set("rig", Health.ERROR, str(error))
-            return TransitionCallbackReturn.FAILURE
+            return self.fail(str(error))
         self._bench = bench
         for identity in identities:
             self.get_logger().info(f"connected: {identity.model}")
@@ -155,20 +164,15 @@ class FrictionRig(LifecycleNode):
         self._halt()
         return super().on_deactivate(state)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Disconnect."""
-        self.close()
-        return super().on_cleanup(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and disconnect."""
-        self.close()
-        return super().on_shutdown(state)
-
     def close(self) -> None:
-        """Stop the stage and disconnect; called on every exit path."""
+        """Stop the stage, disconnect, and end what guards it."""
         self._halt()
         self._safety.close()
+        self.disconnect()
+
+    def disconnect(self) -> None:
+        """Stop the stage and close its devices."""
+        self._halt()
         bench, self._bench = self._bench, None
         if bench is not None:
             bench.close()
@@ -183,7 +187,7 @@ class FrictionRig(LifecycleNode):
 
     # -- measuring ---------------------------------------------------------------------------------------------------
 
-    def _on_calibrate(self, goal_handle: Any) -> Any:
+    def _on_calibrate(self, goal_handle: GoalHandle) -> CalibrateFriction.Result:
         result = CalibrateFriction.Result()
         # A result without a model must not look like one that may be used.
         result.model = FrictionModel(verdict=FrictionModel.DO_NOT_USE, reason="no model was fitted")
@@ -216,7 +220,7 @@ class FrictionRig(LifecycleNode):
         result.samples = list(session.accepted.values())
         return result
 
-    def _measure(self, session: _Session, goal: Any) -> PlanOutcome:
+    def _measure(self, session: _Session, goal: CalibrateFriction.Goal) -> PlanOutcome:
         if not self._has_rig:
             raise DriverError(_NO_RIG)
         bench = self._bench
@@ -240,7 +244,7 @@ class FrictionRig(LifecycleNode):
                 with self._session_lock:
                     self._session = None
 
-    def _keep(self, outcome: PlanOutcome, goal: Any, result: Any) -> None:
+    def _keep(self, outcome: PlanOutcome, goal: CalibrateFriction.Goal, result: CalibrateFriction.Result) -> None:
         if outcome.calibration is None:
             write_pulley(self._folder, Pulley(outcome.pulley_ratio, outcome.pulley_stddev))
             result.reason = f"guide pulley: T1/T2 = {outcome.pulley_ratio:.4f}, taken out of every later point"
@@ -355,7 +359,7 @@ class FrictionRig(LifecycleNode):
 class _Session(RigOperator):
     """One running plan: between the procedure's questions and the action's client."""
 
-    def __init__(self, node: FrictionRig, goal_handle: Any, clock: ScaledClock) -> None:
+    def __init__(self, node: FrictionRig, goal_handle: GoalHandle, clock: ScaledClock) -> None:
         self.clock = clock
         self.ended = threading.Event()
         self.accepted: dict[int, FrictionSample] = {}

@@ -14,7 +14,7 @@ from builtin_interfaces.msg import Time
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -41,6 +41,7 @@ from softgrip_nodekit import (
     SENSOR,
     Diagnostics,
     FatalError,
+    HardwareNode,
     HealthMonitor,
     StartupError,
     callback_errors,
@@ -48,6 +49,7 @@ from softgrip_nodekit import (
     claim_name,
     nanoseconds,
     run,
+    startup_errors,
     steady_timer,
     to_time_message,
 )
@@ -71,18 +73,14 @@ SUPERVISION_PERIOD_S = 0.5
 SWITCH_INTERVAL = 0.0005
 
 
-class TendonDriver(LifecycleNode):
+class TendonDriver(HardwareNode):
     """Translates between messages and the bus loop; decides nothing."""
 
     def __init__(self) -> None:
         super().__init__("tendon_driver")
         values = PARAMETERS.declare(self)
-        try:
+        with startup_errors(ConfigurationError):
             self._configuration: DriverConfiguration = checked_configuration(values)
-        except ConfigurationError as error:
-            raise StartupError(str(error)) from error
-        #: why a transition failed; read by softgrip_nodekit.run
-        self.startup_problem = ""
         self._status_period = 1.0 / values["status_rate"]
         self._home_on_activate: bool = values["home_on_activate"]
         self._backend: TendonBackend | None = None
@@ -153,7 +151,7 @@ class TendonDriver(LifecycleNode):
             with clock.stepping():
                 identities = backend.connect(keep_torque=keeps_torque(record, configuration.policies))
         except (DriverError, StartupError) as error:
-            return self._failed(str(error))
+            return self.fail(str(error))
         for identity in identities:
             self.get_logger().info(f"tendon '{identity.tendon}': {identity.device}")
             for warning in identity.warnings:
@@ -167,8 +165,8 @@ class TendonDriver(LifecycleNode):
         self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
         if loop.wait_for(lambda seen: all(drive.time > 0.0 for drive in seen.drives), FIRST_READING) is None:
             counters = backend.counters
-            self._disconnect()
-            return self._failed(
+            self.disconnect()
+            return self.fail(
                 f"expected readings of every device that had answered, found {counters.lost} replies lost in "
                 f"{counters.transactions} transactions; check cable and supply, and the adapter's latency with selftest"
             )
@@ -187,7 +185,7 @@ class TendonDriver(LifecycleNode):
         """
         loop, keeper = self._loop, self._keeper
         if loop is None or keeper is None:
-            return self._failed("not configured")
+            return self.fail("not configured")
         try:
             recalled = keeper.recall(loop)
             # An unclean end must be seen by the next process, so this is on disk before torque goes on.
@@ -196,7 +194,7 @@ class TendonDriver(LifecycleNode):
             if not self._safety.refusal:
                 loop.power(on=True)
         except (DriverError, TimeoutError) as error:
-            return self._failed(str(error))
+            return self.fail(str(error))
         if held:
             self.get_logger().warning(f"goes on holding {', '.join(held)}, as the driver before left them")
         self._active = True
@@ -215,7 +213,7 @@ class TendonDriver(LifecycleNode):
         if unhomed and self._home_on_activate and not self._safety.refusal:
             success, message = self._home(unhomed)
             if not success:
-                return self._failed(message)
+                return self.fail(message)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -227,25 +225,9 @@ class TendonDriver(LifecycleNode):
         self._stop_monitor()
         return super().on_deactivate(state)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the port."""
-        del state
-        self._disconnect()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the hardware safe, from any state."""
-        del state
-        self._disconnect()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the hardware safe; configure again afterwards."""
-        return self.on_shutdown(state)
-
     def close(self) -> None:
-        """Leave the hardware safe; called on every exit path of the process."""
-        self._disconnect()
+        """Leave the hardware safe, and end what guards it."""
+        self.disconnect()
         self._safety_server.close()
 
     def _disarm(self) -> None:
@@ -277,12 +259,8 @@ class TendonDriver(LifecycleNode):
             raise FatalError(f"the bus loop has ended: {loop.failure!r}")
         self._safety.persist()
 
-    def _failed(self, problem: str) -> TransitionCallbackReturn:
-        self.startup_problem = problem
-        self.get_logger().error(problem)
-        return TransitionCallbackReturn.FAILURE
-
-    def _disconnect(self) -> None:
+    def disconnect(self) -> None:
+        """Let go of the drives, or leave them holding where the policy says so, and close the port."""
         self._active = False
         loop, backend = self._loop, self._backend
         if loop is not None and backend is not None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections import deque
@@ -52,12 +53,12 @@ class LoopSnapshot:
 
 
 class _Pace:
-    """Keeps the period and its statistics."""
+    """Keeps the period and its statistics; cycles begin at whole periods of the clock, whenever the first one came."""
 
     def __init__(self, rate: float, now: float) -> None:
         self.period = 1.0 / rate
         self.missed = 0
-        self._due = now
+        self._due = math.floor(now / self.period) * self.period
         self._starts: deque[float] = deque(maxlen=max(16, round(rate)))
         self._errors: deque[float] = deque(maxlen=max(16, round(rate)))
 

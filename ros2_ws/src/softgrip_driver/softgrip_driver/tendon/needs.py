@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from softgrip_driver.errors import ConfigurationError
@@ -51,6 +51,20 @@ class GearedMotor(Protocol):
     @property
     def needs(self) -> TendonNeeds:
         """Return what it asks of the limits."""
+
+
+def fitted_limits(limits: TendonLimits, motor: GearedMotor, radius: float) -> TendonLimits:
+    """Return limits that a motor on a spool of a radius [m] can keep, as near to the given ones as they can be."""
+    homing = max(limits.homing_tension, motor.needs.homing_torque / radius)
+    soft = min(limits.tension_soft, LASTING_SHARE * motor.stall_torque / radius)
+    return replace(
+        limits,
+        homing_tension=homing,
+        tension_soft=max(homing, soft),
+        speed=min(limits.speed, motor.needs.speed * radius),
+        acceleration=min(limits.acceleration, motor.needs.acceleration * radius),
+        temperature_limit=min(limits.temperature_limit, motor.temperature_limit),
+    )
 
 
 def check_motor(motor: GearedMotor, spool: Spool, limits: TendonLimits, loop_rate: float) -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from softgrip_driver.commands import calibrate_tension
 from softgrip_driver.dynamixel.registers import MODELS
-from softgrip_driver.dynamixel.winding import Winding
 from softgrip_driver.tendon.units import TorqueModel
+from softgrip_driver.tendon.winding import Winding
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_model.profile import load_directory
 

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import threading
-from functools import reduce
-from operator import and_
 from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.packets import (
@@ -17,7 +15,7 @@ from softgrip_emulator.dynamixel.packets import (
     encode_fast_status,
     encode_status,
 )
-from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk
+from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, collided
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -107,7 +105,7 @@ class DynamixelChain:
             if may_answer:
                 # The reply carries the ID the instruction was addressed to, also when that instruction changed it.
                 chunks.append(Chunk(encode_status(packet.device_id, reply.error, reply.parameters), now_s + delay_s))
-        return _collided(chunks)
+        return collided(chunks)
 
     def _broadcast(self, packet: Packet, listening: list[EmulatedServo], now_s: float, baud: int) -> list[Chunk]:
         match packet.instruction:
@@ -268,13 +266,3 @@ def _bulk_writes(parameters: bytes) -> list[tuple[int, int, bytes]]:
 
 def _u16(data: bytes, place: int) -> int:
     return int.from_bytes(data[place : place + 2], "little")
-
-
-def _collided(chunks: list[Chunk]) -> list[Chunk]:
-    """Return what is on the wire where servos with one ID answer at once: a driven low wins over a high."""
-    if len(chunks) < 2:
-        return chunks
-    longest = max(len(chunk.data) for chunk in chunks)
-    padded = [chunk.data.ljust(longest, b"\xff") for chunk in chunks]
-    data = bytes(reduce(and_, column) for column in zip(*padded, strict=True))
-    return [Chunk(data, min(chunk.start_s for chunk in chunks))]

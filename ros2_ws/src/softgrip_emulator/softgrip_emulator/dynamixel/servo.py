@@ -200,6 +200,11 @@ class EmulatedServo:
         return not self.silenced and self.powered and now_s >= self._silent_until_s and baud == self.baud
 
     @property
+    def holds(self) -> bool:
+        """Whether its torque is on."""
+        return bool(self.registers.get("torque_enable"))
+
+    @property
     def powered(self) -> bool:
         """Whether it hangs on the cable, and the supply keeps its processor alive."""
         return self.is_connected and self.shaft.supply_v > self.model.motor.brown_out_v

@@ -9,34 +9,35 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from builtin_interfaces.msg import Time
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
-from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER, available_models, load_model
+from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
 from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
+from softgrip_emulator.servos import available_models, load_ratings
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
-from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_model.profile import ProfileError, load_profiles
 from softgrip_nodekit import (
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
     ParameterTable,
     Rank,
-    StartupError,
+    answer,
     claim_name,
     realtime_parameter,
     run,
+    startup_errors,
     to_time_message,
 )
 from softgrip_time.units import to_ns
@@ -100,19 +101,19 @@ PARAMETERS = ParameterTable(
         "gauge_on", "", "slot whose tendon the force gauge hangs in, to calibrate its servo; empty = the rig's cable"
     ),
     Parameter("fault_plan", "", "YAML file with faults at times or at random; empty = none"),
-    Parameter("truth_rate", 30.0, "of emulator/truth", "Hz", 0.1, 200.0),
+    Parameter("truth_rate", 30.0, "of emulator/truth, in the cell's time", "Hz", 0.1, 200.0),
     realtime_parameter(Rank.EMULATED_HARDWARE),
 )
 
 
-_CLOCK_PERIOD_S: Final = 0.005
+_CLOCK_PERIOD_S: Final = 0.01
 """Least time of the cell between two messages on /clock."""
 _CLOCK_REPEATED_S: Final = 0.1
 """A time that stands is published again after this, by the computer's clock, for nodes that have just started."""
 _SWITCH_INTERVAL_S: Final = 0.0005
 
 
-class EmulatedCellNode(Node):
+class EmulatedCellNode(CellNode):
     """Translates between services and an `EmulatedCell`."""
 
     def __init__(self) -> None:
@@ -122,15 +123,16 @@ class EmulatedCellNode(Node):
         self._name_lock = claim_name(self)  # before the wires of another cell are touched
         self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR)
         self._published_s = self._published_at = -1.0
+        self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
+        self._truth_period_s = 1.0 / values["truth_rate"]
+        self._truth_due_s = 0.0
         self._cell = cell = _open_cell(values, self._on_tick)
         self._diagnostics = Diagnostics(self, "emulated")
-        self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
         # The wires exist by now: whoever waits for these services may open them at once.
         self.create_service(MountFingers, "emulator/mount", self._on_mount)
         self.create_service(PlaceObject, "emulator/place_object", self._on_place)
         self.create_service(InjectFault, "emulator/inject_fault", self._on_fault)
         self.create_service(SetRig, "emulator/set_rig", self._on_rig)
-        self.create_timer(1.0 / values["truth_rate"], self._publish_truth)
         self.create_timer(1.0, self._report)
         self.get_logger().info(f"wires in {cell.wire_dir}, camera at {cell.stream_url}")
 
@@ -140,35 +142,35 @@ class EmulatedCellNode(Node):
         assert self._cell is not None
         return self._cell
 
-    def _on_mount(self, request: Any, response: Any) -> Any:
-        return _answer(response, lambda: self._mount(request))
+    def _on_mount(self, request: MountFingers.Request, response: MountFingers.Response) -> MountFingers.Response:
+        return answer(response, lambda: self._mount(request), EmulatorError)
 
-    def _mount(self, request: Any) -> str:
+    def _mount(self, request: MountFingers.Request) -> str:
         self.cell.plant.mount(request.fingers, request.serials, request.profiles)
         mounted = [f"{f.serial} ({f.profile})" if f else "empty" for f in self.cell.plant.mounted]
         return "mounted: " + ", ".join(mounted)
 
-    def _on_place(self, request: Any, response: Any) -> Any:
-        return _answer(response, lambda: self._place(request))
+    def _on_place(self, request: PlaceObject.Request, response: PlaceObject.Response) -> PlaceObject.Response:
+        return answer(response, lambda: self._place(request), EmulatorError)
 
-    def _place(self, request: Any) -> str:
+    def _place(self, request: PlaceObject.Request) -> str:
         self.cell.plant.place(request.product, request.offset)
         return f"{request.product} between the fingers" if request.product else "nothing between the fingers"
 
-    def _on_fault(self, request: Any, response: Any) -> Any:
-        _answer(response, lambda: self._inject(request))
+    def _on_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:
+        answer(response, lambda: self._inject(request), EmulatorError)
         response.active = list(self.cell.faults.active)
         return response
 
-    def _inject(self, request: Any) -> str:
+    def _inject(self, request: InjectFault.Request) -> str:
         arguments = convert.to_fault_arguments(request.arguments)
         self.cell.faults.inject(request.fault, request.target, request.duration, arguments)
         return f"{request.fault}: done"
 
-    def _on_rig(self, request: Any, response: Any) -> Any:
-        return _answer(response, lambda: self._set_rig(request))
+    def _on_rig(self, request: SetRig.Request, response: SetRig.Response) -> SetRig.Response:
+        return answer(response, lambda: self._set_rig(request), EmulatorError)
 
-    def _set_rig(self, request: Any) -> str:
+    def _set_rig(self, request: SetRig.Request) -> str:
         self.cell.rig.set(request.angle, request.load)
         return f"angle {request.angle:.3f} rad, load {request.load:.3f} kg"
 
@@ -176,7 +178,7 @@ class EmulatedCellNode(Node):
         self._truth.publish(convert.to_truth_message(self.cell.truth(), self._stamp()))
 
     def _on_tick(self) -> None:
-        """Publish the time; in the thread that drives it."""
+        """Publish the time and the truth; in the thread that drives it."""
         cell = self._cell
         if cell is None or not self.context.ok():
             return
@@ -184,6 +186,9 @@ class EmulatedCellNode(Node):
         if now_s - self._published_s > 0.999 * _CLOCK_PERIOD_S or computer_s - self._published_at > _CLOCK_REPEATED_S:
             self._published_s, self._published_at = now_s, computer_s
             self._clock_publisher.publish(Clock(clock=self._stamp()))
+        if now_s >= self._truth_due_s:
+            self._truth_due_s = max(self._truth_due_s + self._truth_period_s, now_s)
+            self._publish_truth()
 
     def _stamp(self) -> Time:
         return to_time_message(to_ns(self.cell.epoch_time_s()))
@@ -222,53 +227,35 @@ class EmulatedCellNode(Node):
         self._name_lock.close()
 
 
-def _answer(response: Any, act: Callable[[], str]) -> Any:
-    try:
-        response.message, response.success = act(), True
-    except EmulatorError as error:
-        response.message, response.success = str(error), False
-    return response
-
-
+@startup_errors(EmulatorError, ProfileError, OSError)
 def _open_cell(values: dict[str, Any], on_tick: Callable[[], None]) -> EmulatedCell:
-    try:
-        cell = EmulatedCell(
-            _profiles(values["profiles_directory"]),
-            Path(values["wire_dir"]) if values["wire_dir"] else default_wire_folder(),
-            seed=values["seed"],
-            rig_time_scale=values["time_scale"],
-            speed=values["speed"],
-            expected=[name for name in values["expected"] if name],
-            on_tick=on_tick,
-            chain=_chain(values),
-            supply=_supply(values),
-            camera=CameraSettings(
-                values["camera_width"],
-                values["camera_height"],
-                values["camera_fps"],
-                values["camera_port"],
-                values["jpeg_quality"],
-                values["camera_realtime_priority"],
-            ),
-            gauge_on=values["gauge_on"],
-        )
-        cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
-        if values["factory_fresh"]:
-            for slot in values["fingers"]:
-                cell.faults.inject("servo_unplugged", slot)
-        if values["fault_plan"]:
-            cell.faults.follow(read_plan(Path(values["fault_plan"]).read_text(encoding="utf-8")))
-        return cell.open()
-    except (EmulatorError, OSError) as error:
-        raise StartupError(str(error)) from error
-
-
-def _profiles(directory: str) -> dict[str, Profile]:
-    try:
-        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
-        return load_directory(folder)
-    except (ProfileError, PackageNotFoundError) as error:
-        raise StartupError(str(error)) from error
+    cell = EmulatedCell(
+        load_profiles(values["profiles_directory"]),
+        Path(values["wire_dir"]) if values["wire_dir"] else default_wire_folder(),
+        seed=values["seed"],
+        rig_time_scale=values["time_scale"],
+        speed=values["speed"],
+        expected=[name for name in values["expected"] if name],
+        on_tick=on_tick,
+        chain=_chain(values),
+        supply=_supply(values),
+        camera=CameraSettings(
+            values["camera_width"],
+            values["camera_height"],
+            values["camera_fps"],
+            values["camera_port"],
+            values["jpeg_quality"],
+            values["camera_realtime_priority"],
+        ),
+        gauge_on=values["gauge_on"],
+    )
+    cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
+    if values["factory_fresh"]:
+        for slot in values["fingers"]:
+            cell.faults.inject("servo_unplugged", slot)
+    if values["fault_plan"]:
+        cell.faults.follow(read_plan(Path(values["fault_plan"]).read_text(encoding="utf-8")))
+    return cell.open()
 
 
 def _chain(values: dict[str, Any]) -> list[ServoPlace]:
@@ -293,7 +280,7 @@ def _chain(values: dict[str, Any]) -> list[ServoPlace]:
 
 
 def _supply(values: dict[str, Any]) -> Supply:
-    return Supply(values["supply_v"] or load_model(values["servo_model"]).motor.nominal_voltage_v)
+    return Supply(values["supply_v"] or load_ratings(values["servo_model"]).nominal_voltage_v)
 
 
 def main(args: Sequence[str] | None = None) -> None:

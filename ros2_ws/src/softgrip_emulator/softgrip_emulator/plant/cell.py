@@ -5,14 +5,11 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from softgrip_emulator.dynamixel.servo import EmulatedServo
-from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.plant.fingers import FingerBank, run_in
 from softgrip_emulator.plant.grasp import PlantGrasp
@@ -20,12 +17,14 @@ from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.plant.out_of_plane import leave_plane, twist
 from softgrip_emulator.plant.products import PlantProduct, product
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
+from softgrip_emulator.servos import make_servo
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from softgrip_emulator.servos import PlantServo
     from softgrip_model.profile import Profile
 
     Array = NDArray[np.float64]
@@ -43,7 +42,6 @@ _REST_CHANGE_N: Final = 0.3
 cable that was let off under a high tension turns to and fro in it."""
 _OTHER_POSTURE_M: Final = 2e-4
 _MAX_OFFSET_M: Final = 0.1
-_STEPS_AT_A_TIME: Final = 4
 _MAX_LAG_S: Final = 0.1
 """Further behind the clock than this, the plant skips time instead of taking the processor from the others."""
 
@@ -112,11 +110,11 @@ class CellPlant:
         self.places = tuple(chain or default_chain())
         self.slots = tuple(place.slot for place in self.places)
         rng = np.random.default_rng([seed, 0x4D4F])
-        self.servos: list[EmulatedServo] = []
+        self.servos: list[PlantServo] = []
         self.motors: list[Motor] = []
         for place in self.places:
-            servo = EmulatedServo(
-                load_model(place.model),
+            servo = make_servo(
+                place.model,
                 place.device_id,
                 baud=place.baud,
                 return_delay_us=place.return_delay_us,
@@ -239,31 +237,21 @@ class CellPlant:
 
     # -- time ------------------------------------------------------------------------------------------------------
 
-    def advance_to(self, now_s: float, *, alone: bool = False) -> None:
-        """Live until `now_s` [s]; what is read then is what is, however long this computer was away before.
+    def advance_to(self, now_s: float) -> None:
+        """Live until `now_s` [s] of the cell's clock; what is read then is what is.
 
-        A few steps at a time hold the lock. Time beyond a lag that a computer in difficulties would never make up for
-        is left out, and counted.
-
-        Args:
-            now_s: of the cell's clock.
-            alone: nobody else waits for the lock (the plant in virtual time, in one thread).
+        Time beyond a lag that a computer in difficulties would never make up for is left out, and counted.
         """
         with self.lock:
             if now_s - self.now_s > _MAX_LAG_S:
                 skipped = now_s - self.now_s - STEP_S
                 self.lost_time_s += skipped
                 self.now_s += skipped
-        while True:
-            with self.lock:
-                for _ in range(_STEPS_AT_A_TIME):
-                    dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
-                    if self.now_s + dt_s > now_s:
-                        return
-                    self.step(dt_s)
-            # Let go of the interpreter: a thread that waits for the lock would else not get it before the last step.
-            if not alone:
-                time.sleep(0)
+            while True:
+                dt_s = REST_STEP_S if self._calm_s > _REST_AFTER_S else STEP_S
+                if self.now_s + dt_s > now_s:
+                    return
+                self.step(dt_s)
 
     def step(self, dt_s: float = STEP_S) -> None:
         """One step of everything."""
@@ -341,7 +329,7 @@ class CellPlant:
         source_v = self.supply.voltage_v if self.disturbances.supply_v is None else self.disturbances.supply_v
         return max(0.0, source_v - self.supply.resistance_ohm * drawn_a)
 
-    def _power(self, index: int, servo: EmulatedServo, supply_v: float) -> None:
+    def _power(self, index: int, servo: PlantServo, supply_v: float) -> None:
         servo.shaft.supply_v = supply_v
         if self._powered[index] and not servo.powered:
             self._powered[index] = False

@@ -52,6 +52,8 @@ class RigPlant:
         self.truth = truth
         self.lock = threading.RLock()
         self._rng = np.random.default_rng([seed, 0x504C])
+        # Apart from the slips, whose number depends on when a pull ends: each point of a seed is laid the same way.
+        self._hand = np.random.default_rng([seed, 0x4841])
         self._phases = self._rng.uniform(0.0, 2.0 * np.pi, len(_WAVE_LENGTHS))
         self._now_s = 0.0
         self._velocity = 0.0
@@ -69,13 +71,13 @@ class RigPlant:
         with self.lock:
             truth = self.truth
             on_surface = angle > _OFF_THE_SURFACE
-            true_angle = max(angle + self._rng.normal(0.0, truth.angle_stddev), 0.0) if on_surface else 0.0
-            tension = load_kg * _GRAVITY_M_S2 * float(1.0 + self._rng.normal(0.0, truth.load_stddev))
+            true_angle = max(angle + self._hand.normal(0.0, truth.angle_stddev), 0.0) if on_surface else 0.0
+            tension = load_kg * _GRAVITY_M_S2 * float(1.0 + self._hand.normal(0.0, truth.load_stddev))
             if tension <= 0.0:
                 self.setting = Setting(true_angle, 0.0, 0.0, 0.0)
                 self.force = 0.0
                 return
-            scatter = float(np.exp(self._rng.normal(0.0, truth.repeatability))) if on_surface else 1.0
+            scatter = float(np.exp(self._hand.normal(0.0, truth.repeatability))) if on_surface else 1.0
             ratio = max(float(truth.friction.ratio(true_angle, tension)) * scatter, 1.0) if on_surface else 1.0
             behind = truth.friction.tension_low(true_angle, tension / scatter) if on_surface else tension
             self.setting = Setting(

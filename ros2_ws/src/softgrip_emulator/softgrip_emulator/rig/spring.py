@@ -25,7 +25,7 @@ class SpringPlant(RigPlant):
         self._stiffness = stiffness
         self._slack = slack
         self._broken = False
-        self._hand = 0.0
+        self._pulled_n = 0.0
 
     @property
     def slack(self) -> float:
@@ -41,7 +41,7 @@ class SpringPlant(RigPlant):
     def pull_by_hand(self, force: float) -> None:
         """Pull the tendon by hand with a force [N]; 0 lets it go."""
         with self.lock:
-            self._hand = force
+            self._pulled_n = force
             self._slide(0.0)
 
     def cut(self, broken: bool) -> None:
@@ -52,4 +52,4 @@ class SpringPlant(RigPlant):
 
     def _slide(self, way: float) -> None:
         self.travel += way
-        self.force = 0.0 if self._broken else self._hand + self._stiffness * max(0.0, self.travel - self._slack)
+        self.force = 0.0 if self._broken else self._pulled_n + self._stiffness * max(0.0, self.travel - self._slack)

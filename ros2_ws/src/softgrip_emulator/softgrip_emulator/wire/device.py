@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from operator import and_
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -24,6 +26,16 @@ class Chunk:
 
     data: bytes
     start_s: float = 0.0
+
+
+def collided(chunks: list[Chunk]) -> list[Chunk]:
+    """Return what is on the wire where servos with one ID answer at once: a driven low wins over a high."""
+    if len(chunks) < 2:
+        return chunks
+    longest = max(len(chunk.data) for chunk in chunks)
+    padded = [chunk.data.ljust(longest, b"\xff") for chunk in chunks]
+    data = bytes(reduce(and_, column) for column in zip(*padded, strict=True))
+    return [Chunk(data, min(chunk.start_s for chunk in chunks))]
 
 
 class WireDevice(Protocol):

@@ -24,7 +24,7 @@ from softgrip_emulator.clock import RealTimeClock
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, WireDevice
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
     from pathlib import Path
 
     from softgrip_emulator.clock import CellClock
@@ -76,6 +76,7 @@ class DrivenPort:
         self._line = Line(paced)
         self._wake = wake
         self._master: int | None = None
+        self._poller = select.poll()
         self._attached = False
         self._requested = True
         self._settled = threading.Event()
@@ -122,14 +123,24 @@ class DrivenPort:
         due = [t for t in (self._line.next_s(), self._device.due_s()) if t is not None]
         return min(due) if due and self._attached else None
 
-    def serve(self) -> bool:
-        """Take what the host has sent and hand over what has reached it by now; return whether it got something."""
+    def is_service_due(self, readable: Collection[int]) -> bool:
+        """Return whether `serve` has something to do; ``readable``: those of `files` that can be read."""
+        if not self._attached or self._requested != self.plugged or self._master in readable:
+            return True
+        due_s = self.next_due_s()
+        return due_s is not None and due_s <= self.clock.now_s()
+
+    def serve(self, announce: Callable[[str], None] = lambda _: None) -> None:
+        """Take what the host has sent and hand over what has reached it by now.
+
+        Args:
+            announce: called with `terminal` before bytes are handed over.
+        """
         try:
-            return self._serve()
+            self._serve(announce)
         except Exception:  # noqa: BLE001  a device must never take its port down: the host would wait without a word
             _log.exception("%s: the emulated device failed on this exchange", self.link.name)
             self._line.reset()
-            return False
 
     # -- the wire --------------------------------------------------------------------------------------------------
 
@@ -149,6 +160,7 @@ class DrivenPort:
         # The host alone holds the slave side, so that the master sees it come and go.
         os.close(slave)
         self._master, self.terminal = master, name
+        self._poller.register(master, select.POLLIN)
         self.link.parent.mkdir(parents=True, exist_ok=True)
         fresh = self.link.with_name(f".{self.link.name}.{os.getpid()}")
         fresh.unlink(missing_ok=True)
@@ -158,11 +170,12 @@ class DrivenPort:
     def _vanish(self) -> None:
         if self._master is not None:
             self.link.unlink(missing_ok=True)
+            self._poller.unregister(self._master)
             os.close(self._master)
             self._master, self.terminal = None, ""
             self._attached = False
 
-    def _serve(self) -> bool:
+    def _serve(self, announce: Callable[[str], None]) -> None:
         if self._requested != self.plugged:
             if self._requested:
                 self._appear()
@@ -172,7 +185,7 @@ class DrivenPort:
         self._settled.set()
         master = self._master
         if master is None or not self._is_host_there(master):
-            return False
+            return
         line = self._line
         data = self._read(master)
         self.received += len(data)
@@ -183,8 +196,8 @@ class DrivenPort:
             line.queue(self._device.exchange(data, line.arrival_s(len(data), now_s), line.baud))
         piece = line.take(self.clock.now_s())
         if piece:
+            announce(self.terminal)
             self._write(master, piece)
-        return bool(piece)
 
     def _is_host_there(self, master: int) -> bool:
         """Return whether a host has the port open; greet one that has just opened it."""
@@ -197,11 +210,8 @@ class DrivenPort:
             self._line.queue(self._device.opened(self.clock.now_s()))
         return True
 
-    @staticmethod
-    def _host_present(master: int) -> bool:
-        poller = select.poll()
-        poller.register(master, select.POLLIN)
-        events = dict(poller.poll(0)).get(master, 0)
+    def _host_present(self, master: int) -> bool:
+        events = dict(self._poller.poll(0)).get(master, 0)
         return not events & (select.POLLHUP | select.POLLNVAL) or bool(events & select.POLLIN)
 
     def _read(self, master: int) -> bytes:

@@ -25,6 +25,7 @@ enum class MomentLaw : std::uint8_t {
   SignedTangent = 1,    // Eq 4.3 read as a tangent: the odd term b cancels across the strip
   AbsoluteTangent = 2,  // E(|e|): both faces soften; default
   NeutralAxis = 3,      // signed strain, neutral axis where the axial force vanishes
+  SignedSecant = 4,     // Eq 4.3 as its text says, M = K q
 };
 
 struct Material {
@@ -108,6 +109,7 @@ enum Status : std::uint32_t {
   kAngleOutside = 1u << 12,    // friction used above the calibrated wrap angles
   kSlack = 1u << 13,           // nothing pulled: straight finger, no tension
   kFlexureOutside = 1u << 14,  // mode F of a flexure that its study has none like
+  kSnapped = 1u << 15,         // no equilibrium nearby was left: the finger jumped off or along an object
 };
 
 inline bool finite_positive(double value) {

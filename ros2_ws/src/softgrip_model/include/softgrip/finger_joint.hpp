@@ -155,9 +155,10 @@ class Strip {
       : material_(material), width_(width), half_(0.5 * thickness), length_(length), strain_per_angle_(half_ / length) {
     const double h3 = half_ * half_ * half_;
     linear_ = 2.0 * width * material.constant_MPa * h3 / (3.0 * length);
-    if (material.law == MomentLaw::SignedTangent || material.law == MomentLaw::AbsoluteTangent) {
+    if (material.law != MomentLaw::Linear) {
       cubic_ = 2.0 * width * material.quadratic_MPa * h3 * half_ * half_ / (15.0 * length * length * length);
     }
+    if (material.law == MomentLaw::SignedSecant) cubic_ *= 3.0;
     if (material.law == MomentLaw::AbsoluteTangent) {
       quadratic_ = 2.0 * width * material.linear_MPa * h3 * half_ / (8.0 * length * length);
     }

@@ -9,11 +9,16 @@
 
 namespace softgrip::finger {
 
+// What bends a joint: the tension in its span, or what its two points take from the tension (Eqs 3.5, 3.6 as printed;
+// what is left at the tip bends the last joint, so that the joints' forces sum up to the actuator's).
+enum class BendingForce : std::uint8_t { SpanTension = 0, TensionLoss = 1 };
+
 struct Replication {
   double passage_radius_mm = 0.0;  // of the cable's hole; a point counts once the cable bears on it; 0 = always
   double cable_radius_mm = 0.0;
   double neighbour_mm = 35.0;  // where the cable is held before the first and beyond the last point
   double initial_tension_N = 0.05;
+  BendingForce force = BendingForce::SpanTension;
 };
 
 struct ReplicationStep {
@@ -70,8 +75,8 @@ class ReplicationRun {
     const auto points = detail::cable_points(d, now_.angle_rad, recipe_.neighbour_mm);
     const double clearance = std::sqrt(2.0) * recipe_.passage_radius_mm - recipe_.cable_radius_mm;
     PerSpan<double> share{};  // e^-S behind each point
-    PerJoint<double> turn{};  // dq / dTa
-    double log_loss = 0.0, taken = 0.0;
+    PerJoint<double> arm{};
+    double log_loss = 0.0;
     share[0] = 1.0;
     for (int i = 0; i < 2 * n; ++i) {
       const int j = i / 2;
@@ -84,10 +89,13 @@ class ReplicationRun {
         log_loss += e.log_ratio;
       }
       share[i + 1] = std::exp(-log_loss);
-      if (i % 2 == 0) {
-        turn[j] = groove.arm_mm * share[i + 1] / finger_.strip[j].at(q).d_angle;
-        taken += groove.arm_mm * turn[j];
-      }
+      arm[j] = groove.arm_mm;
+    }
+    PerJoint<double> turn{};  // dq / dTa
+    double taken = 0.0;
+    for (int j = 0; j < n; ++j) {
+      turn[j] = arm[j] * bending_share(share, j) / finger_.strip[j].at(now_.angle_rad[j]).d_angle;
+      taken += arm[j] * turn[j];
     }
     const double tension_step = pull_mm / taken;
     if (!std::isfinite(tension_step)) return now_.status = kNotConverged, now_;
@@ -100,6 +108,13 @@ class ReplicationRun {
   }
 
  private:
+  // Of the actuator's tension.
+  double bending_share(const PerSpan<double>& share, int joint) const {
+    if (recipe_.force == BendingForce::SpanTension) return share[2 * joint + 1];
+    const bool is_last = joint + 1 == finger_.design.joints;
+    return share[2 * joint] - (is_last ? 0.0 : share[2 * joint + 2]);
+  }
+
   const Finger& finger_;
   Replication recipe_;
   ReplicationStep now_;

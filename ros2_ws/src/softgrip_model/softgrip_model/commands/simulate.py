@@ -20,22 +20,26 @@ from rich.progress import Progress
 from rich.table import Table
 
 from softgrip_model import gdfe, profile
-from softgrip_model.finger import Finger, FingerError, close
+from softgrip_model.finger import Finger, FingerError, Solution, close
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe import ConstitutiveLaw, Equilibrium, GdfeError, Mesh, Solver, SolverSettings
 from softgrip_model.gdfe.case_file import Case, FingerCase, load_case
-from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
-from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, ClosingShape
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
 from softgrip_model.gdfe.march import March, march
 from softgrip_model.gdfe.materials import Linear, StressPolynomial
 from softgrip_model.gdfe.mesh_file import write_mesh
 from softgrip_model.gdfe.picture import draw_shapes
 from softgrip_model.gdfe.rigid import check_held
+from softgrip_model.gdfe.solid_mesh import ElementSize, mesh_solid
 from softgrip_model.gdfe.thesis import ThesisState, force_unit
 from softgrip_model.gdfe.thesis_bars import difference, reference_displacements
 from softgrip_model.gdfe.validity import warnings_of
 
 Array = NDArray[np.float64]
+
+#: Between two shapes of a solid, at most.
+MAX_SOLID_STEP_MM = 2.0
 
 EPILOG = """\
 laws:
@@ -48,6 +52,7 @@ examples:
   simulate tension --law rigorous --json tension.json
   simulate my_case.yaml --refine 2 --out results
   simulate finger_closing
+  simulate finger_closing --solid out/parts/power/finger_index.step --steps 5
 """
 
 
@@ -81,6 +86,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--refine", type=int, default=1, metavar="N", help="N times as many elements each way of a bar")
     made.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for VTU and PNG (default: here)")
     made.add_argument("--json", type=Path, metavar="FILE", help="write the figures of the table here")
+    made.add_argument(
+        "--solid", type=Path, metavar="STEP", help="a finger as `parts` made it, beside its own mesh (gmsh)"
+    )
+    made.add_argument("--element-mm", type=float, metavar="MM", help="largest edge in a solid (default: 3)")
+    made.add_argument("--steps", type=int, metavar="N", help="shapes of a closing (default: the case's)")
     made.add_argument("--profiles", type=Path, metavar="DIR", help="folder of profiles (default: softgrip_bringup's)")
     return made
 
@@ -205,7 +215,7 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
         else:
             reference = None
     rows += [(f"published: {what}", text) for what, text in case.compare.published.items()]
-    warnings = warnings_of(case.mesh, case.materials, last.displacement)
+    warnings = warnings_of(case.mesh, case.materials, last.displacement, case.law)
     data["warnings"] = warnings
     rows += [("warning", text) for text in warnings]
     return SimulationResult(
@@ -241,7 +251,42 @@ def _material_border(case: Case, displacement: Array) -> float | None:
     return float((x[shared].mean() - left) / (right - left)) if len(shared) else None
 
 
+@dataclass(frozen=True, eq=False)
+class SimulatedClosing:
+    """A finger closed step by step, and what that took [s]."""
+
+    path: ClosingPath
+    shapes: list[ClosingShape]
+    prepare_s: float
+
+    @property
+    def converged(self) -> list[ClosingShape]:
+        """The shapes that are equilibria."""
+        return [shape for shape in self.shapes if shape.converged]
+
+
 def _finger(case: FingerCase, options: argparse.Namespace) -> SimulationResult:
+    chosen = _checked_profile(case, options)
+    finger, steps = Finger.from_profile(chosen, case.finger), options.steps or case.steps
+    if steps < 1:
+        raise GdfeError(f"--steps: expected 1 or more, found {steps}")
+    pulls = case.pull_m * np.arange(1, steps + 1) / steps
+    resolution = RESOLUTIONS[case.resolution].refined(options.refine)
+    settings = ClosingSettings(resolution=resolution, travel_mm=1e3 * case.pull_m)
+    shown = own = None
+    if options.solid:
+        size = ElementSize() if options.element_mm is None else ElementSize(largest_mm=options.element_mm)
+        # the printed joint is the apex of its groove: the profile's mesh is compared as it would be printed
+        depth_mm = 1e3 * chosen.finger(case.finger).body_height_m
+        own = _closed(chosen, case, settings, pulls, mesh_finger(finger, resolution, depth_mm, strip_below=0.0))
+        # each shape is a keyframe: a solve of a solid takes seconds
+        settings = replace(settings, keyframe_mm=min(1e3 * case.pull_m / steps, MAX_SOLID_STEP_MM), max_iterations=1000)
+        shown = _closed(chosen, case, settings, pulls, mesh_solid(options.solid, finger, size))
+    shown = shown or _closed(chosen, case, settings, pulls)
+    return _finger_result(case, shown, own, close(finger, assumed_friction(chosen).law, 1e3 * pulls))
+
+
+def _checked_profile(case: FingerCase, options: argparse.Namespace) -> profile.Profile:
     if options.law and options.law != ConstitutiveLaw.CALIBRATED:
         raise GdfeError(f"a finger is computed with the law 'calibrated', found {options.law!r}")
     if case.resolution not in RESOLUTIONS:
@@ -249,20 +294,27 @@ def _finger(case: FingerCase, options: argparse.Namespace) -> SimulationResult:
     profiles = profile.load_directory(options.profiles or profile.shipped_directory())
     if case.profile not in profiles:
         raise GdfeError(f"finger.profile: expected one of {', '.join(sorted(profiles))}, found {case.profile!r}")
-    chosen = profiles[case.profile]
-    resolution = RESOLUTIONS[case.resolution].refined(options.refine)
+    return profiles[case.profile]
+
+
+def _closed(
+    chosen: profile.Profile, case: FingerCase, settings: ClosingSettings, pulls: Array, mesh: FingerMesh | None = None
+) -> SimulatedClosing:
     started = time.perf_counter()
-    closing = ClosingPath(chosen, case.finger, ClosingSettings(resolution=resolution, travel_mm=1e3 * case.pull_m))
-    closing.keyframes.cover(1e3 * case.pull_m)
-    prepare_s = time.perf_counter() - started
-    pulls = case.pull_m * np.arange(1, case.steps + 1) / case.steps
-    shapes = [closing.shape(float(pull)) for pull in pulls]
-    rigid = close(Finger.from_profile(chosen, case.finger), assumed_friction(chosen).law, 1e3 * pulls)
-    reached = [shape for shape in shapes if shape.converged]
-    last = reached[-1]
+    body = Body(chosen, case.finger, settings.resolution, finger_mesh=mesh)
+    path = ClosingPath(chosen, case.finger, settings, body=body)
+    path.keyframes.cover(1e3 * case.pull_m)
+    prepared = time.perf_counter()
+    return SimulatedClosing(path, [path.shape(float(pull)) for pull in pulls], prepared - started)
+
+
+def _finger_result(
+    case: FingerCase, shown: SimulatedClosing, own: SimulatedClosing | None, rigid: Solution
+) -> SimulationResult:
+    """Return what a closing gave, beside the profile's own mesh where it is that of a solid."""
     states = [
         {
-            "pulled_m": float(pull),
+            "pulled_m": shape.pulled_length,
             "tip_m": shape.tip.tolist(),
             "tension_n": list(shape.tension),
             "converged": shape.converged,
@@ -271,22 +323,34 @@ def _finger(case: FingerCase, options: argparse.Namespace) -> SimulationResult:
             "pseudo_rigid_tip_m": (1e-3 * rigid.tip_mm[0, k]).tolist(),
             "pseudo_rigid_tension_n": float(rigid.tension_n[0, k, 0]),
         }
-        for k, (pull, shape) in enumerate(zip(pulls, shapes, strict=True))
+        for k, shape in enumerate(shown.shapes)
     ]
-    data = {"case": case.title, "hexahedra": closing.hexahedra, "prepare_s": prepare_s, "states": states}
+    for state, shape in zip(states, own.shapes if own else [], strict=False):
+        state |= {"own_mesh_tip_m": shape.tip.tolist(), "own_mesh_tension_n": shape.tension[0]}
+    path, reached = shown.path, shown.converged
+    if not reached:
+        raise GdfeError(f"no shape converged; the first: {shown.shapes[0].reason}")
+    last = reached[-1]
+    data = {"case": case.title, "hexahedra": path.hexahedra, "prepare_s": shown.prepare_s, "states": states}
     rows = [
-        ("mesh", f"{closing.hexahedra} hexahedra, {1e3 * prepare_s:.0f} ms for the keyframes"),
+        ("mesh", f"{path.hexahedra} hexahedra, {1e3 * shown.prepare_s:.0f} ms for the keyframes"),
         ("converged up to", f"{1e3 * last.pulled_length:.1f} mm of {1e3 * case.pull_m:.1f} mm pulled"),
         ("time of a shape", f"median {1e3 * float(np.median([s.solve_time for s in reached])):.1f} ms"),
     ]
     for state in states[max(0, len(states) // 5 - 1) :: max(1, len(states) // 5)]:
-        tip, other = state["tip_m"], state["pseudo_rigid_tip_m"]
-        ours = f"tip {1e3 * tip[0]:.1f}, {1e3 * tip[1]:.1f} mm at {state['tension_n'][0]:.2f} N"
-        rigid_text = f"{1e3 * other[0]:.1f}, {1e3 * other[1]:.1f} mm at {state['pseudo_rigid_tension_n']:.2f} N"
-        rows.append((f"pulled {1e3 * state['pulled_m']:.1f} mm", f"{ours}; pseudo-rigid {rigid_text}"))
-    mesh = closing.finger_mesh.mesh
+        others = {"pseudo-rigid": (state["pseudo_rigid_tip_m"], state["pseudo_rigid_tension_n"])}
+        if own:
+            others = {"profile's mesh": (state["own_mesh_tip_m"], state["own_mesh_tension_n"])} | others
+        ours = f"tip {_place(state['tip_m'], state['tension_n'][0])}"
+        texts = [ours, *(f"{name} {_place(tip, tension)}" for name, (tip, tension) in others.items())]
+        rows.append((f"pulled {1e3 * state['pulled_m']:.1f} mm", "; ".join(texts)))
+    mesh = path.finger_mesh.mesh
     displacement = 1e3 * last.vertices - mesh.nodes
-    return SimulationResult(rows, data, mesh, displacement, last.strain, "mm", None, len(reached) == len(shapes))
+    return SimulationResult(rows, data, mesh, displacement, last.strain, "mm", None, len(reached) == len(shown.shapes))
+
+
+def _place(tip_m: Sequence[float], tension_n: float) -> str:
+    return f"{1e3 * tip_m[0]:.1f}, {1e3 * tip_m[1]:.1f} mm at {tension_n:.2f} N"
 
 
 if __name__ == "__main__":

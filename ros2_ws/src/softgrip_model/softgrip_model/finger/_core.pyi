@@ -65,7 +65,12 @@ class PathSettings:
 
 class Replication:
     def __init__(
-        self, passage_radius_mm: float, cable_radius_mm: float, neighbour_mm: float, initial_tension_n: float
+        self,
+        passage_radius_mm: float,
+        cable_radius_mm: float,
+        neighbour_mm: float,
+        initial_tension_n: float,
+        force: int,
     ) -> None: ...
 
 def follow(

@@ -48,7 +48,7 @@ class ActiveConfiguration:
     def digest_at(self, stamp: int) -> str:
         """Return the digest with what is known at a stamp [ns]; that of before when nothing is ever learnt."""
         known = sorted(self.known(stamp).items())
-        parts = [f"{slot}:{one.causes.prior}:{one.digest}" for slot, one in known]
+        parts = [f"{slot}:{one.name}" for slot, one in known]
         return text_digest(";".join([self.digest, *parts])) if parts else self.digest
 
     def holds(self, slot: str, profile: str) -> bool:

@@ -25,13 +25,15 @@ class MomentLaw(StrEnum):
     """How the bending moment follows from the tangent modulus E(e) = a e^2 + b e + c; docs/finger.md compares them.
 
     LINEAR: c alone (Eq 3.4). SIGNED_TANGENT: Eq 4.3 as a tangent, its odd term cancels. ABSOLUTE_TANGENT: E(|e|), both
-    faces soften. NEUTRAL_AXIS: signed strain about the axis where the axial force vanishes.
+    faces soften. NEUTRAL_AXIS: signed strain about the axis where the axial force vanishes. SIGNED_SECANT: Eq 4.3 as
+    its text says, M = K q.
     """
 
     LINEAR = "linear"
     SIGNED_TANGENT = "signed_tangent"
     ABSOLUTE_TANGENT = "absolute_tangent"
     NEUTRAL_AXIS = "neutral_axis"
+    SIGNED_SECANT = "signed_secant"
 
 
 class JointModel(StrEnum):

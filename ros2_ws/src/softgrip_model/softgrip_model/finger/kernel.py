@@ -48,6 +48,7 @@ class Status(IntFlag):
     ANGLE_OUTSIDE = 1 << 12
     SLACK = 1 << 13
     FLEXURE_OUTSIDE = 1 << 14
+    SNAPPED = 1 << 15
     EXTRAPOLATED = STRAIN_OUTSIDE | TENSION_OUTSIDE | ANGLE_OUTSIDE | FLEXURE_OUTSIDE
 
 
@@ -66,6 +67,7 @@ _REASONS: dict[int, str] = {
     int(Status.SLACK): "cable slack",
     int(Status.FLEXURE_OUTSIDE): "thickness, routing, length, width, depth, opening or Poisson's ratio outside what "
     "mode F was compared with CalculiX on",
+    int(Status.SNAPPED): "no equilibrium nearby was left: the finger jumped off or along an object",
 }
 
 

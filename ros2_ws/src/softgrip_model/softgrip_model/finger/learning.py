@@ -96,7 +96,7 @@ class ChangedFinger:
             slope[:, n + axis, model + axis * knots : model + (axis + 1) * knots] = weights
         straight = np.array([causes.finger.length_from_joint_mm, 0.0])
         tip = straight + share * (solution.tip_mm[0] - straight)
-        tip += np.stack([weights @ z[model : model + knots], weights @ z[model + knots :]], axis=1)
+        tip += np.stack([weights @ z[model : model + knots], weights @ z[model + knots : model + 2 * knots]], axis=1)
         values = (share * solution.angle_rad[0, :, :n], tip, share * solution.tension_n[0, :, :1])
         ends = (slice(0, n), slice(n, n + 2), slice(n + 2, n + 3))
         angle, tip_, tension = (
@@ -165,6 +165,11 @@ class Knowledge:
     def digest(self) -> str:
         """Changes when any number of it does."""
         return text_digest(f"{self.mean.tobytes().hex()};{self.covariance.tobytes().hex()};{self.misfit!r}")
+
+    @functools.cached_property
+    def name(self) -> str:
+        """Of its prior and all its numbers."""
+        return f"{self.causes.prior}:{self.digest}"
 
     def predict(self, pulled_mm: Array) -> Believed | None:
         """Return joint angles and tip at pulled lengths (K,); None where the finger has no equilibrium."""
@@ -239,6 +244,9 @@ class Expectation:
         factor = 1.0 + prior.tension_gain * z[gain]
         tension_read, tension_slope = factor * tension.value, factor * tension.slope
         tension_slope[..., gain] = prior.tension_gain * tension.value
+        errors = causes.tension_weights(pulled)
+        tension_read = tension_read + (errors @ z[causes.tension])[:, None]
+        tension_slope[..., causes.tension] = errors[:, None, :]
         rate = np.concatenate([tip.rate.ravel(), factor * tension.rate.ravel()])
         expected_n = np.array([sample.predicted_n for sample in closing])
         white = np.concatenate(

@@ -151,6 +151,8 @@ class Configuration:
         self.digest = text_digest(";".join(parts))
         """Changes when anything but the friction does."""
         self._kernels: dict[tuple[str, ...], Kernel] = {}
+        # what was asked for last and the answer, by slots: fingers stand still most of the time
+        self._newest: dict[tuple[str, ...], tuple[object, list[Prediction]]] = {}
 
     @property
     def friction_id(self) -> str:
@@ -183,6 +185,14 @@ class Configuration:
         mounted = [reading for reading in readings if reading.finger in self.fingers]
         if not mounted:
             return []
+        slots = tuple(reading.finger for reading in mounted)
+        question = [(reading.pulled_length, _is_paying_out(reading), known.get(reading.finger)) for reading in mounted]
+        newest = self._newest.get(slots)
+        if newest is None or newest[0] != question:
+            newest = self._newest[slots] = question, self._predict(mounted, known)
+        return newest[1].copy()
+
+    def _predict(self, mounted: Sequence[TendonReading], known: Mapping[str, Knowledge]) -> list[Prediction]:
         kernel = self._kernel(tuple(reading.finger for reading in mounted))
         targets = np.array([[1e3 * reading.pulled_length] for reading in mounted])
         solution = kernel.solve(targets, march=False, gradient=True, threads=1)
@@ -272,11 +282,15 @@ def _as_known(prediction: Prediction, known: Knowledge | None) -> Prediction:
     )
 
 
+def _is_paying_out(reading: TendonReading) -> bool:
+    return reading.velocity < -PAYING_OUT
+
+
 def _trust(status: int, reading: TendonReading) -> tuple[Validity, str]:
     why = reason(status & ~_SLACK)
     if status & _FAILURE:
         return Validity.FAILED, why
-    if reading.velocity < -PAYING_OUT:
+    if _is_paying_out(reading):
         paid_out = "cable is being let out; predicted as if pulled"
         return Validity.EXTRAPOLATED, f"{why}; {paid_out}" if why else paid_out
     return (Validity.EXTRAPOLATED if status & _DOUBTFUL else Validity.OK), why

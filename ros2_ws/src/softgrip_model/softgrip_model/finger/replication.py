@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,21 @@ from softgrip_model.finger.kernel import Array
 from softgrip_model.friction.laws import FrictionLaw
 
 
+class BendingForce(StrEnum):
+    """What bends a joint.
+
+    SPAN_TENSION: the tension in its span (section 4.2.2's words). TENSION_LOSS: what its two routing points take from
+    the tension (Eqs 3.5, 3.6 as printed); what is left at the tip bends the last joint, so that the joints' forces sum
+    up to the actuator's.
+    """
+
+    SPAN_TENSION = "span_tension"
+    TENSION_LOSS = "tension_loss"
+
+
+_FORCE_INDEX = {force: index for index, force in enumerate(BendingForce)}
+
+
 @dataclass(frozen=True)
 class ReplicationRecipe:
     """What the thesis leaves open, and one reading of it that fits its facts (docs/finger.md).
@@ -24,12 +40,14 @@ class ReplicationRecipe:
         cable_radius_mm: rc.
         neighbour_mm: how far away the cable is held before the first and beyond the last point.
         initial_tension_n: in every span.
+        force: that bends a joint.
     """
 
     passage_radius_mm: float = 0.9
     cable_radius_mm: float = 0.75
     neighbour_mm: float = 35.0
     initial_tension_n: float = 0.05
+    force: BendingForce = BendingForce.SPAN_TENSION
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +92,11 @@ def replicate(
         steps,
         pulled_mm / steps,
         _core.Replication(
-            recipe.passage_radius_mm, recipe.cable_radius_mm, recipe.neighbour_mm, recipe.initial_tension_n
+            recipe.passage_radius_mm,
+            recipe.cable_radius_mm,
+            recipe.neighbour_mm,
+            recipe.initial_tension_n,
+            _FORCE_INDEX[recipe.force],
         ),
     )
     return Replica(pulled_mm * np.arange(1, steps + 1) / steps, angle, tension, status)

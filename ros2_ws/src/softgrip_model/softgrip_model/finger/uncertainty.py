@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 #: [mm] pulled lengths at which the model's error is a number of its own; in between it is interpolated.
 MODEL_KNOTS_MM = (5.0, 10.0, 15.0, 20.0)
 
+#: [mm] pulled lengths at which the tension's common error is a number of its own; in between it is interpolated.
+TENSION_KNOTS_MM = (0.0, 5.0, 10.0, 15.0, 20.0)
+
 #: Coefficients that a factor on ln Rf multiplies.
 SCALED_COEFFICIENTS = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.0, 0.0, 1.0, 1.0)}
 
@@ -44,6 +47,8 @@ class Uncertainty:
         model: error of the tip at full closing, as a share of the finger's length, along x and y.
         scatter_mm: pulled length by which one closing differs from the next.
         tip_noise_mm: of one measured tip.
+        tension_error_n: of measured beside predicted tensions, which all closings share: how warm a motor's winding is
+            moves slowly, and what the kernel does not know of a finger stays.
         tension_noise, tension_floor_n: of one measured tension: relative, and what is added.
         memory: share of what was learnt that the next closing still believes.
     """
@@ -62,6 +67,7 @@ class Uncertainty:
     model: float = 0.015
     scatter_mm: float = 0.05
     tip_noise_mm: float = 0.5
+    tension_error_n: float = 0.4
     tension_noise: float = 0.05
     tension_floor_n: float = 0.05
     memory: float = 0.99
@@ -76,8 +82,8 @@ class Causes:
     """Everything that may differ from what is believed of a finger, in standard deviations of `Uncertainty`.
 
     The vector runs over the friction's coefficients (along the axes of their covariance), the friction factor, the
-    moduli, thicknesses, routing points, zero, spool, tension gain, camera (x, y, scale, turn), the cable's stretch, and
-    the model's error at its knots (x, then y).
+    moduli, thicknesses, routing points, zero, spool, tension gain, camera (x, y, scale, turn), the cable's stretch, the
+    model's error at its knots (x, then y), and the tension's error at its knots.
     """
 
     finger: Finger
@@ -115,12 +121,18 @@ class Causes:
             "cable's stretch",
             *(f"model x at {knot}" for knot in knots),
             *(f"model y at {knot}" for knot in knots),
+            *(f"tension at {knot:g} mm" for knot in TENSION_KNOTS_MM),
         )
 
     @property
     def zero(self) -> int:
         """Where the zero stands; spool, tension gain and camera follow."""
         return self.factor + 2 + 3 * self.finger.joints
+
+    @property
+    def tension(self) -> slice:
+        """Where the tension's errors stand."""
+        return slice(self.stretch + 1 + 2 * len(MODEL_KNOTS_MM), len(self.names))
 
     @property
     def stretch(self) -> int:
@@ -176,3 +188,8 @@ class Causes:
         hats = np.array([np.interp(pulled_mm, knots, row) for row in np.eye(len(knots))[1:]]).T
         full = self.prior.model * self.finger.length_from_joint_mm
         return np.asarray(full * hats * (knots[1:] / knots[-1]))
+
+    def tension_weights(self, pulled_mm: Array) -> Array:
+        """Return what the tension's errors at its knots [standard deviations] add to a tension [N], (K, knots)."""
+        hats = [np.interp(pulled_mm, TENSION_KNOTS_MM, row) for row in np.eye(len(TENSION_KNOTS_MM))]
+        return np.asarray(self.prior.tension_error_n * np.array(hats).T)

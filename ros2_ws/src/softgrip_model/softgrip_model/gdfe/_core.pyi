@@ -43,6 +43,15 @@ class Cable:
         radius_mm: float,
     ) -> None: ...
 
+class CableState:
+    force: list[_Array]
+    slope: list[_Array]
+    tension: list[float]
+    length: float
+    sound: bool
+
+def pull_from_anchor(cable: Cable, points: Sequence[_Array], anchor_tension: float) -> CableState: ...
+
 class FollowerPatch:
     def __init__(self, nodes: Sequence[int], shares: Sequence[float]) -> None: ...
 
@@ -95,6 +104,7 @@ class Settings:
         threads: int = ...,
         step_limit: float = ...,
         sections_after: int = ...,
+        max_tangent_unknowns: int = ...,
     ) -> None: ...
 
 class Problem:
@@ -146,6 +156,11 @@ class Outcome:
     shortening: list[float]
     touches: list[Touch]
     history: list[float]
+    unstable_modes: int
+
+class ElementForces:
+    def __init__(self, problem: Problem, settings: Settings) -> None: ...
+    def at(self, displacement: _Array) -> _Array: ...
 
 class Solver:
     def __init__(self, problem: Problem, settings: Settings) -> None: ...

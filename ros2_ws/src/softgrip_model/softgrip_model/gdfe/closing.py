@@ -125,6 +125,7 @@ class Body:
         *,
         material: SolidMaterial | None = None,
         law: ConstitutiveLaw = ConstitutiveLaw.CALIBRATED,
+        finger_mesh: FingerMesh | None = None,
     ) -> None:
         """Mesh the finger; its matrix is factored with the first shape.
 
@@ -134,6 +135,7 @@ class Body:
             resolution: elements along the finger's parts.
             material: instead of the profile's.
             law: of the elements.
+            finger_mesh: of this finger, instead of one at the resolution.
 
         Raises:
             ProfileError: no such finger.
@@ -142,7 +144,8 @@ class Body:
         """
         self.profile, self.slot, self.resolution = profile, slot, resolution
         finger = Finger.from_profile(profile, slot)
-        self.finger_mesh: FingerMesh = mesh_finger(finger, resolution, 1e3 * profile.finger(slot).body_height_m)
+        body_height_mm = 1e3 * profile.finger(slot).body_height_m
+        self.finger_mesh: FingerMesh = finger_mesh or mesh_finger(finger, resolution, body_height_mm)
         mesh = self.finger_mesh.mesh
         self.material = material or profile_material(profile.material)
         supports = Supports.none(len(mesh.nodes)).with_prescribed(self.finger_mesh.clamped)
@@ -184,6 +187,13 @@ def solve_closing(
         is_keyframe: take half the iterations at most, and keep what other solves start from only.
     """
     solver.set_friction(0, friction.law)
+    return solve_mesh(settings, solver, pulled_mm, start, is_keyframe=is_keyframe)
+
+
+def solve_mesh(
+    settings: ClosingSettings, solver: Solver, pulled_mm: float, start: State, *, is_keyframe: bool = False
+) -> Equilibrium:
+    """Find the equilibrium at a pulled length with the solver's own friction; arguments as in `solve_closing`."""
     found = solver.solve(
         start=start,
         drives=[CableDrive(pulled_mm)],
@@ -294,6 +304,8 @@ class Keyframes:
     def start(self, pulled_mm: float) -> State:
         """Return the interpolated state at a length that is covered."""
         above = min(self._above(pulled_mm), self._usable - 1)
+        if self._lengths[above] == pulled_mm:  # the interpolation would say the same, after one more solve
+            return _interpolate([self._at(above)], pulled_mm)
         near = []
         for k in range(max(0, above - 2), above + 1):
             if k > max(0, above - 2):

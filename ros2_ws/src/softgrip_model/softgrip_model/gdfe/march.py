@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loads in increments, each started from the extrapolation of those before; halved where one does not converge."""
+"""Loads in increments, each started from the extrapolation of those before; halved where no stable end is found."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def march(
     before: Callable[[Equilibrium | None], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> March:
-    """Apply a load in equal increments.
+    """Apply a load in equal increments. An equilibrium that is known not to be stable does not count as one.
 
     Args:
         solver: to march with.
@@ -99,12 +99,9 @@ def march(
             max_iterations=max_iterations,
         )
         iterations += found.iterations
-        if not found.converged:
+        if not found.converged or found.unstable_modes:
             if halved == halvings:
-                reason = (
-                    f"no equilibrium at {100 * target:.1f} % of the load: residual {found.residual:.1e} after "
-                    f"{found.iterations} iterations; kept: {100 * share:.1f} %"
-                )
+                reason = f"{_fault(found, target)}; kept: {100 * share:.1f} %"
                 break
             step, halved = step / 2.0, halved + 1
             continue
@@ -121,6 +118,14 @@ def march(
         )
         shares.append(0.0)
     return March(tuple(shares), tuple(equilibria), not reason, reason, iterations)
+
+
+def _fault(found: Equilibrium, target: float) -> str:
+    """Return why an equilibrium does not count."""
+    where = f"at {100 * target:.1f} % of the load"
+    if found.converged:
+        return f"no stable equilibrium {where}: {found.unstable_modes} motions lower the energy of the one found"
+    return f"no equilibrium {where}: residual {found.residual:.1e} after {found.iterations} iterations"
 
 
 def _start(known: Sequence[tuple[float, State]], target: float, first_guess: Array | None) -> State:

@@ -201,6 +201,13 @@ class Ogden:
         """Return 2 mu (1 + nu): Young's modulus at rest."""
         return 2.0 * self.shear_modulus * (1.0 + self.poisson)
 
+    def shape_stress(self, stretches: Array) -> Array:
+        """Return the deviators of the principal Kirchhoff stresses at principal stretches, both (..., 3)."""
+        l = np.asarray(stretches, dtype=np.float64)  # noqa: E741  lambda of the equation
+        l = l / np.cbrt(l.prod(axis=-1))[..., None]  # noqa: E741
+        s = sum(2.0 * mu / alpha * l**alpha for mu, alpha in zip(self.moduli, self.exponents, strict=True))
+        return np.asarray(s - np.mean(s, axis=-1, keepdims=True))
+
     def stable(self, stretches: Array) -> NDArray[np.bool_]:
         """Say whether Drucker's condition holds at principal stretches (..., 3), taken at constant volume, (...).
 
@@ -300,6 +307,30 @@ def shear_secant(material: SolidMaterial, strain: Array, shape: VolumeShape = Vo
     # stress and stress per mu vanish alike at rest
     stretch, stress_per_mu = drawn(np.maximum(strain, 1e-6), lame_per_mu)
     return np.asarray(np.where(strain < 1e-6, at_rest, material.uniaxial_stress(stretch) / stress_per_mu))
+
+
+def calibrated_shape_stress(material: SolidMaterial, stretches: Array, shape: VolumeShape = VolumeShape.PROJ) -> Array:
+    """Return the deviators of the calibrated law's principal Kirchhoff stresses at principal stretches, both (n, 3).
+
+    Its nominal stresses are 2 mu (l_i - 1) + 3 lame (l_i - l_i*), mu = mu(eps_eq), l* of product 1 (`VolumeShape`).
+    """
+    l = np.asarray(stretches, dtype=np.float64)  # noqa: E741  lambda of the equation
+    apart = l - l.mean(axis=-1, keepdims=True)
+    mu = shear_secant(material, np.sqrt((apart**2).sum(axis=-1) / 1.5), shape)
+    lame_per_mu = 2.0 * material.poisson / (1.0 - 2.0 * material.poisson)
+    kept = l / np.cbrt(l.prod(axis=-1))[..., None] if shape is VolumeShape.SCALE else _nearest_of_volume_one(l)
+    stress = mu[..., None] * l * (2.0 * (l - 1.0) + 3.0 * lame_per_mu * (l - kept))
+    return np.asarray(stress - stress.mean(axis=-1, keepdims=True))
+
+
+def _nearest_of_volume_one(l: Array) -> Array:  # noqa: E741  lambda of the equation
+    """Return the stretches of product 1 nearest to l, (n, 3): l_i* = l_i + k / l_i*."""
+
+    def moved(k: Array) -> Array:
+        return np.asarray(0.5 * (l + np.sqrt(np.maximum(l**2 + 4.0 * k[..., None], 0.0))))
+
+    low = -0.25 * l.min(axis=-1) ** 2
+    return moved(_root(lambda k: moved(k).prod(axis=-1) - 1.0, low, np.full_like(low, 4.0)))
 
 
 def secant_table(modulus: Callable[[Array], Array]) -> Array:

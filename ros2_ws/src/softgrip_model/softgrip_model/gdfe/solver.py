@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +122,9 @@ class SolverSettings:
         step_limit: largest motion of a node in one iteration; 0 = none.
         sections_after: iterations after which rigid cross-sections answer, too: for slender bodies that bend much, held
             at one end on all axes, without obstacles; negative = never.
+        max_tangent_unknowns: up to so many unknowns (three a free node) the rigorous law's own tangent stands in for
+            the constant matrix, where neither cables, pressures, followers nor obstacles act; 0 = never. Only with it
+            is the stability of an equilibrium known.
     """
 
     law: ConstitutiveLaw = ConstitutiveLaw.CALIBRATED
@@ -134,6 +137,7 @@ class SolverSettings:
     threads: int = 1
     step_limit: float = 0.0
     sections_after: int = -1
+    max_tangent_unknowns: int = 20_000
 
     def __post_init__(self) -> None:
         """Take names for what they name.
@@ -160,6 +164,7 @@ class SolverSettings:
             threads=self.threads,
             step_limit=self.step_limit,
             sections_after=self.sections_after,
+            max_tangent_unknowns=self.max_tangent_unknowns,
         )
 
 
@@ -186,6 +191,8 @@ class Equilibrium:
         shortening: per cable.
         contacts: per obstacle.
         motions: of the obstacles, as asked for.
+        unstable_modes: independent motions of the free unknowns that lower the energy: with any, a body leaves this
+            equilibrium at a touch. None where it is not known (`SolverSettings.max_tangent_unknowns`).
         history: residual of every iteration.
     """
 
@@ -201,6 +208,7 @@ class Equilibrium:
     shortening: tuple[float, ...]
     contacts: tuple[Contact, ...]
     motions: tuple[Vector, ...]
+    unstable_modes: int | None
     history: tuple[float, ...] = field(repr=False)
 
     @property
@@ -236,30 +244,55 @@ class Solver:
                 f"{', '.join(material.name for material in materials)}"
             )
         self.materials = tuple(materials)
-        tables = np.vstack(
-            [secant_table(partial(shear_secant, m, shape=self.settings.volume_shape)) for m in materials]
-        )
-        lame_per_mu = [2.0 * m.poisson / (1.0 - 2.0 * m.poisson) for m in materials]
-        weights = self._matrix_weights(tables, lame_per_mu)
         try:
-            self._core = _core.Solver(
-                _core.Problem(
-                    rest=mesh.nodes,
-                    hexes=mesh.hexes,
-                    materials=mesh.materials,
-                    tables=_core.SecantTables(tables, TABLE_CELLS, TABLE_END, lame_per_mu),
-                    matrix_weight=weights[mesh.materials],
-                    maps=supports.maps(),
-                    cables=[cable.core() for cable in self.cables],
-                    ogden=self._ogden(),
-                    surroundings=self.surroundings.core(),
-                ),
-                self.settings.core(),
-            )
+            self._core = _core.Solver(self.problem(), self.settings.core())
         except ValueError as error:
             raise GdfeError(str(error)) from error
         except RuntimeError as error:
             raise GdfeError(f"{error}; prescribe displacements so that no part can move freely") from error
+
+    @cached_property
+    def tables(self) -> _core.SecantTables:
+        """mu(eps) of every material, as the core takes it."""
+        return _core.SecantTables(self._secants, TABLE_CELLS, TABLE_END, self._lame_per_mu)
+
+    @cached_property
+    def _secants(self) -> Array:
+        shape = self.settings.volume_shape
+        return np.vstack([secant_table(partial(shear_secant, one, shape=shape)) for one in self.materials])
+
+    @property
+    def _lame_per_mu(self) -> list[float]:
+        return [2.0 * one.poisson / (1.0 - 2.0 * one.poisson) for one in self.materials]
+
+    def problem(self, rest: Array | None = None, *, is_disassembled: bool = False) -> _core.Problem:
+        """Return what the core computes.
+
+        Args:
+            rest: (n, 3) the nodes at rest, where they are not this mesh's.
+            is_disassembled: every element has eight nodes of its own, in the elements' order; supports, cables and
+                surroundings are left out. For `_core.ElementForces`.
+        """
+        nodes = self.mesh.nodes if rest is None else rest
+        weights = self._matrix_weights(self._secants, self._lame_per_mu)[self.mesh.materials]
+        problem = partial(
+            _core.Problem,
+            materials=self.mesh.materials,
+            tables=self.tables,
+            matrix_weight=weights,
+            ogden=self._ogden(),
+        )
+        if is_disassembled:
+            hexes = np.arange(self.mesh.hexes.size, dtype=np.int32).reshape(-1, 8)
+            maps = Supports.none(self.mesh.hexes.size).maps()
+            return problem(rest=nodes[self.mesh.hexes].reshape(-1, 3), hexes=hexes, maps=maps)
+        return problem(
+            rest=nodes,
+            hexes=self.mesh.hexes,
+            maps=self.supports.maps(),
+            cables=[cable.core() for cable in self.cables],
+            surroundings=self.surroundings.core(),
+        )
 
     def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:
         """Return k of every material: 1 for the thesis law, else about the stiffest it answers with at rest."""
@@ -390,5 +423,6 @@ class Solver:
             shortening=tuple(out.shortening),
             contacts=contacts_of(out.touches, len(self.surroundings.obstacles)),
             motions=acts.motions,
+            unstable_modes=None if out.unstable_modes < 0 else out.unstable_modes,
             history=tuple(out.history),
         )

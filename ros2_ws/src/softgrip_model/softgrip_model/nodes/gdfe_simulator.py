@@ -16,11 +16,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker
@@ -33,10 +30,11 @@ from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.nodes import convert
-from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_model.profile import ProfileError, load_profiles
 from softgrip_nodekit import (
     LATCHED,
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
@@ -46,6 +44,7 @@ from softgrip_nodekit import (
     lateness_parameter,
     nanoseconds,
     run,
+    startup_errors,
 )
 from softgrip_time.units import to_s
 
@@ -74,15 +73,7 @@ _NEWEST = QoSProfile(
 )
 
 
-def _load_profiles(directory: str) -> dict[str, Profile]:
-    try:
-        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
-        return load_directory(folder)
-    except (ProfileError, PackageNotFoundError) as error:
-        raise StartupError(str(error)) from error
-
-
-class GdfeSimulator(Node):
+class GdfeSimulator(CellNode):
     """Translates between topics and a `ShapeSession`."""
 
     def __init__(self) -> None:
@@ -111,17 +102,15 @@ class GdfeSimulator(Node):
             travel_mm=1e3 * values["travel_m"],
             tolerance=values["tolerance"],
         )
-        try:
+        with startup_errors(GdfeError, FingerError, ProfileError):
             return ShapeSession(
-                _load_profiles(values["profiles_directory"]),
+                load_profiles(values["profiles_directory"]),
                 dict(zip(fingers, each, strict=True)),
                 settings,
                 rate_hz=values["rate_hz"],
                 marker_rate_hz=values["marker_rate_hz"],
                 prefetch=True,
             )
-        except (GdfeError, FingerError, ProfileError) as error:
-            raise StartupError(str(error)) from error
 
     def close(self) -> None:
         """End the worker of the keyframes."""

@@ -11,11 +11,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
@@ -29,10 +26,11 @@ from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.nodes import convert
-from softgrip_model.profile import Profile, ProfileError, load_directory
+from softgrip_model.profile import ProfileError, load_profiles
 from softgrip_nodekit import (
     LATCHED,
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
@@ -44,6 +42,7 @@ from softgrip_nodekit import (
     nanoseconds,
     realtime_parameter,
     run,
+    startup_errors,
 )
 
 _WEAR, _PRIOR = WearSettings(), PRIOR
@@ -99,14 +98,6 @@ _HEALTH = {
 }
 
 
-def _load_profiles(directory: str) -> dict[str, Profile]:
-    try:
-        folder = Path(directory) if directory else Path(get_package_share_directory("softgrip_bringup")) / "profiles"
-        return load_directory(folder)
-    except (ProfileError, PackageNotFoundError) as error:
-        raise StartupError(str(error)) from error
-
-
 def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:
     each = list(profiles) * len(fingers) if len(profiles) == 1 else list(profiles)
     if len(each) != len(fingers):
@@ -136,7 +127,7 @@ def _watch(values: dict[str, Any]) -> WatchSettings | None:
     )
 
 
-class KinematicsPredictor(Node):
+class KinematicsPredictor(CellNode):
     """Translates between topics and a `Session`."""
 
     def __init__(self) -> None:
@@ -166,11 +157,9 @@ class KinematicsPredictor(Node):
             allowance=values["cusum_allowance"],
             limit=values["cusum_limit"],
         )
-        try:
-            profiles, model = _load_profiles(values["profiles_directory"]), JointModel(values["joint_model"])
+        with startup_errors(FingerError, ProfileError):
+            profiles, model = load_profiles(values["profiles_directory"]), JointModel(values["joint_model"])
             return Session(profiles, mounted, wear, model, _uncertainty(values), _watch(values))
-        except (FingerError, ProfileError) as error:
-            raise StartupError(str(error)) from error
 
     def _on_tendons(self, message: JointState) -> None:
         self._inputs.drive(message)

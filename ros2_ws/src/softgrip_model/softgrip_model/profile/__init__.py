@@ -1,7 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finger profiles: one YAML file describes the fingers of one set, as printed. All values in SI units."""
 
-from softgrip_model.profile.files import dumps, load, load_directory, loads, save, shipped_directory, validate
+from softgrip_model.profile.files import (
+    dumps,
+    load,
+    load_directory,
+    load_profiles,
+    loads,
+    save,
+    shipped_directory,
+    validate,
+)
 from softgrip_model.profile.schema import (
     MOMENT_LAWS,
     SCHEMA,
@@ -27,6 +36,7 @@ __all__ = [
     "dumps",
     "load",
     "load_directory",
+    "load_profiles",
     "loads",
     "save",
     "shipped_directory",

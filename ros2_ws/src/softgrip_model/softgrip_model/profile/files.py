@@ -166,6 +166,15 @@ def _build_tuple(arguments: tuple[Any, ...], data: Any, where: str) -> Any:
     return tuple(_build(item, value, f"{where}[{i}]") for i, value in enumerate(data))
 
 
+def load_profiles(directory: str = "") -> dict[str, Profile]:
+    """Return the profiles that a parameter names: of a folder, or where it is empty those of softgrip_bringup.
+
+    Raises:
+        ProfileError: there are none, or one of them cannot be used.
+    """
+    return load_directory(Path(directory) if directory else shipped_directory())
+
+
 def shipped_directory() -> Path:
     """Return the folder of softgrip_bringup's profiles: of an installed workspace, beside this source, or in the wheel.
 

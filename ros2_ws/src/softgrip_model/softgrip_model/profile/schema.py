@@ -13,7 +13,7 @@ from softgrip_model.digest import text_digest
 
 SCHEMA = 1
 MAX_JOINTS = 6
-MOMENT_LAWS = ("linear", "signed_tangent", "absolute_tangent", "neutral_axis")
+MOMENT_LAWS = ("linear", "signed_tangent", "absolute_tangent", "neutral_axis", "signed_secant")
 
 
 class ProfileError(ValueError):

@@ -264,8 +264,11 @@ PYBIND11_MODULE(_core, module) {
       .def(py::init(&make_friction), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
            py::arg("radius_mm"), py::arg("angle_range"), py::arg("tension_range"));
   py::class_<sf::Replication>(module, "Replication")
-      .def(py::init<double, double, double, double>(), py::arg("passage_radius_mm"), py::arg("cable_radius_mm"),
-           py::arg("neighbour_mm"), py::arg("initial_tension_n"));
+      .def(py::init([](double passage, double cable, double neighbour, double tension, int force) {
+             return sf::Replication{passage, cable, neighbour, tension, static_cast<sf::BendingForce>(force)};
+           }),
+           py::arg("passage_radius_mm"), py::arg("cable_radius_mm"), py::arg("neighbour_mm"),
+           py::arg("initial_tension_n"), py::arg("force"));
   py::class_<sf::Contact>(module, "Contact")
       .def(py::init(&make_contact), py::kw_only(), py::arg("kind"), py::arg("index"), py::arg("along_mm"),
            py::arg("limit_rad"), py::arg("x_mm"), py::arg("y_mm"), py::arg("size_mm"));

@@ -2,6 +2,18 @@
 #include "path.hpp"
 
 namespace softgrip::finger {
+namespace {
+
+// An object grows back to its size in so many steps.
+constexpr int kGrowth = 16;
+
+// An object whose surface stands back by so much [mm].
+Contact set_back(Contact contact, double by) {
+  if (contact.kind != ContactKind::JointLimit) contact.size_mm -= by;
+  return contact;
+}
+
+}  // namespace
 
 Path::Path(const Finger& finger, const std::vector<Contact>& contacts, const PathSettings& settings)
     : finger_(finger),
@@ -38,6 +50,7 @@ PathStep Path::to(Control control, double target) {
   const double from = control == Control::PulledLength ? step.pulled_mm : std::exp(step.log_tension[0]);
   const int pieces = std::max(1, static_cast<int>(std::ceil(std::abs(target - from) / largest)));
   double reached = 0.0, stride = 1.0 / pieces;
+  std::uint32_t remark = kOk;
   while (reached < 1.0) {
     const double next = std::min(1.0, reached + stride);
     const double aim = next == 1.0 ? target : from + (target - from) * next;
@@ -47,10 +60,15 @@ PathStep Path::to(Control control, double target) {
       step = tried;
       reached = next;
     } else if ((stride *= 0.5) * pieces < 1.0 / 64) {
-      return failed.status = tried.status, failed;
+      if (!snap(control, aim, step)) return failed.status = tried.status, failed;
+      iterations += step.iterations;
+      remark = kSnapped;
+      reached = next;
+      stride = 1.0 / pieces;
     }
   }
   step.iterations = iterations;
+  step.status |= remark;
   now_ = step;
   return step;
 }
@@ -71,6 +89,42 @@ bool Path::begin(Control control, double target, PathStep& out) {
   const PathStep before = out;
   system_at(before, out, control, target);  // works out the slips made so far
   return true;
+}
+
+// Where the path of equilibria turns back, the finger jumps: to where it would stand without the objects, and from
+// there to the surfaces of those that it would stand in, which grow to their size around it.
+bool Path::snap(Control control, double target, PathStep& step) {
+  const std::vector<Contact> objects = contacts_;
+  PathStep found = step;
+  std::vector<double> back(objects.size(), 1e6);  // [mm] out of reach
+  const auto stand_back = [&](double share) {
+    for (std::size_t c = 0; c < objects.size(); ++c) contacts_[c] = set_back(objects[c], share * back[c]);
+  };
+  stand_back(1.0);
+  bool is_found = relax(control, target, found);
+  for (std::size_t c = 0; c < objects.size(); ++c) back[c] = std::max(0.0, back[c] - found.gap_mm[c]);
+  for (int k = kGrowth - 1; k >= 0 && is_found; --k) {
+    stand_back(static_cast<double>(k) / kGrowth);
+    is_found = increment(control, target, found);
+  }
+  contacts_ = objects;
+  if (is_found) step = found;
+  return is_found;
+}
+
+// Lets go of all objects: from the state as it is, or else from the closing that has no past.
+bool Path::relax(Control control, double target, PathStep& step) const {
+  step.touches.fill(false);
+  step.force_N.fill(0.0);
+  PathStep near = step;
+  if (increment(control, target, near)) return step = near, true;
+  const Equilibrium closing = solve(finger_, control, target);
+  if ((closing.status & kFailure) != 0) return false;
+  step.angle_rad = closing.state.angle_rad;
+  step.shift_mm = closing.state.shift_mm;
+  step.log_tension = closing.log_tension;
+  step.slide.fill(Slide::Pulled);
+  return increment(control, target, step);
 }
 
 // Newton for the states assumed; once it stands, the states that it contradicts are changed and it is solved again.

@@ -29,6 +29,8 @@ class Path {
   PathStep slack_step() const;
   bool begin(Control control, double target, PathStep& out);
   bool increment(Control control, double target, PathStep& step) const;
+  bool snap(Control control, double target, PathStep& step);
+  bool relax(Control control, double target, PathStep& step) const;
   bool settle(Control control, double target, const PathStep& before, PathStep& step) const;
   std::uint32_t flags(const PathStep& step) const;
   PathSystem system_at(const PathStep& before, PathStep& step, Control control, double target) const;

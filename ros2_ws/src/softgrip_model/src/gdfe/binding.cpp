@@ -5,6 +5,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "softgrip/gdfe/element_forces.hpp"
 #include "softgrip/gdfe/simd.hpp"
 #include "softgrip/gdfe/solver.hpp"
 #include "softgrip/gdfe/stream.hpp"
@@ -116,6 +117,15 @@ PYBIND11_MODULE(_core, module) {
            py::arg("points"), py::arg("entry"), py::arg("law"), py::arg("k_reading"), py::arg("coefficients"),
            py::arg("radius_mm"));
 
+  py::class_<gdfe::CableState>(module, "CableState")
+      .def_readonly("force", &gdfe::CableState::force)
+      .def_readonly("slope", &gdfe::CableState::slope)
+      .def_readonly("tension", &gdfe::CableState::tension)
+      .def_property_readonly("length", [](const gdfe::CableState& state) { return state.length + state.entry_length; })
+      .def_readonly("sound", &gdfe::CableState::sound);
+  module.def("pull_from_anchor", &gdfe::pull_from_anchor, py::arg("cable"), py::arg("points"),
+             py::arg("anchor_tension"));
+
   py::class_<gdfe::FollowerPatch>(module, "FollowerPatch")
       .def(py::init([](std::vector<std::int32_t> nodes, std::vector<double> shares) {
              return gdfe::FollowerPatch{std::move(nodes), std::move(shares)};
@@ -168,7 +178,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("window", &gdfe::Settings::window)
       .def_readwrite("threads", &gdfe::Settings::threads)
       .def_readwrite("step_limit", &gdfe::Settings::step_limit)
-      .def_readwrite("sections_after", &gdfe::Settings::sections_after);
+      .def_readwrite("sections_after", &gdfe::Settings::sections_after)
+      .def_readwrite("max_tangent_unknowns", &gdfe::Settings::max_tangent_unknowns);
 
   py::class_<gdfe::Problem>(module, "Problem")
       .def(py::init(&from_fields<gdfe::Problem>))
@@ -220,7 +231,12 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("tension", &gdfe::Outcome::tension)
       .def_readonly("shortening", &gdfe::Outcome::shortening)
       .def_readonly("touches", &gdfe::Outcome::touches)
-      .def_readonly("history", &gdfe::Outcome::history);
+      .def_readonly("history", &gdfe::Outcome::history)
+      .def_readonly("unstable_modes", &gdfe::Outcome::unstable_modes);
+
+  py::class_<gdfe::ElementForces>(module, "ElementForces")
+      .def(py::init<const gdfe::Problem&, const gdfe::Settings&>(), py::arg("problem"), py::arg("settings"))
+      .def("at", &gdfe::ElementForces::at, py::arg("displacement"));
 
   py::class_<gdfe::Solver>(module, "Solver")
       .def(py::init<const gdfe::Problem&, const gdfe::Settings&>(), py::arg("problem"), py::arg("settings"),

@@ -7,11 +7,11 @@ endif()
 softgrip_core(gdfe SUBPACKAGE gdfe BINDING src/gdfe/binding.cpp
   SOURCES src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/anderson_passes.cpp src/gdfe/assembly.cpp
   src/gdfe/blocked_rows.cpp src/gdfe/cable.cpp src/gdfe/cable_system.cpp src/gdfe/contact.cpp src/gdfe/element_blocks.cpp
-  src/gdfe/factor.cpp src/gdfe/follower.cpp src/gdfe/force_assembly.cpp src/gdfe/inverted.cpp src/gdfe/local_step.cpp
+  src/gdfe/element_forces.cpp src/gdfe/factor.cpp src/gdfe/follower.cpp src/gdfe/force_assembly.cpp src/gdfe/inverted.cpp src/gdfe/local_step.cpp
   src/gdfe/mesh.cpp src/gdfe/multigrid.cpp src/gdfe/multigrid_cycle.cpp src/gdfe/node_rows.cpp src/gdfe/ogden.cpp
   src/gdfe/ordering.cpp src/gdfe/panel_factor.cpp src/gdfe/panel_solve.cpp src/gdfe/preconditioner.cpp
   src/gdfe/section_level.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/stream.cpp
-  src/gdfe/unknowns.cpp)
+  src/gdfe/tangent.cpp src/gdfe/unknowns.cpp)
 # Highway compiles a file again for every instruction set: it includes it by its path in the package
 target_include_directories(gdfe_needs INTERFACE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
 target_link_libraries(gdfe_needs INTERFACE ${HWY_LIBRARY})
@@ -43,7 +43,7 @@ endif()
 
 softgrip_core_tests(gdfe test/cpp/gdfe/test_anderson.cpp test/cpp/gdfe/test_cable.cpp test/cpp/gdfe/test_contact.cpp
   test/cpp/gdfe/test_factor.cpp test/cpp/gdfe/test_local_step.cpp test/cpp/gdfe/test_multigrid.cpp
-  test/cpp/gdfe/test_sections.cpp test/cpp/gdfe/test_solver.cpp)
+  test/cpp/gdfe/test_sections.cpp test/cpp/gdfe/test_solver.cpp test/cpp/gdfe/test_tangent.cpp)
 if(TARGET gdfe_tests)
   # one instruction set: test/test_gdfe_simd.py compares all
   target_compile_definitions(gdfe_tests PRIVATE HWY_COMPILE_ONLY_STATIC)

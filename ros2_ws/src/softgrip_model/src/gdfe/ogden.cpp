@@ -10,6 +10,9 @@ namespace {
 
 using Matrix3 = Eigen::Matrix3d;
 
+// Principal stretches this near to each other count as equal: their differences' quotient loses half the digits there.
+constexpr double kEqualStretch = 1e-6;
+
 struct Spectrum {
   Eigen::Vector3d stretch;
   Matrix3 direction;  // columns: principal directions at rest
@@ -32,12 +35,56 @@ Eigen::Vector3d isochoric_stress(const OgdenMaterial& material, const Eigen::Vec
   return stress;
 }
 
+// How the principal stresses P_i = dW/dl_i of the isochoric part answer to the principal stretches (direct), and how
+// they turn with F: an element of F across two principal directions is answered along itself and across.
+struct Answer {
+  Matrix3 direct, along, across;
+};
+
+Answer isochoric_answer(const OgdenMaterial& material, const Eigen::Vector3d& stretch) {
+  const Eigen::Vector3d log_stretch = stretch.array().log() - std::log(stretch.prod()) / 3.0;
+  const Eigen::Vector3d kirchhoff = isochoric_stress(material, log_stretch), stress = kirchhoff.cwiseQuotient(stretch);
+  Answer answer{Matrix3::Zero(), Matrix3::Zero(), Matrix3::Zero()};
+  for (std::size_t p = 0; p < material.moduli.size(); ++p) {
+    const Eigen::Vector3d power = (material.exponents[p] * log_stretch).array().exp();
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        answer.direct(i, j) +=
+            2.0 * material.moduli[p] * ((i == j ? power(i) : 0.0) - (power(i) + power(j) - power.mean()) / 3.0);
+      }
+    }
+  }
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) answer.direct(i, j) /= stretch(i) * stretch(j);
+    answer.direct(i, i) -= stress(i) / stretch(i);
+  }
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      if (i == j) continue;
+      const double apart = stretch(i) - stretch(j);
+      const double flip = std::abs(apart) > kEqualStretch * stretch(i)
+                              ? (stress(i) - stress(j)) / apart
+                              : 0.5 * (answer.direct(i, i) + answer.direct(j, j)) - answer.direct(i, j);
+      const double twist = (stress(i) + stress(j)) / (stretch(i) + stretch(j));
+      answer.along(i, j) = 0.5 * (flip + twist);
+      answer.across(i, j) = 0.5 * (flip - twist);
+    }
+  }
+  return answer;
+}
+
 Matrix3 cofactor(const Matrix3& f) {
   Matrix3 c;
   c.col(0) = f.col(1).cross(f.col(2));
   c.col(1) = f.col(2).cross(f.col(0));
   c.col(2) = f.col(0).cross(f.col(1));
   return c;
+}
+
+Matrix3 cross_matrix(const Eigen::Vector3d& v) {
+  Matrix3 cross;
+  cross << 0.0, -v(2), v(1), v(2), 0.0, -v(0), -v(1), v(0), 0.0;
+  return cross;
 }
 
 }  // namespace
@@ -108,6 +155,42 @@ void OgdenElements::add_forces(const double* position, double* force, double* st
     const Eigen::Vector3d stretch = spectrum_of(mean / volume_[e]).stretch;
     strain[e] = std::sqrt(1.5) / 1.5 * (stretch.array() - stretch.mean()).matrix().norm();
   }
+}
+
+ElementTangent OgdenElements::tangent(const double* position, std::size_t element) const {
+  const Corners x = corners(position, element);
+  const OgdenMaterial& material = table_[static_cast<std::size_t>(material_[element])];
+  ElementTangent total = ElementTangent::Zero(), swelling_turn = ElementTangent::Zero();
+  Eigen::Matrix<double, 24, 1> swelling = Eigen::Matrix<double, 24, 1>::Zero();  // d volume / d corners
+  double volume = 0.0;
+  for (std::size_t q = 0; q < 8; ++q) {
+    const Point& point = points_[8 * element + q];
+    const Matrix3 f = x.transpose() * point.gradient, stretched = cofactor(f);
+    volume += point.weight * f.determinant();
+    const Spectrum spectrum = spectrum_of(f);
+    const Answer answer = isochoric_answer(material, spectrum.stretch);
+    const Matrix3 here = f * spectrum.direction * spectrum.stretch.cwiseInverse().asDiagonal();
+    const Corners slopes = point.gradient * spectrum.direction;
+    for (int a = 0; a < 8; ++a) {
+      swelling.segment<3>(3 * a) += point.weight * stretched * point.gradient.row(a).transpose();
+      for (int b = 0; b <= a; ++b) {
+        const auto of_a = slopes.row(a), of_b = slopes.row(b);
+        Matrix3 block;
+        for (int i = 0; i < 3; ++i) {
+          for (int j = 0; j < 3; ++j) {
+            block(i, j) = answer.direct(i, j) * of_a(i) * of_b(j) + answer.across(i, j) * of_a(j) * of_b(i);
+          }
+          block(i, i) += (answer.along.row(i).array() * of_a.array() * of_b.array()).sum();
+        }
+        total.block<3, 3>(3 * a, 3 * b) += point.weight * here * block * here.transpose();
+        const Eigen::Vector3d turn = point.weight * f * point.gradient.row(a).cross(point.gradient.row(b)).transpose();
+        swelling_turn.block<3, 3>(3 * a, 3 * b) += -cross_matrix(turn);
+      }
+    }
+  }
+  total += material.bulk * (volume / volume_[element] - 1.0) * swelling_turn;
+  total += material.bulk / volume_[element] * swelling * swelling.transpose();
+  return total.selfadjointView<Eigen::Lower>();
 }
 
 double OgdenElements::energy(const double* position) const {

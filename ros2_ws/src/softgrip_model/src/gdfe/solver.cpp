@@ -5,20 +5,13 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "softgrip/gdfe/element_forces.hpp"
+
 namespace softgrip::gdfe {
 namespace {
 
 // How often one step is halved when it leaves what the law has a value for.
 constexpr int kMaxHalvings = 12;
-
-std::vector<Element> make_elements(const Problem& problem, const Settings& settings) {
-  std::vector<Element> elements(static_cast<std::size_t>(problem.hexes.rows()));
-#pragma omp parallel for num_threads(settings.threads) if (settings.threads > 1)
-  for (Eigen::Index e = 0; e < problem.hexes.rows(); ++e) {
-    elements[static_cast<std::size_t>(e)] = make_element(corners_of(problem.rest, problem.hexes, e), settings.metric);
-  }
-  return elements;
-}
 
 // A vector of the iteration: the mesh's unknowns of every axis, then the cables' tensions.
 std::vector<std::size_t> parts_of(const Unknowns& unknowns, std::size_t cables) {
@@ -55,6 +48,9 @@ Solver::Solver(const Problem& problem, const Settings& settings, const std::vect
     check_second_level(problem, unknowns);
     sections_ = std::make_unique<SectionLevel>(problem, unknowns, forces_, cables_, settings.sections_after);
   }
+  if (Tangent::is_fit_for(problem, settings, unknowns)) {
+    tangent_ = std::make_unique<Tangent>(problem, unknowns, forces_);
+  }
   if (!problem.surroundings.obstacles.empty()) {
     contact_ = std::make_unique<Contact>(problem.surroundings.obstacles, problem.rest, preconditioner_);
   }
@@ -80,9 +76,11 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
       continue;
     }
     halvings = 0;
+    if (tangent_ && tangent_->follow(balance.residual)) anderson_.forget();  // its history is of other steps
     if (!contact_) compute_step(task, x, k, z);  // z = L^-1 z; contact forces have been found with it
     accelerate(x, z, dx);                        // x += dx
   }
+  if (tangent_ && outcome.converged) outcome.unstable_modes = tangent_->count_unstable_modes();
   report(task, x, outcome);
   return outcome;
 }
@@ -104,6 +102,7 @@ std::vector<double> Solver::start_solve(const Task& task, const Nodes& start,
   forces_.set_task(task);
   if (contact_) contact_->set_task(task);
   if (sections_) sections_->restart();
+  if (tangent_) tangent_->restart();
   anderson_.forget();
   return x;
 }
@@ -134,8 +133,10 @@ void Solver::resolve_contact(const Task& task, const std::vector<double>& x, int
   balance.is_sound = balance.is_sound && std::isfinite(balance.residual);
 }
 
-// z <- L^-1 z: by the sections where there are any, by the constant matrix, and by the cables' tensions.
+// z <- L^-1 z: by the sections where there are any, by the constant matrix, and by the cables' tensions; or by the
+// tangent.
 void Solver::compute_step(const Task& task, const std::vector<double>& x, int k, std::vector<double>& z) {
+  if (tangent_ && tangent_->is_usable()) return tangent_->apply(z);
   std::vector<double> motion;
   if (sections_) {
     if (sections_->is_update_due(k)) {

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 from softgrip_panel.model.facts import CellView, TensionView
 
-#: So many grasps are kept with their curves and pictures.
-MAX_GRASPS = 200
+#: So many grasps are kept with their curves, and so many with their pictures, a hundred kilobytes each.
+MAX_GRASPS, MAX_PICTURED = 200, 50
 #: A curve holds so many samples; the panel takes ten a second.
 MAX_SAMPLES = 600
 
@@ -69,6 +69,8 @@ class GraspHistory:
         self._last_picture = b""
         self._numbers = 0
         self._counts: CellView | None = None
+        #: Grows whenever a list of the grasps would look otherwise.
+        self.version = 0
 
     @property
     def records(self) -> tuple[GraspRecord, ...]:
@@ -129,9 +131,11 @@ class GraspHistory:
         record.outcome, record.reason = outcome, reason
         record.duration_s, record.latency_s, record.fingers = duration_s, latency_s, tuple(fingers)
         record.decided_s = self._now_s() - record.started_s
+        self.version += 1
 
     def _begin(self, cell: CellView) -> None:
         self._numbers += 1
+        self.version += 1
         record = GraspRecord(
             self._numbers,
             self._now_s(),
@@ -143,12 +147,15 @@ class GraspHistory:
             record.pictures["before"] = self._last_picture
         self._running = record
         self._records.append(record)
+        if len(self._records) > MAX_PICTURED:
+            self._records[-1 - MAX_PICTURED].pictures.clear()
 
     def _end(self, cell: CellView) -> None:
         record, self._running = self._running, None
         if record is None:
             return
         record.ended_s = self._now_s()
+        self.version += 1
         record.duration_s = record.duration_s or record.ended_s - record.started_s
         record.outcome = record.outcome or _counted_outcome(self._counts, cell)
 

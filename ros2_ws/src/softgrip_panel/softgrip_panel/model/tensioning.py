@@ -104,6 +104,8 @@ class Tensioning:
         return "", self._bench().zeros_mm
 
     async def _do(self, person: Person, act: Act) -> str:
+        if self._desk.state.control.view.is_lost:
+            return "expected you to watch, found no open page of yours; nothing more is pulled"
         self.step = act.name
         result = await self._desk.perform(person, act)
         return "" if result.success else result.message

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
 from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
@@ -20,12 +21,14 @@ from softgrip_interfaces.msg import (
     FrictionModel,
     FrictionSample,
     MountedFinger,
+    PredictedShape,
     PredictionResidual,
     SafetyState,
     TendonOwners,
     TendonStatus,
     TendonStatusArray,
 )
+from softgrip_interfaces.srv import ListFingers, ListFrictionModels, ListGrasps, ListProducts
 from softgrip_nodekit import seconds
 from softgrip_panel.model.facts import (
     CellView,
@@ -144,7 +147,7 @@ def tension_views(state: JointState, predicted: FingerStates | None) -> list[Ten
     ]
 
 
-def health_views(message: Any) -> list[ComponentHealth]:
+def health_views(message: DiagnosticArray) -> list[ComponentHealth]:
     """Return a /diagnostics."""
     # the level is one byte: bytes of length 1 in rclpy
     return [
@@ -158,7 +161,7 @@ def health_views(message: Any) -> list[ComponentHealth]:
     ]
 
 
-def grasp_decision(result: Any) -> tuple[FingerDecision, ...]:
+def grasp_decision(result: Grasp.Result) -> tuple[FingerDecision, ...]:
     """Return what the verdict of a grasp knew of each finger."""
     return tuple(
         FingerDecision(one.finger, CONTACT_STATES.get(one.state, "?"), float(one.contact_tension), float(one.threshold))
@@ -186,7 +189,7 @@ def residual_view(message: PredictionResidual) -> ResidualView:
     )
 
 
-def shape_view(message: Any, number: int) -> PanelShape | None:
+def shape_view(message: PredictedShape, number: int) -> PanelShape | None:
     """Return shape/predicted, None where it is no mesh that a browser could show."""
     vertices = np.asarray(message.vertices, dtype="<f4")
     faces = np.asarray(message.faces, dtype=np.uint32)
@@ -222,7 +225,7 @@ def rig_point(message: FrictionSample) -> RigPoint:
     )
 
 
-def rig_progress(before: RigProgress, feedback: Any) -> RigProgress:
+def rig_progress(before: RigProgress, feedback: CalibrateFriction.Feedback) -> RigProgress:
     """Return a measurement with its newest feedback."""
     return replace(
         before,
@@ -236,7 +239,7 @@ def rig_progress(before: RigProgress, feedback: Any) -> RigProgress:
     )
 
 
-def friction_model_views(response: Any) -> tuple[FrictionModelView, ...]:
+def friction_model_views(response: ListFrictionModels.Response) -> tuple[FrictionModelView, ...]:
     """Return the models of ListFrictionModels."""
     return tuple(
         FrictionModelView(
@@ -257,7 +260,7 @@ def friction_model_views(response: Any) -> tuple[FrictionModelView, ...]:
     )
 
 
-def product_views(response: Any) -> tuple[ProductView, ...]:
+def product_views(response: ListProducts.Response) -> tuple[ProductView, ...]:
     """Return the products of ListProducts."""
     return tuple(
         ProductView(
@@ -273,7 +276,7 @@ def product_views(response: Any) -> tuple[ProductView, ...]:
     )
 
 
-def finger_record_views(response: Any) -> tuple[FingerRecordView, ...]:
+def finger_record_views(response: ListFingers.Response) -> tuple[FingerRecordView, ...]:
     """Return the fingers of ListFingers."""
     return tuple(
         FingerRecordView(
@@ -294,7 +297,7 @@ def finger_record_views(response: Any) -> tuple[FingerRecordView, ...]:
     )
 
 
-def counted_views(response: Any) -> tuple[CountedView, ...]:
+def counted_views(response: ListGrasps.Response) -> tuple[CountedView, ...]:
     """Return the grasps of ListGrasps."""
     return tuple(
         CountedView(

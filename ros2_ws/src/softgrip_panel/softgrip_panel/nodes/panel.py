@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, JointState
 
@@ -33,12 +32,14 @@ from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
     ParameterTable,
     StartupError,
     run,
+    startup_errors,
     steady_timer,
 )
 from softgrip_panel.access.accounts import Accounts
@@ -87,7 +88,7 @@ PARAMETERS = ParameterTable(
 )
 
 
-class PanelNode(Node):
+class PanelNode(CellNode):
     """Translates between the cell and the page model; decides nothing."""
 
     def __init__(self) -> None:
@@ -137,12 +138,10 @@ class PanelNode(Node):
                 f"the page needs NiceGUI, found no module '{error.name}': type `make panel-setup`, "
                 "or start the cell with panel:=false; it runs without the page"
             ) from error
-        try:
+        with startup_errors(PanelError):
             texts = Texts(values["language"])
             accounts = Accounts(Path(values["users_file"]).expanduser() if values["users_file"] else None)
             bound = listen(values["host"], values["port"])
-        except PanelError as error:
-            raise StartupError(str(error)) from error
         port = bound.getsockname()[1]
         tls = (Path(values["tls_certificate"]), Path(values["tls_key"])) if values["tls_certificate"] else None
         names = frozenset(filter(None, (*values["host_names"], values["host"])))

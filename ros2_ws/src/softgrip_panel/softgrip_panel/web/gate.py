@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections import deque
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
@@ -23,8 +25,12 @@ PERSON: Final = "softgrip_person"
 TOKEN: Final = "softgrip_token"  # noqa: S105  a key, not a secret
 #: What is served without a session.
 PUBLIC: Final = frozenset({"/login", "/assets/panel.css"})
+#: NiceGUI's own; it answers 400 to a page that it has given up, which then loads itself again.
+SOCKETS: Final = "/_nicegui_ws/"
 #: A request body is no larger [B]; order lists are the largest.
 MAX_BODY: Final = 256 * 1024
+#: So many strange sessions are remembered, as digests.
+MAX_STRANGE: Final = 100
 _READING: Final = frozenset({"GET", "HEAD"})
 
 #: Nothing of a page comes from, or goes to, another machine. Vue compiles its templates in the browser ('unsafe-eval').
@@ -74,6 +80,7 @@ class Gate:
         self._rule = rule
         self._sessions = sessions
         self._on_refusal = on_refusal
+        self._strange: deque[str] = deque(maxlen=MAX_STRANGE)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request."""
@@ -88,15 +95,39 @@ class Gate:
             self._on_refusal(_address(scope), scope["path"], str(error))
             await _refuse(scope, send, 403, str(error))
             return
-        person = self._sessions.find(session_token(scope))
+        token = session_token(scope)
+        person = self._sessions.find(token)
+        if person is None and token:
+            self._note_strange(scope, token)
         if person is None and scope["path"] not in PUBLIC:
             if is_reading and _wants_page(scope):
                 await _answer(send, 303, b"", [(b"location", b"/login")])
             else:
                 await _refuse(scope, send, 401, "expected a session, found none or one that has ended; log in")
             return
-        scope[PERSON], scope[TOKEN] = person, session_token(scope)
-        await self._app(scope, receive, _with_headers(send))
+        scope[PERSON], scope[TOKEN] = person, token
+        await self._app(scope, receive, self._watched(scope, send))
+
+    def _note_strange(self, scope: Scope, token: str) -> None:
+        """Write down a session that was forged or has ended, once: an old page goes on asking with it."""
+        digest = hashlib.sha256(token.encode()).hexdigest()
+        if digest not in self._strange:
+            self._strange.append(digest)
+            self._on_refusal(_address(scope), scope["path"], "expected a session, found a forged or an ended one")
+
+    def _watched(self, scope: Scope, send: Send) -> Send:
+        """Add the headers to what is sent, and write down what is refused or not there."""
+        path = scope["path"]
+        is_noted = path not in PUBLIC and not path.startswith(SOCKETS)
+
+        async def sending(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *_HEADERS]
+                if is_noted and 400 <= message["status"] < 500:
+                    self._on_refusal(_address(scope), path, f"answered {message['status']}")
+            await send(message)
+
+        return sending
 
 
 def person_of(scope: Scope) -> Person:
@@ -122,15 +153,6 @@ def _wants_page(scope: Scope) -> bool:
 def _address(scope: Scope) -> str:
     client = scope.get("client")
     return str(client[0]) if client else "?"
-
-
-def _with_headers(send: Send) -> Send:
-    async def sending(message: MutableMapping[str, Any]) -> None:
-        if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", []), *_HEADERS]
-        await send(message)
-
-    return sending
 
 
 async def _refuse(scope: Scope, send: Send, status: int, text: str) -> None:

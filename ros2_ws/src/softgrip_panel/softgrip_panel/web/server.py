@@ -71,6 +71,8 @@ class WebServer:
             server_header=False,
             timeout_graceful_shutdown=1,
             ws_max_size=256 * 1024,
+            # what is large are JPEG pictures: to compress them takes more than all else that the panel does
+            ws_per_message_deflate=False,
             h11_max_incomplete_event_size=32 * 1024,
             lifespan="on",
             **tls,

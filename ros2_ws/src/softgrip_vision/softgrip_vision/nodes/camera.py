@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
 
 from softgrip_nodekit import (
     SENSOR,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
@@ -30,6 +30,7 @@ from softgrip_nodekit import (
     StartupError,
     realtime_parameter,
     run,
+    startup_errors,
     steady_timer,
     to_time_message,
 )
@@ -100,7 +101,7 @@ LISTENERS_PERIOD = 0.05
 COMPLETE_CHECKS = 3
 
 
-class CameraNode(Node):
+class CameraNode(CellNode):
     """The camera node."""
 
     def __init__(self) -> None:
@@ -135,10 +136,8 @@ class CameraNode(Node):
         name = self._values["calibration_file"]
         if not name:
             return None
-        try:
+        with startup_errors(VisionError):
             return calibration.load(file_when_there(Path(name), self._values["calibration_wait_s"]))
-        except VisionError as error:
-            raise StartupError(str(error)) from error
 
     def _make_capture(self) -> Capture:
         value = self._values
@@ -204,7 +203,9 @@ class CameraNode(Node):
         self._info.header = header
         return self._info
 
-    def _on_set_camera_info(self, request: Any, response: Any) -> Any:
+    def _on_set_camera_info(
+        self, request: SetCameraInfo.Request, response: SetCameraInfo.Response
+    ) -> SetCameraInfo.Response:
         info = request.camera_info
         try:
             response.status_message = self._set_lens(info)

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -26,19 +25,20 @@ from softgrip_nodekit import (
     REALTIME_PRIORITY,
     SENSOR,
     CellFollower,
+    CellNode,
     Diagnostics,
     Health,
     Parameter,
     ParameterTable,
     Rank,
     StampedInputs,
-    StartupError,
     WhileBrief,
     lateness_parameter,
     nanoseconds,
     realtime_parameter,
     run,
     seconds,
+    startup_errors,
 )
 from softgrip_vision import calibration, colour
 from softgrip_vision.errors import VisionError
@@ -117,7 +117,7 @@ PARAMETERS = ParameterTable(
 )
 
 
-class MarkerTrackerNode(Node):
+class MarkerTrackerNode(CellNode):
     """The marker tracker node."""
 
     def __init__(self) -> None:
@@ -128,10 +128,8 @@ class MarkerTrackerNode(Node):
             text = "no finger is measured: expected a calibration with planes in 'calibration_file', found ''; "
             self._diagnostics.set("calibration", Health.WARN, text + "run calibrate_camera (docs/bench.md)")
             return
-        try:
+        with startup_errors(VisionError):
             self._tracker = self._make_tracker()
-        except VisionError as error:
-            raise StartupError(str(error)) from error
         self._configuration = self._tracker.configuration
         PARAMETERS.on_change(self, self._apply)
         self._measured = self.create_publisher(FingerStates, "finger/measured", SENSOR)

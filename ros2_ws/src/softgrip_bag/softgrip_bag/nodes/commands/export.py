@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write each topic of a bag as a table (a row per message, a column per field), or grasps as a LeRobotDataset."""
+"""Write each topic of a bag as a table (a row a message), its episodes as a LeRobotDataset, or a Rerun recording."""
 
 from __future__ import annotations
 
@@ -34,7 +34,16 @@ def main(args: Sequence[str] | None = None) -> int:
     form.add_argument("--csv", action="store_true", help="one .csv per topic")
     form.add_argument("--parquet", action="store_true", help="one .parquet per topic")
     form.add_argument(
-        "--lerobot", type=Path, metavar="OUT", help="the grasps as a LeRobotDataset v3.0 (docs/archive.md)"
+        "--lerobot",
+        type=Path,
+        metavar="OUT",
+        help="grasps and teleoperated demonstrations as a LeRobotDataset v3.0 (docs/archive.md)",
+    )
+    form.add_argument(
+        "--rerun",
+        type=Path,
+        metavar="OUT.rrd",
+        help="a Rerun recording with a layout: camera, fingers, tendons, verdicts; needs `make rerun-setup`",
     )
     parser.add_argument("--fps", type=int, default=20, help="frames a second of --lerobot")
     parser.add_argument("--topics", nargs="+", help="only these")
@@ -44,8 +53,12 @@ def main(args: Sequence[str] | None = None) -> int:
         parser.error(f"expected at least one frame a second, found {options.fps}")
     if options.output and len(options.bags) > 1:
         parser.error("expected one bag with --output")
+    if options.rerun and len(options.bags) > 1:
+        parser.error("expected one bag with --rerun")
     try:
-        if options.lerobot:
+        if options.rerun:
+            _write_scene(options.bags[0], options.rerun)
+        elif options.lerobot:
             _write_dataset(options.bags, options.lerobot, options.fps)
         else:
             for path in options.bags:
@@ -54,27 +67,37 @@ def main(args: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     except OSError as error:
-        print(
-            f"{error.filename or options.lerobot or options.output}: cannot be written: {error.strerror}",
-            file=sys.stderr,
-        )
+        place = error.filename or options.lerobot or options.rerun or options.output
+        print(f"{place}: cannot be written: {error.strerror}", file=sys.stderr)
         return 2
     return 0
 
 
 def _write_dataset(bags: Sequence[Path], folder: Path, rate_hz: int) -> None:
-    """Write the grasps of bags as one dataset; a bag without a grasp is named and left out."""
+    """Write the episodes of bags as one dataset; a bag without one is named and left out."""
     from softgrip_bag.lerobot import write_lerobot  # noqa: PLC0415  a second that tables need not wait for
-    from softgrip_bag.nodes.grasp_episodes import grasp_episodes  # noqa: PLC0415  as above
+    from softgrip_bag.nodes.recorded_episodes import recorded_episodes  # noqa: PLC0415  as above
 
     episodes = []
     for bag in track(bags, "reading", console=Console(stderr=True), disable=not sys.stderr.isatty()):
-        found = grasp_episodes(bag, rate_hz)
+        found = recorded_episodes(bag, rate_hz)
         if not found:
-            print(f"{bag}: no grasp in it", file=sys.stderr)
+            print(f"{bag}: no grasp and no demonstration in it", file=sys.stderr)
         episodes += found
     write_lerobot(folder, episodes, rate_hz)
-    print(f"{folder}: {len(episodes)} grasps, {sum(one.is_success for one in episodes)} held")
+    print(f"{folder}: {len(episodes)} episodes, {sum(one.is_success for one in episodes)} of them a success")
+
+
+def _write_scene(bag: Path, path: Path) -> None:
+    """Write what a bag shows as a Rerun recording."""
+    from softgrip_bag.nodes.recorded_scene import recorded_scene  # noqa: PLC0415  tables need not wait for it
+    from softgrip_bag.rerun_file import write_rerun  # noqa: PLC0415  as above
+
+    with Console(stderr=True).status(f"reading {bag}"):
+        scene = recorded_scene(bag)
+        write_rerun(path, scene)
+    poses = sum(map(len, scene.poses.values()))
+    print(f"{path}: {len(scene.images)} images, {poses} finger poses, {len(scene.events)} events; open it with `rerun`")
 
 
 def _write_tables(path: Path, options: argparse.Namespace) -> None:

@@ -34,6 +34,9 @@ class ForceAssembly {
 
   const std::vector<double>& position() const { return position_; }  // [node][kStride]
 
+  // The rigorous law only: of one element at the positions of the last forces.
+  ElementTangent element_tangent(std::size_t element) const { return ogden_->tangent(position_.data(), element); }
+
   void report(const Task& task, Outcome& outcome) const;
 
   // Corner forces of all elements at a displacement, (n, 3).

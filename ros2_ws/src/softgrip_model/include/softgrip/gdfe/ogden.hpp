@@ -18,6 +18,9 @@ struct OgdenMaterial {
   double bulk = 0.0;              // K
 };
 
+// [3 corner + axis]
+using ElementTangent = Eigen::Matrix<double, 24, 24>;
+
 class OgdenElements {
  public:
   OgdenElements(const Nodes& rest, const Hexes& hexes, const std::vector<int>& materials,
@@ -29,6 +32,9 @@ class OgdenElements {
 
   // Strain energy at a state.
   double energy(const double* position) const;
+
+  // Exact derivative of an element's corner forces to its corners' positions, symmetric.
+  ElementTangent tangent(const double* position, std::size_t element) const;
 
  private:
   struct Point {

@@ -31,8 +31,9 @@ struct Settings {
   Method method = Method::Automatic;
   int window = 10;  // of the Anderson acceleration; 0 = plain iteration
   int threads = 1;
-  double step_limit = 0.0;  // largest motion of a node in one iteration [length]; 0 = none
-  int sections_after = -1;  // iterations after which rigid cross-sections are a second level; negative = never
+  double step_limit = 0.0;           // largest motion of a node in one iteration [length]; 0 = none
+  int sections_after = -1;           // iterations after which rigid cross-sections are a second level; negative = never
+  int max_tangent_unknowns = 20000;  // up to here the rigorous law's own tangent stands in for L; 0 = never
 };
 
 // What acts on the mesh from outside, beside dead forces and cables.
@@ -88,6 +89,7 @@ struct Outcome {
   std::vector<double> shortening;            // per cable
   std::vector<Touch> touches;
   std::vector<double> history;  // residual of every iteration
+  int unstable_modes = -1;      // of an equilibrium: independent motions that lower the energy; -1 = not known
 };
 
 }  // namespace softgrip::gdfe

@@ -16,6 +16,7 @@
 #include "softgrip/gdfe/preconditioner.hpp"
 #include "softgrip/gdfe/problem.hpp"
 #include "softgrip/gdfe/section_level.hpp"
+#include "softgrip/gdfe/tangent.hpp"
 
 namespace softgrip::gdfe {
 
@@ -63,6 +64,7 @@ class Solver {
   ForceAssembly forces_;
   std::unique_ptr<Contact> contact_;        // where there are obstacles
   std::unique_ptr<SectionLevel> sections_;  // where they are asked for
+  std::unique_ptr<Tangent> tangent_;        // of the rigorous law, where it is fit
   Anderson anderson_;
 };
 

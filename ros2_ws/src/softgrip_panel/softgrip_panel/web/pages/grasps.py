@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 from nicegui import ui
 
@@ -37,21 +38,23 @@ def _list(page: Page, show: object) -> None:
         text_element("a", page.t("grasps.export"), "export", href="/grasps.csv", download="grasps.csv")
         body = table(page, "grasps.at", "grasps.product", "grasps.set", "grasps.verdict", "grasps.why", "grasps.show")
 
-        def rows() -> tuple[GraspRow, ...]:
-            chosen = GraspFilter(str(product.value or ""), str(serial.value or ""), outcome.value)
-            found = grasp_rows(page.state.grasps.records, page.state.counted)
-            return tuple(row for row in found if chosen.admits(row))[:MAX_ROWS]
-
         none = text_element("p", page.t("grasps.none"), "note")
 
-        def write(found: tuple[GraspRow, ...]) -> None:
+        def look() -> tuple[object, ...]:
+            """Return what the list depends on; the list itself is made only when that has changed."""
+            chosen = GraspFilter(str(product.value or ""), str(serial.value or ""), outcome.value)
+            return page.state.grasps.version, page.state.counted, chosen
+
+        def write(seen: tuple[Any, ...]) -> None:
+            rows = grasp_rows(page.state.grasps.records, page.state.counted)
+            found = [row for row in rows if seen[2].admits(row)][:MAX_ROWS]
             none.set_visibility(not found)
             body.clear()
             with body:
                 for row in found:
                     _row(page, row, show)
 
-        page.shown.keep(rows, write)
+        page.shown.keep(look, write)
 
 
 def _row(page: Page, row: GraspRow, show: object) -> None:

@@ -12,7 +12,7 @@ from nicegui import background_tasks, ui
 from softgrip_panel.errors import PanelError
 from softgrip_panel.model import acts
 from softgrip_panel.model.acts import ActResult
-from softgrip_panel.model.bench import ACTIVE, TO_FREE, TO_TAKE, BenchView, TerminalStep, bus_causes, terminal_steps
+from softgrip_panel.model.bench import ACTIVE, TO_FREE, TO_TAKE, BenchView, bus_causes, terminal_steps
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.tensioning import PLAN, SETTLED_MM, TensioningRound
 from softgrip_panel.model.weights import MAX_KG, MIN_KG, WeightPoint
@@ -158,15 +158,20 @@ def _terminal(page: Page) -> None:
         page.shown.text(state, lambda: page.t("setup.bus_busy" if page.state.bench.has_bus else "setup.bus_free"))
         holder = element("div")
 
-        def write(steps: tuple[TerminalStep, ...]) -> None:
+        def write(_: object) -> None:
             holder.clear()
             with holder:
-                for one in steps:
+                for one in terminal_steps(page.state.bench):
                     text_element("h3", page.t(f"setup.do_{one.key}"))
                     text_element("p", page.t(f"setup.why_{one.key}"), "note")
                     command(page, one.command)
 
-        page.shown.keep(lambda: terminal_steps(page.state.bench), write)
+        page.shown.keep(lambda: _named_bus(page.state.bench), write)
+
+
+def _named_bus(bench: BenchView) -> tuple[object, ...]:
+    """Return what the commands depend on."""
+    return bench.port, bench.baud, bench.tendons, bench.servo_ids
 
 
 # --- homing and tensioning

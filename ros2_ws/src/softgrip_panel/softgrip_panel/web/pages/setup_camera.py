@@ -30,13 +30,13 @@ def camera_card(page: Page) -> None:
         text_element("p", page.t("setup.plane_how"), "note")
         holder = element("div")
 
-        def write(lines: tuple[str, ...]) -> None:
+        def write(_: object) -> None:
             holder.clear()
             with holder:
-                for line in lines:
+                for line in lens.commands(page.site.calibration_file, page.site.watched_finger):
                     command(page, line)
 
-        shown.keep(lambda: lens.commands(page.site.calibration_file, page.site.watched_finger), write)
+        shown.keep(lambda: lens.board, write)
 
 
 def _views_text(page: Page) -> str:
@@ -51,14 +51,14 @@ def _coverage(page: Page) -> None:
     """Draw which parts of the picture have shown the board."""
     holder = element("div", classes="coverage", role="img", aria_label=page.t("setup.coverage"))
 
-    def write(cells: tuple[tuple[bool, ...], ...]) -> None:
+    def write(_: object) -> None:
         holder.clear()
         with holder:
-            for row in cells:
+            for row in page.site.lens.covered():
                 for is_covered in row:
                     element("span", data_state="covered" if is_covered else "")
 
-    page.shown.keep(page.site.lens.covered, write)
+    page.shown.keep(lambda: len(page.site.lens.views), write)
 
 
 def _acts(page: Page) -> None:

@@ -111,4 +111,5 @@ def _ask(work: _Parameters, one: ParameterView, say: Any) -> None:
             page.begin(acts.set_parameter(node, one.name, one.kind, typed), then)
 
         page.button("setup.set", change, "loud big", name="set-confirm")
+        page.commands(acts.set_parameter(node, one.name, one.kind, one.value))
     dialog.open()

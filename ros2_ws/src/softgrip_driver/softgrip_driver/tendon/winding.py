@@ -23,7 +23,7 @@ RATED_DEGC = 25.0
 WINDING_ABOVE_SENSOR_STDDEV_K = 10.0
 #: [V] a count of Present Input Voltage, and what the supply may have sagged since it was read
 VOLTAGE_STDDEV = 0.05
-#: [rad/s] a count of Present Velocity: a uniform distribution of that width
+#: [rad/s] a count of a Dynamixel's Present Velocity: a uniform distribution of that width
 SPEED_STDDEV = 0.024 / math.sqrt(12.0)
 #: resistance and back-EMF of one servo beside the data sheet's, relative
 DATA_SHEET_STDDEV = 0.1
@@ -59,11 +59,13 @@ class Winding:
         resistance: R [ohm] at 25 degC.
         back_emf: k_e [V s/rad].
         relative_stddev: of both, this servo's from the values here.
+        speed_stddev: [rad/s] of the speed that the servo reports.
     """
 
     resistance: float
     back_emf: float
     relative_stddev: float = DATA_SHEET_STDDEV
+    speed_stddev: float = SPEED_STDDEV
 
     def resistance_at(self, temperature: float) -> float:
         """Return the resistance [ohm] at a temperature [degC]."""
@@ -81,7 +83,7 @@ class Winding:
             math.hypot(warmth, self.relative_stddev) * current,
             self.relative_stddev * emf / ohm,
             seen.duty * VOLTAGE_STDDEV / ohm,
-            self.back_emf * SPEED_STDDEV / ohm,
+            self.back_emf * self.speed_stddev / ohm,
         )
         return current, stddev
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a bag to its grasps as episodes: the manager's trace says when each began and what it commanded."""
+"""From a bag to its episodes: grasps and demonstrations.
+
+The manager's trace says when a grasp began and what it commanded, teleoperation/state the same of a demonstration.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,22 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-from softgrip_bag.episode import GraspEpisode, StampedSeries, TendonCommand, commanded
+from softgrip_bag.episode import Episode, StampedSeries, TendonCommand, commanded
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.digest import grasp_result
 from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.trace import TraceStep, runs
-from softgrip_bag.story import RecordedGrasp
 from softgrip_interfaces.action import Grasp as GraspAction
 from softgrip_interfaces.action import MoveTendon
+from softgrip_interfaces.msg import TeleoperationState
 
-_TRACE, _STATE, _MODE = "/grasp_mix_manager/trace", "/tendon/state", "/cell/state"
+_TRACE, _TELEOPERATION = "/grasp_mix_manager/trace", "/teleoperation/state"
+_STATE, _MODE = "/tendon/state", "/cell/state"
 _PREDICTED, _MEASURED, _IMAGE = "/finger/predicted", "/finger/measured", "/camera/image_raw/compressed"
 _UUID = 16
+#: How a demonstration ended.
+_PHASES = {TeleoperationState.SUCCEEDED: "SUCCEEDED", TeleoperationState.FAILED: "FAILED"}
 #: That a tendon of the cell may be pulled at most [m]: what a move to a tension may wind in (thesis: 20 mm).
 FULL_LENGTH_M = 0.020
 
@@ -41,33 +47,44 @@ class _Topics:
     images: list[tuple[int, bytes]] = field(default_factory=list)
     finger_sets: list[tuple[int, str]] = field(default_factory=list)
 
+    def finger_set(self, time_ns: int) -> str:
+        """Return what was mounted at a time, empty where nobody said."""
+        return next((one for time, one in reversed(self.finger_sets) if time <= time_ns), "")
+
 
 @dataclass(frozen=True)
-class _TracedGrasp:
-    """A grasp of the trace: when it began and ended, what it commanded and how it ended."""
+class _Span:
+    """An episode before its frames: when it began and ended, what was commanded and how it ended."""
 
     begun_ns: int
     ended_ns: int
-    moves: tuple[tuple[int, Any], ...]
-    result: RecordedGrasp
+    commands: tuple[TendonCommand, ...]
+    task: str
+    product: str
+    outcome: str
+    reason: str
+    evidence: str
 
 
-def grasp_episodes(path: Path, rate_hz: int) -> list[GraspEpisode]:
-    """Return the grasps of a bag that moved a tendon, in their order.
+def recorded_episodes(path: Path, rate_hz: int) -> list[Episode]:
+    """Return the grasps of a bag that moved a tendon, then its demonstrations, each in their order.
 
     Args:
         path: of the bag.
         rate_hz: of the frames.
 
     Raises:
-        BagError: no bag, or one without the manager's trace or tendon/state.
+        BagError: no bag, or one without tendon/state, or with neither the manager's trace nor teleoperation/state.
     """
     bag = RecordedBag(path)
-    for topic in (_TRACE, _STATE):
-        if bag.cell + topic not in bag.types:
-            raise BagError(f"{path}: expected {topic}, found only {', '.join(sorted(bag.types))}")
+    found = ", ".join(sorted(bag.types))
+    if bag.cell + _STATE not in bag.types:
+        raise BagError(f"{path}: expected {_STATE}, found only {found}")
+    if not {bag.cell + _TRACE, bag.cell + _TELEOPERATION} & set(bag.types):
+        raise BagError(f"{path}: expected {_TRACE} or {_TELEOPERATION}, found only {found}")
     topics = _read(bag)
-    return [_episode(path, grasp, topics, rate_hz) for grasp in _traced(bag) if grasp.moves and topics.states]
+    spans = [*_grasps(bag, topics), *_demonstrations(bag, topics)]
+    return [_episode(path, span, topics, rate_hz) for span in spans if span.commands and topics.states]
 
 
 def _read(bag: RecordedBag) -> _Topics:
@@ -91,12 +108,13 @@ def _read(bag: RecordedBag) -> _Topics:
     return found
 
 
-def _traced(bag: RecordedBag) -> Iterator[_TracedGrasp]:
-    for steps in runs(bag, bag.cell + _TRACE):
-        yield from _grasps_of(bag, steps)
+def _grasps(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
+    if bag.cell + _TRACE in bag.types:
+        for steps in runs(bag, bag.cell + _TRACE):
+            yield from _grasps_of(bag, steps, topics)
 
 
-def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep]) -> Iterator[_TracedGrasp]:
+def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep], topics: _Topics) -> Iterator[_Span]:
     product, begun_ns = "", 0
     moves: list[tuple[int, Any]] = []
     for step in steps:
@@ -107,31 +125,67 @@ def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep]) -> Iterator[_Traced
         elif name == "sent /tendon/move":
             moves.append((step.time_ns, deserialize_message(step.data, MoveTendon.Goal)))
         elif name == "finished /cell/grasp":
-            yield _TracedGrasp(begun_ns, step.time_ns, tuple(moves), grasp_result(step, product))
+            result = grasp_result(step, product)
+            fingers = topics.finger_set(step.time_ns) or "mounted"
+            task = f"Grasp the {product.replace('_', ' ')} with the {fingers} fingers and lift it"
+            commands = tuple(_commands(moves, topics.tendons))
+            yield _Span(begun_ns, step.time_ns, commands, task, product, result.outcome, result.reason, result.evidence)
             moves = []
 
 
-def _episode(path: Path, grasp: _TracedGrasp, topics: _Topics, rate_hz: int) -> GraspEpisode:
+def _demonstrations(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
+    """Yield what people showed: from the first frame of a demonstration to the one that ends it."""
+    if bag.cell + _TELEOPERATION not in bag.types:
+        return
+    frames: list[Any] = []
+    for raw in bag.read({bag.cell + _TELEOPERATION}):
+        frame = deserialize_message(raw.data, TeleoperationState)
+        if frames and (frame.episode, frame.phase) != (frames[0].episode, TeleoperationState.RUNNING):
+            yield _demonstration(frames, frame if frame.episode == frames[0].episode else None, topics)
+            frames = []
+        if frame.phase == TeleoperationState.RUNNING:
+            frames.append(frame)
+    if frames:  # the bag ends before the demonstration
+        yield _demonstration(frames, None, topics)
+
+
+def _demonstration(frames: Sequence[Any], last: Any | None, topics: _Topics) -> _Span:
+    first, end = frames[0], last or frames[-1]
+    outcome = _PHASES.get(end.phase, "ABORTED") if last is not None else "ABORTED"
+    commands = []
+    before = list(first.targets)
+    for frame in frames:
+        for name, target, begun in zip(frame.tendons, frame.targets, before, strict=True):
+            if frame.duration > 0.0 and name in topics.tendons:
+                speed = abs(target - begun) / frame.duration
+                tendon = topics.tendons.index(name)
+                commands.append(TendonCommand(stamp_of(frame), tendon, target, speed, frame.tension_limit))
+        before = list(frame.targets)
+    reason = "" if last is not None else "the bag ends before the demonstration"
+    return _Span(stamp_of(first), stamp_of(end), tuple(commands), first.task, "", outcome, reason, "")
+
+
+def _episode(path: Path, span: _Span, topics: _Topics, rate_hz: int) -> Episode:
     states = _series(topics.states)
     count = len(topics.tendons)
-    first_ns = next((stamp for stamp in states.stamps_ns if stamp >= grasp.begun_ns), states.stamps_ns[-1])
+    first_ns = next((stamp for stamp in states.stamps_ns if stamp >= span.begun_ns), states.stamps_ns[-1])
     period_ns = round(1e9 / rate_hz)
-    frames = max(1, (grasp.ended_ns - first_ns) // period_ns + 1)
+    frames = max(1, (span.ended_ns - first_ns) // period_ns + 1)
     times_ns = first_ns + period_ns * np.arange(frames, dtype=np.int64)
     values, stamps = states.at(times_ns.tolist())
     lengths_m, tensions_n = values[:, :count], values[:, count:]
-    commands = _commands(grasp, topics.tendons)
-    length_m, tension_n = commanded(commands, times_ns.tolist(), lengths_m, FULL_LENGTH_M)
+    length_m, tension_n = commanded(span.commands, times_ns.tolist(), lengths_m, FULL_LENGTH_M)
     predicted, _ = _series(topics.predicted).at(times_ns.tolist())
     measured, measured_stamps = _series(topics.measured).at(times_ns.tolist())
     images, image_stamps = _images(topics.images, times_ns.tolist())
-    return GraspEpisode(
+    return Episode(
         bag=path.name,
-        product=grasp.result.product,
-        finger_set=next((one for time, one in reversed(topics.finger_sets) if time <= grasp.ended_ns), ""),
-        outcome=grasp.result.outcome,
-        reason=grasp.result.reason,
-        evidence=grasp.result.evidence,
+        task=span.task,
+        product=span.product,
+        finger_set=topics.finger_set(span.ended_ns),
+        outcome=span.outcome,
+        reason=span.reason,
+        evidence=span.evidence,
         tendons=topics.tendons,
         times_ns=times_ns,
         state_stamps_ns=stamps,
@@ -167,9 +221,9 @@ def _images(found: Sequence[tuple[int, bytes]], times_ns: Sequence[int]) -> tupl
     return tuple(data for _, data in chosen), np.array([stamp for stamp, _ in chosen], np.int64)
 
 
-def _commands(grasp: _TracedGrasp, tendons: Sequence[str]) -> list[TendonCommand]:
+def _commands(moves: Sequence[tuple[int, Any]], tendons: Sequence[str]) -> list[TendonCommand]:
     made = []
-    for time_ns, goal in grasp.moves:
+    for time_ns, goal in moves:
         names = list(goal.tendons) or list(tendons)
         targets = list(goal.targets) * (len(names) if len(goal.targets) == 1 else 1)
         for name, target in zip(names, targets, strict=True):

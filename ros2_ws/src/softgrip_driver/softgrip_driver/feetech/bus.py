@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One bus of Feetech servos: transactions that check what comes back, each bounded in time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+
+from softgrip_driver.errors import CorruptReplyError, NoReplyError
+from softgrip_driver.feetech import packets
+from softgrip_driver.feetech.packets import FeetechAnswer
+from softgrip_driver.feetech.registers import FeetechItem
+from softgrip_driver.serial_link import SerialLink
+from softgrip_driver.tendon.backend import Counters
+from softgrip_time import Clock
+
+
+class FeetechBus:
+    """Transactions with the servos on one port. Thread-safe.
+
+    Args:
+        path: device path.
+        baud: [1/s]
+        reply_margin: [s] allowed for a reply beyond the time its bytes need.
+        clock: that its waits are on; the computer's where none is given.
+    """
+
+    def __init__(self, path: str, baud: int, reply_margin: float, clock: Clock | None = None) -> None:
+        self.link = SerialLink(path, baud, reply_margin, clock)
+        self.clock = self.link.clock
+        self.counters = Counters()
+        self._lock = threading.RLock()
+
+    def read(self, servo_id: int, address: int, size: int, attempts: int = 1) -> FeetechAnswer:
+        """Return a block of a servo's memory; raises NoReplyError, CorruptReplyError, PortLostError."""
+        return self._ask(servo_id, packets.encode(servo_id, packets.READ, bytes([address, size])), size, attempts)
+
+    def get(self, servo_id: int, item: FeetechItem, attempts: int = 1) -> int:
+        """Return the value of an item; raises as `read` does."""
+        return item.decode(self.read(servo_id, item.address, item.size, attempts).data)
+
+    def put(self, servo_id: int, item: FeetechItem, value: int, attempts: int = 1) -> None:
+        """Write an item; raises as `read` does."""
+        parameters = bytes([item.address]) + item.encode(value)
+        self._ask(servo_id, packets.encode(servo_id, packets.WRITE, parameters), 0, attempts)
+
+    def ping(self, servo_id: int, attempts: int = 1) -> FeetechAnswer:
+        """Return a servo's answer; raises as `read` does."""
+        return self._ask(servo_id, packets.encode(servo_id, packets.PING), 0, attempts)
+
+    def reset_turns(self, servo_id: int, attempts: int = 1) -> None:
+        """Let a servo forget its turns, which switches its torque off; raises as `read` does."""
+        self._ask(servo_id, packets.encode(servo_id, packets.RESET_TURNS), 0, attempts)
+
+    def sync_read(self, ids: Sequence[int], address: int, size: int) -> dict[int, FeetechAnswer]:
+        """Return the same block of several servos, of those that answered; raises PortLostError."""
+        question = packets.encode_sync_read(ids, address, size)
+        reply_size = len(ids) * (packets.OVERHEAD + size)
+        with self._lock:
+            self.counters.transactions += 1
+            self.link.send(question)
+            heard = self.link.receive(len(question) + reply_size, lambda so_far: len(so_far) >= reply_size)
+        answers, damaged = packets.decode(heard)
+        found = {one.servo_id: one for one in answers if one.servo_id in ids and len(one.data) == size}
+        self.counters.corrupt += damaged
+        for missing in set(ids) - set(found):
+            self._count_lost(missing)
+        return found
+
+    def sync_write(self, item: FeetechItem, values: Mapping[int, int]) -> None:
+        """Write an item of several servos; nobody answers. Raises PortLostError."""
+        if not values:
+            return
+        with self._lock:
+            self.counters.transactions += 1
+            self.link.send(packets.encode_sync_write(item.address, {i: item.encode(v) for i, v in values.items()}))
+
+    def _ask(self, servo_id: int, question: bytes, size: int, attempts: int) -> FeetechAnswer:
+        while True:
+            attempts -= 1
+            try:
+                return self._ask_once(servo_id, question, size)
+            except (NoReplyError, CorruptReplyError):
+                if attempts <= 0:
+                    raise
+
+    def _ask_once(self, servo_id: int, question: bytes, size: int) -> FeetechAnswer:
+        reply_size = packets.OVERHEAD + size
+        with self._lock:
+            self.counters.transactions += 1
+            self.link.send(question)
+            heard = self.link.receive(len(question) + reply_size, lambda so_far: len(so_far) >= reply_size)
+        answers, _ = packets.decode(heard)
+        for one in answers:
+            if one.servo_id == servo_id and len(one.data) == size:
+                return one
+        where = f"port {self.link.path}, ID {servo_id}"
+        if heard:
+            self.counters.corrupt += 1
+            raise CorruptReplyError(f"{where}: expected a reply of {reply_size} bytes, found {heard[:32].hex(' ')}")
+        self._count_lost(servo_id)
+        raise NoReplyError(f"{where}: expected a reply, found none; check power, cable, ID and baud rate")
+
+    def _count_lost(self, servo_id: int) -> None:
+        self.counters.lost += 1
+        self.counters.lost_by_id[servo_id] = self.counters.lost_by_id.get(servo_id, 0) + 1

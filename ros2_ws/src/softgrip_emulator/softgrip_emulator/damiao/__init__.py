@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Emulated Damiao joint motors on CAN behind a serial adapter that speaks SLCAN."""

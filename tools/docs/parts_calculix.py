@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The index finger of the power grasp as a solid, closed in GDFE and in CalculiX: the table of docs/parts.md.
+
+Needs gmsh and ccx on the PATH (apt-get install gmsh calculix-ccx), build123d (make parts-setup) and some minutes. The
+solid is the printed one without cable channels, marker seats and text, so that CalculiX' C3D10 are few: neo-Hookean,
+cable as in softgrip_testing.calculix_cable. The two programs have meshes of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+from itertools import combinations
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from gdfe_cable_calculix import FULL_SHARE, at_length, calculix, deck
+from numpy.typing import NDArray
+
+from softgrip_description.hand import shipped_hand
+from softgrip_design.parts.files import write_part
+from softgrip_design.parts.finger_form import finger_form
+from softgrip_design.parts.palm import palm_seat
+from softgrip_design.parts.solid import make_solid
+from softgrip_model.finger import Finger
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
+from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
+from softgrip_model.gdfe.solid_mesh import ElementSize, SolidFinger, mesh_solid, tetrahedra_of
+from softgrip_model.profile import load, shipped_directory
+from softgrip_testing.calculix_cable import MATERIAL, our_closing
+
+Array = NDArray[np.float64]
+PULLS_MM = (4.0, 8.0, 12.0)
+#: Of CalculiX' mesh: a strip has two layers of quadratic tetrahedra.
+COARSE = ElementSize(4.0, 1.2, 4)
+TIME_LIMIT_S = 2400.0
+#: Abaqus' order of the middles of a tetrahedron's edges.
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+
+
+def plain_step(folder: Path) -> Path:
+    """Write the STEP file of the finger without bores and pockets."""
+    profile, hand = load(shipped_directory() / "power.yaml"), shipped_hand()
+    form = finger_form(profile.finger("index"), 1e3 * profile.cable.radius_m, "index", palm_seat(hand, "index"), "")
+    write_part(make_solid(dataclasses.replace(form.form, bores=(), pockets=())), folder)
+    return folder / "finger_index.step"
+
+
+def quadratic(finger: Finger, step: Path) -> Any:
+    """Return the finger of quadratic tetrahedra, as `deck` takes a mesh."""
+    assert all(pair in combinations(range(4), 2) for pair in EDGES)
+    nodes, tetrahedra = tetrahedra_of(step, COARSE)
+    nodes = nodes + np.array([finger.base_mm, 0.0, 0.0])
+    solid = SolidFinger(finger, step)
+    tetrahedra = tetrahedra[~(solid.side_of(nodes, 0) < 0.0)[tetrahedra].all(axis=1)]
+    flipped = np.linalg.det(nodes[tetrahedra[:, 1:]] - nodes[tetrahedra[:, :1]]) < 0.0
+    tetrahedra[flipped] = tetrahedra[flipped][:, [0, 2, 1, 3]]
+    edges, edge_of = np.unique(np.sort(tetrahedra[:, EDGES], axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+    cells = np.hstack([tetrahedra, edge_of.reshape(-1, 6) + len(nodes)])
+    nodes = np.concatenate([nodes, nodes[edges].mean(axis=1)])
+    used, renumbered = np.unique(cells, return_inverse=True)
+    nodes = nodes[used]
+    return SimpleNamespace(
+        mesh=SimpleNamespace(nodes=nodes, hexes=renumbered.reshape(-1, 10)),
+        clamped=solid.clamped(nodes),
+        routing=solid.routing(nodes),
+        tip=solid.tip(nodes),
+        link_nodes=solid.links(nodes),
+    )
+
+
+def closing_of(mesh: FingerMesh, spacing_mm: float) -> ClosingPath:
+    """Return our closing of a mesh of the finger."""
+    profile = load(shipped_directory() / "power.yaml")
+    settings = ClosingSettings(travel_mm=max(PULLS_MM), keyframe_mm=spacing_mm, max_iterations=2000)
+    body = Body(profile, "index", settings.resolution, material=MATERIAL, finger_mesh=mesh)
+    return ClosingPath(profile, "index", settings, body=body)
+
+
+def say(text: str) -> None:
+    """Print at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def main() -> int:
+    """Print the table."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    profile = load(shipped_directory() / "power.yaml")
+    finger = Finger.from_profile(profile, "index")
+    depth_mm = 1e3 * profile.finger("index").body_height_m
+    with tempfile.TemporaryDirectory() as folder:
+        step = plain_step(Path(folder))
+        theirs = quadratic(finger, step)
+        say(f"CalculiX: {len(theirs.mesh.hexes)} C3D10, {len(theirs.mesh.nodes)} nodes")
+        solid = closing_of(mesh_solid(step, finger), 2.0)
+        own = closing_of(mesh_finger(finger, RESOLUTIONS["fine"], depth_mm, strip_below=0.0), 1.0)
+        say(f"GDFE: {solid.hexahedra} hexahedra of the solid, {own.hexahedra} of the profile")
+        for pull in PULLS_MM:
+            for name, closing in (("solid", solid), ("profile", own)):
+                one = our_closing(closing, pull)
+                say(f"{pull:g} mm, GDFE of the {name}: tip {one.tip_mm.round(2)} mm, {one.tension_n:.3f} N")
+        last = solid.shape(1e-3 * PULLS_MM[-1])
+        full_n = FULL_SHARE * last.tension[0]
+        increments = calculix(deck(theirs, np.array(last.tension[1:]), "C3D10"), len(theirs.mesh.nodes), TIME_LIMIT_S)
+        for pull in PULLS_MM:
+            one = at_length(theirs, increments, pull, full_n)
+            say(f"{pull:g} mm, CalculiX: tip {one.tip_mm.round(2)} mm, {one.tension_n:.3f} N")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
