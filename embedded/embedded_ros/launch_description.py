@@ -9,6 +9,7 @@ import shutil
 import tempfile
 from copy import copy
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -138,8 +139,14 @@ def temporary(text: str) -> str:
     return file.name
 
 
-@functools.cache
 def _folder() -> str:
+    if not Path(_new_folder()).is_dir():  # somebody has tidied up
+        _new_folder.cache_clear()
+    return _new_folder()
+
+
+@functools.cache
+def _new_folder() -> str:
     folder = tempfile.mkdtemp(prefix="launch_params_")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

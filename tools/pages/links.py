@@ -23,7 +23,7 @@ from markdown_it.token import Token
 ROOT = Path(__file__).resolve().parents[2]
 GENERATED = ROOT / "docs/reference/generated"
 #: Written by scripts when the site is built.
-GENERATED_PAGES = {"topics", "interfaces", "parameters", "faults", "commands", "file-formats", "api/index"}
+GENERATED_PAGES = {"topics", "interfaces", "parameters", "faults", "commands", "file-formats", "api/index", "cpp/index"}
 ROOT_PAGE = ROOT / "docs/index.md"
 _EXTERNAL = re.compile(r"[a-z][a-z0-9+.-]*:")
 _TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -133,16 +133,18 @@ def test_nobody_but_the_manager_the_standard_gripper_the_shift_and_people_moves_
         "gripper_command",
         "shift",
         "first_run",
+        "teleoperate",  # while its dead-man switch is held
         "cell_controller",
         "operate",
         "engineer",
     }
-    assert holders(shipped, Grant.PUBLISH, "/tendon/trajectory") == {"engineer"}
+    assert holders(shipped, Grant.PUBLISH, "/tendon/trajectory") == {"teleoperate", "engineer"}
     assert holders(shipped, Grant.CALL, "/tendon/lease") == {
         "grasp_mix_manager",
         "gripper_command",
         "shift",
         "first_run",
+        "teleoperate",
         "cell_controller",
         "operate",
         "engineer",

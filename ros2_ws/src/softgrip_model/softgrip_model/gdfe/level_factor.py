@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, lu_factor, lu_solve
+from scipy.linalg import LinAlgError, blas, lu_factor, lu_solve
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -66,7 +66,7 @@ class LevelFactor:
             diagonal = strip[:, self._rows[k]].toarray()
             if k + 1 < count:
                 after = strip[:, self._rows[k + 1]].toarray()
-                diagonal -= after @ lu_solve(self._factors[-1], self._before[-1], check_finite=False)
+                diagonal -= _product(after, lu_solve(self._factors[-1], self._before[-1], check_finite=False))
                 self._after.append(after)
             self._factors.append(_factor(diagonal))
             if k:
@@ -81,12 +81,23 @@ class LevelFactor:
         count = len(self._rows)
         part: list[Array] = [columns[rows] for rows in self._rows]
         for k in range(count - 2, -1, -1):
-            part[k] = part[k] - self._after[k] @ lu_solve(self._factors[k + 1], part[k + 1], check_finite=False)
+            part[k] = part[k] - _product(
+                self._after[k], lu_solve(self._factors[k + 1], part[k + 1], check_finite=False)
+            )
         found = np.zeros_like(columns)
         for k, rows in enumerate(self._rows):
-            known = part[k] - self._before[k - 1] @ found[self._rows[k - 1]] if k else part[k]
+            known = part[k] - _product(self._before[k - 1], found[self._rows[k - 1]]) if k else part[k]
             found[rows] = lu_solve(self._factors[k], known, check_finite=False)
         return found.reshape(right.shape)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return a b.
+
+    By SciPy's BLAS, whose threads factor as well: NumPy has one of its own, and both would wait busily for the same
+    processors.
+    """
+    return np.asarray(blas.dgemm(1.0, a, b))
 
 
 def _factor(block: Array) -> tuple[Array, NDArray[np.int32]]:
