@@ -182,7 +182,7 @@ def _limit_rows() -> str:
         for material in (ninjaflex_ogden(0.45), cheetah_ogden(0.45)):
             calibrated = stress(material, ConstitutiveLaw.CALIBRATED)
             rigorous = stress(material, ConstitutiveLaw.RIGOROUS)
-            found.append(f"{100.0 * (calibrated / rigorous - 1.0):+.0f} %")
+            found.append(f"{round(100.0 * (calibrated / rigorous - 1.0)) + 0:+d} %")
         return found
 
     rows = [

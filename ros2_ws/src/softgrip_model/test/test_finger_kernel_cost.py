@@ -37,7 +37,7 @@ def _works() -> dict[str, Callable[[], object]]:
     finger, pulls = chapter_4_finger("power"), np.linspace(0.1, 12.0, 40)
     kernel = Kernel([finger], LAW).varied(rng.uniform(2.5, 5.0, (40, 3)), rng.uniform(5.0, 13.0, (40, 6)))
     thesis, twine = core_design(chapter_3_finger(OPTIMISED_ROUTING_MM, 13.0)), core_friction(published("twine-tpu").law)
-    recipe = _core.Replication(0.9, 0.75, 35.0, 0.05)
+    recipe = _core.Replication(0.9, 0.75, 35.0, 0.05, 0)
     return {
         "nothing": lambda: None,
         "solve": lambda: kernel.solve(pulls[:10], gradient=True, threads=1),
