@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.units import Spool
+from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_time import Clock
 
 #: entry point group
@@ -29,6 +29,8 @@ SHIPPED = {
     "grbl": "softgrip_driver.stage.drive_set:configure",
     "mark10": "softgrip_driver.stage.drive_set:configure",
 }
+
+Model = TypeVar("Model")
 
 #: is told in words what a backend is about to change in a device for good, or what a person should know
 Report = Callable[[str], object]
@@ -63,6 +65,30 @@ class DriveRequest:
         if len(set(ids)) != len(ids):
             raise ConfigurationError(f"parameter servo_ids: expected each ID once, found {ids}")
         return ids
+
+    def model(self, tendon: str, models: Mapping[str, Model]) -> Model:
+        """Return the model of a tendon's device out of those that a backend knows; raises ConfigurationError."""
+        name = self.own("servo_models", tendon)
+        if name not in models:
+            raise ConfigurationError(
+                f"parameter servo_models: expected names out of {sorted(models)} with backend '{self.kind}', found "
+                f"'{name}'"
+            )
+        return models[name]
+
+    def calibrated_torque(self, tendon: str) -> TorqueModel | None:
+        """Return what `calibrate_tension` has found of a tendon's drive, None where it has not been run."""
+        per_ampere = self.own("torque_per_ampere_nm_a", tendon)
+        if per_ampere <= 0.0:
+            return None
+        return TorqueModel(
+            per_ampere,
+            self.own("friction_currents_a", tendon),
+            self.own("tension_stddev_share", tendon),
+            "calibrated",
+            self.own("friction_slopes_a_s_m", tendon),
+            self.own("gear_load_shares", tendon),
+        )
 
     @property
     def options(self) -> dict[str, str]:

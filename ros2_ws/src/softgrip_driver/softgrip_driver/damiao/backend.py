@@ -18,7 +18,8 @@ from softgrip_driver.errors import (
     PortLostError,
     WrongDeviceError,
 )
-from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice
 from softgrip_driver.tendon.goal_speed import GoalSpeed
 from softgrip_driver.tendon.units import Spool, TorqueModel
 
@@ -85,17 +86,10 @@ class DamiaoMotor:
 
 
 @dataclass
-class _Live:
+class _Live(BusDevice):
     """What is known of a motor while the loop runs."""
 
     motor: DamiaoMotor
-    misses: int = 0
-    absent: bool = False
-    probe_at: float = 0.0
-    probe_wait: float = 0.0
-    powered: bool | None = None
-    mark: int | None = None
-    goal: float = math.nan
     target: float = math.nan
     max_current: float = math.nan
     voltage: float = math.nan
@@ -104,8 +98,13 @@ class _Live:
     def __post_init__(self) -> None:
         self.goal_speed = GoalSpeed(self.motor.own_speed)
 
+    @property
+    def tendon(self) -> str:
+        """Name of the tendon on its spool."""
+        return self.motor.tendon
 
-class DamiaoBackend:
+
+class DamiaoBackend(BusBackend[_Live]):
     """Damiao motors as tendon drives (TendonBackend).
 
     Args:
@@ -115,10 +114,6 @@ class DamiaoBackend:
         report: told in words what is about to be changed in a motor.
     """
 
-    #: misses in a row after which a motor is not waited for
-    MISSES = 3
-    #: [s] between questions to such a one: often at first (a bad line), then seldom (a dead motor)
-    PROBE_FIRST, PROBE_PERIOD = 0.01, 0.25
     #: cycles between two slow questions
     SLOW_EVERY = 5
 
@@ -129,21 +124,11 @@ class DamiaoBackend:
         timeout: float,
         report: Callable[[str], object] = lambda _: None,
     ) -> None:
+        super().__init__(bus, [_Live(motor) for motor in motors])
         self.bus = bus
-        self._live = {motor.tendon: _Live(motor) for motor in motors}
         self._timeout = timeout
         self._report = report
         self._cycles = 0
-
-    @property
-    def tendons(self) -> Sequence[str]:
-        """Names of the tendons, in order."""
-        return tuple(self._live)
-
-    @property
-    def counters(self) -> Counters:
-        """What the bus has seen."""
-        return self.bus.counters
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
@@ -225,41 +210,14 @@ class DamiaoBackend:
         self._after_set_up(live)
 
     def _after_set_up(self, live: _Live) -> None:
-        live.misses, live.absent, live.powered = 0, False, False
+        live.met()
+        live.powered = False
         live.goal = live.target = math.nan
         live.mark = None
         live.goal_speed.restart()
 
-    def is_powered(self, tendon: str) -> bool:
-        """Whether a motor was left holding."""
-        return not math.isnan(self._live[tendon].goal)
-
-    def goal_position(self, tendon: str) -> float:
-        """Return where a motor was left holding [m, device frame], NaN for others."""
-        return self._live[tendon].goal
-
-    def disconnect(self, *, keep_torque: bool = False) -> None:
-        """Torque off, unless ``keep_torque`` is set, and close."""
-        if self.bus.link.is_open and not keep_torque:
-            for live in self._live.values():
-                try:
-                    self.bus.order(frames.disable(live.motor.motor_id), live.motor.motor_id, 3)
-                except DriverError:
-                    continue  # nothing more can be done for this one here
-        self.bus.close()
-
-    def reconnect(self) -> bool:
-        """Reopen a port that went away."""
-        if self.bus.link.is_open:
-            return True
-        try:
-            self.bus.open()
-        except DriverError:
-            return False
-        self.bus.counters.reopened += 1
-        for live in self._live.values():
-            live.absent, live.misses = False, 0
-        return True
+    def _let_go(self, live: _Live) -> None:
+        self.bus.order(frames.disable(live.motor.motor_id), live.motor.motor_id, 3)
 
     def restore(self, tendon: str) -> Iterator[None]:
         """Clear a motor's error and set it up again; its mark goes, so that it has to be homed."""
@@ -282,7 +240,7 @@ class DamiaoBackend:
     def read(self) -> Mapping[str, DriveReading]:
         """Ask all present motors at once, one slow item, and probe one that is missing."""
         now = self.bus.clock.now_s()
-        present = [live for live in self._live.values() if not live.absent] or list(self._live.values())
+        present = self._present()
         ids = [live.motor.motor_id for live in present]
         found = self.bus.feedbacks([frames.refresh(one) for one in ids], ids)
         readings = {}
@@ -341,7 +299,7 @@ class DamiaoBackend:
         live.mark = mark
 
     def _reading(self, live: _Live, seen: Feedback) -> DriveReading:
-        live.misses, live.absent = 0, False
+        live.met()
         motor = live.motor
         live.powered = seen.state == DamiaoState.ENABLED
         current, pull, stddev = motor.pull(seen)
@@ -352,25 +310,15 @@ class DamiaoBackend:
             (fault,) if fault else (), "", seen.state if fault else 0,
         )  # fmt: skip
 
-    def _missed(self, live: _Live, now: float) -> None:
-        live.misses += 1
-        if live.misses >= self.MISSES:
-            # What is read of it next may be after a restart.
-            live.absent, live.mark = True, None
-            live.probe_wait = self.PROBE_FIRST
-            live.probe_at = now + live.probe_wait
+    @staticmethod
+    def _missed(live: _Live, now: float) -> None:
+        live.missed(now)
+        if live.absent:
+            live.mark = None  # what is read of it next may be after a restart
 
-    def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
-        due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
-        if not due or all(live.absent for live in self._live.values()):
-            return
-        live = min(due, key=lambda one: one.probe_at)
-        live.probe_wait = min(2.0 * live.probe_wait, self.PROBE_PERIOD)
-        live.probe_at = now + live.probe_wait
+    def _ask(self, live: _Live) -> DriveReading | None:
         motor_id = live.motor.motor_id
-        found = self.bus.feedbacks([frames.refresh(motor_id)], [motor_id])
-        if motor_id in found:
-            readings[live.motor.tendon] = self._reading(live, found[motor_id])
+        return self._reading(live, self.bus.order(frames.refresh(motor_id), motor_id))
 
     def _read_slowly(self, readings: Mapping[str, DriveReading]) -> None:
         """Ask one motor whether it still has its mark, or for its supply; one whose mark is not known comes first."""

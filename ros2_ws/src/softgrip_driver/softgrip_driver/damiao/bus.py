@@ -3,19 +3,17 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 
 from softgrip_driver.damiao import frames, slcan
 from softgrip_driver.damiao.frames import Feedback, Ranges, Register
 from softgrip_driver.damiao.slcan import Frame
 from softgrip_driver.errors import NoReplyError, PortLostError
-from softgrip_driver.serial_link import SerialLink
-from softgrip_driver.tendon.backend import Counters
+from softgrip_driver.serial_bus import SerialBus
 from softgrip_time import Clock
 
 
-class DamiaoBus:
+class DamiaoBus(SerialBus):
     """Transactions with the motors behind one adapter. Thread-safe.
 
     Args:
@@ -27,11 +25,8 @@ class DamiaoBus:
     """
 
     def __init__(self, path: str, baud: int, reply_margin: float, ranges: Ranges, clock: Clock | None = None) -> None:
-        self.link = SerialLink(path, baud, reply_margin, clock)
-        self.clock = self.link.clock
+        super().__init__(path, baud, reply_margin, clock)
         self.ranges = ranges
-        self.counters = Counters()
-        self._lock = threading.RLock()
 
     def open(self) -> None:
         """Open port and channel; raises PortLostError."""
@@ -111,7 +106,3 @@ class DamiaoBus:
             f"port {self.link.path}, motor {motor_id}: expected an answer, found none; check power, both ends' "
             "terminators, and that the motor is set to 1 Mbit/s"
         )
-
-    def _count_lost(self, motor_id: int) -> None:
-        self.counters.lost += 1
-        self.counters.lost_by_id[motor_id] = self.counters.lost_by_id.get(motor_id, 0) + 1

@@ -51,29 +51,15 @@ def configure(request: DriveRequest) -> DamiaoDrives:
 
 
 def _motor(request: DriveRequest, tendon: str, motor_id: int) -> DamiaoMotor:
-    name = request.own("servo_models", tendon)
-    if name not in MODELS:
-        raise ConfigurationError(
-            f"parameter servo_models: expected names out of {sorted(MODELS)} with backend 'damiao', found '{name}'"
-        )
-    model, spool, limits = MODELS[name], request.spools[tendon], request.limits[tendon]
+    model, spool, limits = request.model(tendon, MODELS), request.spools[tendon], request.limits[tendon]
     check_motor(model, spool, limits, request.values["loop_rate"])
     reach = POWER_ON_RAD + (limits.travel + limits.homing_travel + limits.slack_travel) / spool.radius
     if reach > model.ranges.position:
         raise ConfigurationError(
             f"parameters travel_m, homing_travel_m, slack_travel_m: expected a shaft within {model.ranges.position:g} "
-            f"rad of a {name}'s origin, found {reach:.1f}; its feedback ends there: take a larger spool"
+            f"rad of a {model.name}'s origin, found {reach:.1f}; its feedback ends there: take a larger spool"
         )
-    per_ampere = request.own("torque_per_ampere_nm_a", tendon)
-    if per_ampere > 0.0:
-        torque = TorqueModel(
-            per_ampere,
-            request.own("friction_currents_a", tendon),
-            request.own("tension_stddev_share", tendon),
-            "calibrated",
-            request.own("friction_slopes_a_s_m", tendon),
-            request.own("gear_load_shares", tendon),
-        )
-    else:
-        torque = TorqueModel(model.torque_per_ampere, model.friction_torque / model.torque_per_ampere)
+    torque = request.calibrated_torque(tendon) or TorqueModel(
+        model.torque_per_ampere, model.friction_torque / model.torque_per_ampere
+    )
     return DamiaoMotor(tendon, motor_id, model, spool, torque, limits.speed, limits.tension_hard)

@@ -15,7 +15,8 @@ from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
 from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
 from softgrip_driver.dynamixel.servo_state import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
-from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.bus_backend import BusBackend
 from softgrip_driver.tendon.winding import MotorReading, Winding
 
 #: names of the fault table for the bits of the hardware error status; plain integers, for this is asked in every cycle
@@ -31,7 +32,7 @@ _FAULT_NAMES = {
 FAST_BLOCK = (reg.PRESENT_PWM.address, 12)
 
 
-class DynamixelBackend:
+class DynamixelBackend(BusBackend[ServoState]):
     """Dynamixel X servos as tendon drives (TendonBackend).
 
     Args:
@@ -51,11 +52,6 @@ class DynamixelBackend:
 
     #: share by which a goal current may differ from the one that is right: half of that in the tension at stall
     LIMIT_SHARE = 0.03
-    #: misses in a row after which a servo is left out of the group read
-    MISSES = 3
-    #: [s] between questions to a servo that is left out: often at first (a bad line), then seldom (a dead servo)
-    PROBE_FIRST = 0.01
-    PROBE_PERIOD = 0.25
     #: cycles with one slow item between them where each question costs an adapter's latency
     SLOW_EVERY = 4
     #: [s] of plain sync reads after a fast one failed
@@ -75,9 +71,9 @@ class DynamixelBackend:
         report: Callable[[str], object] = lambda _: None,
         hold_unwatched: bool = False,
     ) -> None:
+        super().__init__(bus, [ServoState(servo) for servo in servos])
         self.bus = bus
         self._hold_unwatched = hold_unwatched
-        self._live = {servo.tendon: ServoState(servo) for servo in servos}
         self._watchdog_units = (
             0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
         )
@@ -89,16 +85,6 @@ class DynamixelBackend:
         self._slow_every = 1
         self._deaf = 0
         self.fast = False
-
-    @property
-    def tendons(self) -> Sequence[str]:
-        """Names of the tendons, in order."""
-        return tuple(self._live)
-
-    @property
-    def counters(self) -> Counters:
-        """What the bus has seen."""
-        return self.bus.counters
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
@@ -137,14 +123,6 @@ class DynamixelBackend:
         self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=3)
         live.powered = True
 
-    def is_powered(self, tendon: str) -> bool:
-        """Whether a servo was left holding."""
-        return not math.isnan(self._live[tendon].goal)
-
-    def goal_position(self, tendon: str) -> float:
-        """Return the goal [m, device frame] of a servo that was left holding, NaN for others."""
-        return self._live[tendon].goal
-
     def _allow_for_adapter(self, servo_id: int) -> None:
         """Wait for replies as long as the adapter keeps them back, and ask less, where it is slow; say so."""
         late = self.bus.turnaround(servo_id)
@@ -170,29 +148,12 @@ class DynamixelBackend:
         for difference in differences:
             self._report(f"{difference}; it is written now")
 
-    def disconnect(self, *, keep_torque: bool = False) -> None:
-        """Torque off, unless ``keep_torque`` is set, and close."""
-        if self.bus.is_open and not keep_torque:
-            for tendon in self._live:
-                try:
-                    self._switch_off(self._live[tendon], attempts=3)
-                except DriverError:
-                    # Nothing more can be done for this one here: its bus watchdog stops it.
-                    continue
-        self.bus.close()
+    def _let_go(self, live: ServoState) -> None:
+        """Switch off; one that does not hear it is stopped by its bus watchdog."""
+        self._switch_off(live, attempts=3)
 
-    def reconnect(self) -> bool:
-        """Reopen a port that went away."""
-        if self.bus.is_open:
-            return True
-        try:
-            self.bus.open()
-        except DriverError:
-            return False
-        self.bus.counters.reopened += 1
-        for live in self._live.values():
-            live.absent, live.misses, live.suspect = False, 0, True
-        return True
+    def _after_reopening(self, live: ServoState) -> None:
+        live.suspect = True
 
     def restore(self, tendon: str) -> Iterator[None]:
         """Reboot a servo that has shut itself down and set it up again."""
@@ -200,7 +161,8 @@ class DynamixelBackend:
         live.powered = live.mark = None
         yield from restart(self.bus, live.servo.servo_id)
         yield from self._set_up_again(live)
-        live.absent, live.misses, live.alert, live.hardware_error = False, 0, False, 0
+        live.met()
+        live.alert, live.hardware_error = False, 0
 
     def _set_up_again(self, live: ServoState) -> Iterator[None]:
         """Set up from the beginning until every transaction was answered; patience is for the steps, not for one."""
@@ -238,8 +200,7 @@ class DynamixelBackend:
         ):
             for live in self._live.values():
                 live.suspect = live.stalled = True
-        # Where nobody is left there is nobody whose rate a question to all could lower.
-        present = [live for live in self._live.values() if not live.absent] or list(self._live.values())
+        present = self._present()
         ids = [live.servo.servo_id for live in present]
         if self.fast and now >= self._plain_until:
             replies = self.bus.fast_sync_read(ids, *FAST_BLOCK)
@@ -350,7 +311,7 @@ class DynamixelBackend:
         live.powered = live.armed = False
 
     def _reading(self, live: ServoState, reply: BusReply) -> DriveReading:
-        live.misses, live.absent = 0, False
+        live.met()
         if reply.alert != live.alert:
             live.alert = reply.alert
             live.urgent = [ERRORS, TORQUE]
@@ -376,30 +337,15 @@ class DynamixelBackend:
         )  # fmt: skip
 
     def _missed(self, live: ServoState, now: float) -> None:
-        live.misses += 1
+        live.missed(now)
         # It may stand by now: a limit for a motor that turns would let it pull too hard.
         live.motor = replace(live.motor, speed=0.0)
-        if live.misses >= self.MISSES:
-            live.absent = live.suspect = True
-            live.probe_wait = self.PROBE_FIRST
-            live.probe_at = now + live.probe_wait
+        live.suspect = live.suspect or live.absent
 
-    def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
-        due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
-        if not due or all(live.absent for live in self._live.values()):
-            return
-        live = min(due, key=lambda one: one.probe_at)
-        live.probe_wait = min(2.0 * live.probe_wait, self.PROBE_PERIOD)
-        live.probe_at = now + live.probe_wait
-        try:
-            reply = self.bus.read_bytes(live.servo.servo_id, *FAST_BLOCK)
-        except PortLostError:
-            raise
-        except DriverError:
-            return
-        live.absent, live.misses = False, 0
-        if self._check_return(live):
-            readings[live.servo.tendon] = self._reading(live, reply)
+    def _ask(self, live: ServoState) -> DriveReading | None:
+        reply = self.bus.read_bytes(live.servo.servo_id, *FAST_BLOCK)
+        live.met()
+        return self._reading(live, reply) if self._check_return(live) else None
 
     def _check_return(self, live: ServoState) -> bool:
         """Look what became of a servo that was away, before anybody commands it again; return whether that is known.

@@ -89,23 +89,20 @@ def _servo(request: DriveRequest, tendon: str, servo_id: int) -> ServoConfigurat
         return request.own(name, tendon)
 
     spool, limits = request.spools[tendon], request.limits[tendon]
-    name = own("servo_models")
-    if name not in MODELS:
-        raise ConfigurationError(f"parameter servo_models: expected names out of {sorted(MODELS)}, found '{name}'")
-    model = MODELS[name]
+    model = request.model(tendon, MODELS)
     check_motor(model, spool, limits, request.values["loop_rate"])
     mode = OperatingMode(request.values["operating_mode"])
     if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
         raise ConfigurationError(
-            f"parameter operating_mode: expected 4 with a {name}, which knows no current, found {mode.value}; then the "
-            "driver alone limits the tension"
+            f"parameter operating_mode: expected 4 with a {model.name}, which knows no current, found "
+            f"{mode.value}; then the driver alone limits the tension"
         )
     return ServoConfiguration(
         tendon,
         servo_id,
         model,
         spool,
-        _torque(own, model),
+        request.calibrated_torque(tendon) or _torque_of_data_sheet(own, model),
         mode,
         limits.tension_hard,
         limits.speed,
@@ -143,19 +140,9 @@ def required_parameters(servos: Sequence[tuple[ServoModel, float]]) -> dict[str,
     return found
 
 
-def _torque(own: Callable[[str], Any], model: ServoModel) -> TorqueModel:
-    """Return what a tendon's own values say of its servo's torque, else what the data sheet does."""
-    if own("torque_per_ampere_nm_a") <= 0.0:
-        friction = own("friction_currents_a") or model.no_load_current
-        return TorqueModel(model.torque_per_ampere, friction, own("tension_stddev_share"))
-    return TorqueModel(
-        own("torque_per_ampere_nm_a"),
-        own("friction_currents_a"),
-        own("tension_stddev_share"),
-        "calibrated",
-        own("friction_slopes_a_s_m"),
-        own("gear_load_shares"),
-    )
+def _torque_of_data_sheet(own: Callable[[str], Any], model: ServoModel) -> TorqueModel:
+    friction = own("friction_currents_a") or model.no_load_current
+    return TorqueModel(model.torque_per_ampere, friction, own("tension_stddev_share"))
 
 
 def _winding(own: Callable[[str], Any]) -> Winding | None:

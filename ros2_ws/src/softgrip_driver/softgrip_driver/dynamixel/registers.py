@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
 from softgrip_driver.tendon.needs import TendonNeeds
+from softgrip_driver.tendon.winding import RatedMotor
 
 PULSES_PER_TURN = 4096
 RAD_PER_PULSE = 2.0 * math.pi / PULSES_PER_TURN
@@ -140,18 +141,14 @@ class CurrentSensing(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoModel:
+class ServoModel(RatedMotor):
     """What differs between models.
 
     Attributes:
         ampere_per_unit: [A] of one unit of the current items.
         current_limit_units: largest value of the current limit item.
         senses: which current it measures.
-        rated_voltage: [V] at which the next three hold.
-        stall_torque, stall_current, no_load_speed: [N m], [A], [rad/s] of the data sheet. Torque constant, resistance
-            and back-EMF follow from them until `calibrate_tension` has measured them.
-        no_load_current: [A] in the winding, needed to turn the gears without load; half of the dead band of the tension
-            estimate.
+        no_load_current: half of it is the dead band of the tension estimate; the other ratings as in RatedMotor.
         fast_sync_read_firmware: first firmware version with Fast Sync Read.
         temperature_limit: [degC] factory value of item 31.
         voltage_range: [V] of normal operation.
@@ -164,30 +161,10 @@ class ServoModel:
     ampere_per_unit: float
     current_limit_units: int
     senses: CurrentSensing
-    rated_voltage: float
-    stall_torque: float
-    stall_current: float
-    no_load_speed: float
-    no_load_current: float
     fast_sync_read_firmware: int
     temperature_limit: float
     voltage_range: tuple[float, float]
     needs: TendonNeeds
-
-    @property
-    def torque_per_ampere(self) -> float:
-        """Torque constant seen at the horn [N m/A of the winding]."""
-        return self.stall_torque / self.stall_current
-
-    @property
-    def resistance(self) -> float:
-        """Resistance of the winding [ohm]."""
-        return self.rated_voltage / self.stall_current
-
-    @property
-    def back_emf(self) -> float:
-        """Back-EMF seen at the horn [V s/rad]."""
-        return (self.rated_voltage - self.resistance * self.no_load_current) / self.no_load_speed
 
 
 def _rpm(value: float) -> float:

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
+from softgrip_driver.tendon.bus_backend import BusDevice
 from softgrip_driver.tendon.winding import MotorReading
 
 
@@ -28,31 +29,23 @@ ROUND = (ERRORS, SUPPLY, TORQUE, MARK, WATCHDOG)
 
 
 @dataclass
-class ServoState:
+class ServoState(BusDevice):
     """What is known of a servo while the loop runs.
 
     Attributes (those that do not speak for themselves):
-        goal: [m] of a servo that was left holding; NaN otherwise.
         anchor: [pulses] goal position that it has rested at; moved_at: [s] when it last left one.
         armed: its bus watchdog runs.
         motor: the last reading of its motor; at rest on the rated supply until there was one.
     """
 
     servo: ServoConfiguration
-    misses: int = 0
-    absent: bool = False
-    probe_at: float = 0.0
-    probe_wait: float = 0.0
     suspect: bool = False
     stalled: bool = False
     alert: bool = False
     hardware_error: int = 0
     watchdog_tripped: bool = False
-    powered: bool | None = None
-    mark: int | None = None
     pwm_limit: int = 885
     current_units: int | None = None
-    goal: float = math.nan
     anchor: int | None = None
     moved_at: float = -math.inf
     armed: bool = False
@@ -62,3 +55,8 @@ class ServoState:
 
     def __post_init__(self) -> None:
         self.motor = self.servo.standing()
+
+    @property
+    def tendon(self) -> str:
+        """Name of the tendon on its spool."""
+        return self.servo.tendon

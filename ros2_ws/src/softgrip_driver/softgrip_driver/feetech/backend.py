@@ -7,14 +7,15 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
+from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError
 from softgrip_driver.feetech import registers as reg
 from softgrip_driver.feetech.bringup import examine, identify, is_left_holding, refuse, set_up
 from softgrip_driver.feetech.bus import FeetechBus
 from softgrip_driver.feetech.packets import FeetechAnswer
 from softgrip_driver.feetech.registers import FeetechStatusBits
 from softgrip_driver.feetech.servo import FeetechServo, value_in
-from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
+from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice
 from softgrip_driver.tendon.goal_speed import GoalSpeed
 from softgrip_driver.tendon.winding import MotorReading
 
@@ -32,18 +33,11 @@ RESTORE_TIMEOUT_S = 4.0
 
 
 @dataclass
-class _Live:
+class _Live(BusDevice):
     """What is known of a servo while the loop runs."""
 
     servo: FeetechServo
-    misses: int = 0
-    absent: bool = False
-    probe_at: float = 0.0
-    probe_wait: float = 0.0
-    powered: bool | None = None
-    mark: int | None = None
     limit_units: int | None = None
-    goal: float = math.nan
     speed_units: int = 0
     motor: MotorReading = field(init=False)
     goal_speed: GoalSpeed = field(init=False)
@@ -52,8 +46,13 @@ class _Live:
         self.motor = self.servo.standing()
         self.goal_speed = GoalSpeed(self.servo.own_speed)
 
+    @property
+    def tendon(self) -> str:
+        """Name of the tendon on its spool."""
+        return self.servo.tendon
 
-class FeetechBackend:
+
+class FeetechBackend(BusBackend[_Live]):
     """Feetech STS servos as tendon drives (TendonBackend).
 
     Args:
@@ -67,10 +66,6 @@ class FeetechBackend:
     LIMIT_SHARE = 0.03
     #: share by which the servo's own speed may differ from the one that is right
     SPEED_SHARE = 0.1
-    #: misses in a row after which a servo is left out of the group read
-    MISSES = 3
-    #: [s] between questions to a servo that is left out: often at first (a bad line), then seldom (a dead servo)
-    PROBE_FIRST, PROBE_PERIOD = 0.01, 0.25
 
     def __init__(
         self,
@@ -80,26 +75,16 @@ class FeetechBackend:
         write_eeprom: bool = True,
         report: Callable[[str], object] = lambda _: None,
     ) -> None:
+        super().__init__(bus, [_Live(servo) for servo in servos])
         self.bus = bus
-        self._live = {servo.tendon: _Live(servo) for servo in servos}
         self._write_eeprom = write_eeprom
         self._report = report
-
-    @property
-    def tendons(self) -> Sequence[str]:
-        """Names of the tendons, in order."""
-        return tuple(self._live)
-
-    @property
-    def counters(self) -> Counters:
-        """What the bus has seen."""
-        return self.bus.counters
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
     def connect(self, *, keep_torque: bool = False) -> Sequence[DriveIdentity]:
         """Open the port, identify every servo, compare its settings, and only then set up any of them, torque off."""
-        self.bus.link.open()
+        self.bus.open()
         try:
             texts = {}
             for live in self._live.values():
@@ -115,7 +100,7 @@ class FeetechBackend:
                         pass
                     self._after_set_up(live)
         except DriverError:
-            self.bus.link.close()
+            self.bus.close()
             raise
         return [DriveIdentity(tendon, text, (NO_WATCHDOG,)) for tendon, text in texts.items()]
 
@@ -128,42 +113,18 @@ class FeetechBackend:
             self._report(f"{difference}; it is written now")
 
     def _after_set_up(self, live: _Live) -> None:
-        live.misses, live.absent, live.limit_units = 0, False, None
+        live.met()
+        live.limit_units = None
         live.powered, live.goal, live.mark = False, math.nan, None
         live.goal_speed.restart()
         live.speed_units = live.servo.speed_units(live.servo.own_speed)
         live.motor = live.servo.standing()
 
-    def is_powered(self, tendon: str) -> bool:
-        """Whether a servo was left holding."""
-        return not math.isnan(self._live[tendon].goal)
+    def _let_go(self, live: _Live) -> None:
+        self.bus.put(live.servo.servo_id, reg.TORQUE_ENABLE, 0, 3)
 
-    def goal_position(self, tendon: str) -> float:
-        """Return the goal [m, device frame] of a servo that was left holding, NaN for others."""
-        return self._live[tendon].goal
-
-    def disconnect(self, *, keep_torque: bool = False) -> None:
-        """Torque off, unless ``keep_torque`` is set, and close."""
-        if self.bus.link.is_open and not keep_torque:
-            for live in self._live.values():
-                try:
-                    self.bus.put(live.servo.servo_id, reg.TORQUE_ENABLE, 0, 3)
-                except DriverError:
-                    continue  # nothing more can be done for this one here
-        self.bus.link.close()
-
-    def reconnect(self) -> bool:
-        """Reopen a port that went away."""
-        if self.bus.link.is_open:
-            return True
-        try:
-            self.bus.link.open()
-        except DriverError:
-            return False
-        self.bus.counters.reopened += 1
-        for live in self._live.values():
-            live.absent, live.misses, live.limit_units = False, 0, None
-        return True
+    def _after_reopening(self, live: _Live) -> None:
+        live.limit_units = None
 
     def restore(self, tendon: str) -> Iterator[None]:
         """Let a servo forget its turns and its overload, and set it up again."""
@@ -190,8 +151,7 @@ class FeetechBackend:
     def read(self) -> Mapping[str, DriveReading]:
         """Read all present servos in one transaction, and probe one that is missing."""
         now = self.bus.clock.now_s()
-        # Where nobody is left there is nobody whose rate a question to all could lower.
-        present = [live for live in self._live.values() if not live.absent] or list(self._live.values())
+        present = self._present()
         answers = self.bus.sync_read([live.servo.servo_id for live in present], *reg.CYCLE_BLOCK)
         readings = {}
         for live in present:
@@ -254,7 +214,7 @@ class FeetechBackend:
     # --- helpers ---------------------------------------------------------------------------------------------------
 
     def _reading(self, live: _Live, answer: FeetechAnswer) -> DriveReading:
-        live.misses, live.absent = 0, False
+        live.met()
         servo, block = live.servo, answer.data
         live.motor = servo.motor_reading(block)
         live.powered = value_in(block, reg.TORQUE_ENABLE) == 1
@@ -273,24 +233,9 @@ class FeetechBackend:
         )  # fmt: skip
 
     def _missed(self, live: _Live, now: float) -> None:
-        live.misses += 1
+        live.missed(now)
         # It may stand by now: a limit for a motor that turns would let it pull too hard.
         live.motor = replace(live.motor, speed=0.0)
-        if live.misses >= self.MISSES:
-            live.absent = True
-            live.probe_wait = self.PROBE_FIRST
-            live.probe_at = now + live.probe_wait
 
-    def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
-        due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
-        if not due or all(live.absent for live in self._live.values()):
-            return
-        live = min(due, key=lambda one: one.probe_at)
-        live.probe_wait = min(2.0 * live.probe_wait, self.PROBE_PERIOD)
-        live.probe_at = now + live.probe_wait
-        try:
-            readings[live.servo.tendon] = self._reading(live, self.bus.read(live.servo.servo_id, *reg.CYCLE_BLOCK))
-        except PortLostError:
-            raise
-        except DriverError:
-            return
+    def _ask(self, live: _Live) -> DriveReading | None:
+        return self._reading(live, self.bus.read(live.servo.servo_id, *reg.CYCLE_BLOCK))

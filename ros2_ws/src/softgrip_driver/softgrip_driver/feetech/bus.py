@@ -3,33 +3,17 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
 
 from softgrip_driver.errors import CorruptReplyError, NoReplyError
 from softgrip_driver.feetech import packets
 from softgrip_driver.feetech.packets import FeetechAnswer
 from softgrip_driver.feetech.registers import FeetechItem
-from softgrip_driver.serial_link import SerialLink
-from softgrip_driver.tendon.backend import Counters
-from softgrip_time import Clock
+from softgrip_driver.serial_bus import SerialBus
 
 
-class FeetechBus:
-    """Transactions with the servos on one port. Thread-safe.
-
-    Args:
-        path: device path.
-        baud: [1/s]
-        reply_margin: [s] allowed for a reply beyond the time its bytes need.
-        clock: that its waits are on; the computer's where none is given.
-    """
-
-    def __init__(self, path: str, baud: int, reply_margin: float, clock: Clock | None = None) -> None:
-        self.link = SerialLink(path, baud, reply_margin, clock)
-        self.clock = self.link.clock
-        self.counters = Counters()
-        self._lock = threading.RLock()
+class FeetechBus(SerialBus):
+    """Transactions with the servos on one port. Thread-safe."""
 
     def read(self, servo_id: int, address: int, size: int, attempts: int = 1) -> FeetechAnswer:
         """Return a block of a servo's memory; raises NoReplyError, CorruptReplyError, PortLostError."""
@@ -100,7 +84,3 @@ class FeetechBus:
             raise CorruptReplyError(f"{where}: expected a reply of {reply_size} bytes, found {heard[:32].hex(' ')}")
         self._count_lost(servo_id)
         raise NoReplyError(f"{where}: expected a reply, found none; check power, cable, ID and baud rate")
-
-    def _count_lost(self, servo_id: int) -> None:
-        self.counters.lost += 1
-        self.counters.lost_by_id[servo_id] = self.counters.lost_by_id.get(servo_id, 0) + 1

@@ -67,32 +67,10 @@ def configure(request: DriveRequest) -> FeetechDrives:
 
 
 def _servo(request: DriveRequest, tendon: str, servo_id: int) -> FeetechServo:
-    name = request.own("servo_models", tendon)
-    if name not in MODELS:
-        raise ConfigurationError(
-            f"parameter servo_models: expected names out of {sorted(MODELS)} with backend 'feetech', found '{name}'"
-        )
-    model, spool, limits = MODELS[name], request.spools[tendon], request.limits[tendon]
+    model, spool, limits = request.model(tendon, MODELS), request.spools[tendon], request.limits[tendon]
     check_motor(model, spool, limits, request.values["loop_rate"])
-    return FeetechServo(
-        tendon, servo_id, model, spool, _torque(request, tendon, model, spool), winding_of(model),
-        limits.tension_hard, limits.speed,
-    )  # fmt: skip
-
-
-def _torque(request: DriveRequest, tendon: str, model: FeetechModel, spool: Spool) -> TorqueModel:
-    """Return what a tendon's own values say of its servo's torque, else what the data sheet does."""
-    per_ampere = request.own("torque_per_ampere_nm_a", tendon)
-    if per_ampere <= 0.0:
-        return torque_of(model, spool)
-    return TorqueModel(
-        per_ampere,
-        request.own("friction_currents_a", tendon),
-        request.own("tension_stddev_share", tendon),
-        "calibrated",
-        request.own("friction_slopes_a_s_m", tendon),
-        request.own("gear_load_shares", tendon),
-    )
+    torque = request.calibrated_torque(tendon) or torque_of(model, spool)
+    return FeetechServo(tendon, servo_id, model, spool, torque, winding_of(model), limits.tension_hard, limits.speed)
 
 
 def torque_of(model: FeetechModel, spool: Spool) -> TorqueModel:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 from softgrip_driver.tendon.needs import TendonNeeds
+from softgrip_driver.tendon.winding import RatedMotor
 
 STEPS_PER_TURN = 4096
 RAD_PER_STEP = 2.0 * math.pi / STEPS_PER_TURN
@@ -124,13 +125,11 @@ UNLOADING_BITS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeetechModel:
+class FeetechModel(RatedMotor):
     """What differs between models.
 
     Attributes:
         number: of the memory table.
-        rated_voltage: [V] at which the next four hold.
-        stall_torque, stall_current, no_load_speed, no_load_current: [N m], [A], [rad/s], [A] of the data sheet.
         coulomb_share: of the no-load current that does not grow with speed.
         temperature_limit: [degC] factory value of item 13.
         voltage_range: [V] of normal operation.
@@ -139,30 +138,10 @@ class FeetechModel:
 
     name: str
     number: int
-    rated_voltage: float
-    stall_torque: float
-    stall_current: float
-    no_load_speed: float
-    no_load_current: float
     coulomb_share: float
     temperature_limit: float
     voltage_range: tuple[float, float]
     needs: TendonNeeds
-
-    @property
-    def torque_per_ampere(self) -> float:
-        """Torque constant seen at the horn [N m/A]."""
-        return self.stall_torque / self.stall_current
-
-    @property
-    def resistance(self) -> float:
-        """Resistance of the winding [ohm]."""
-        return self.rated_voltage / self.stall_current
-
-    @property
-    def back_emf(self) -> float:
-        """Back-EMF seen at the horn [V s/rad]."""
-        return (self.rated_voltage - self.resistance * self.no_load_current) / self.no_load_speed
 
 
 _KGF_CM = 0.0980665

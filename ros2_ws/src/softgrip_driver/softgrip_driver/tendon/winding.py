@@ -32,6 +32,39 @@ MIN_READINGS = 20
 MAX_FIT_STDDEV = 0.2
 
 
+@dataclass(frozen=True, kw_only=True)
+class RatedMotor:
+    """What a data sheet says of a servo's motor and gears.
+
+    Attributes:
+        rated_voltage: [V] at which the next three hold.
+        stall_torque, stall_current, no_load_speed: [N m], [A], [rad/s]. Torque constant, resistance and back-EMF follow
+            from them until `calibrate_tension` has measured them.
+        no_load_current: [A] in the winding, needed to turn the gears without load.
+    """
+
+    rated_voltage: float
+    stall_torque: float
+    stall_current: float
+    no_load_speed: float
+    no_load_current: float
+
+    @property
+    def torque_per_ampere(self) -> float:
+        """Torque constant seen at the horn [N m/A of the winding]."""
+        return self.stall_torque / self.stall_current
+
+    @property
+    def resistance(self) -> float:
+        """Resistance of the winding [ohm]."""
+        return self.rated_voltage / self.stall_current
+
+    @property
+    def back_emf(self) -> float:
+        """Back-EMF seen at the horn [V s/rad]."""
+        return (self.rated_voltage - self.resistance * self.no_load_current) / self.no_load_speed
+
+
 @dataclass(frozen=True)
 class MotorReading:
     """What a servo shows of its motor, + as the tendon is pulled.

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import TYPE_CHECKING, Final
 
 from softgrip_emulator.dynamixel.packets import (
@@ -15,29 +14,23 @@ from softgrip_emulator.dynamixel.packets import (
     encode_fast_status,
     encode_status,
 )
+from softgrip_emulator.emulated_chain import EmulatedChain
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, collided
 
 if TYPE_CHECKING:
+    import threading
     from collections.abc import Callable, Iterator, Sequence
 
     from softgrip_emulator.dynamixel.instructions import InstructionReply
     from softgrip_emulator.dynamixel.servo import EmulatedServo
 
-_PACKET_GAP_S: Final = 0.05
-"""A packet interrupted for longer is forgotten (assumption: the e-manual gives no figure)."""
 _STATUS_OVERHEAD_BYTES: Final = 11
 _MAX_STATUS_BYTES: Final = 1024
 _FULL_RESET: Final = b"\xff"
 
 
-class DynamixelChain:
-    """The device end of a servo bus (a `WireDevice`).
-
-    Args:
-        servos: in the order of the cable; replies to a broadcast ping come in the order of their IDs.
-        lock: held while servos are read or changed; the plant holds the same one while it steps them.
-        before: called with the time [s] of each packet, so that the plant can catch up before it is answered.
-    """
+class DynamixelChain(EmulatedChain["EmulatedServo", Packet]):
+    """The servos of the X series; replies to a broadcast ping come in the order of their IDs."""
 
     def __init__(
         self,
@@ -46,36 +39,7 @@ class DynamixelChain:
         lock: threading.RLock | None = None,
         before: Callable[[float], None] | None = None,
     ) -> None:
-        self.servos = list(servos)
-        self._lock = lock or threading.RLock()
-        self._before = before
-        self._reader = PacketReader()
-        self._last_byte_s = 0.0
-        self.packets_seen = 0
-
-    def opened(self, now_s: float) -> Sequence[Chunk]:
-        """Servos do not care who opens the port."""
-        self._reader.reset()
-        self._last_byte_s = now_s
-        return []
-
-    def due_s(self) -> float | None:
-        """Servos speak only when spoken to."""
-        return None
-
-    def exchange(self, data: bytes, now_s: float, baud: int) -> Sequence[Chunk]:
-        """Bytes from the host to replies of the servos."""
-        if self._reader.pending and now_s - self._last_byte_s > _PACKET_GAP_S:
-            self._reader.reset()
-        self._last_byte_s = now_s
-        chunks: list[Chunk] = []
-        for packet in self._reader.feed(data):
-            self.packets_seen += 1
-            if self._before is not None:
-                self._before(now_s)
-            with self._lock:
-                chunks += self._answer(packet, now_s, baud)
-        return chunks
+        super().__init__(servos, PacketReader(), lock, before)
 
     # -- who answers -----------------------------------------------------------------------------------------------
 

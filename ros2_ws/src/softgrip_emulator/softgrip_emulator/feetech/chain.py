@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import threading
 from typing import TYPE_CHECKING, Final
 
+from softgrip_emulator.emulated_chain import EmulatedChain
 from softgrip_emulator.feetech.packets import (
     BROADCAST_ID,
     FeetechInstruction,
@@ -17,25 +17,18 @@ from softgrip_emulator.feetech.servo import servos_with
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk, collided
 
 if TYPE_CHECKING:
+    import threading
     from collections.abc import Callable, Sequence
 
     from softgrip_emulator.feetech.servo import EmulatedFeetechServo
 
-_PACKET_GAP_S: Final = 0.05
-"""A packet interrupted for longer is forgotten (assumption)."""
 _MISSED_TURN_S: Final = 5e-4
 """Those behind a missing servo wait so long beside the time of its answer, then take their turn (assumption)."""
 _OVERHEAD_BYTES: Final = 6
 
 
-class FeetechChain:
-    """The device end of a servo bus (a `WireDevice`).
-
-    Args:
-        servos: in the order of the cable.
-        lock: held while servos are read or changed; the plant holds the same one while it steps them.
-        before: called with the time [s] of each packet, so that the plant can catch up before it is answered.
-    """
+class FeetechChain(EmulatedChain["EmulatedFeetechServo", FeetechPacket]):
+    """STS servos."""
 
     def __init__(
         self,
@@ -44,36 +37,7 @@ class FeetechChain:
         lock: threading.RLock | None = None,
         before: Callable[[float], None] | None = None,
     ) -> None:
-        self.servos = list(servos)
-        self._lock = lock or threading.RLock()
-        self._before = before
-        self._reader = FeetechPacketReader()
-        self._last_byte_s = 0.0
-        self.packets_seen = 0
-
-    def opened(self, now_s: float) -> Sequence[Chunk]:
-        """Servos do not care who opens the port."""
-        self._reader.reset()
-        self._last_byte_s = now_s
-        return []
-
-    def due_s(self) -> float | None:
-        """Servos speak only when spoken to."""
-        return None
-
-    def exchange(self, data: bytes, now_s: float, baud: int) -> Sequence[Chunk]:
-        """Bytes from the host to replies of the servos."""
-        if self._reader.pending and now_s - self._last_byte_s > _PACKET_GAP_S:
-            self._reader.reset()
-        self._last_byte_s = now_s
-        chunks: list[Chunk] = []
-        for packet in self._reader.feed(data):
-            self.packets_seen += 1
-            if self._before is not None:
-                self._before(now_s)
-            with self._lock:
-                chunks += self._answer(packet, now_s, baud)
-        return chunks
+        super().__init__(servos, FeetechPacketReader(), lock, before)
 
     def _answer(self, packet: FeetechPacket, now_s: float, baud: int) -> list[Chunk]:
         listening = [servo for servo in self.servos if servo.listens(now_s, baud)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The memory of one STS servo: EPROM that keeps what was written unlocked, RAM that starts anew with the power."""
+"""The memory of one STS servo: EPROM that keeps what was written unlocked, RAM that begins again with the power."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class Memory:
         return written
 
     def lose_power(self) -> None:
-        """RAM starts anew, EPROM is as it was written last without the lock; the torque limit is the maximum's."""
+        """RAM begins again, EPROM is as it was written last without the lock; the torque limit is the maximum's."""
         self._bytes[:RAM_START] = self._kept
         for item in self._by_address:
             if item.address >= RAM_START:

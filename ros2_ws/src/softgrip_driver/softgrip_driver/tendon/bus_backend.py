@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What backends of drives on one bus have in common, whatever the family: presence, ends of a connection, probing."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from softgrip_driver.errors import DriverError, PortLostError
+from softgrip_driver.tendon.backend import Counters, DriveReading
+from softgrip_time import Clock
+
+#: misses in a row after which a drive is left out of the question to all
+MISSES = 3
+#: [s] between questions to one that is left out: often at first (a bad line), then seldom (a dead drive)
+PROBE_FIRST, PROBE_PERIOD = 0.01, 0.25
+
+
+class DriveBus(Protocol):
+    """What this needs of a bus."""
+
+    counters: Counters
+
+    @property
+    def clock(self) -> Clock:
+        """That its waits are on."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its port is there."""
+
+    def open(self) -> None:
+        """Open the port; raises PortLostError."""
+
+    def close(self) -> None:
+        """Close it; never raises."""
+
+
+@dataclass(kw_only=True)
+class BusDevice(ABC):
+    """What is known of a drive while the loop runs.
+
+    Attributes:
+        misses: in a row; absent: there were too many.
+        probe_at, probe_wait: [s] when an absent one is asked next, and the wait before that.
+        powered, mark: None: not known.
+        goal: [m] of a drive that was left holding; NaN otherwise.
+    """
+
+    misses: int = 0
+    absent: bool = False
+    probe_at: float = 0.0
+    probe_wait: float = 0.0
+    powered: bool | None = None
+    mark: int | None = None
+    goal: float = math.nan
+
+    @property
+    @abstractmethod
+    def tendon(self) -> str:
+        """Name of the tendon on its spool."""
+
+    def met(self) -> None:
+        """Take that it has answered."""
+        self.misses, self.absent = 0, False
+
+    def missed(self, now: float) -> None:
+        """Take that it has not answered."""
+        self.misses += 1
+        if self.misses >= MISSES:
+            self.absent = True
+            self.probe_wait = PROBE_FIRST
+            self.probe_at = now + self.probe_wait
+
+
+State = TypeVar("State", bound=BusDevice)
+
+
+class BusBackend(ABC, Generic[State]):
+    """Tendon drives on one bus (the common part of a TendonBackend).
+
+    Args:
+        bus: not yet open.
+        states: of the drives, in order.
+    """
+
+    def __init__(self, bus: DriveBus, states: Iterable[State]) -> None:
+        self._port = bus
+        self._live = {state.tendon: state for state in states}
+
+    @property
+    def tendons(self) -> Sequence[str]:
+        """Names of the tendons, in order."""
+        return tuple(self._live)
+
+    @property
+    def counters(self) -> Counters:
+        """What the bus has seen."""
+        return self._port.counters
+
+    def is_powered(self, tendon: str) -> bool:
+        """Whether a drive was left holding."""
+        return not math.isnan(self._live[tendon].goal)
+
+    def goal_position(self, tendon: str) -> float:
+        """Return the goal [m, device frame] of a drive that was left holding, NaN for others."""
+        return self._live[tendon].goal
+
+    def disconnect(self, *, keep_torque: bool = False) -> None:
+        """Torque off, unless ``keep_torque`` is set, and close."""
+        if self._port.is_open and not keep_torque:
+            for live in self._live.values():
+                try:
+                    self._let_go(live)
+                except DriverError:
+                    continue  # nothing more can be done for this one here
+        self._port.close()
+
+    def reconnect(self) -> bool:
+        """Reopen a port that went away."""
+        if self._port.is_open:
+            return True
+        try:
+            self._port.open()
+        except DriverError:
+            return False
+        self._port.counters.reopened += 1
+        for live in self._live.values():
+            live.met()
+            self._after_reopening(live)
+        return True
+
+    def _present(self) -> list[State]:
+        """Return whom to ask; where nobody is left there is nobody whose rate a question to all could lower."""
+        return [live for live in self._live.values() if not live.absent] or list(self._live.values())
+
+    def _probe(self, now: float, readings: dict[str, DriveReading]) -> None:
+        """Ask the absent drive whose turn it is, and add what it says."""
+        due = [live for live in self._live.values() if live.absent and now >= live.probe_at]
+        if not due or all(live.absent for live in self._live.values()):
+            return
+        live = min(due, key=lambda one: one.probe_at)
+        live.probe_wait = min(2.0 * live.probe_wait, PROBE_PERIOD)
+        live.probe_at = now + live.probe_wait
+        try:
+            reading = self._ask(live)
+        except PortLostError:
+            raise
+        except DriverError:
+            return
+        if reading is not None:
+            readings[live.tendon] = reading
+
+    @abstractmethod
+    def _let_go(self, live: State) -> None:
+        """Switch a drive's torque off; raises DriverError."""
+
+    @abstractmethod
+    def _ask(self, live: State) -> DriveReading | None:
+        """Read one drive alone; None where nothing can be said of it yet. Raises DriverError."""
+
+    def _after_reopening(self, live: State) -> None:
+        """Forget what may be otherwise behind a port that was away."""
