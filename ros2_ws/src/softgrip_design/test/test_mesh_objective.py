@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult
 
 from softgrip_design import mesh_objective
 from softgrip_design.commands import optimise
@@ -55,6 +56,12 @@ def test_a_few_steps_improve_it_and_none_makes_it_worse() -> None:
     assert objective.value(moved) < objective.value(x) - 0.5
     assert (objective.lower <= moved).all()
     assert (moved <= objective.upper).all()
+
+
+def test_a_search_that_ends_worse_gives_the_design_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    objective, x = follow()
+    monkeypatch.setattr(mesh_objective, "minimize", lambda *_, **__: OptimizeResult(x=1.1 * x, fun=1e9))
+    assert objective.improve(x) is x
 
 
 def test_what_does_not_close_so_far_is_said() -> None:
