@@ -14,7 +14,7 @@ from softgrip_model.finger.learning import ChangedFinger, Expectation, FingerLea
 from softgrip_model.finger.matching import SPAN_NS, TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
 from softgrip_model.finger.session import MeasuredFinger, Session
-from softgrip_model.finger.uncertainty import MAX_DEVIATION, Causes, Uncertainty
+from softgrip_model.finger.uncertainty import MAX_DEVIATION, PRIOR, Causes, Uncertainty
 from softgrip_model.finger.wear import WearSettings
 from softgrip_model.profile import Profile
 
@@ -85,6 +85,27 @@ def test_intervals_hold_before_and_after_closings(causes: Causes) -> None:
     for number, found_scores in scores.items():
         assert 0.5 <= np.sqrt(np.mean(np.square(found_scores))) <= 1.3, number
     assert np.mean(width[closings]) < 0.4 * np.mean(width[0])
+
+
+def test_tensions_that_are_off_alike_move_no_tip(causes: Causes) -> None:
+    """Of a warm winding: tips as expected, all tensions 0.4 N above; independent errors would move the tips to fit."""
+
+    def moved_mm(tension_error_n: float) -> float:
+        known = Knowledge.prior(dataclasses.replace(causes, prior=Uncertainty(tension_error_n=tension_error_n)))
+        before = known.predict(PULLS)
+        assert before is not None
+        plain = ChangedFinger(causes, np.zeros(len(causes.names))).at(PULLS)
+        assert plain is not None
+        tensions = plain[2].value[:, 0]
+        seen = [
+            ClosingInstant(0, pull, tip, tension + 0.4, tension)
+            for pull, tip, tension in zip(PULLS, before.tip_mm, tensions, strict=True)
+        ]
+        found = known.learnt(seen).predict(PULLS)
+        assert found is not None
+        return float(np.abs(found.tip_mm - before.tip_mm).max())
+
+    assert moved_mm(PRIOR.tension_error_n) < 0.5 * moved_mm(1e-6)
 
 
 def test_what_was_learnt_stays_bounded(causes: Causes) -> None:
