@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,11 +11,8 @@ import cv2
 import numpy as np
 import pytest
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-from trajectory_msgs.msg import JointTrajectory
 
 from softgrip_design.capture.detector import DetectedHand
 from softgrip_design.capture.recording import LONG_FINGERS
@@ -34,11 +30,11 @@ from softgrip_interfaces.msg import (
     TendonStatus,
     TendonStatusArray,
 )
-from softgrip_interfaces.srv import AcquireLease, ReleaseLease, StartRecording, StopRecording
+from softgrip_interfaces.srv import StartRecording, StopRecording
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+from softgrip_testing.nodes.following_cell import SLOTS, FollowingCell, spun
 from softgrip_testing.nodes.node_processes import own_domain
 
-SLOTS = ("index", "middle", "thumb")
 OPEN = dict.fromkeys(LONG_FINGERS, (10.0, 8.0, 6.0))
 FIST = dict.fromkeys(LONG_FINGERS, (70.0, 90.0, 50.0))
 FRAMES, RATE_HZ = 60, 30.0
@@ -60,34 +56,23 @@ class ClosingHand:
         return DetectedHand(world, world[:, :2], 1.0)
 
 
-class FollowingCell(Node):
-    """A cell whose tendons are where they are commanded to be, 10 ms of its time a tick."""
+class TeleoperatedCell(FollowingCell):
+    """With all that a person's hand needs of a cell."""
 
     def __init__(self):
-        super().__init__("following_cell")
-        self.asked, self.orders, self.frames, self.lengths_m = [], [], [], np.zeros(3)
-        self.time_ns, self.is_homed, self.owner, self.pressing = 10**9, True, "", False
-        for kind, name in (
-            (AcquireLease, "tendon/lease"),
-            (ReleaseLease, "tendon/lease_release"),
-            (StartRecording, "recorder/start"),
-            (StopRecording, "recorder/stop"),
-        ):
-            self.create_service(kind, name, lambda _, answer, name=name: self._answer(name, answer))
-        self.create_subscription(JointTrajectory, "tendon/trajectory", self._follow, RELIABLE)
+        super().__init__([(StartRecording, "recorder/start"), (StopRecording, "recorder/stop")], tick_s=0.01)
+        self.frames, self.heartbeats = [], []
+        self.is_homed, self.pressing = True, False
         self.create_subscription(TeleoperationState, "teleoperation/state", self.frames.append, RELIABLE)
-        self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
+        self.create_subscription(LeaseHeartbeat, "tendon/heartbeat", self.heartbeats.append, RELIABLE)
         self._status = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
         self._pedal = self.create_publisher(Bool, "teleoperation/dead_man", RELIABLE)
-        self.heartbeats = []
-        self.create_subscription(LeaseHeartbeat, "tendon/heartbeat", self.heartbeats.append, RELIABLE)
         self._owners = self.create_publisher(TendonOwners, "tendon/owners", LATCHED)
         self._safety = self.create_publisher(SafetyState, "safety/state", LATCHED)
         self._safety.publish(SafetyState())
         self._cell = self.create_publisher(CellState, "cell/state", LATCHED)
         mounted = [MountedFinger(finger=slot, profile="power", state=MountedFinger.VERIFIED) for slot in SLOTS]
         self._cell.publish(CellState(mode=CellState.IDLE, mounted=mounted))
-        self.create_timer(0.01, self._tick)
 
     def show_owner(self, owner):
         self._owners.publish(TendonOwners(owners=[TendonOwner(tendon=slot, owner=owner) for slot in SLOTS]))
@@ -95,25 +80,12 @@ class FollowingCell(Node):
     def stop(self):
         self._safety.publish(SafetyState(sequence=1, estop=True, estop_reason="a person"))
 
-    def _answer(self, name, answer):
-        self.asked.append(name)
-        answer.success = not (self.owner and name == "tendon/lease")
-        answer.message = f"owned by {self.owner}"
-        if name == "tendon/lease":
-            answer.token = "token"
+    def answer(self, name, response):
         if name == "recorder/stop":
-            answer.path = "out/bags/demonstration"
-        return answer
+            response.path = "out/bags/demonstration"
+        return super().answer(name, response)
 
-    def _follow(self, message):
-        self.orders.append(message)
-        self.lengths_m = np.array(message.points[0].positions)
-
-    def _tick(self):
-        self.time_ns += 10_000_000
-        state = JointState(name=list(SLOTS), position=self.lengths_m.tolist(), velocity=[0.0] * 3, effort=[0.0] * 3)
-        state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.time_ns, 10**9)
-        self._state.publish(state)
+    def say(self):
         self._status.publish(
             TendonStatusArray(tendons=[TendonStatus(tendon=slot, homed=self.is_homed) for slot in SLOTS])
         )
@@ -125,23 +97,9 @@ class FollowingCell(Node):
 def cell(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
-    one = FollowingCell()
-    executor = SingleThreadedExecutor()
-    executor.add_node(one)
-    one.executor_of_test = executor
-
-    def spin():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            return
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    yield one
-    executor.shutdown()
-    rclpy.try_shutdown()
-    thread.join(5.0)
+    one = TeleoperatedCell()
+    with spun(one) as one.executor_of_test:
+        yield one
 
 
 @pytest.fixture

@@ -3,25 +3,21 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 import pytest
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_gym.grasp_policy import GraspPolicy
 from softgrip_gym.nodes import policy_runner
 from softgrip_gym.nodes.policy_runner import PolicyRunError, PolicyRunner
-from softgrip_gym.tendons import MAX_RATE_M_S, PERIOD_S, SLOTS
+from softgrip_gym.tendons import MAX_RATE_M_S, PERIOD_S
 from softgrip_interfaces.msg import EmulatorTruth
-from softgrip_interfaces.srv import AcquireLease, MountFingers, PlaceObject, ReleaseLease
-from softgrip_nodekit import RELIABLE, SENSOR
+from softgrip_interfaces.srv import MountFingers, PlaceObject
+from softgrip_nodekit import SENSOR
+from softgrip_testing.nodes.following_cell import FollowingCell, spun
 from softgrip_testing.nodes.node_processes import own_domain
 
 APPLE = read_catalogue().products["apple"]
@@ -29,70 +25,28 @@ APPLE = read_catalogue().products["apple"]
 N_PER_M = 2000.0
 
 
-class FollowingCell(Node):
-    """A cell whose tendons are where they are commanded to be; its time passes 10 ms a tick."""
+class PolicyCell(FollowingCell):
+    """With a product that hangs between its fingers."""
 
     def __init__(self):
-        super().__init__("following_cell")
-        self.asked, self.orders, self.lengths_m, self.time_ns = [], [], np.zeros(3), 10**9
-        self.speaks, self.grants = True, True
-        for kind, name in (
-            (Trigger, "tendon/home"),
-            (Trigger, "tendon/release"),
-            (PlaceObject, "emulator/place_object"),
+        services = [
+            (Trigger, "tendon/home"), (Trigger, "tendon/release"), (PlaceObject, "emulator/place_object"),
             (MountFingers, "emulator/mount"),
-            (AcquireLease, "tendon/lease"),
-            (ReleaseLease, "tendon/lease_release"),
-        ):
-            self.create_service(kind, name, lambda _, answer, name=name: self._answer(name, answer))
-        self.create_subscription(JointTrajectory, "tendon/trajectory", self._follow, RELIABLE)
-        self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
+        ]  # fmt: skip
+        super().__init__(services, tick_s=0.002, n_per_m=N_PER_M)
         self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
-        self.create_timer(0.002, self._tick)
 
-    def _answer(self, name, answer):
-        self.asked.append(name)
-        answer.success = self.grants or name != "tendon/lease"
-        answer.message = "" if answer.success else "owned by a person"
-        if name == "tendon/lease":
-            answer.token = "token"
-        return answer
-
-    def _follow(self, message):
-        self.orders.append(message)
-        self.lengths_m = np.array(message.points[0].positions)
-
-    def _tick(self):
-        if not self.speaks:
-            return
-        self.time_ns += 10_000_000
-        state = JointState(name=list(SLOTS), position=self.lengths_m.tolist(), velocity=[0.0] * 3)
-        state.effort = (N_PER_M * self.lengths_m).tolist()
-        state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.time_ns, 10**9)
+    def say(self):
         self._truth.publish(EmulatorTruth(product="apple", held=True, touching=True))
-        self._state.publish(state)
 
 
 @pytest.fixture
 def cell(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
-    one = FollowingCell()
-    executor = SingleThreadedExecutor()
-    executor.add_node(one)
-
-    def spin():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            return
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    yield one
-    executor.shutdown()
-    rclpy.try_shutdown()
-    thread.join(5.0)
+    one = PolicyCell()
+    with spun(one):
+        yield one
 
 
 @pytest.fixture
@@ -118,7 +72,7 @@ def test_a_policy_winds_the_tendons_it_leased_and_lets_them_go(cell, runner):
 
 
 def test_a_refused_lease_moves_nothing(cell, runner):
-    cell.grants = False
+    cell.owner = "a person"
     with pytest.raises(PolicyRunError, match="owned by a person"):
         runner.grasp(APPLE, 1.0, 0.5)
     assert cell.orders == []
