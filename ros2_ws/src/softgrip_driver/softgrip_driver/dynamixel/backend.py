@@ -9,14 +9,14 @@ from dataclasses import replace
 
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, latency_timer
-from softgrip_driver.dynamixel.bringup import ServoConfiguration, examine, identify, is_left_holding, refuse, set_up
+from softgrip_driver.dynamixel.bringup import ServoConfiguration, examine, identify, is_left_holding, set_up
 from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
 from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
 from softgrip_driver.dynamixel.servo_state import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
-from softgrip_driver.tendon.bus_backend import BusBackend
+from softgrip_driver.tendon.bus_backend import BusBackend, announce
 from softgrip_driver.tendon.winding import MotorReading, Winding
 
 #: names of the fault table for the bits of the hardware error status; plain integers, for this is asked in every cycle
@@ -143,10 +143,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         """Report what would be written to all servos: a wrong port or ID is noticed while nothing has been."""
         servos = [live.servo for live in self._live.values()]
         differences = [one for servo in servos for one in examine(self.bus, servo) if one is not None]
-        if not self._write_eeprom:
-            refuse(differences)
-        for difference in differences:
-            self._report(f"{difference}; it is written now")
+        announce(differences, self._report, may_write=self._write_eeprom)
 
     def _let_go(self, live: ServoState) -> None:
         """Switch off; one that does not hear it is stopped by its bus watchdog."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from softgrip_driver.dynamixel import registers as reg
@@ -18,12 +18,12 @@ from softgrip_driver.dynamixel.registers import (
     ServoModel,
 )
 from softgrip_driver.errors import (
-    ConfigurationError,
     CorruptReplyError,
     DeviceNotFoundError,
     NoReplyError,
     WrongDeviceError,
 )
+from softgrip_driver.tendon.bus_backend import refuse
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_driver.tendon.winding import RATED_DEGC, MotorReading, Winding
 
@@ -253,14 +253,6 @@ def examine(bus: Bus, servo: ServoConfiguration, attempts: int = _ATTEMPTS) -> I
     for item, required in required_eeprom(servo).items():
         found = bus.read(servo.servo_id, item, attempts)
         yield None if found == required else Difference(servo, item, found, required)
-
-
-def refuse(differences: Sequence[Difference]) -> None:
-    """Raise ConfigurationError where settings differ that may not be written."""
-    if differences:
-        raise ConfigurationError(
-            f"{'; '.join(map(str, differences))}; set write_eeprom, or write them with the maker's tool"
-        )
 
 
 def set_up(bus: Bus, servo: ServoConfiguration, *, write_eeprom: bool, attempts: int = _ATTEMPTS) -> Iterator[str]:

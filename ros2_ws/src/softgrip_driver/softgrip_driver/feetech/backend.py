@@ -9,13 +9,13 @@ from dataclasses import dataclass, field, replace
 
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError
 from softgrip_driver.feetech import registers as reg
-from softgrip_driver.feetech.bringup import examine, identify, is_left_holding, refuse, set_up
+from softgrip_driver.feetech.bringup import examine, identify, is_left_holding, set_up
 from softgrip_driver.feetech.bus import FeetechBus
 from softgrip_driver.feetech.packets import FeetechAnswer
 from softgrip_driver.feetech.registers import FeetechStatusBits
 from softgrip_driver.feetech.servo import FeetechServo, value_in
 from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
-from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice
+from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice, announce
 from softgrip_driver.tendon.goal_speed import GoalSpeed
 from softgrip_driver.tendon.winding import MotorReading
 
@@ -107,10 +107,7 @@ class FeetechBackend(BusBackend[_Live]):
     def _tell_differences(self) -> None:
         servos = [live.servo for live in self._live.values()]
         differences = [one for servo in servos for one in examine(self.bus, servo) if one is not None]
-        if not self._write_eeprom:
-            refuse(differences)
-        for difference in differences:
-            self._report(f"{difference}; it is written now")
+        announce(differences, self._report, may_write=self._write_eeprom)
 
     def _after_set_up(self, live: _Live) -> None:
         live.met()

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from softgrip_driver.errors import (
-    ConfigurationError,
     CorruptReplyError,
     DeviceNotFoundError,
     NoReplyError,
@@ -17,6 +16,7 @@ from softgrip_driver.feetech import registers as reg
 from softgrip_driver.feetech.bus import FeetechBus
 from softgrip_driver.feetech.registers import FeetechItem, FeetechStatusBits, PhaseBits
 from softgrip_driver.feetech.servo import FeetechServo
+from softgrip_driver.tendon.bus_backend import refuse
 
 ATTEMPTS = 4
 _SCANNED = range(21)
@@ -109,14 +109,6 @@ def examine(bus: FeetechBus, servo: FeetechServo, attempts: int = ATTEMPTS) -> I
     for item, value in required.items():
         found = phase if item is reg.PHASE else bus.get(servo.servo_id, item, attempts)
         yield None if found == value else SettingDifference(servo, item, found, value)
-
-
-def refuse(differences: list[SettingDifference]) -> None:
-    """Raise ConfigurationError where settings differ that may not be written."""
-    if differences:
-        raise ConfigurationError(
-            f"{'; '.join(map(str, differences))}; set write_eeprom, or write them with the maker's tool"
-        )
 
 
 def set_up(bus: FeetechBus, servo: FeetechServo, *, write_eeprom: bool, attempts: int = ATTEMPTS) -> Iterator[None]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from softgrip_driver.errors import DriverError, PortLostError
+from softgrip_driver.errors import ConfigurationError, DriverError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveReading
 from softgrip_time import Clock
 
@@ -164,3 +164,19 @@ class BusBackend(ABC, Generic[State]):
 
     def _after_reopening(self, live: State) -> None:
         """Forget what may be otherwise behind a port that was away."""
+
+
+def refuse(differences: Sequence[object]) -> None:
+    """Raise ConfigurationError where settings differ that may not be written."""
+    if differences:
+        raise ConfigurationError(
+            f"{'; '.join(map(str, differences))}; set write_eeprom, or write them with the maker's tool"
+        )
+
+
+def announce(differences: Sequence[object], report: Callable[[str], object], *, may_write: bool) -> None:
+    """Report what will be written to all drives, or refuse: a wrong port or ID is noticed while nothing has been."""
+    if not may_write:
+        refuse(differences)
+    for difference in differences:
+        report(f"{difference}; it is written now")

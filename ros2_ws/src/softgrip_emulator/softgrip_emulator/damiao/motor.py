@@ -10,12 +10,10 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-import yaml
-
 from softgrip_emulator.dynamixel.motion import ServoDrive
 from softgrip_emulator.dynamixel.servo import Shaft
 from softgrip_emulator.dynamixel.table import MotorRatings
-from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.model_files import described, read_description
 
 _FOLDER: Final = Path(__file__).parent
 BOOT_SILENCE_S: Final = 0.4
@@ -58,7 +56,7 @@ class EmulatedDamiaoModel:
 
 def available_models() -> list[str]:
     """File names of the models that are described."""
-    return sorted(path.stem for path in _FOLDER.glob("*.yaml"))
+    return described(_FOLDER)
 
 
 @cache
@@ -68,10 +66,7 @@ def load_model(name: str) -> EmulatedDamiaoModel:
     Raises:
         EmulatorError: no such model.
     """
-    stem = name.lower().replace("-", "_")
-    if stem not in available_models():
-        raise EmulatorError(f"servo model: expected one of {available_models()}, found '{name}'")
-    data = yaml.safe_load((_FOLDER / f"{stem}.yaml").read_text(encoding="utf-8"))
+    data = read_description(_FOLDER, name)
     registers = {number: tuple(row) for number, row in data["registers"].items()}
     return EmulatedDamiaoModel(data["name"], registers, MotorRatings(**data["motor"]))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
-from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.model_files import described, read_description
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -136,7 +136,7 @@ class EmulatedServoModel:
 
 def available_models() -> list[str]:
     """File names of the models that are described."""
-    return sorted(path.stem for path in _FOLDER.glob("*.yaml") if path.stem != "x_series")
+    return described(_FOLDER, besides={"x_series"})
 
 
 @cache
@@ -146,10 +146,7 @@ def load_model(name: str, firmware: int | None = None) -> EmulatedServoModel:
     Raises:
         EmulatorError: no such model.
     """
-    stem = name.lower().replace("-", "_")
-    if stem not in available_models():
-        raise EmulatorError(f"servo model: expected one of {available_models()}, found '{name}'")
-    own = yaml.safe_load((_FOLDER / f"{stem}.yaml").read_text())
+    own = read_description(_FOLDER, name, besides={"x_series"})
     series = yaml.safe_load((_FOLDER / "x_series.yaml").read_text())
     firmware = own["firmware"] if firmware is None else firmware
     defaults = {**own["defaults"], "model_number": own["number"], "firmware_version": firmware}

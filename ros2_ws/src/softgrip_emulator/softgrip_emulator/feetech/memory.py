@@ -8,10 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-import yaml
-
 from softgrip_emulator.dynamixel.table import MotorRatings
-from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.model_files import described, read_description
 
 _FOLDER: Final = Path(__file__).parent
 RAM_START: Final = 40
@@ -57,7 +55,7 @@ class EmulatedFeetechModel:
 
 def available_models() -> list[str]:
     """File names of the models that are described."""
-    return sorted(path.stem for path in _FOLDER.glob("*.yaml"))
+    return described(_FOLDER)
 
 
 @cache
@@ -67,10 +65,7 @@ def load_model(name: str) -> EmulatedFeetechModel:
     Raises:
         EmulatorError: no such model.
     """
-    stem = name.lower().replace("-", "_")
-    if stem not in available_models():
-        raise EmulatorError(f"servo model: expected one of {available_models()}, found '{name}'")
-    data = yaml.safe_load((_FOLDER / f"{stem}.yaml").read_text(encoding="utf-8"))
+    data = read_description(_FOLDER, name)
     items = tuple(
         MemoryItem(item, address, size, access == "rw", low, high, initial)
         for item, (address, size, access, low, high, initial) in data["items"].items()
