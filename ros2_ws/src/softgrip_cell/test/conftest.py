@@ -110,16 +110,17 @@ class Bench:
         kept = [(s, t) for s, t in zip(self._goal.slots, self._goal.targets_m, strict=True) if s not in slots]
         return replace(self._goal, slots=tuple(s for s, _ in kept), targets_m=tuple(t for _, t in kept))
 
-    def pair(self) -> ObservedPair:
+    def pair(self, period_ns: int = PERIOD_NS) -> ObservedPair:
         """Advance by one period and look."""
-        self.now_ns += PERIOD_NS
+        self.now_ns += period_ns
         for slot, target_m in zip(self._goal.slots, self._goal.targets_m, strict=True):
-            travel = self._goal.speed_m_per_s * PERIOD_NS * 1e-9
+            travel = self._goal.speed_m_per_s * period_ns * 1e-9
             self.pulled_m[slot] = min(target_m, self.pulled_m[slot] + travel)
         held_s = 0.0 if self._held_ns is None else (self.now_ns - self._held_ns) * 1e-9
         for slot, requested_n in self._tension_n.items():
-            if self._true_tension_n(slot, held_s) < requested_n and self.pulled_m[slot] < 0.035:
-                self.pulled_m[slot] += self._press_speed * PERIOD_NS * 1e-9
+            for _ in range(period_ns // PERIOD_NS):
+                if self._true_tension_n(slot, held_s) < requested_n and self.pulled_m[slot] < 0.035:
+                    self.pulled_m[slot] += self._press_speed * PERIOD_NS * 1e-9
         tensions = []
         for slot, pulled in enumerate(self.pulled_m):
             true_n = self._true_tension_n(slot, held_s)
@@ -166,6 +167,7 @@ def contact() -> Callable[..., FingerContact]:
             contact_tension_n=contact_tension_n,
             stddev_n=0.07,
             threshold_n=0.35,
+            punctual_threshold_n=0.35,
             strength_n=contact_tension_n,
             force_n=contact_tension_n,
             log_likelihood=20.0,

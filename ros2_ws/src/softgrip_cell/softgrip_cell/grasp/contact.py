@@ -66,6 +66,7 @@ class FingerContact:
         contact_tension_n: their difference [N].
         stddev_n: of a single contact tension while nothing is touched [N].
         threshold_n: contact tension from which a single reading speaks for a contact at the level of the test [N].
+        punctual_threshold_n: the same without what a late drive adds: that this moment is uncertain is no loss [N].
         strength_n: contact tension that all the readings show which a decision takes at least [N].
         force_n: greatest contact force that this contact tension can mean [N].
         log_likelihood: of a contact against free motion.
@@ -83,6 +84,7 @@ class FingerContact:
     contact_tension_n: float
     stddev_n: float
     threshold_n: float
+    punctual_threshold_n: float
     strength_n: float
     force_n: float
     log_likelihood: float
@@ -368,19 +370,23 @@ class ContactEstimator:
         # Beyond the checked path the fingers press on something or stand at their stops: the table's end has to do.
         within = pulled_m <= reference.reach_m and math.isfinite(predicted_n)
         free_n = max(0.0, predicted_n + reference.offset(pulled_m)) if within else reference.tension(pulled_m)
-        model_n, period_s = self._model_stddev_n(slot, pulled_m, free_n), self._late.period_s
+        punctual_n, late_n, period_s = (
+            self._model_stddev_n(slot, pulled_m, free_n),
+            self._late.stddev_n[slot],
+            self._late.period_s,
+        )
+        model_n = math.hypot(punctual_n, late_n)
         is_judged = pulled_m >= settings.contact_from_m
         if within and is_closing and is_judged:
             max_n = threshold(settings, reference.stddev_n, model_n, period_s)
             # What the table lacks stays so for the next samples: it is for the creep to follow.
-            creep.follow(
-                tension_n - free_n, pulled_m, math.hypot(reference.stddev_n, self._late.stddev_n[slot]) ** 2, max_n
-            )
+            creep.follow(tension_n - free_n, pulled_m, math.hypot(reference.stddev_n, late_n) ** 2, max_n)
         elif within and is_closing:
             creep.prepare(tension_n - free_n)
         free_n = max(0.0, free_n + creep.value_n)
         contact_tension_n = tension_n - free_n
         model_n = math.hypot(model_n, math.sqrt(creep.variance_n2))
+        punctual_n = math.hypot(punctual_n, math.sqrt(creep.variance_n2))
         if is_judged:
             test.observe(pair.sample.stamp_ns, contact_tension_n, reference.stddev_n, model_n, period_s)
         else:
@@ -396,6 +402,7 @@ class ContactEstimator:
             contact_tension_n=contact_tension_n,
             stddev_n=math.hypot(reference.stddev_n, model_n),
             threshold_n=threshold(settings, reference.stddev_n, model_n, period_s),
+            punctual_threshold_n=threshold(settings, reference.stddev_n, punctual_n, period_s),
             strength_n=test.strength_n,
             force_n=max(0.0, contact_tension_n) * settings.lever_factor / self._levers[slot],
             log_likelihood=test.log_likelihood,
@@ -407,12 +414,12 @@ class ContactEstimator:
         )
 
     def _model_stddev_n(self, slot: int, pulled_m: float, free_n: float) -> float:
-        """Standard deviation of what the free tension may be off by, beside the creep's [N]."""
+        """Standard deviation of what the free tension may be off by, beside the creep's and a late drive's [N]."""
         settings, reference = self._settings, self._references[slot]
         near_end = pulled_m > reference.reach_m - settings.end_m
         share = settings.end_error_share if near_end else settings.model_error_share
         length_n = settings.length_error_m * reference.slope(pulled_m)
-        return math.sqrt((share * free_n) ** 2 + length_n**2 + self._late.stddev_n[slot] ** 2)
+        return math.hypot(share * free_n, length_n)
 
     def _follow_tip(self, slot: int, pulled_m: float, tip_m: tuple[float, float]) -> None:
         anchor = self._anchors[slot]

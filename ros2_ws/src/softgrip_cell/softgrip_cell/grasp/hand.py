@@ -136,7 +136,7 @@ class HandEstimator:
             is_hooked_on=self._is_hooked_on(contacts),
             is_holding=self._is_holding(now_ns, contacts),
             has_collapsed=self._has_collapsed(contacts),
-            has_no_contact=not any(each.contact_tension_n >= 0.5 * each.threshold_n for each in contacts),
+            has_no_contact=not any(each.contact_tension_n >= 0.5 * each.punctual_threshold_n for each in contacts),
             was_pressed=self._has_both_sides([peak_n >= min_peak_n for peak_n in self._peak_strength_n]),
             is_gripping=self._is_gripping(now_ns, contacts, max(standing)),
             is_tip_deflected=any(contact.is_deflected for contact in contacts),
@@ -160,7 +160,7 @@ class HandEstimator:
         """
         share = self._settings.slip_share
         is_pressing = [
-            contact.contact_tension_n >= share * contact.threshold_n
+            contact.contact_tension_n >= share * contact.punctual_threshold_n
             or contact.is_deflected
             or self._control.is_starting(slot, now_ns)
             for slot, contact in enumerate(contacts)
