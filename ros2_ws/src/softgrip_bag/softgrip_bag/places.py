@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the recorder may write and read: below configured folders, plain files of a bounded size, no link out of them.
+"""Where the recorder may write and read: below configured folders, plain files of a bounded size.
 
-What is asked for comes over the network from anybody. Source: openat(2), O_NOFOLLOW.
+What is asked for comes over the network from anybody. A link out of the folders, as `colcon build --symlink-install`
+makes them, is followed when only this process' user and root can have made it: as openssh's StrictModes, every folder
+and link on the way belongs to one of the two and can be written by nobody else. Sources: openat(2), O_NOFOLLOW;
+auth_secure_path in openssh's misc.c; unlink(2) about folders with the sticky bit.
 """
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
 import stat
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,6 +24,8 @@ MAX_FILE_BYTES = 1_000_000
 #: Files of one folder that a bag carries.
 MAX_FILES = 100
 _PATH_BYTES = 1024
+#: Links on the way to a file that are followed, as the kernel does (path_resolution(7)).
+_MAX_LINKS = 40
 
 
 def bag_folder(root: Path, path: str) -> Path:
@@ -82,16 +90,68 @@ def yaml_files_below(roots: Sequence[Path], path: Path) -> list[Path]:
 
 
 def _place_below(roots: Sequence[Path], path: Path) -> Path:
+    """Return the path without links."""
     if "\0" in str(path):
         raise BagError(f"expected a path, found one with a zero byte: {str(path)!r:.200}")
     place = Path(os.path.realpath(path))
-    tops = [Path(os.path.realpath(root)) for root in roots]
-    if not any(top == place or top in place.parents for top in tops):
+    if _is_below(roots, place):
+        return place
+    link = Path(os.path.realpath(path.parent)) / path.name
+    if not _is_below(roots, link):
         raise BagError(
             f"expected a file below {os.pathsep.join(map(str, roots)) or 'nothing'} (attachment_roots), found {path}; "
             "add its folder there"
         )
+    return _follow_own_links(link)
+
+
+def _is_below(roots: Sequence[Path], place: Path) -> bool:
+    tops = [Path(os.path.realpath(root)) for root in roots]
+    return any(top == place or top in place.parents for top in tops)
+
+
+def _follow_own_links(path: Path) -> Path:
+    """Return where an absolute path leads; raises BagError when somebody else may have laid the way."""
+    place, ahead, links = Path(path.anchor), deque(path.parts[1:]), 0
+    while ahead:
+        name = ahead.popleft()
+        if name == "..":
+            place = place.parent
+            continue
+        folder, entry = place.stat(), (place / name).lstat()
+        if not _is_ours(entry) or (_is_open_to_others(folder) and not folder.st_mode & stat.S_ISVTX):
+            raise BagError(
+                f"expected a link out of attachment_roots that only this user or root can have made, found that others "
+                f"may change {place / name}, on the way from {path}; add the folder of the file itself there"
+            )
+        if not stat.S_ISLNK(entry.st_mode):
+            place /= name
+            continue
+        links += 1
+        if links > _MAX_LINKS:
+            raise BagError(
+                f"expected at most {_MAX_LINKS} links on the way from {path}, found more; name the file itself"
+            )
+        target = (place / name).readlink()
+        place = Path(target.anchor) if target.anchor else place
+        ahead.extendleft(reversed(target.parts[1:] if target.anchor else target.parts))
     return place
+
+
+def _is_ours(entry: os.stat_result) -> bool:
+    return entry.st_uid in {0, os.geteuid()}
+
+
+def _is_open_to_others(folder: os.stat_result) -> bool:
+    """Whether others can write it; the group that a user has alone, as Debian and Ubuntu give one, is no other."""
+    if folder.st_mode & stat.S_IWGRP and folder.st_gid != 0:
+        try:
+            user, group = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(folder.st_gid)
+        except KeyError:
+            return True
+        if group.gr_name != user or set(group.gr_mem) - {user}:
+            return True
+    return bool(folder.st_mode & stat.S_IWOTH)
 
 
 def _open_without_links(place: Path) -> int:

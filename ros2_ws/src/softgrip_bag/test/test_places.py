@@ -47,13 +47,57 @@ def test_a_file_below_a_root_and_a_root_that_is_a_file_are_read(root: Path) -> N
     assert yaml_files_below([root], root) == [root / "file.yaml", root / "link.yaml"]
 
 
+def test_the_links_of_an_installation_are_followed_when_only_its_owner_can_have_made_them(root: Path) -> None:
+    """As colcon's --symlink-install lays them: from share to build, and from there to the sources, here by `..`."""
+    build, sources = root.parent / "build", root.parent / "src"
+    for folder in (build, sources):
+        folder.mkdir()
+    (sources / "power.yaml").write_text("b: 2\n")
+    (build / "power.yaml").symlink_to(Path("..") / "src" / "power.yaml")
+    (root / "power.yaml").symlink_to(build / "power.yaml")
+    carried = {each.name: each.data for each in parameter_files([root], "/n", "profiles_directory", root)}
+    assert carried["parameter_files/n/profiles_directory/power.yaml"] == b"b: 2\n"
+
+
+def link_that_anybody_may_have_made(root: Path, path: Path) -> None:
+    path.symlink_to(root.parent / "secret.yaml")
+    root.chmod(0o777)
+
+
+def link_of_a_stranger(root: Path, path: Path) -> None:
+    path.symlink_to(root.parent / "secret.yaml")
+    root.chmod(0o1777)
+    os.lchown(path, 65534, 65534)
+
+
+def link_through_a_folder_of_anybody(root: Path, path: Path) -> None:
+    elsewhere = root.parent / "open"
+    elsewhere.mkdir()
+    elsewhere.chmod(0o777)
+    (elsewhere / "link.yaml").symlink_to(root.parent / "secret.yaml")
+    path.symlink_to(elsewhere / "link.yaml")
+
+
+def link_to_a_circle(root: Path, path: Path) -> None:
+    (root.parent / "circle").symlink_to(root.parent / "circle")
+    path.symlink_to(root.parent / "circle")
+
+
+LINKS = {
+    "link that anybody may have made": link_that_anybody_may_have_made,
+    "link of a stranger": link_of_a_stranger,
+    "link through a folder of anybody": link_through_a_folder_of_anybody,
+    "link to a circle": link_to_a_circle,
+}
+
+
 def refused(root: Path, name: str) -> Path:
     """Make what a stranger might name."""
     path = root / f"{name}.yaml"
-    if name == "pipe":
+    if name in LINKS:
+        LINKS[name](root, path)
+    elif name == "pipe":
         os.mkfifo(path)
-    elif name == "link out":
-        path.symlink_to(root.parent / "secret.yaml")
     elif name == "folder":
         path.mkdir()
     elif name == "large":
@@ -70,8 +114,10 @@ def refused(root: Path, name: str) -> Path:
 
 
 @pytest.mark.timeout(20)
-@pytest.mark.parametrize("name", ["pipe", "link out", "folder", "large", "outside", "dots", "zero byte", "device"])
+@pytest.mark.parametrize("name", [*LINKS, "pipe", "folder", "large", "outside", "dots", "zero byte", "device"])
 def test_what_is_no_small_plain_file_below_a_root_is_refused_at_once(root: Path, name: str) -> None:
+    if name == "link of a stranger" and os.geteuid() != 0:
+        pytest.skip("only root can give a link away")
     roots = [root, Path("/dev")] if name == "device" else [root]
     with pytest.raises(BagError, match="expected"):
         read_below(roots, refused(root, name))
