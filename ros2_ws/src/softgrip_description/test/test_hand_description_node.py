@@ -9,7 +9,9 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
@@ -94,6 +96,32 @@ def test_tf_and_description_follow_a_swap_and_a_closing(peer: Peer) -> None:
     )
     assert joints[-1].header.stamp.sec == 1
     assert set(joints[-1].position) == {0.3}
+
+
+def test_robot_state_publisher_is_given_each_description_also_after_it_came_again(peer: Peer) -> None:
+    """It reads its parameter alone, so without that a swap would leave the old fingers in tf."""
+    cell = peer.node.create_publisher(CellState, "cell/state", LATCHED)
+    descriptions = peer.hear(String, "robot_description", LATCHED)
+    fixed = peer.hear(TFMessage, "/tf_static", LATCHED)
+    peer.start("publish_tf:=false")
+    peer.spin_until(lambda: descriptions)
+
+    def given(publisher: Node) -> str:
+        rclpy.spin_once(publisher, timeout_sec=0.01)
+        return publisher.get_parameter("robot_description").value
+
+    for profile in ("hook", "pinch"):  # each mounted while nobody computes tf
+        seen = len(descriptions)
+        cell.publish(cell_state(profile))
+        peer.spin_until(lambda seen=seen: len(descriptions) > seen)
+        publisher = rclpy.create_node("robot_state_publisher")
+        publisher.declare_parameter("robot_description", "of its launch file")
+        peer.spin_until(lambda publisher=publisher: given(publisher) == descriptions[-1].data)
+        cell.publish(cell_state("power"))
+        peer.spin_until(lambda seen=seen: len(descriptions) > seen + 1)
+        peer.spin_until(lambda publisher=publisher: given(publisher) == descriptions[-1].data)
+        publisher.destroy_node()
+    assert not fixed
 
 
 def test_a_finger_that_cannot_be_mounted_is_named_and_the_last_description_stays(peer: Peer) -> None:

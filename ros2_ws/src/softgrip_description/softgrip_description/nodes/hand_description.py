@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
@@ -34,10 +37,12 @@ from softgrip_nodekit import (
     StartupError,
     run,
     startup_errors,
+    steady_timer,
 )
 
 #: What URDF asks for: the defaults of gripper_command's effort_limit_n [N] and max_velocity_m_s [m/s].
 _EFFORT_N, _VELOCITY_M_S = 35.0, 0.1
+_GIVE_PERIOD_S = 0.2
 
 PARAMETERS = ParameterTable(
     Parameter("hand_file", "", "hand file; empty = the shipped hand"),
@@ -47,8 +52,46 @@ PARAMETERS = ParameterTable(
     Parameter("joint_source", "predicted", "where joint angles come from", choices=("predicted", "measured")),
     Parameter("frame_prefix", "", "before every link and joint name, so that several hands fit one tf tree"),
     Parameter("gripper_joint", "", "name of a joint for the opening, with a ros2_control tag; empty = none"),
-    Parameter("publish_tf", True, "false where robot_state_publisher computes tf from the description"),
+    Parameter(
+        "publish_tf", True, "false where robot_state_publisher, in the same namespace, computes tf from the description"
+    ),
 )
+
+
+class StatePublisherLink:
+    """Gives robot_state_publisher each description: it takes one as a parameter, and none from a topic.
+
+    Attributes:
+        text: the present description.
+    """
+
+    def __init__(self, node: CellNode, diagnostics: Diagnostics) -> None:
+        self.text = ""
+        self._given = ""
+        self._diagnostics = diagnostics
+        self._client = node.create_client(SetParameters, "robot_state_publisher/set_parameters")
+        self._answer: Any = None
+        steady_timer(node, _GIVE_PERIOD_S, self._give)
+
+    def _give(self) -> None:
+        if not self._client.service_is_ready():
+            self._given, self._answer = "", None  # the next one begins with the description of its launch file
+            self._report("expected robot_state_publisher in this namespace, found none: nobody computes tf")
+        elif self._answer is not None:
+            if self._answer[1].done():
+                self._on_answer(*self._answer)
+        elif self.text != self._given:
+            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=self.text)
+            request = SetParameters.Request(parameters=[ParameterMessage(name="robot_description", value=value)])
+            self._answer = (self.text, self._client.call_async(request))
+
+    def _on_answer(self, text: str, future: Any) -> None:
+        self._given, self._answer = text, None
+        result = future.result().results[0]
+        self._report("" if result.successful else f"robot_state_publisher refuses the description: {result.reason}")
+
+    def _report(self, problem: str) -> None:
+        self._diagnostics.set("robot_state_publisher", Health.WARN if problem else Health.OK, problem or "follows")
 
 
 class HandDescription(CellNode):
@@ -58,13 +101,13 @@ class HandDescription(CellNode):
         super().__init__("hand_description")
         values = PARAMETERS.declare(self)
         self._prefix: str = values["frame_prefix"]
-        self._publish_tf: bool = values["publish_tf"]
         self._gripper_joint: str = values["gripper_joint"]
         self._hand = _load_hand(values["hand_file"])
         with startup_errors(ProfileError):
             self._profiles = load_profiles(values["profiles_directory"])
         self._pose = HandPose(self._hand, self._profiles, self._prefix)
         self._diagnostics = Diagnostics(self)
+        self._state_publisher = None if values["publish_tf"] else StatePublisherLink(self, self._diagnostics)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
         self._joints = self.create_publisher(JointState, "joint_states", RELIABLE)
         # tf2 listens to these two absolute names; the prefix keeps several hands apart.
@@ -98,13 +141,16 @@ class HandDescription(CellNode):
             return
         names, angles = self._pose.joint_state()
         self._joints.publish(JointState(header=Header(stamp=message.header.stamp), name=names, position=angles))
-        if self._publish_tf:
+        if self._state_publisher is None:
             transforms = self._pose.link_transforms()
             self._tf.publish(TFMessage(transforms=[_transform(message.header.stamp, *one) for one in transforms]))
 
     def _publish_description(self) -> None:
-        self._description.publish(String(data=self._urdf()))
-        if self._publish_tf:
+        text = self._urdf()
+        self._description.publish(String(data=text))
+        if self._state_publisher is not None:
+            self._state_publisher.text = text
+        else:
             stamp = self.get_clock().now().to_msg()
             transforms = [*fixed_transforms(self._hand, self._pose.fingers, self._prefix)]
             transforms += self._pose.mount_transforms()
