@@ -13,8 +13,9 @@ from collections.abc import Iterable
 
 from softgrip_security.policy import EVERY_TOPIC, Grant, Policy, PolicyIdentity
 
-#: Domains that a keystore is good for: all that ROS 2 knows. The keys are the border of a cell, not the domain.
-DOMAINS = (0, 232)
+#: Domains that a keystore is good for. ROS 2 knows 0 to 232; Cyclone DDS refuses the file that names more than 230.
+#: The keys are the border of a cell, not the domain.
+DOMAINS = (0, 230)
 #: What participants of rmw_fastrtps and rmw_cyclonedds tell each other of their nodes.
 _GRAPH_TOPIC = "ros_discovery_info"
 #: What rclpy makes for every node, also for those of the `ros2` command. DDS refuses to make an endpoint that is not

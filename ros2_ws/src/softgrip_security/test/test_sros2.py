@@ -103,3 +103,11 @@ def test_the_policy_is_written_as_sros2_reads_it():
         ("services", {"reply": "ALLOW"}, ["/camera/ping"]),
         ("actions", {"call": "ALLOW"}, ["/tendon/move"]),
     ]
+
+
+def test_no_domain_is_named_that_cyclone_dds_refuses():
+    """Its parser takes ids of 0 to 230 (access_control_parser.c, governance_element_data_cb), or no file at all."""
+    for document in (governance_xml(), permissions()):
+        ids = [int(found.text) for name in ("id", "min", "max") for found in ET.fromstring(document).iter(name)]
+        assert ids
+        assert 0 <= min(ids) <= max(ids) <= 230
