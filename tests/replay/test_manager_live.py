@@ -107,13 +107,18 @@ def work(cell: Any, bag: Path) -> None:
     def fault() -> None:
         cell.driver.fault = "overheated"
 
+    def swap() -> None:
+        """Swap as a person does: on a busy computer samples of the check get lost, which asks for another closing."""
+        tries = (cell.swap() for _ in range(5))
+        swapped = next(each for each in tries if "samples up to" not in each.reason)
+        assert swapped.outcome == SwapFingers.Result.SUCCEEDED, swapped.reason
+
     cell.start("lift_window_s:=0.5", "stale_s:=3.0")
     grasp("ABORTED")
     cell.controller.plan(["egg", "grape"], [2, 1])
     cell.controller.select("orange")
     assert cell.swap("claw").outcome == SwapFingers.Result.REFUSED
-    swapped = cell.swap()
-    assert swapped.outcome == SwapFingers.Result.SUCCEEDED, swapped.reason
+    swap()
     grasp("EMPTY")
     cell.driver.bench.contact_m = (0.008, 0.009, 0.0085)
     grasp("GRIPPED")
@@ -126,7 +131,7 @@ def work(cell: Any, bag: Path) -> None:
     cell.start("lift_window_s:=0.5", "stale_s:=3.0")
     cell.driver.bench.contact_m = NOTHING
     cell.driver.publish_friction()
-    assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
+    swap()
     cell.stop()
 
 
