@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a class lists under "Attributes:" is there, in it or in a base class of its module: renames leave nothing behind."""
+"""What a class lists under "Attributes:" is there, in it or in a base class beside it: renames leave nothing behind."""
 
 from __future__ import annotations
 
