@@ -152,7 +152,7 @@ def main() -> None:
     each = "; ".join(f"{source}: {m:.1e} m, {rad:.1e} rad" for source, (m, rad) in largest.items())
     note = f"largest of {STATES} random states of each finger and source, up to 15 mm pulled, MuJoCo reads: {each}"
     common: dict[str, Any] = {"better": "lower", "runs": runs, "note": note}
-    peer = {"peer": "joints that turn alone, mode F", "peer_value": hinge_m}
+    peer: dict[str, Any] = {"peer": "joints that turn alone, mode F", "peer_value": hinge_m}
     claim("tip difference", float(position_m), "m", goal=1e-5, **common, **peer)
     claim("tip direction difference", float(direction_rad), "rad", goal=1e-6, **common)
 
