@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from softgrip_cell.former_names import PRESENT_NAMES
+from softgrip_cell.yaml_fields import PRESENT_NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 INTERFACES = ROOT / "ros2_ws/src/softgrip_interfaces"

@@ -23,9 +23,9 @@ from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
 from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
 from softgrip_cell.products import TableMark
 from softgrip_cell.storage import CellJournal, Database, Library, MountedSlot, SlotState
+from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import FINGER_RECORD
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
-from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep
 
 SLOTS = ("index", "middle", "thumb")

@@ -12,11 +12,10 @@ from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import RefusedError
 from softgrip_cell.finger_records import FingerState, read_finger_records
-from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
+from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts, carried_kg
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.storage import CellJournal, Database, Library
-from softgrip_cell.swap.outcome import SwapOutcome
-from softgrip_cell.weight import carried_kg
+from softgrip_cell.storage.journal import SwapOutcome
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")

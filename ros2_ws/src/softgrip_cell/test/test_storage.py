@@ -20,9 +20,9 @@ from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, Sto
 from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, PendingWrites, SlotState
+from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
 from softgrip_cell.storage.schema import META
-from softgrip_cell.swap.outcome import SwapOutcome
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")

@@ -29,8 +29,7 @@ from softgrip_driver.stage.drive_set import STAGE_RATES
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.needs import fitted_limits
 from softgrip_driver.tendon.safety import Safety

@@ -8,9 +8,14 @@ from pathlib import Path
 import pytest
 
 from softgrip_driver.commands.calibrate_cell import weigh
-from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceRefusedError, DriverError
+from softgrip_driver.errors import (
+    ConfigurationError,
+    CorruptReplyError,
+    DeviceRefusedError,
+    DriverError,
+    SaturatedError,
+)
 from softgrip_driver.rig.build import StreamSettings, make_line_gauge
-from softgrip_driver.rig.errors import SaturatedError
 from softgrip_driver.rig.gauge_calibration import (
     WeighedPoint,
     fit_calibration,

@@ -13,10 +13,11 @@ from softgrip_driver.errors import (
     DeviceRefusedError,
     NoReplyError,
     PortLostError,
+    SaturatedError,
+    UnitChangedError,
 )
 from softgrip_driver.rig import mark10
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
-from softgrip_driver.rig.errors import SaturatedError, UnitChangedError
 from softgrip_driver.rig.line_format import LineFormat, line_format
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON, FORMATS
