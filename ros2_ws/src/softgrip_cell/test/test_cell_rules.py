@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
-from pathlib import Path
 
 import pytest
 from sqlalchemy import update
@@ -35,15 +34,6 @@ FREE = FreeReference((0.0, 0.02), (0.0, 0.0), (0.0, 15.0), 0.05, "model", "d1")
 FRICTION = FrictionFacts("model", "d1", 1.0, 10.0, usable=True, reason="")
 LIMITS = FrictionLimits(age_s=1000.0, range_factor=5.0)
 WELL = DriverFacts(heard=True, estop=False)
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
-        library = Library(opened, lambda: 1)
-        library.import_catalogue(read_catalogue(), "test")
-        library.import_finger_records(read_finger_records().values(), "test")
-        yield opened
 
 
 def start(database: Database) -> Cell:
