@@ -13,7 +13,7 @@ from softgrip_cell.nodes.controller_client import CellController
 from softgrip_cell.swap.check import CheckSettings
 from softgrip_cell.swap.sequence import HANDS_OUT_TEXT
 from softgrip_demo.errors import ShiftError
-from softgrip_demo.nodes.hands import Hands
+from softgrip_demo.nodes.hands import Hands, seat
 from softgrip_demo.nodes.link import CellLink, calibrate
 from softgrip_demo.products import serials_of
 from softgrip_interfaces.action import CalibrateFriction, MoveTendon
@@ -126,11 +126,6 @@ class CellOperator:
 
         def confirm(step: str, instruction: str) -> Sequence[str]:
             self._log.info(f"swap: {instruction}")
-            if step == "remove":
-                self._hands.mount(self._slots, [""] * len(self._slots), "")
-            if step == "insert":
-                self._hands.mount(self._slots, serials, finger_set)
-                return serials
-            return ()
+            return seat(self._hands, step, self._slots, serials, finger_set)
 
         return confirm
