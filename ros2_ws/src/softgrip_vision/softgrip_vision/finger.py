@@ -46,7 +46,7 @@ class TrackerOptions:
         threshold_share: 0..1 of the markers' height in the signal at which a pixel counts as marker.
         placement_stddev_m: [m] how exactly the markers sit where the layout says.
         largest_angle_stddev: [rad] a pose less certain than that is not given out.
-        patience: [s] markers may be hidden so long before the finger is searched for anew.
+        reacquire_timeout_s: markers may be hidden so long before the finger is searched for again.
     """
 
     threshold_share: float = 0.4

@@ -68,8 +68,10 @@ class BenchCamera:
 
     Attributes:
         camera: of the cell file.
-        finger: in front of it. profile: mounted. profiles: folder, None = the shipped ones.
-        hue_deg: of the markers.
+        finger: in front of it.
+        profile: mounted.
+        profiles: folder, None = the shipped ones.
+        colour: of the markers.
     """
 
     camera: CellCamera

@@ -135,7 +135,6 @@ class ServoModel(RatedMotor):
         ampere_per_unit: [A] of one unit of the current items.
         current_limit_units: largest value of the current limit item.
         senses: which current it measures.
-        no_load_current: half of it is the dead band of the tension estimate; the other ratings as in RatedMotor.
         fast_sync_read_firmware: first firmware version with Fast Sync Read.
         temperature_limit: [degC] factory value of item 31.
         voltage_range: [V] of normal operation.
