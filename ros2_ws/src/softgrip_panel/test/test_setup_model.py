@@ -28,26 +28,10 @@ from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.tensioning import Tensioning
 from softgrip_panel.model.weights import GRAVITY_M_S2, WeightCheck
+from softgrip_testing.manual_clock import ManualClock
 
 IDA = Person("s1", "Ida", Role.ENGINEER)
 ADA = Person("s2", "Ada", Role.OPERATE)
-
-
-class Clock:
-    s = 0.0
-
-    def __call__(self) -> float:
-        return self.s
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def state(clock: Clock) -> PanelState:
-    return PanelState(clock, clock)
 
 
 # --- parameters
@@ -246,7 +230,9 @@ def test_without_control_or_as_an_operator_nothing_is_pulled(
     assert "pull" not in cell.done
 
 
-def test_a_round_whose_watcher_has_left_ends(state: PanelState, bedding: tuple[Tensioning, Cell], clock: Clock) -> None:
+def test_a_round_whose_watcher_has_left_ends(
+    state: PanelState, bedding: tuple[Tensioning, Cell], clock: ManualClock
+) -> None:
     work, cell = bedding
     state.control.take(IDA)
     clock.s += LOST_S + 1.0

@@ -25,12 +25,13 @@ from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, ServoModel
-from softgrip_driver.errors import ConfigurationError, NoReplyError
+from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
 from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
+from softgrip_driver.wizard.direction import read_drive
 from softgrip_time import Clock
 
 TEXT = """Fit the torque model of a servo, k current = tension radius + friction, against a force gauge or weights.
@@ -88,7 +89,7 @@ def measure(
     samples: list[TensionSample] = []
     backend.power(name, True)
     try:
-        start = here = _reading(backend).position
+        start = here = read_drive(backend).position
         for turn in range(2 * rounds):
             inward = turn % 2 == 0
             pace = speed * PACES[turn // 2 % len(PACES)] * (1.0 if inward else -1.0)
@@ -134,7 +135,7 @@ class _Ramp:
         reading = None
         while reading is None or self.elapsed() < end:
             backend.write({name: Setpoint(self.goal(), self._limit)})
-            reading = _reading(backend)
+            reading = read_drive(backend)
         return reading
 
 
@@ -150,7 +151,7 @@ def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSe
         deadline = backend.bus.clock.now_s() + LIMIT_TIMEOUT_S
         stood_since = began = backend.bus.clock.now_s()
         while stood_since + LIMIT_STANDS_S > began < deadline:
-            reading = _reading(backend)
+            reading = read_drive(backend)
             backend.write({name: Setpoint(reading.position + LIMIT_AHEAD_M, tension)})
             began = backend.bus.clock.now_s()
             if abs(reading.velocity) > TorqueModel.STANDING_SPEED:
@@ -162,16 +163,6 @@ def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSe
     currents = {CurrentSensing.SUPPLY: motor.current, CurrentSensing.WINDING: winding}
     at_limit = [kind for kind, current in currents.items() if abs(current - goal) <= LIMIT_SHARE * goal]
     return at_limit[0] if len(at_limit) == 1 else None
-
-
-def _reading(backend: DynamixelBackend) -> DriveReading:
-    (name,) = backend.tendons
-    deadline = backend.bus.clock.now_s() + 1.0
-    while backend.bus.clock.now_s() < deadline:
-        reading = backend.read().get(name)
-        if reading is not None:
-            return reading
-    raise NoReplyError(f"tendon '{name}': expected a reading within 1 s, found none; check cable and supply")
 
 
 @dataclass(frozen=True)

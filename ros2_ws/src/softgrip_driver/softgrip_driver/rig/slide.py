@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_driver.rig.errors import GaugeFaultError
+from softgrip_driver.errors import GaugeFaultError
 from softgrip_driver.rig.pull import Stroke, Trace
 from softgrip_model.friction.laws import GRAVITY
 
