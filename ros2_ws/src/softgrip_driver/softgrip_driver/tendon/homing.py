@@ -22,13 +22,9 @@ from softgrip_driver.tendon.profile import SpeedProfile
 
 #: fewest samples for a knee
 MIN_SAMPLES = 8
-#: [m] between places that the knee is looked for at, first everywhere and then near the best one: finer than the way of
-#: a period, or the zero depends on where the periods fall
+#: [m] between places that the knee is looked for at, first everywhere, then near the best one
 COARSE_STEP = 1e-4
 FINE_STEP = 2e-5
-#: [N] that a step costs in the fit: a rise that bends, or pulses of the encoder that a goal is rounded to, look like one
-#: of a few tenths, and whether they do depends on where the periods fall
-STEP_COST = 0.15
 #: [m] how far before and behind the knee without a step it may lie with one
 STEP_BEFORE = 3e-4
 STEP_BEHIND = 1.5e-3
@@ -288,7 +284,7 @@ def _best_place(
     beyond = x[:, None] - places
     left, rises, steps = rest(force), rest(np.maximum(0.0, beyond)), rest(np.where(beyond > 0.0, 1.0, 0.0))
     rr, ss, rs = (rises * rises).sum(axis=0), (steps * steps).sum(axis=0), (rises * steps).sum(axis=0)
-    rf, sf = rises.T @ left, steps.T @ left - STEP_COST
+    rf, sf = rises.T @ left, steps.T @ left
     both = rr * ss - rs**2
     solvable = both > 1e-9 * rr * ss
     both = np.where(solvable, both, 1.0)
