@@ -22,8 +22,10 @@ from softgrip_driver.tendon.profile import SpeedProfile
 
 #: fewest samples for a knee
 MIN_SAMPLES = 8
-#: [m] resolution of the knee, and how far before and behind the knee without a step it may lie with one
-KNEE_STEP = 1e-4
+#: [m] between places that the knee is looked for at, first everywhere, then near the best one
+COARSE_STEP = 1e-4
+FINE_STEP = 2e-5
+#: [m] how far before and behind the knee without a step it may lie with one
 STEP_BEFORE = 3e-4
 STEP_BEHIND = 1.5e-3
 #: residuals beyond so many standard deviations (by the median) count less, in so many rounds
@@ -236,12 +238,12 @@ def knee(samples: Sequence[HomingSample], end: float) -> float | None:
     x, acceleration, force = np.array([astuple(sample) for sample in samples]).T
     slack = np.column_stack([np.ones_like(x), acceleration])
     slack /= np.maximum(np.abs(slack).max(axis=0), 1e-9)
-    everywhere = np.arange(x.min(), end, KNEE_STEP)
+    everywhere = np.arange(x.min(), end, COARSE_STEP)
     # What is braked after the run-up looks like a step, too: the step is looked for where the rise begins.
     rough = _knee_among(everywhere, x, slack, force, stepped=False)
     if rough is None:
         return None
-    near = everywhere[(everywhere >= rough - STEP_BEFORE) & (everywhere <= rough + STEP_BEHIND)]
+    near = np.arange(max(x.min(), rough - STEP_BEFORE), min(end, rough + STEP_BEHIND), FINE_STEP)
     return _knee_among(near, x, slack, force, stepped=True)
 
 

@@ -106,7 +106,7 @@ PARAMETERS = ParameterTable(
 )
 
 
-_CLOCK_PERIOD_S: Final = 0.01
+_CLOCK_PERIOD_S: Final = 0.02
 """Least time of the cell between two messages on /clock."""
 _CLOCK_REPEATED_S: Final = 0.1
 """A time that stands is published again after this, by the computer's clock, for nodes that have just started."""
