@@ -142,8 +142,7 @@ class Knowledge:
     @classmethod
     def prior(cls, causes: Causes) -> Knowledge:
         """Return what is known before anything was seen."""
-        count = len(causes.names)
-        return cls(causes, np.zeros(count), np.eye(count))
+        return cls(causes, *causes.expected)
 
     @functools.cached_property
     def finger(self) -> ChangedFinger:
@@ -176,9 +175,14 @@ class Knowledge:
 
     def faded(self) -> Knowledge:
         """Return what of it the next closing still believes."""
-        memory = self.causes.prior.memory
-        covariance = memory**2 * self.covariance + (1.0 - memory**2) * np.eye(len(self.mean))
-        return Knowledge(self.causes, memory * self.mean, covariance, self.closings, self.misfit)
+        memory, (mean, covariance) = self.causes.prior.memory, self.causes.expected
+        return Knowledge(
+            self.causes,
+            memory * self.mean + (1.0 - memory) * mean,
+            memory**2 * self.covariance + (1.0 - memory**2) * covariance,
+            self.closings,
+            self.misfit,
+        )
 
     def learnt(self, closing: Sequence[ClosingInstant]) -> Knowledge:
         """Return what is known after one more closing."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,7 +47,8 @@ class Uncertainty:
         spool: factor on pulled lengths.
         tension_gain: factor on measured tensions.
         camera_mm, camera_scale, camera_turn_rad: of the plane that tips are measured in.
-        stretch_mm_per_n: pulled length that the cable's own stretch takes, per tension at the actuator.
+        stretch_mm_per_n: pulled length that the cable's own stretch takes beside the profile's, per tension at the
+            actuator; in all it is never less than nothing.
         model: error of the tip at full closing, as a share of the finger's length, along x and y.
         scatter_mm: pulled length by which one closing differs from the next.
         tip_noise_mm: of one measured tip.
@@ -150,21 +152,36 @@ class Causes:
         thickness = np.array(finger.thickness_mm) + prior.thickness_mm * z[start + 1 : start + 1 + n]
         routing = np.array(finger.routing_mm) + prior.routing_mm * z[start + 1 + n : start + 1 + 3 * n]
         changed = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(a, b, c)))
-        stretch = max(prior.stretch_mm_per_n * z[self.stretch], -finger.compliance_per_n * finger.lead_mm)
+        stretch = prior.stretch_mm_per_n * max(z[self.stretch], self._least_stretch)
         if stretch:
             give = finger.compliance_per_n or _HARDLY_GIVES_PER_N
             changed = dataclasses.replace(changed, compliance_per_n=give, lead_mm=finger.lead_mm + stretch / give)
         return changed.with_design(thickness, routing)
 
-    def bounded(self, z: Array, covariance: Array) -> Array:
-        """Return the likeliest deviations in their bounds, where z (N,) with a covariance (N, N) is the likeliest.
+    @property
+    def _least_stretch(self) -> float:
+        """Deviation of a cable that leads to the finger without any stretch: none gets shorter when it is pulled."""
+        stretch_mm_per_n = self.finger.compliance_per_n * self.finger.lead_mm
+        return -stretch_mm_per_n / self.prior.stretch_mm_per_n if stretch_mm_per_n else 0.0
 
-        No cable gets shorter when it is pulled: what leads to the finger stretches by nothing or more.
+    @functools.cached_property
+    def expected(self) -> tuple[Array, Array]:
+        """Mean (N,) and covariance (N, N) of the deviations before anything was seen.
+
+        N(0, 1) each; the cable's stretch has the moments of what of N(0, 1) lies above its least.
         """
-        place, finger = self.stretch, self.finger
-        short = -finger.compliance_per_n * finger.lead_mm - self.prior.stretch_mm_per_n * z[place]
+        mean, covariance = np.zeros(len(self.names)), np.eye(len(self.names))
+        least = self._least_stretch
+        above = math.exp(-0.5 * least**2) / math.sqrt(0.5 * math.pi) / math.erfc(least / math.sqrt(2.0))
+        mean[self.stretch] = above
+        covariance[self.stretch, self.stretch] = 1.0 - above * (above - least)
+        return mean, covariance
+
+    def bounded(self, z: Array, covariance: Array) -> Array:
+        """Return the likeliest deviations in their bounds, where z (N,) with a covariance (N, N) is the likeliest."""
+        place, short = self.stretch, self._least_stretch - z[self.stretch]
         if short > 0.0:
-            z = z + covariance[:, place] / covariance[place, place] * (short / self.prior.stretch_mm_per_n)
+            z = z + covariance[:, place] / covariance[place, place] * short
         return np.clip(z, -MAX_DEVIATION, MAX_DEVIATION)
 
     def changed_law(self, z: Array) -> FrictionLaw:
