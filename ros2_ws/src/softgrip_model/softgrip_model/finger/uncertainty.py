@@ -152,14 +152,14 @@ class Causes:
         thickness = np.array(finger.thickness_mm) + prior.thickness_mm * z[start + 1 : start + 1 + n]
         routing = np.array(finger.routing_mm) + prior.routing_mm * z[start + 1 + n : start + 1 + 3 * n]
         changed = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(a, b, c)))
-        stretch = prior.stretch_mm_per_n * max(z[self.stretch], self._least_stretch)
+        stretch = prior.stretch_mm_per_n * max(z[self.stretch], self._min_stretch)
         if stretch:
             give = finger.compliance_per_n or _HARDLY_GIVES_PER_N
             changed = dataclasses.replace(changed, compliance_per_n=give, lead_mm=finger.lead_mm + stretch / give)
         return changed.with_design(thickness, routing)
 
     @property
-    def _least_stretch(self) -> float:
+    def _min_stretch(self) -> float:
         """Deviation of a cable that leads to the finger without any stretch: none gets shorter when it is pulled."""
         stretch_mm_per_n = self.finger.compliance_per_n * self.finger.lead_mm
         return -stretch_mm_per_n / self.prior.stretch_mm_per_n if stretch_mm_per_n else 0.0
@@ -171,15 +171,15 @@ class Causes:
         N(0, 1) each; the cable's stretch has the moments of what of N(0, 1) lies above its least.
         """
         mean, covariance = np.zeros(len(self.names)), np.eye(len(self.names))
-        least = self._least_stretch
-        above = math.exp(-0.5 * least**2) / math.sqrt(0.5 * math.pi) / math.erfc(least / math.sqrt(2.0))
+        lowest = self._min_stretch
+        above = math.exp(-0.5 * lowest**2) / math.sqrt(0.5 * math.pi) / math.erfc(lowest / math.sqrt(2.0))
         mean[self.stretch] = above
-        covariance[self.stretch, self.stretch] = 1.0 - above * (above - least)
+        covariance[self.stretch, self.stretch] = 1.0 - above * (above - lowest)
         return mean, covariance
 
     def bounded(self, z: Array, covariance: Array) -> Array:
         """Return the likeliest deviations in their bounds, where z (N,) with a covariance (N, N) is the likeliest."""
-        place, short = self.stretch, self._least_stretch - z[self.stretch]
+        place, short = self.stretch, self._min_stretch - z[self.stretch]
         if short > 0.0:
             z = z + covariance[:, place] / covariance[place, place] * short
         return np.clip(z, -MAX_DEVIATION, MAX_DEVIATION)
