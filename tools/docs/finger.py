@@ -29,8 +29,10 @@ from softgrip_model.finger import (
     close,
     follow,
 )
+from softgrip_model.finger.closing_samples import ClosingInstant
 from softgrip_model.finger.diagnosis import REMEDIES, TO_CALIBRATE, WATCH, Cause
 from softgrip_model.finger.flexure import FLEXURE_STUDY
+from softgrip_model.finger.learning import Expectation, Knowledge, Linearisation
 from softgrip_model.finger.parts import strip_moment
 from softgrip_model.finger.published import (
     CHAPTER_4_MM,
@@ -41,10 +43,12 @@ from softgrip_model.finger.published import (
     chapter_4_finger,
 )
 from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
-from softgrip_model.finger.uncertainty import PRIOR
+from softgrip_model.finger.uncertainty import PRIOR, Causes
 from softgrip_model.friction.laws import FrictionLaw, LambdaSign, Law
 from softgrip_model.friction.published import published
+from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.calculix_flexures import OTHER_SEEDS, STUDY_SEEDS, UNSEEN_SEEDS, closings
+from softgrip_testing.virtual_cell import calibrated
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[2]
@@ -284,6 +288,97 @@ def uncertainties() -> dict[str, str]:
     }
 
 
+#: Pulled lengths [mm] of a closing whose intervals are looked at, and at which one is measured.
+INTERVAL_PULLS, MEASURED_PULLS = np.linspace(2.1, 16.0, 60), np.arange(1.0, 16.5)
+
+
+class IntervalBudget:
+    """The tip's variance before anything is learnt of a shipped index finger: where it comes from, what narrows it."""
+
+    def __init__(self, finger_set: str) -> None:
+        finger = Finger.from_profile(load_directory(shipped_directory())[finger_set], "index")
+        friction = calibrated(1)  # nine points with 1 % of scatter
+        self.causes = causes = Causes(finger, friction.law, friction.covariance, PRIOR)
+        self.covariance = causes.expected[1]
+        self.tip = self._at(INTERVAL_PULLS)[1]
+        p, n = causes.factor, finger.joints
+        self.places = {
+            "friction, the rig's fit": [*range(p)],
+            "friction, beside the rig's": [p],
+            "modulus": [p + 1],
+            "strips' thickness": [*range(p + 2, p + 2 + n)],
+            "routing points": [*range(p + 2 + n, causes.zero)],
+            "zero": [causes.zero],
+            "spool": [causes.zero + 1],
+            "cable's stretch": [causes.stretch],
+            "kernel's own error": [*range(causes.stretch + 1, causes.tension.start)],
+        }
+
+    def _at(self, pulled_mm: Array) -> tuple[Linearisation, ...]:
+        found = Knowledge.prior(self.causes).finger.at(pulled_mm)
+        assert found is not None
+        return found
+
+    def half_width(self, covariance: Array) -> str:
+        """Return the median 95 % half width of x and y [mm]."""
+        return f"{1.96 * np.median(np.sqrt(self.tip.variance(covariance, PRIOR.scatter_mm))):.1f}"
+
+    def share(self, source: str) -> str:
+        """Return what a source makes of the whole variance, in the mean over the closing [%]."""
+        only, here = np.zeros_like(self.covariance), self.places[source]
+        only[here, here] = self.covariance[here, here]
+        part, whole = self.tip.variance(only, 0.0), self.tip.variance(self.covariance, PRIOR.scatter_mm)
+        return f"{100.0 * np.mean(part.sum(axis=1) / whole.sum(axis=1)):.0f}"
+
+    def known(self, **stddevs: float) -> Array:
+        """Return the covariance where sources are known to so many of their standard deviations."""
+        covariance = self.covariance.copy()
+        for source, stddev in stddevs.items():
+            here = self.places[source]
+            covariance[here, here] = stddev**2
+        return covariance
+
+    def closed(self, first: int, last: int) -> Array:
+        """Return the covariance after one closing, of whose numbers [samples] those from first to last are seen."""
+        _, _, tension = self._at(MEASURED_PULLS)
+        samples = [
+            ClosingInstant(0, p, np.zeros(2), t, t) for p, t in zip(MEASURED_PULLS, tension.value[:, 0], strict=True)
+        ]
+        expected = Expectation.of(self.causes, self.causes.expected[0], samples)
+        assert expected is not None
+        rows = slice(first * len(samples), last * len(samples))
+        slope, noise = expected.slope[rows], expected.noise[rows, rows]
+        gain = np.linalg.solve(slope @ self.covariance @ slope.T + noise, slope @ self.covariance).T
+        return np.asarray(self.covariance - gain @ slope @ self.covariance)
+
+
+def interval_tables() -> dict[str, str]:
+    """Return where intervals come from, and what one measurement makes of them."""
+    budgets = [IntervalBudget(name) for name in ("power", "hook", "pinch")]
+    head = ["power", "hook", "pinch"]
+    shares = [[source, *(one.share(source) for one in budgets)] for source in budgets[0].places]
+    zero, cable = 0.05 / PRIOR.zero_mm, 0.005 / PRIOR.stretch_mm_per_n
+    strips = 0.02 / PRIOR.thickness_mm
+    measurements = {
+        "none": lambda one: one.covariance,
+        "strips by calliper, 0.02 mm": lambda one: one.known(**{"strips' thickness": strips}),
+        "cable by a weight, 0.005 mm/N": lambda one: one.known(**{"cable's stretch": cable}),
+        "zero by hand, 0.05 mm": lambda one: one.known(zero=zero),
+        "strips, cable and zero": lambda one: one.known(
+            **{"strips' thickness": strips, "cable's stretch": cable, "zero": zero}
+        ),
+        "tensions of one empty closing": lambda one: one.closed(2, 3),
+        "one empty closing that the camera sees": lambda one: one.closed(0, 3),
+    }
+    widths = [
+        [name, *(one.half_width(covariance(one)) for one in budgets)] for name, covariance in measurements.items()
+    ]
+    return {
+        "interval_shares": table(["share of the tip's variance [%]", *head], shares),
+        "interval_widths": table(["half width over 2 to 16 mm, median [mm], measured:", *head], widths),
+    }
+
+
 #: What each cause alone makes of a finger, where its amount does not decide.
 VERDICTS = {Cause.STRIP: "WORN", Cause.CABLE: "WORN", Cause.FRICTION: "RECALIBRATE; WORN beyond 50 %"}
 
@@ -330,6 +425,7 @@ def values() -> dict[str, str]:
         "spread": f"{FLEXURE_STUDY.spread:g}",
         "attachment": f"{FLEXURE_STUDY.attachment:g}",
         **uncertainties(),
+        **interval_tables(),
         **watch_values(),
         "designs": designs_table(),
         "shares": shares_table(),

@@ -210,7 +210,7 @@ def test_velocity_that_nobody_gives_comes_from_the_lengths() -> None:
 
 def test_residual_of_a_perfect_measurement_is_zero(profiles: dict[str, Profile]) -> None:
     session = Session(profiles, {"index": "pinch"}, WearSettings())
-    (prediction,) = session.configuration.predict([TendonReading("index", 0.01)])
+    (prediction,) = session.predict([TendonInput(1, 0.01, 0.0, 0.0)], ["index"])
     session.on_tendons([TendonInput(5, 0.01, 0.0, prediction.tension)], ["index"])
     seen = MeasuredFinger("index", tuple(prediction.joint_angles), prediction.tip)
     (residual,) = session.on_measured(5, [seen])
@@ -226,7 +226,7 @@ def test_residual_of_a_perfect_measurement_is_zero(profiles: dict[str, Profile])
 def test_a_frame_is_judged_by_the_finger_that_sat_there_at_its_stamp(profiles: dict[str, Profile]) -> None:
     """A swap between two tendon samples; frames come late, wait for the next sample, or run ahead of the swap."""
     session = Session(profiles, {"index": "pinch"}, WearSettings())
-    (prediction,) = session.configuration.predict([TendonReading("index", 0.01)])
+    (prediction,) = session.predict([TendonInput(1, 0.01, 0.0, 0.0)], ["index"])
     seen = MeasuredFinger("index", tuple(prediction.joint_angles), prediction.tip, "pinch")
     other = dataclasses.replace(seen, profile="power")
     session.on_tendons([TendonInput(5, 0.01, 0.0, prediction.tension)], ["index"])

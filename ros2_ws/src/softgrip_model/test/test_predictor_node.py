@@ -233,7 +233,7 @@ def test_residuals_carry_the_measurements_stamp(cell: Cell) -> None:
 
 
 def test_the_service_predicts_any_profile(cell: Cell) -> None:
-    cell.start(f"profiles_directory:={PROFILES}")
+    cell.start(f"profiles_directory:={PROFILES}", "intervals:=friction")  # the profile's own finger, its cable as well
     cell.until(cell.client.service_is_ready, "the service")
 
     def ask(**request: object) -> PredictFinger.Response:

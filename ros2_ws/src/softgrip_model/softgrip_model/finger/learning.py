@@ -21,7 +21,7 @@ from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInsta
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.kernel import Kernel
 from softgrip_model.finger.matching import SPAN_NS
-from softgrip_model.finger.uncertainty import MAX_DEVIATION, MODEL_KNOTS_MM, Causes
+from softgrip_model.finger.uncertainty import MODEL_KNOTS_MM, Causes
 from softgrip_model.friction.errors import FrictionError
 
 Array = NDArray[np.float64]
@@ -70,25 +70,14 @@ class ChangedFinger:
         """Return joint angles [rad], tip [mm] and actuator tension [N] at pulled lengths (K,); None: no equilibrium."""
         causes, z, n = self._causes, self._z, self._causes.finger.joints
         pulled = causes.changed_pull_mm(z, pulled_mm)
-        # what the cable's stretch takes, at the tension that the finger has without it
-        loss = causes.prior.stretch_mm_per_n * z[causes.stretch]
-        plain = self._kernel.solve(np.maximum(pulled, _MIN_PULL_MM), march=False, gradient=True, threads=1)
-        if plain.failed.any() or plain.gradient is None:
-            return None
-        tension_n = plain.tension_n[0, :, :1]
-        pulled = pulled - loss * tension_n[:, 0]
         share = np.clip(pulled / _MIN_PULL_MM, 0.0, 1.0)[:, None]
-        solution = plain
-        if loss:
-            solution = self._kernel.solve(np.maximum(pulled, _MIN_PULL_MM), march=False, gradient=True, threads=1)
+        solution = self._kernel.solve(np.maximum(pulled, _MIN_PULL_MM), march=False, gradient=True, threads=1)
         if solution.failed.any() or solution.gradient is None:
             return None
         rows = [*range(n), n, n + 1, n + 2]
         slope, rate = self._slopes(solution.gradient.values[0][:, rows], pulled_mm)
-        lost, lost_rate = self._slopes(plain.gradient.values[0][:, [n + 2]], pulled_mm)
-        slope -= loss * rate[..., None] * lost
-        slope[..., causes.stretch] -= causes.prior.stretch_mm_per_n * rate * tension_n
-        rate = rate * (1.0 - loss * lost_rate)
+        # a stretch takes its pulled length from all that the finger does, whatever it gives already
+        slope[..., causes.stretch] = -causes.prior.stretch_mm_per_n * rate * solution.tension_n[0, :, :1]
         weights = causes.model_weights(pulled_mm)
         model = causes.stretch + 1
         knots = len(MODEL_KNOTS_MM)
@@ -153,8 +142,7 @@ class Knowledge:
     @classmethod
     def prior(cls, causes: Causes) -> Knowledge:
         """Return what is known before anything was seen."""
-        count = len(causes.names)
-        return cls(causes, np.zeros(count), np.eye(count))
+        return cls(causes, *causes.expected)
 
     @functools.cached_property
     def finger(self) -> ChangedFinger:
@@ -187,9 +175,14 @@ class Knowledge:
 
     def faded(self) -> Knowledge:
         """Return what of it the next closing still believes."""
-        memory = self.causes.prior.memory
-        covariance = memory**2 * self.covariance + (1.0 - memory**2) * np.eye(len(self.mean))
-        return Knowledge(self.causes, memory * self.mean, covariance, self.closings, self.misfit)
+        memory, (mean, covariance) = self.causes.prior.memory, self.causes.expected
+        return Knowledge(
+            self.causes,
+            memory * self.mean + (1.0 - memory) * mean,
+            memory**2 * self.covariance + (1.0 - memory**2) * covariance,
+            self.closings,
+            self.misfit,
+        )
 
     def learnt(self, closing: Sequence[ClosingInstant]) -> Knowledge:
         """Return what is known after one more closing."""
@@ -294,7 +287,7 @@ class Update:
             if step == 0:
                 misfit = float(innovation @ np.linalg.solve(total, innovation)) / len(seen)
             gain = np.linalg.solve(total, slope @ covariance).T
-            moved = np.clip(mean + gain @ innovation, -MAX_DEVIATION, MAX_DEVIATION)
+            moved = causes.bounded(mean + gain @ innovation, covariance - gain @ slope @ covariance)
             change = float(np.abs(moved - z).max())
             z = moved
             if change < _SETTLED:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,6 +31,9 @@ SCALED_COEFFICIENTS = {Law.CAPSTAN: (1.0,), Law.HEAP: (1.0, 0.0), Law.MATTE: (1.
 #: A deviation of a cause is looked for up to so many standard deviations.
 MAX_DEVIATION = 3.0
 
+#: [1/N] 1/EA of an inextensible cable whose stretch is put into what leads to the finger: 3e-6 mm in it by 30 N.
+_HARDLY_GIVES_PER_N = 1e-9
+
 
 @dataclass(frozen=True)
 class Uncertainty:
@@ -43,7 +47,8 @@ class Uncertainty:
         spool: factor on pulled lengths.
         tension_gain: factor on measured tensions.
         camera_mm, camera_scale, camera_turn_rad: of the plane that tips are measured in.
-        stretch_mm_per_n: pulled length that the cable's own stretch takes, per tension at the actuator.
+        stretch_mm_per_n: pulled length that the cable's own stretch takes beside the profile's, per tension at the
+            actuator; in all it is never less than nothing.
         model: error of the tip at full closing, as a share of the finger's length, along x and y.
         scatter_mm: pulled length by which one closing differs from the next.
         tip_noise_mm: of one measured tip.
@@ -146,8 +151,38 @@ class Causes:
         a, b, c = (factor * modulus for modulus in finger.strip.modulus_mpa)
         thickness = np.array(finger.thickness_mm) + prior.thickness_mm * z[start + 1 : start + 1 + n]
         routing = np.array(finger.routing_mm) + prior.routing_mm * z[start + 1 + n : start + 1 + 3 * n]
-        stiffer = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(a, b, c)))
-        return stiffer.with_design(thickness, routing)
+        changed = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(a, b, c)))
+        stretch = prior.stretch_mm_per_n * max(z[self.stretch], self._min_stretch)
+        if stretch:
+            give = finger.compliance_per_n or _HARDLY_GIVES_PER_N
+            changed = dataclasses.replace(changed, compliance_per_n=give, lead_mm=finger.lead_mm + stretch / give)
+        return changed.with_design(thickness, routing)
+
+    @property
+    def _min_stretch(self) -> float:
+        """Deviation of a cable that leads to the finger without any stretch: none gets shorter when it is pulled."""
+        stretch_mm_per_n = self.finger.compliance_per_n * self.finger.lead_mm
+        return -stretch_mm_per_n / self.prior.stretch_mm_per_n if stretch_mm_per_n else 0.0
+
+    @functools.cached_property
+    def expected(self) -> tuple[Array, Array]:
+        """Mean (N,) and covariance (N, N) of the deviations before anything was seen.
+
+        N(0, 1) each; the cable's stretch has the moments of what of N(0, 1) lies above its least.
+        """
+        mean, covariance = np.zeros(len(self.names)), np.eye(len(self.names))
+        lowest = self._min_stretch
+        above = math.exp(-0.5 * lowest**2) / math.sqrt(0.5 * math.pi) / math.erfc(lowest / math.sqrt(2.0))
+        mean[self.stretch] = above
+        covariance[self.stretch, self.stretch] = 1.0 - above * (above - lowest)
+        return mean, covariance
+
+    def bounded(self, z: Array, covariance: Array) -> Array:
+        """Return the likeliest deviations in their bounds, where z (N,) with a covariance (N, N) is the likeliest."""
+        place, short = self.stretch, self._min_stretch - z[self.stretch]
+        if short > 0.0:
+            z = z + covariance[:, place] / covariance[place, place] * short
+        return np.clip(z, -MAX_DEVIATION, MAX_DEVIATION)
 
     def changed_law(self, z: Array) -> FrictionLaw:
         """Return the friction with the deviations z.

@@ -65,6 +65,14 @@ PARAMETERS = ParameterTable(
     Parameter(
         "zero_stddev_m", 1e-3 * _PRIOR.zero_mm, "of the pulled length's zero before it was learnt", "m", 0.0, 0.01
     ),
+    Parameter(
+        "stretch_stddev_m_per_n",
+        1e-3 * _PRIOR.stretch_mm_per_n,
+        "of the cable's stretch beside the profile's, per tension",
+        "m/N",
+        1e-7,
+        0.001,
+    ),
     Parameter("print_stddev_m", 1e-3 * _PRIOR.thickness_mm, "of printed strips and routing", "m", 0.0, 0.002),
     Parameter("camera_stddev_m", 1e-3 * _PRIOR.camera_mm, "of the camera's plane", "m", 0.0, 0.01),
     Parameter("model_stddev", _PRIOR.model, "error of the kernel at full closing, share of the length", "", 0.0, 0.2),
@@ -106,6 +114,7 @@ def _uncertainty(values: dict[str, Any]) -> Uncertainty | None:
         thickness_mm=1e3 * values["print_stddev_m"],
         routing_mm=1e3 * values["print_stddev_m"],
         zero_mm=1e3 * values["zero_stddev_m"],
+        stretch_mm_per_n=1e3 * values["stretch_stddev_m_per_n"],
         camera_mm=1e3 * values["camera_stddev_m"],
         model=values["model_stddev"],
     )
