@@ -22,7 +22,7 @@ from scipy.linalg import solve_triangular
 
 from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInstant
 from softgrip_model.finger.hand import Softening, log_odds_of_heat
-from softgrip_model.finger.hypotheses import Cause, OwnClosing, Weighed, hypotheses, weigh
+from softgrip_model.finger.hypotheses import Cause, OwnClosing, Weighed, hypotheses, proportional, weigh
 from softgrip_model.finger.learning import SAMPLING, Expectation, Knowledge, measured
 from softgrip_model.finger.uncertainty import Causes
 from softgrip_model.finger.wear import WearVerdict
@@ -395,12 +395,15 @@ class CauseWatch:
         calm, latest = ([one.shortened(samples) for one in each] for each in (self._calm, latest))
         usual, newest = _Scatter.of(calm), latest[-1]
         own = OwnClosing(self._causes, self._reference.mean, newest.pulled_mm, newest.tension_n, usual.mean)
-        causes, found = hypotheses(own, *self._softening()), []
+        softening, found = self._softening(), []
+        causes = hypotheses(own, *softening)
         for count in sorted({1, min(2, len(latest)), len(latest)}):
             residual = np.mean([one.value for one in latest[-count:]], axis=0) - usual.mean
             root = np.asarray(np.linalg.cholesky((1.0 / count + 1.0 / len(calm)) * usual.covariance), np.float64)
             squared = float((solve_triangular(root, residual, lower=True) ** 2).sum())
-            weighed = [weigh(one, residual, root, self._settings.model_errors) for one in causes]
+            # no larger than by chance: no cause can be likely, but the other fingers ask for the softening
+            few = [proportional(own, *softening)] if squared < len(residual) else causes
+            weighed = [weigh(one, residual, root, self._settings.model_errors) for one in few]
             found.append(_Found(tuple(one for one in weighed if one is not None), squared, len(residual)))
         return max(found, key=lambda one: one.strength)
 

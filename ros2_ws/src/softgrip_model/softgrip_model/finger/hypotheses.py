@@ -63,8 +63,6 @@ _MIN_SHARE = 0.1
 _DEGREE = 3
 #: Degree of the polynomial that the kernel's error follows.
 _SMOOTH = 5
-#: How far what is left of an effect beside its certain part may be off: it hangs on the learnt stretch of the cable.
-_REST_ERRORS = (0.2, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,6 @@ class Hypothesis:
         effect: amounts (a,) -> what they change of a closing (3 K,); None: no equilibrium.
         words: form of the first amount, for people.
         certain: amounts -> what of the effect holds whatever the kernel gets wrong, (3 K,); None: nothing.
-        model_errors: relative, of the rest; empty: the usual ones.
         sign: +1 or -1: only amounts of that sign are this cause.
         log_odds: of the cause before anything was seen, beside the others.
     """
@@ -139,7 +136,6 @@ class Hypothesis:
     effect: Callable[[Array], Array | None]
     words: str = "{:+.0%}"
     certain: Callable[[Array], Array] | None = None
-    model_errors: tuple[float, ...] = ()
     sign: int = 0
     log_odds: float = 0.0
 
@@ -182,18 +178,15 @@ def hypotheses(own: OwnClosing, softening: Cause, softening_odds: float) -> list
             own.at(own.pulled_mm, mean=own.mean + max(amount, _MIN_SHARE - 1.0) * direction), own
         )
 
-    def stronger(amounts: Array) -> Array:
-        """All tensions in proportion: softer strips do so where friction does not depend on the tension."""
-        tips = 2 * len(own.pulled_mm)
-        return np.concatenate([np.zeros(tips), float(amounts[0]) * own.value[tips:]])
-
+    in_proportion = proportional(own, softening, softening_odds)
     found = [
+        in_proportion,
         of(Cause.FRICTION, _FRICTION_SD, learnt(causes.factor, causes.prior.friction)),
         of(
             softening,
             _STIFFNESS_SD,
             learnt(causes.factor + 1, causes.prior.stiffness),
-            certain=stronger,
+            certain=in_proportion.effect,
             log_odds=softening_odds,
         ),
         of(Cause.ZERO, _ZERO_SD_MM, lambda mm: _less(own.at(own.pulled_mm + mm), own), words="{:+.2f} mm"),
@@ -236,6 +229,21 @@ def _narrower(own: OwnClosing, joint: int) -> Callable[[float], Array | None]:
         return _less(own.at(own.pulled_mm, Causes(finger, causes.law, causes.covariance, causes.prior)), own)
 
     return effect
+
+
+def proportional(own: OwnClosing, softening: Cause, log_odds: float) -> Hypothesis:
+    """Return softer strips where friction does not depend on the tension: all tensions in proportion, tips as before.
+
+    No mechanics is needed for that. What else the kernel says of softer strips hangs on the learnt stretch of the cable
+    and on how friction depends on the tension.
+    """
+    change = own.value.copy()
+    change[: 2 * len(own.pulled_mm)] = 0.0
+
+    def effect(amounts: Array) -> Array:
+        return np.asarray(change * amounts[0])
+
+    return Hypothesis(softening, np.array([_STIFFNESS_SD]), effect, certain=effect, log_odds=log_odds)
 
 
 def _read_differently(own: OwnClosing) -> Iterator[Hypothesis]:
@@ -309,7 +317,7 @@ def weigh(hypothesis: Hypothesis, residual: Array, root: Array, model_errors: Se
         root: (3 K, 3 K) lower triangular: root root' is the covariance of chance.
         model_errors: relative.
     """
-    stddev, errors = hypothesis.stddev, hypothesis.model_errors or tuple(model_errors)
+    stddev, errors = hypothesis.stddev, tuple(model_errors)
 
     def white(columns: Array) -> Array:
         return np.asarray(solve_triangular(root, columns, lower=True, check_finite=False))
