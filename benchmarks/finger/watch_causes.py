@@ -36,7 +36,7 @@ from softgrip_testing.benchmark_claim import claim, no_options
 Array = NDArray[np.float64]
 
 SETS = ("power", "hook", "pinch")
-CELLS = range(7301, 7302)
+CELLS = range(7301, 7303)
 PULLS_MM = np.arange(1.0, 16.5, 1.0)
 #: Fingers of a hand.
 FINGERS = 3

@@ -70,7 +70,8 @@ class WatchSettings:
         limit: log-likelihood ratio of a cause to no change from which there is one.
         worn_limit: the same for calling a finger worn.
         margin: of a cause to the next from which it alone is named.
-        misfit_limit: standard deviations that what a cause leaves may exceed its expectation by.
+        misfit_limit: standard deviations that what a cause leaves may exceed its expectation by,
+        misfit_share: or share of what has changed that it may leave: no kernel follows a large change to the end.
         model_errors: how far the kernel's answer to a cause may be off, relative; which of them holds is unknown.
         expected_odds: logarithm of the odds of softer or stiffer strips, beside other causes, where a closing's speed,
             rest, heat or history lets one expect so; against them where nothing does, half where heat is unknown.
@@ -86,6 +87,7 @@ class WatchSettings:
     worn_limit: float = 15.0
     margin: float = 3.0
     misfit_limit: float = 6.0
+    misfit_share: float = 0.10
     model_errors: tuple[float, ...] = (0.05, 0.20, 0.50)
     expected_odds: float = 3.0
     worn_friction: float = 0.5
@@ -213,10 +215,10 @@ class _Found:
     @property
     def strength(self) -> float:
         """By how much the likeliest cause, or any, explains them better than chance."""
-        return max([one.log_ratio for one in self.weighed], default=self.excess)
+        return max([one.log_ratio for one in self.weighed], default=self.beyond_chance)
 
     @property
-    def excess(self) -> float:
+    def beyond_chance(self) -> float:
         """Squared residuals beyond chance."""
         return self.squared - self.count
 
@@ -291,13 +293,13 @@ class CauseWatch:
         if not weighed or weighed[0].log_ratio < settings.limit:
             if found.misfit > settings.misfit_limit:
                 return Diagnosis(
-                    (Explanation(Cause.NONE_OF_THESE, 0.5 * found.excess, "", found.misfit),), found.misfit
+                    (Explanation(Cause.NONE_OF_THESE, 0.5 * found.beyond_chance, "", found.misfit),), found.misfit
                 )
             unusual = self._unusual(self._latest[-1][1]) if self._latest else ""
             return Diagnosis((Explanation(Cause.CONDITIONS, 0.0, unusual, 0.0),)) if unusual else Diagnosis()
         best = weighed[0]
         misfit = found.misfit_of(best.remaining)
-        if misfit > settings.misfit_limit:
+        if misfit > max(settings.misfit_limit, settings.misfit_share * found.misfit):
             near = f"(nearest: {best.hypothesis.cause} {best.words})"
             return Diagnosis((Explanation(Cause.NONE_OF_THESE, best.log_ratio, near, misfit),), misfit)
         named: dict[Cause, Explanation] = {}

@@ -63,6 +63,8 @@ _MIN_SHARE = 0.1
 _DEGREE = 3
 #: Degree of the polynomial that the kernel's error follows.
 _SMOOTH = 5
+#: [mm] beyond its closings a finger is as at their end; further out errors are so much larger.
+_SAME_MM, _GUESS = 0.1, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +128,7 @@ class Hypothesis:
         stddev: (a,) of the amounts before anything was seen.
         effect: amounts (a,) -> what they change of a closing (3 K,); None: no equilibrium.
         words: form of the first amount, for people.
+        guessed: amounts -> samples (K,) whose effect lies beyond all that was seen of the finger; None: none.
         certain: amounts -> what of the effect holds whatever the kernel gets wrong, (3 K,); None: nothing.
         sign: +1 or -1: only amounts of that sign are this cause.
         log_odds: of the cause before anything was seen, beside the others.
@@ -135,13 +138,20 @@ class Hypothesis:
     stddev: Array
     effect: Callable[[Array], Array | None]
     words: str = "{:+.0%}"
+    guessed: Callable[[Array], NDArray[np.bool_]] | None = None
     certain: Callable[[Array], Array] | None = None
     sign: int = 0
     log_odds: float = 0.0
 
-    def doubtful(self, amounts: Array, effect: Array) -> Array:
-        """Return what of the effect (3 K,) is the kernel's."""
-        return effect if self.certain is None else effect - self.certain(amounts)
+    def errors(self, amounts: Array, effect: Array) -> Array:
+        """Return how the kernel's part of the effect may be wrong, (3 K, D), by its own size."""
+        doubtful = effect if self.certain is None else effect - self.certain(amounts)
+        shapes = _smooth(doubtful)
+        if self.guessed is None:
+            return shapes
+        guessed = self.guessed(amounts)
+        rows = np.concatenate([np.repeat(guessed, 2), guessed])
+        return np.column_stack([shapes, _GUESS * np.diag(np.abs(doubtful))[:, rows]])
 
     def slopes(self, amounts: Array, effect: Array) -> Array | None:
         """Return the effect's change per prior deviation of each amount, (3 K, a)."""
@@ -189,13 +199,20 @@ def hypotheses(own: OwnClosing, softening: Cause, softening_odds: float) -> list
             certain=in_proportion.effect,
             log_odds=softening_odds,
         ),
-        of(Cause.ZERO, _ZERO_SD_MM, lambda mm: _less(own.at(own.pulled_mm + mm), own), words="{:+.2f} mm"),
+        of(
+            Cause.ZERO,
+            _ZERO_SD_MM,
+            lambda mm: _less(own.at(own.pulled_mm + mm), own),
+            words="{:+.2f} mm",
+            guessed=lambda mm: own.pulled_mm + mm > own.pulled_mm[-1] + _SAME_MM,
+        ),
         of(Cause.CABLE, _CABLE_SD_MM_PER_N, _stretched(own), words="{:+.3f} mm/N", sign=1),
         *_read_differently(own),
     ]
     for joint in range(causes.finger.joints):
         words = f"{{:+.0%}} of strip {joint}'s stiffness"
-        found.append(of(Cause.STRIP, _STRIP_SD, _narrower(own, joint), words=words, sign=-1))
+        odds = -math.log(causes.finger.joints)  # of this strip, if it is one
+        found.append(of(Cause.STRIP, _STRIP_SD, _narrower(own, joint), words=words, sign=-1, log_odds=odds))
     return found
 
 
@@ -262,7 +279,7 @@ def _read_differently(own: OwnClosing) -> Iterator[Hypothesis]:
         def effect(amounts: Array) -> Array:
             return np.asarray(columns[:, place] @ amounts)
 
-        return Hypothesis(cause, np.array(stddev), effect, words, effect, sign=sign)
+        return Hypothesis(cause, np.array(stddev), effect, words, certain=effect, sign=sign)
 
     yield linear(Cause.TENSION_GAIN, slice(5, 6), (_GAIN_SD,), "{:+.0%}")
     yield linear(Cause.CAMERA, slice(0, 4), _CAMERA_SD, "x {:+.1f} mm, y {:+.1f} mm, scale {:+.1%}, turn {:+.3f} rad")
@@ -345,7 +362,7 @@ def weigh(hypothesis: Hypothesis, residual: Array, root: Array, model_errors: Se
         if changed is None or further is None:
             return None
         amounts, effect, slope = amounts + step, changed, white(further)
-        shape = white(_shapes(hypothesis.doubtful(amounts, effect)))
+        shape = white(hypothesis.errors(amounts, effect))
     if hypothesis.sign * float(amounts[0]) < 0.0:
         return None
     linear = seen - white(effect) + slope @ (amounts / stddev)
@@ -360,7 +377,7 @@ def weigh(hypothesis: Hypothesis, residual: Array, root: Array, model_errors: Se
     return Weighed(hypothesis, ratio + hypothesis.log_odds, amounts, deviation, remains[best])
 
 
-def _shapes(effect: Array) -> Array:
+def _smooth(effect: Array) -> Array:
     """Return how an effect may be wrong, (3 K, 3 D): each of tip x, tip y and tension by a smooth factor."""
     samples = len(effect) // 3
     legendre = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, samples), _SMOOTH) / np.arange(1, _SMOOTH + 2)
