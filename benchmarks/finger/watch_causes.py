@@ -36,7 +36,7 @@ from softgrip_testing.benchmark_claim import claim, no_options
 Array = NDArray[np.float64]
 
 SETS = ("power", "hook", "pinch")
-CELLS = range(7301, 7303)
+CELLS = range(7301, 7302)
 PULLS_MM = np.arange(1.0, 16.5, 1.0)
 #: Fingers of a hand.
 FINGERS = 3
@@ -137,24 +137,28 @@ class TrueFinger:
 
     def close(self, truth: Truth) -> tuple[tuple[ClosingInstant, ...], ClosingConditions]:
         """Close once; return what is seen of it."""
-        friction, stiffness = self._own * (1.0 + WANDER * self._rng.standard_normal(2))
-        t = PULLS_MM / truth.speed_mm_per_s
-        loading = 1.0 - truth.creep * (1.0 - CREEP_S / t * (1.0 - np.exp(-t / CREEP_S)))
-        unrecovered = 1.0 - 0.5 * truth.creep * math.exp(-truth.rest_s / CREEP_S)
-        pulled = PULLS_MM + truth.zero_mm + SCATTER_MM * self._rng.standard_normal()
-        tips, tensions = [], []
-        for pull, relaxed in zip(pulled, loading, strict=True):
-            tip, tension = self._solve(truth, pull, friction * truth.friction, stiffness * relaxed * unrecovered)
-            tips.append(tip)
-            tensions.append(tension)
-        seen = np.array(tips) * truth.camera_scale * np.array([1.0, math.cos(truth.tilt_rad)]) + truth.camera_mm
-        seen += TIP_MM * self._rng.standard_normal(seen.shape)
-        measured_n = truth.gain * np.array(tensions) * (1.0 + TENSION * self._rng.standard_normal(len(tensions)))
+        wander = 1.0 + WANDER * self._rng.standard_normal(2)
+        tips, tensions = self.answer(truth, SCATTER_MM * self._rng.standard_normal(), *wander)
+        seen = tips + TIP_MM * self._rng.standard_normal(tips.shape)
+        measured_n = tensions * (1.0 + TENSION * self._rng.standard_normal(len(tensions)))
         closing = tuple(
             ClosingInstant(0, float(p), tip, float(n), float(expected))
             for p, tip, n, expected in zip(PULLS_MM, seen, measured_n, self._predicted_n, strict=True)
         )
         return closing, ClosingConditions(truth.speed_mm_per_s, truth.rest_s, further_mm=truth.further_mm)
+
+    def answer(
+        self, truth: Truth, shift_mm: float = 0.0, friction: float = 1.0, stiffness: float = 1.0
+    ) -> tuple[Array, Array]:
+        """Return tips [mm] and tensions [N] of a closing as it would be seen without noise."""
+        t = PULLS_MM / truth.speed_mm_per_s
+        loading = 1.0 - truth.creep * (1.0 - CREEP_S / t * (1.0 - np.exp(-t / CREEP_S)))
+        unrecovered = 1.0 - 0.5 * truth.creep * math.exp(-truth.rest_s / CREEP_S)
+        own = self._own * np.array([friction * truth.friction, stiffness * unrecovered])
+        pulled = PULLS_MM + truth.zero_mm + shift_mm
+        found = [self._solve(truth, pull, own[0], own[1] * share) for pull, share in zip(pulled, loading, strict=True)]
+        tips = np.array([tip for tip, _ in found]) * truth.camera_scale * np.array([1.0, math.cos(truth.tilt_rad)])
+        return tips + truth.camera_mm, truth.gain * np.array([tension for _, tension in found])
 
     def _solve(self, truth: Truth, pull: float, friction: float, stiffness: float) -> tuple[Array, float]:
         """Return tip [mm] and actuator tension [N]."""

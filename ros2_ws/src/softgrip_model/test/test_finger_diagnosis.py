@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 
@@ -56,15 +57,20 @@ class TrueFinger:
         )
 
 
+_SETTLED: dict[int, tuple[TrueFinger, CauseWatch]] = {}
+
+
 def settled(profiles: dict[str, Profile], seed: int = 1) -> tuple[TrueFinger, CauseWatch]:
-    """A finger whose baseline stands, and that has been quiet since."""
-    finger = TrueFinger(profiles, seed)
-    watch = finger.watch()
-    for number in range(10):
-        diagnosis = watch.take(finger.close(), USUAL)
-        assert diagnosis.explanations == (), number
-    assert watch.judge() == (WearVerdict.OK, "")
-    return finger, watch
+    """Return a finger whose baseline stands, and that has been quiet since; made once a seed."""
+    if seed not in _SETTLED:
+        finger = TrueFinger(profiles, seed)
+        watch = finger.watch()
+        for number in range(10):
+            diagnosis = watch.take(finger.close(), USUAL)
+            assert diagnosis.explanations == (), number
+        assert watch.judge() == (WearVerdict.OK, "")
+        _SETTLED[seed] = finger, watch
+    return copy.deepcopy(_SETTLED[seed])
 
 
 CHANGES = {
@@ -94,7 +100,7 @@ def test_the_cause_is_named(profiles: dict[str, Profile], name: str) -> None:
 def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) -> None:
     """Softer by 15 % or a motor 12 % stronger condemned good fingers once."""
     for to in ({"stiffness": 0.85}, {"gain": 1.12}):
-        finger, watch = settled(profiles, 2)
+        finger, watch = settled(profiles)
         for _ in range(6):
             watch.take(finger.close(**to), USUAL)
             assert watch.judge()[0] is not WearVerdict.WORN
@@ -102,7 +108,7 @@ def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) ->
 
 def test_a_weaker_strip_is_told_from_softer_strips(profiles: dict[str, Profile]) -> None:
     """One closing is not enough to condemn a finger for it."""
-    finger, watch = settled(profiles, 3)
+    finger, watch = settled(profiles)
     watch.take(finger.close(middle=0.8), USUAL)
     assert watch.judge()[0] is not WearVerdict.WORN
     for _ in range(3):
@@ -113,7 +119,7 @@ def test_a_weaker_strip_is_told_from_softer_strips(profiles: dict[str, Profile])
 
 def test_other_fingers_tell_heat_from_a_motor(profiles: dict[str, Profile]) -> None:
     """Softer strips and a motor that reads less look alike, until the hand's other fingers are asked."""
-    (hot, watch), (near, its) = settled(profiles, 7), settled(profiles, 8)
+    (hot, watch), (near, its) = settled(profiles), settled(profiles)
     watch.join([its])
     for _ in range(3):
         watch.take(hot.close(gain=0.88), dataclasses.replace(USUAL, temperature_c=math.nan))
@@ -169,12 +175,12 @@ def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:
         (ClosingConditions(16.0, 12.0, 32.0), Cause.TEMPERATURE),
         (ClosingConditions(16.0, 12.0, 20.0, further_mm=3.0), Cause.RUNNING_IN),
     ]:
-        finger, watch = settled(profiles, 4)
+        finger, watch = settled(profiles)
         for _ in range(3):
             watch.take(finger.close(stiffness=0.88), conditions)
         assert cause in watch.diagnosis.causes
         assert watch.judge()[0] is not WearVerdict.WORN
-    finger, watch = settled(profiles, 5)
+    finger, watch = settled(profiles)
     watch.take(finger.close(), ClosingConditions(6.0, 12.0, 20.0))
     assert watch.diagnosis.causes == (Cause.CONDITIONS,)
     assert watch.judge()[0] is WearVerdict.OK
