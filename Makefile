@@ -18,7 +18,6 @@ STAMP := $(VENV)/.setup
 # what only some need, each with a lock of its own: requirements-<name>.lock
 EXTRAS := parts study docs panel rerun s3
 CORES := softgrip_model softgrip_emulator softgrip_vision
-# all but the finger kernel's own files, which are not formatted yet
 CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 

@@ -53,7 +53,8 @@ def address_of(log: Path) -> str:
 def started(command: list[str], log: Path, domain: int) -> Iterator[int]:
     """Run a command until the block ends; gives its process id."""
     with log.open("w") as out:
-        environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PATH": path}
         process = subprocess.Popen(
             command, stdout=out, stderr=subprocess.STDOUT, env=environment, start_new_session=True
         )

@@ -27,6 +27,7 @@ from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, Sa
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+from softgrip_testing.nodes.gripper_goals import TEN_GOALS, GoalCase, MockSetting, outcome_of
 from softgrip_testing.nodes.node_processes import own_domain
 
 pytestmark = pytest.mark.ros
@@ -160,11 +161,11 @@ class Bench:
         self.client.create_subscription(DiagnosticArray, "/diagnostics", self.health.append, RELIABLE)
         self.commands = self.client.create_publisher(JointState, "gripper/joint_commands", RELIABLE)
         self.cell = self.client.create_publisher(CellState, "cell/state", LATCHED)
-        self._clients = {
+        self.clients = {
             GripperCommand: ActionClient(self.client, GripperCommand, "gripper/command"),
             ParallelGripperCommand: ActionClient(self.client, ParallelGripperCommand, "gripper/gripper_cmd"),
         }
-        self.until(lambda: self.states and all(client.server_is_ready() for client in self._clients.values()))
+        self.until(lambda: self.states and all(client.server_is_ready() for client in self.clients.values()))
 
     def until(self, condition: Callable[[], object]) -> None:
         end = time.monotonic() + DEADLINE_S
@@ -180,11 +181,11 @@ class Bench:
         goal = GripperCommand.Goal()
         goal.command.position, goal.command.max_effort = position_m, effort_n
         heard = feedback if feedback is not None else []
-        return self.wait(self._clients[GripperCommand].send_goal_async(goal, feedback_callback=heard.append))
+        return self.wait(self.clients[GripperCommand].send_goal_async(goal, feedback_callback=heard.append))
 
     def send_parallel(self, position: list[float], **fields: Any) -> Any:
         goal = ParallelGripperCommand.Goal(command=JointState(position=position, **fields))
-        return self.wait(self._clients[ParallelGripperCommand].send_goal_async(goal))
+        return self.wait(self.clients[ParallelGripperCommand].send_goal_async(goal))
 
     def result(self, handle: Any) -> tuple[int, Any]:
         assert handle.accepted
@@ -240,6 +241,28 @@ def test_a_free_hand_reaches_its_goals_by_either_action(make: Callable[..., Benc
     assert result.state.position[0] == pytest.approx(opening.max_m, abs=0.002)
     assert bench.tendons.orders[-1].tension_limit == 11.0
     assert bench.tendons.orders[-1].speed == pytest.approx(opening.tendon_speed_m_s(0.05))
+
+
+@pytest.mark.parametrize("setting", list(MockSetting))
+def test_goals_end_as_those_of_parallel_gripper_controller(
+    make: Callable[..., Bench], opening: Any, setting: MockSetting
+) -> None:
+    """The ten goals that are sent to the real controller on mock hardware, too."""
+    bench = make(allow_stalling=str(setting is not MockSetting.STRICT).lower())
+    bench.tendons.pulled_m = opening.pulled_length_m(0.1)
+    if setting is not MockSetting.FREE:
+        bench.tendons.blocked_at_m = bench.tendons.pulled_m
+
+    def standing_m() -> float:
+        bench.states.clear()
+        bench.until(lambda: len(bench.states) > 1)  # the first may be older than the last goal's end
+        return float(bench.states[-1].position[0])
+
+    def outcome(case: GoalCase) -> Any:
+        return outcome_of(case, bench.clients[ParallelGripperCommand], standing_m(), bench.until)
+
+    cases = [case for case in TEN_GOALS if case.setting is setting]
+    assert {case.name: outcome(case) for case in cases} == {case.name: case.expected for case in cases}
 
 
 @pytest.mark.parametrize(("allowed", "status"), [("true", "STATUS_SUCCEEDED"), ("false", "STATUS_ABORTED")])

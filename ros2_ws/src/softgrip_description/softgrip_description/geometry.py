@@ -2,7 +2,8 @@
 """Where every link of a finger is: frames of slots and links as 4x4 matrices.
 
 Frames (docs/conventions.md): ``<finger>_base`` has x along the straight finger from the first joint, closes towards
--y, z completes a right-handed frame. Joint angles grow as the finger closes, so every joint turns about -z.
+-y, z completes a right-handed frame. Joint angles grow as the finger closes, so every joint turns about -z. A flexure
+is three joints: it displaces the link beyond along the link before and across it, towards -y, and turns it.
 """
 
 from __future__ import annotations
@@ -18,10 +19,25 @@ from softgrip_model.profile import FingerDesign
 
 Array = NDArray[np.float64]
 
+#: The three joints of a flexure, from the link before to the one beyond.
+_FLEXURE_SUFFIXES = ("_along", "_across", "")
+
 
 def finger_joint_names(finger: str, joints: int, prefix: str = "") -> list[str]:
-    """Return the names of a finger's joints, base to tip."""
+    """Return the names of a finger's joints that turn, base to tip."""
     return [f"{prefix}{finger}_joint_{j}" for j in range(joints)]
+
+
+def flexure_names(kind: str, finger: str, joint: int, prefix: str = "") -> list[str]:
+    """Return the names of a flexure's joints that displace along, displace across, and turn, or of what they move.
+
+    Args:
+        kind: "joint", or "link" for the links that they move.
+        finger: its slot.
+        joint: 0 is the one next to the base.
+        prefix: before every name.
+    """
+    return [f"{prefix}{finger}_{kind}_{joint}{suffix}" for suffix in _FLEXURE_SUFFIXES]
 
 
 def slot_pose(slot: HandSlot) -> Array:
@@ -46,34 +62,62 @@ def turned_by(joint_angle_rad: float) -> Array:
     return pose
 
 
-def moved_along_x(distance_m: float) -> Array:
-    """Return a shift along x [m], (4, 4)."""
+def moved_by(x_m: float, y_m: float = 0.0) -> Array:
+    """Return a displacement along x and y [m], (4, 4)."""
     pose = np.eye(4)
-    pose[0, 3] = distance_m
+    pose[0, 3], pose[1, 3] = x_m, y_m
     return pose
 
 
-def link_poses(design: FingerDesign, joint_angles_rad: Sequence[float]) -> list[Array]:
+def chain_poses(
+    design: FingerDesign, joint_angles_rad: Sequence[float], displacements_m: Array
+) -> list[tuple[Array, Array, Array]]:
+    """Return the poses in ``<finger>_base`` of what the three joints of each flexure move, by `flexure_names`.
+
+    Args:
+        design: a finger of n joints.
+        joint_angles_rad: (n,), positive when closed.
+        displacements_m: (n, 2), along and across.
+
+    Returns:
+        n times 3 matrices (4, 4).
+
+    Raises:
+        ValueError: another number of angles or displacements.
+    """
+    if len(joint_angles_rad) != design.joints or displacements_m.shape != (design.joints, 2):
+        raise ValueError(
+            f"expected {design.joints} joint angles and displacements, found {len(joint_angles_rad)} and "
+            f"{displacements_m.shape}"
+        )
+    poses, end = [], np.eye(4)
+    for j, (angle_rad, (along_m, across_m)) in enumerate(zip(joint_angles_rad, displacements_m.tolist(), strict=True)):
+        along, across = end @ moved_by(along_m), end @ moved_by(along_m, -across_m)
+        link = across @ turned_by(angle_rad)
+        poses.append((along, across, link))
+        end = link @ moved_by(design.link_lengths_m[j])
+    return poses
+
+
+def link_poses(
+    design: FingerDesign, joint_angles_rad: Sequence[float], displacements_m: Array | None = None
+) -> list[Array]:
     """Return the pose of each link, then of the tip, in ``<finger>_base``.
 
     Args:
         design: a finger of n joints.
         joint_angles_rad: (n,), positive when closed.
+        displacements_m: (n, 2), along and across; None: hinges.
 
     Returns:
         n + 1 matrices (4, 4): origin of link j at joint j, x along the link; the last one is the tip.
 
     Raises:
-        ValueError: another number of angles.
+        ValueError: another number of angles or displacements.
     """
-    if len(joint_angles_rad) != design.joints:
-        raise ValueError(f"expected {design.joints} joint angles, found {len(joint_angles_rad)}")
-    poses, pose = [], np.eye(4)
-    for angle_rad, length_m in zip(joint_angles_rad, design.link_lengths_m, strict=True):
-        pose = pose @ turned_by(angle_rad)
-        poses.append(pose)
-        pose = pose @ moved_along_x(length_m)
-    return [*poses, pose]
+    displaced = np.zeros((design.joints, 2)) if displacements_m is None else displacements_m
+    links = [link for _, _, link in chain_poses(design, joint_angles_rad, displaced)]
+    return [*links, links[-1] @ moved_by(design.link_lengths_m[-1])]
 
 
 def quaternion_of(pose: Array) -> tuple[float, float, float, float]:

@@ -8,7 +8,7 @@ of both bodies. It is that of the empty closing of the finger kernel. All tendon
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softgrip_description.errors import HandError
+from softgrip_description.flexures import FingerFlexures
 from softgrip_description.geometry import link_poses, slot_pose
 from softgrip_description.hand import Hand, HandSlot
 from softgrip_description.urdf import finger_set_of
@@ -137,13 +138,14 @@ def gripper_opening(hand: Hand, profiles: Mapping[str, Profile], mounted: Mappin
 
 def _clearance(slot: HandSlot, profile: Profile, name: str, point: Array) -> FingerClearance:
     """Tabulate one finger until its inner face leaves the height of the point, or its closing ends."""
-    design = profile.finger(name)
+    design, flexures = profile.finger(name), FingerFlexures(profile, name)
     pulled_m = np.linspace(0.0, _MAX_PULLED_M, round(_MAX_PULLED_M / _STEP_M) + 1)
     kernel = Kernel([Finger.from_profile(profile, name)], assumed_friction(profile).law)
     solution = kernel.solve(1e3 * pulled_m)
     clearances: list[float] = []
-    for angles, failed in zip(solution.angle_rad[0], solution.failed[0], strict=True):
-        clearance = None if failed else _clearance_at(slot, design, angles[: design.joints], point)
+    for angles, tip_mm, failed in zip(solution.angle_rad[0], solution.tip_mm[0], solution.failed[0], strict=True):
+        poses = [] if failed else link_poses(design, angles, flexures.displacements_m(angles, 1e-3 * tip_mm))
+        clearance = _clearance_at(slot, design, poses, point)
         if clearance is None or (clearances and clearance >= clearances[-1]):
             break
         clearances.append(clearance)
@@ -155,13 +157,13 @@ def _clearance(slot: HandSlot, profile: Profile, name: str, point: Array) -> Fin
     return FingerClearance(slot.closes_towards_x, pulled_m[: len(clearances)], np.array(clearances))
 
 
-def _clearance_at(slot: HandSlot, design: FingerDesign, angles_rad: Array, point: Array) -> float | None:
-    """Return how far the finger's inner face stays from the point along x at the point's height [m].
+def _clearance_at(slot: HandSlot, design: FingerDesign, poses: Sequence[Array], point: Array) -> float | None:
+    """Return how far the inner face of a finger with these link poses stays from the point along x at its height [m].
 
     None where the joints' line does not cross that height exactly once: below it, or folded back over it.
     """
     base = slot_pose(slot)
-    nodes = np.array([(base @ pose)[:3, 3] for pose in link_poses(design, list(angles_rad))])
+    nodes = np.array([(base @ pose)[:3, 3] for pose in poses])
     crossings = []
     for (x0, _, z0), (x1, _, z1) in pairwise(nodes):
         if min(z0, z1) <= point[2] < max(z0, z1):

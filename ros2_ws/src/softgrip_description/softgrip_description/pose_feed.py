@@ -1,19 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of the hand now: mounted fingers and their joint angles; a state machine without ROS."""
+"""What is known of the hand now: mounted fingers and how they stand; a state machine without ROS."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from softgrip_description.errors import HandError
-from softgrip_description.geometry import Array, finger_joint_names, link_poses, slot_pose
+from softgrip_description.flexures import FingerFlexures
+from softgrip_description.geometry import Array, chain_poses, flexure_names, moved_by, slot_pose
 from softgrip_description.hand import Hand
 from softgrip_model.profile import FingerDesign, Profile
 
 
 class HandPose:
-    """Mounted fingers with their joint angles.
+    """Mounted fingers with the state of their joints.
+
+    Attributes:
+        fingers: slot -> (profile id, design).
+        joint_angles_rad: slot -> (n,), base to tip.
+        displacements_m: slot -> (n, 2), of the flexures along and across.
 
     Args:
         hand: palm and slots.
@@ -27,6 +35,8 @@ class HandPose:
         self._prefix = prefix
         self.fingers: dict[str, tuple[str, FingerDesign]] = {}
         self.joint_angles_rad: dict[str, tuple[float, ...]] = {}
+        self.displacements_m: dict[str, Array] = {}
+        self._flexures: dict[tuple[str, str], FingerFlexures] = {}
 
     def set_mounted(self, mounted: Mapping[str, str]) -> bool:
         """Mount finger designs.
@@ -53,10 +63,14 @@ class HandPose:
             return False
         self.fingers = fingers
         self.joint_angles_rad = {slot: (0.0,) * design.joints for slot, (_, design) in fingers.items()}
+        self.displacements_m = {slot: np.zeros((design.joints, 2)) for slot, (_, design) in fingers.items()}
+        for slot, (profile, _) in fingers.items():
+            if (profile, slot) not in self._flexures:
+                self._flexures[profile, slot] = FingerFlexures(self._profiles[profile], slot)
         return True
 
-    def set_joint_angles(self, finger: str, angles_rad: Sequence[float]) -> bool:
-        """Take a finger's joint angles, base to tip [rad]; return whether they were taken.
+    def set_finger(self, finger: str, angles_rad: Sequence[float], tip_m: Sequence[float]) -> bool:
+        """Take a finger's joint angles, base to tip [rad], and its tip, (2,) [m]; return whether they were taken.
 
         Angles of a finger that is not mounted, of another number than it has joints, or that are not finite are not
         taken: the finger keeps its last pose.
@@ -65,26 +79,29 @@ class HandPose:
             return False
         if not all(math.isfinite(angle) for angle in angles_rad):
             return False
-        self.joint_angles_rad[finger] = tuple(float(angle) for angle in angles_rad)
+        angles = tuple(float(angle) for angle in angles_rad)
+        self.joint_angles_rad[finger] = angles
+        self.displacements_m[finger] = self._flexures[self.fingers[finger][0], finger].displacements_m(angles, tip_m)
         return True
 
     def joint_state(self) -> tuple[list[str], list[float]]:
-        """Return joint names and angles [rad] of all mounted fingers."""
+        """Return names and positions of all mounted fingers' joints, by `flexure_names`: [m], [m], [rad]."""
         names: list[str] = []
-        angles: list[float] = []
-        for slot, finger_angles in self.joint_angles_rad.items():
-            names += finger_joint_names(slot, len(finger_angles), self._prefix)
-            angles += finger_angles
-        return names, angles
+        positions: list[float] = []
+        for slot, angles in self.joint_angles_rad.items():
+            for j, (angle, displacement) in enumerate(zip(angles, self.displacements_m[slot].tolist(), strict=True)):
+                names += flexure_names("joint", slot, j, self._prefix)
+                positions += [*displacement, angle]
+        return names, positions
 
     def link_transforms(self) -> list[tuple[str, str, Array]]:
         """Return (parent frame, child frame, pose (4, 4)) of every link that moves."""
         transforms = []
         for slot, angles in self.joint_angles_rad.items():
-            design = self.fingers[slot][1]
-            base = f"{self._prefix}{slot}_base"
-            for j, pose in enumerate(link_poses(design, angles)[:-1]):
-                transforms.append((base, f"{self._prefix}{slot}_link_{j}", pose))
+            base, design = f"{self._prefix}{slot}_base", self.fingers[slot][1]
+            for j, poses in enumerate(chain_poses(design, angles, self.displacements_m[slot])):
+                names = flexure_names("link", slot, j, self._prefix)
+                transforms += [(base, name, pose) for name, pose in zip(names, poses, strict=True)]
         return transforms
 
     def mount_transforms(self) -> list[tuple[str, str, Array]]:
@@ -93,7 +110,5 @@ class HandPose:
         for slot, (_, design) in self.fingers.items():
             base, last = f"{self._prefix}{slot}_base", f"{self._prefix}{slot}_link_{design.joints - 1}"
             transforms.append((f"{self._prefix}palm", base, slot_pose(self._hand.slots[slot])))
-            tip = link_poses(design, [0.0] * design.joints)[0].copy()
-            tip[0, 3] = design.link_lengths_m[-1]
-            transforms.append((last, f"{self._prefix}{slot}_tip", tip))
+            transforms.append((last, f"{self._prefix}{slot}_tip", moved_by(design.link_lengths_m[-1])))
         return transforms

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+from softgrip_description.urdf import add_small_mass
+
 _PLUGIN = "joint_state_topic_hardware_interface/JointStateTopicSystem"
 
 
@@ -46,7 +48,7 @@ def with_gripper_joint(urdf: str, joint: GripperJoint, prefix: str = "") -> str:
     """
     robot = ET.fromstring(urdf)  # noqa: S314  our own text
     link = f"{prefix}opening"
-    _add_small_mass(ET.SubElement(robot, "link", name=link))
+    add_small_mass(ET.SubElement(robot, "link", name=link))
     element = ET.SubElement(robot, "joint", name=joint.name, type="prismatic")
     ET.SubElement(element, "parent", link=f"{prefix}tcp")
     ET.SubElement(element, "child", link=link)
@@ -71,10 +73,3 @@ def with_gripper_joint(urdf: str, joint: GripperJoint, prefix: str = "") -> str:
         ET.SubElement(controlled, "state_interface", name=name)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
-
-
-def _add_small_mass(link: ET.Element) -> None:
-    """Give a link that stands for no body the milligram that simulators ask of what moves."""
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "mass", value="1e-06")
-    ET.SubElement(inertial, "inertia", ixx="1e-12", ixy="0", ixz="0", iyy="1e-12", iyz="0", izz="1e-12")

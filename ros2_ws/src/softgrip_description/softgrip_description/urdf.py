@@ -2,8 +2,10 @@
 """The hand with its mounted fingers as URDF.
 
 Links: ``flange`` (root), ``palm``, ``tcp``; of a finger ``<finger>_base``, ``<finger>_link_0``, ..., ``<finger>_tip``.
-Every joint of a finger is revolute about -z of its link, from 0 (straight) to the opening of its groove: positive
-angles close the finger, as in finger/predicted.
+A flexure is three joints. ``<finger>_joint_<j>`` is revolute about -z, from 0 (straight) to the opening of its groove:
+positive angles close the finger, as in finger/predicted. Before it ``<finger>_joint_<j>_along`` and ``_across`` are
+prismatic and passive: where the strip puts the link beyond, along x and -y of the link before; 0 of a hinge. The links
+that they move, named alike, have no shape.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_description.geometry import finger_joint_names, moved_along_x, rotation_of, rpy_of, slot_pose
+from softgrip_description.flexures import max_displacement_m
+from softgrip_description.geometry import flexure_names, rotation_of, rpy_of, slot_pose
 from softgrip_description.hand import Hand
 from softgrip_description.solids import base_outline, link_outline, prism_inertia
 from softgrip_model.profile import FingerDesign
@@ -23,8 +26,9 @@ Array = NDArray[np.float64]
 #: finger or link name -> URI of its mesh
 MeshUri = Callable[[str], str]
 
-#: What URDF asks for and a tendon-driven joint has no single number for: generous bounds [N m], [rad/s].
+#: What URDF asks for and a flexure has no single number for: generous bounds [N m], [rad/s]; [N], [m/s].
 _EFFORT_NM, _VELOCITY_RAD_S = 1.0, 10.0
+_EFFORT_N, _VELOCITY_M_S = 100.0, 0.1
 _COLOURS = {"palm": (0.25, 0.27, 0.30), "finger": (0.16, 0.50, 0.73)}
 
 
@@ -105,26 +109,48 @@ def _add_finger(
     if len(outline):
         _add_body(link, outline, design, hand.finger_density_kg_m3, prefix, mesh_uri and mesh_uri(f"{slot}_base"))
     _add_fixed(robot, f"{prefix}palm", base, pose[:3, 3], rpy_of(pose))
-    parent, offset = base, 0.0
-    for j, joint_name in enumerate(finger_joint_names(slot, design.joints, prefix)):
-        name = f"{prefix}{slot}_link_{j}"
-        link = ET.SubElement(robot, "link", name=name)
+    parent, offset_m = base, 0.0
+    for j in range(design.joints):
+        parent = _add_flexure(robot, slot, j, design, prefix, parent, offset_m)
         _add_body(
-            link, link_outline(design, j), design, hand.finger_density_kg_m3, prefix,
-            mesh_uri and mesh_uri(f"{slot}_link_{j}"),
+            ET.SubElement(robot, "link", name=parent), link_outline(design, j), design, hand.finger_density_kg_m3,
+            prefix, mesh_uri and mesh_uri(f"{slot}_link_{j}"),
         )  # fmt: skip
-        joint = ET.SubElement(robot, "joint", name=joint_name, type="revolute")
-        ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=name)
-        ET.SubElement(joint, "origin", xyz=_text(moved_along_x(offset)[:3, 3]), rpy="0 0 0")
-        ET.SubElement(joint, "axis", xyz="0 0 -1")
-        ET.SubElement(
-            joint, "limit", lower="0", upper=_number(design.openings_rad[j]), effort=_number(_EFFORT_NM),
-            velocity=_number(_VELOCITY_RAD_S),
-        )  # fmt: skip
-        parent, offset = name, design.link_lengths_m[j]
+        offset_m = design.link_lengths_m[j]
     ET.SubElement(robot, "link", name=f"{prefix}{slot}_tip")
-    _add_fixed(robot, parent, f"{prefix}{slot}_tip", (offset, 0.0, 0.0), (0.0, 0.0, 0.0))
+    _add_fixed(robot, parent, f"{prefix}{slot}_tip", (offset_m, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def _add_flexure(
+    robot: ET.Element, slot: str, j: int, design: FingerDesign, prefix: str, parent: str, offset_m: float
+) -> str:
+    """Add the joints of flexure j, `offset_m` along the link before, and the links between; return the link beyond."""
+    names = flexure_names("joint", slot, j, prefix)
+    links = flexure_names("link", slot, j, prefix)
+    for link in links[:-1]:
+        add_small_mass(ET.SubElement(robot, "link", name=link))
+    reach_m = max_displacement_m(design, j)
+    displaced = ("prismatic", (-reach_m, reach_m), (_EFFORT_N, _VELOCITY_M_S))
+    turned = ("revolute", (0.0, design.openings_rad[j]), (_EFFORT_NM, _VELOCITY_RAD_S))
+    kinds = (("1 0 0", *displaced), ("0 -1 0", *displaced), ("0 0 -1", *turned))
+    for name, link, (axis, kind, (low, high), (effort, velocity)) in zip(names, links, kinds, strict=True):
+        joint = ET.SubElement(robot, "joint", name=name, type=kind)
+        ET.SubElement(joint, "parent", link=parent)
+        ET.SubElement(joint, "child", link=link)
+        ET.SubElement(joint, "origin", xyz=_text((offset_m, 0.0, 0.0)), rpy="0 0 0")
+        ET.SubElement(joint, "axis", xyz=axis)
+        ET.SubElement(
+            joint, "limit", lower=_number(low), upper=_number(high), effort=_number(effort), velocity=_number(velocity)
+        )
+        parent, offset_m = link, 0.0
+    return parent
+
+
+def add_small_mass(link: ET.Element) -> None:
+    """Give a link that stands for no body the milligram that simulators ask of what moves."""
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "mass", value="1e-06")
+    ET.SubElement(inertial, "inertia", ixx="1e-12", ixy="0", ixz="0", iyy="1e-12", iyz="0", izz="1e-12")
 
 
 def _add_body(

@@ -12,6 +12,7 @@ import pytest
 
 from softgrip_description import finger_joint_names, link_poses, mjcf_of, shipped_hand, slot_pose, urdf_of
 from softgrip_description.geometry import quaternion_of, rotation_of, rpy_of
+from softgrip_description.pose_feed import HandPose
 from softgrip_description.solids import base_outline, link_outline, prism_inertia, prism_triangles, stl_of
 from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.friction.laws import FrictionLaw, Law
@@ -29,27 +30,31 @@ def mounted(profile: Profile) -> dict:
     return {slot: (profile.id, profile.finger(slot)) for slot in profile.slots}
 
 
-def closings(profile: Profile, slot: str):
+def closings(profile: Profile, slot: str, joint_model: JointModel = JointModel.HINGE):
     """Pulled lengths with the kernel's equilibria: every tenth of a millimetre up to 15 mm."""
-    kernel = Kernel([Finger.from_profile(profile, slot, JointModel.HINGE)], FrictionLaw(Law.CAPSTAN, (0.1,), 2.0))
+    kernel = Kernel([Finger.from_profile(profile, slot, joint_model)], FrictionLaw(Law.CAPSTAN, (0.1,), 2.0))
     return kernel.solve(np.linspace(0.0, 15.0, 151))
 
 
-def test_the_tip_of_the_urdf_is_the_kernels(profile: Profile) -> None:
-    model = mujoco.MjModel.from_xml_string(urdf_of(shipped_hand(), mounted(profile)))
-    data = mujoco.MjData(model)
+@pytest.mark.parametrize("joint_model", list(JointModel))
+def test_the_tip_of_the_urdf_is_the_kernels(profile: Profile, joint_model: JointModel) -> None:
     hand = shipped_hand()
+    pose = HandPose(hand, {profile.id: profile})
+    pose.set_mounted(dict.fromkeys(profile.slots, profile.id))
+    model = mujoco.MjModel.from_xml_string(urdf_of(hand, pose.fingers))
+    data = mujoco.MjData(model)
     for slot in profile.slots:
-        design, solution = profile.finger(slot), closings(profile, slot)
+        design, solution = profile.finger(slot), closings(profile, slot, joint_model)
         for k in range(0, 151, 10):
-            angles = solution.angle_rad[0, k, : design.joints]
-            for name, angle in zip(finger_joint_names(slot, design.joints), angles, strict=True):
-                data.joint(name).qpos = angle
+            tip_m = 1e-3 * solution.tip_mm[0, k]
+            assert pose.set_finger(slot, solution.angle_rad[0, k, : design.joints].tolist(), tip_m.tolist())
+            for name, position in zip(*pose.joint_state(), strict=True):
+                data.joint(name).qpos = position
             mujoco.mj_kinematics(model, data)
             # MuJoCo merges links without joints into their parents: the tip is the last link's end.
             last = data.body(f"{slot}_link_{design.joints - 1}")
             tip = last.xpos + last.xmat.reshape(3, 3) @ [design.link_lengths_m[-1], 0.0, 0.0]
-            expected = slot_pose(hand.slots[slot]) @ [*(1e-3 * solution.tip_mm[0, k]), 0.0, 1.0]
+            expected = slot_pose(hand.slots[slot]) @ [*tip_m, 0.0, 1.0]
             flange = np.array(hand.flange_position_m)
             assert tip == pytest.approx(expected[:3] + flange, abs=1e-9)
 
@@ -113,6 +118,23 @@ def test_every_joint_turns_about_minus_z_from_straight_to_its_closed_groove(prof
             assert joints[name].find("axis").get("xyz") == "0 0 -1"
             assert float(joints[name].find("limit").get("lower")) == 0.0
             assert float(joints[name].find("limit").get("upper")) == pytest.approx(opening)
+
+
+def test_a_flexure_displaces_its_link_before_it_turns_it(profile: Profile) -> None:
+    robot = ET.fromstring(urdf_of(shipped_hand(), mounted(profile), prefix="a_"))
+    joints = {joint.get("name"): joint for joint in robot.iter("joint")}
+    prismatic = [name for name, joint in joints.items() if joint.get("type") == "prismatic"]
+    assert len(prismatic) == 2 * sum(profile.finger(slot).joints for slot in profile.slots)
+    for slot in profile.slots:
+        for j, length_m in enumerate(profile.finger(slot).joint_lengths_m):
+            chain = [joints[f"a_{slot}_joint_{j}{suffix}"] for suffix in ("_along", "_across", "")]
+            moved = [joint.find("child").get("link") for joint in chain]
+            assert moved == [f"a_{slot}_link_{j}{suffix}" for suffix in ("_along", "_across", "")]
+            assert [joint.find("parent").get("link") for joint in chain][1:] == moved[:-1]
+            assert [joint.find("axis").get("xyz") for joint in chain] == ["1 0 0", "0 -1 0", "0 0 -1"]
+            limits = [joint.find("limit") for joint in chain[:-1]]
+            assert [float(limit.get("upper")) for limit in limits] == pytest.approx([0.5 * length_m] * 2)
+            assert [float(limit.get("lower")) for limit in limits] == pytest.approx([-0.5 * length_m] * 2)
 
 
 def test_links_of_a_prefixed_hand_all_carry_the_prefix(profile: Profile) -> None:

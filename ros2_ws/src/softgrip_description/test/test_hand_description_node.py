@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from xml.etree import ElementTree as ET
 
 import mujoco
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
@@ -54,15 +56,23 @@ def cell_state(profile: str) -> CellState:
     return CellState(mounted=[MountedFinger(finger=slot, serial="x", profile=profile, state=3) for slot in SLOTS])
 
 
+def tip(profile: str, slot: str, angle_rad: float) -> np.ndarray:
+    """(4, 4) in the finger's base: a millimetre beyond that of rigid links."""
+    design = load(shipped_directory() / f"{profile}.yaml").finger(slot)
+    pose = link_poses(design, [angle_rad] * design.joints)[-1].copy()
+    pose[:2, 3] += (0.0008, -0.0006)
+    return pose
+
+
 def predicted(profile: str, angle_rad: float) -> FingerStates:
-    design = load(shipped_directory() / f"{profile}.yaml")
-    return FingerStates(
-        header=Header(stamp=to_time_message(1_000_000_000)),
-        fingers=[
-            FingerState(finger=slot, profile=profile, joint_angles=[angle_rad] * design.finger(slot).joints)
-            for slot in SLOTS
-        ],
-    )
+    fingers = []
+    for slot in SLOTS:
+        x, y, _ = tip(profile, slot, angle_rad)[:3, 3].tolist()
+        joints = load(shipped_directory() / f"{profile}.yaml").finger(slot).joints
+        fingers.append(
+            FingerState(finger=slot, profile=profile, joint_angles=[angle_rad] * joints, tip=Point(x=x, y=y, z=0.0))
+        )
+    return FingerStates(header=Header(stamp=to_time_message(1_000_000_000)), fingers=fingers)
 
 
 def test_tf_and_description_follow_a_swap_and_a_closing(peer: Peer) -> None:
@@ -83,17 +93,21 @@ def test_tf_and_description_follow_a_swap_and_a_closing(peer: Peer) -> None:
 
     peer.spin_until(published)
     transforms = {t.child_frame_id: t for message in [*fixed, *moving] for t in message.transforms}
-    hook, hand = load(shipped_directory() / "hook.yaml"), shipped_hand()
+    hand = shipped_hand()
     for slot in SLOTS:
-        design = hook.finger(slot)
-        tip = slot_pose(hand.slots[slot]) @ link_poses(design, [0.3] * design.joints)[-1]
-        assert chain(transforms, f"{slot}_tip", "palm") == pytest.approx(tip, abs=1e-9)
+        expected = slot_pose(hand.slots[slot]) @ tip("hook", slot, 0.3)
+        assert chain(transforms, f"{slot}_tip", "palm") == pytest.approx(expected, abs=1e-9)
     assert chain(transforms, "tcp", "palm")[:3, 3] == pytest.approx(hand.tool_centre_points_m["hook"])
     assert chain(transforms, "tcp", "flange")[2, 3] == pytest.approx(
         hand.flange_position_m[2] + hand.tool_centre_points_m["hook"][2]
     )
     assert joints[-1].header.stamp.sec == 1
-    assert set(joints[-1].position) == {0.3}
+    model = mujoco.MjModel.from_xml_string(descriptions[-1].data)
+    assert list(joints[-1].name) == [model.joint(i).name for i in range(model.njnt)]
+    turned = [at for name, at in zip(joints[-1].name, joints[-1].position, strict=True) if name[-1].isdigit()]
+    assert set(turned) == {0.3}
+    links = [link.get("name") for link in ET.fromstring(descriptions[-1].data).iter("link")]
+    assert set(links) == {*transforms, "flange"}  # RViz warns of every link without a frame
 
 
 def test_a_finger_that_cannot_be_mounted_is_named_and_the_last_description_stays(peer: Peer) -> None:

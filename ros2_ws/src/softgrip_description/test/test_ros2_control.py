@@ -29,7 +29,7 @@ def test_the_description_stays_a_sound_urdf_with_one_more_joint(text: str) -> No
     joint = model.joint("gripper_opening")
     assert joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
     assert list(joint.range) == pytest.approx([0.01, 0.106])
-    assert model.njnt == 9  # three fingers of 3, 3 and 2 joints
+    assert model.njnt == 25  # three fingers of 3, 3 and 2 flexures, each of which has three
 
 
 def test_the_hardware_is_the_released_plugin_with_the_cells_topics(text: str) -> None:

@@ -232,3 +232,15 @@ def test_while_a_break_is_suspected_it_gives_way_by_nothing(stepped: Stepped) ->
     for _ in range(60):
         stepped.step(length=0.0115, tension=0.1)
     assert stepped.drive.fault == "tendon_broken"
+
+
+@pytest.mark.parametrize(("jerk", "fault"), [(0.002, ""), (-0.002, "tension_exceeded")])
+def test_current_above_the_hard_limit_is_excused_while_the_motor_speeds_up_only(
+    stepped: Stepped, reading, jerk: float, fault: str
+) -> None:  # type: ignore[no-untyped-def]
+    """0.002 m/s in 5 ms are 0.4 m/s^2: what the current then says is the motor's own inertia."""
+    stepped.move()
+    for i in range(10):
+        stepped.now += DT
+        stepped.drive.step(stepped.now, reading(stepped.now, ZERO + 0.010, 0.02 + jerk * i, LIMITS.tension_hard + 1.0))
+    assert stepped.drive.fault == fault

@@ -44,7 +44,7 @@ PARAMETERS = ParameterTable(
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index", "middle", "thumb"], "slots that hold a finger until cell/state says otherwise"),
     Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
-    Parameter("joint_source", "predicted", "where joint angles come from", choices=("predicted", "measured")),
+    Parameter("joint_source", "predicted", "where joint angles and tips come from", choices=("predicted", "measured")),
     Parameter("frame_prefix", "", "before every link and joint name, so that several hands fit one tf tree"),
     Parameter("gripper_joint", "", "name of a joint for the opening, with a ros2_control tag; empty = none"),
     Parameter("publish_tf", True, "false where robot_state_publisher computes tf from the description"),
@@ -76,7 +76,7 @@ class HandDescription(CellNode):
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
         source = f"finger/{values['joint_source']}"
         self.create_subscription(FingerStates, source, self._on_fingers, SENSOR)
-        self.get_logger().info(f"describing {self._mounted()}; joint angles from {source}")
+        self.get_logger().info(f"describing {self._mounted()}; joints from {source}")
 
     def _on_cell(self, message: CellState) -> None:
         mounted = {
@@ -93,11 +93,14 @@ class HandDescription(CellNode):
             self._publish_description()
 
     def _on_fingers(self, message: FingerStates) -> None:
-        taken = [self._pose.set_joint_angles(finger.finger, finger.joint_angles) for finger in message.fingers]
+        taken = [
+            self._pose.set_finger(finger.finger, finger.joint_angles, (finger.tip.x, finger.tip.y))
+            for finger in message.fingers
+        ]
         if not any(taken):
             return
-        names, angles = self._pose.joint_state()
-        self._joints.publish(JointState(header=Header(stamp=message.header.stamp), name=names, position=angles))
+        names, positions = self._pose.joint_state()
+        self._joints.publish(JointState(header=Header(stamp=message.header.stamp), name=names, position=positions))
         if self._publish_tf:
             transforms = self._pose.link_transforms()
             self._tf.publish(TFMessage(transforms=[_transform(message.header.stamp, *one) for one in transforms]))

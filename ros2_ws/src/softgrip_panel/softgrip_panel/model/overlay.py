@@ -33,6 +33,7 @@ class ChainOverlay:
         self._link_lengths_m: Sequence[float] = ()
         self._mounted = ""
         self._angles: tuple[float, ...] = ()
+        self._tip_m = (math.nan, math.nan)
         self._measured: Pixels = ()
         self.problem = ""
 
@@ -51,9 +52,10 @@ class ChainOverlay:
             return
         self._link_lengths_m = design.link_lengths_m
 
-    def predict(self, angles: Mapping[str, Sequence[float]]) -> None:
-        """Take predicted joint angles by finger [rad]."""
-        self._angles = tuple(angles.get(self._finger, ()))
+    def predict(self, fingers: Mapping[str, tuple[Sequence[float], tuple[float, float]]]) -> None:
+        """Take predicted joint angles [rad] and tip [m] by finger."""
+        angles, self._tip_m = fingers.get(self._finger, ((), (math.nan, math.nan)))
+        self._angles = tuple(angles) if all(map(math.isfinite, (*angles, *self._tip_m))) else ()
 
     def measure(self, finger: str, pixels: Sequence[tuple[float, float]]) -> None:
         """Take the markers of a finger, base to tip [px]."""
@@ -71,13 +73,16 @@ class ChainOverlay:
         return found
 
     def _chain_m(self) -> list[tuple[float, float]]:
-        """Return the points from the first joint to the tip in the finger's plane [m], closing towards -y."""
+        """Return the points from the first joint to the tip in the finger's plane [m], closing towards -y.
+
+        The tip is the prediction's own, since flexures bend over their length.
+        """
         headings = [-angle for angle in itertools.accumulate(self._angles)]
         points = [(0.0, 0.0)]
-        for length_m, heading in zip(self._link_lengths_m, headings, strict=True):
+        for length_m, heading in zip(self._link_lengths_m[:-1], headings[:-1], strict=True):
             x, y = points[-1]
             points.append((x + length_m * math.cos(heading), y + length_m * math.sin(heading)))
-        return points
+        return [*points, self._tip_m]
 
     def _has_plane(self) -> bool:
         """Read the calibration once it is there."""

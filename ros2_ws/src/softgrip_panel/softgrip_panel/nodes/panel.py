@@ -228,7 +228,9 @@ class PanelNode(CellNode):
             return
         tendons, predicted = self._take("tendon/state"), self._take("finger/predicted")
         if predicted is not None:
-            self._overlay.predict({one.finger: tuple(one.joint_angles) for one in predicted.fingers})
+            self._overlay.predict({
+                one.finger: (one.joint_angles, (one.tip.x, one.tip.y)) for one in predicted.fingers
+            })  # fmt: skip
             self._predicted = predicted
             self._state.predicted = convert.finger_views(predicted)
         if tendons is not None:
