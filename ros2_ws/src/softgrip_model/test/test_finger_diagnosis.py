@@ -119,7 +119,7 @@ def test_a_weaker_strip_is_told_from_softer_strips(profiles: dict[str, Profile])
 
 def test_other_fingers_tell_heat_from_a_motor(profiles: dict[str, Profile]) -> None:
     """Softer strips and a motor that reads less look alike, until the hand's other fingers are asked."""
-    (hot, watch), (near, its) = settled(profiles), settled(profiles)
+    (hot, watch), (near, its) = settled(profiles), settled(profiles, 2)
     watch.join([its])
     for _ in range(3):
         watch.take(hot.close(gain=0.88), dataclasses.replace(USUAL, temperature_c=math.nan))

@@ -213,11 +213,6 @@ class _Found:
     count: int = 1
 
     @property
-    def strength(self) -> float:
-        """By how much the likeliest cause, or any, explains them better than chance."""
-        return max([one.log_ratio for one in self.weighed], default=self.beyond_chance)
-
-    @property
     def beyond_chance(self) -> float:
         """Squared residuals beyond chance."""
         return self.squared - self.count
@@ -391,23 +386,23 @@ class CauseWatch:
         )
 
     def _weigh(self) -> _Found:
-        """Return the strongest of what the last closing, the last two and all of the window say."""
+        """Weigh all causes by whichever has changed most: the last closing, the last two or all of the window."""
         latest = [one for one, _ in self._latest]
         samples = min(one.samples for one in (*latest, *self._calm))
         calm, latest = ([one.shortened(samples) for one in each] for each in (self._calm, latest))
         usual, newest = _Scatter.of(calm), latest[-1]
         own = OwnClosing(self._causes, self._reference.mean, newest.pulled_mm, newest.tension_n, usual.mean)
-        softening, found = self._softening(), []
-        causes = hypotheses(own, *softening)
+        softening, windows = self._softening(), []
         for count in sorted({1, min(2, len(latest)), len(latest)}):
             residual = np.mean([one.value for one in latest[-count:]], axis=0) - usual.mean
             root = np.asarray(np.linalg.cholesky((1.0 / count + 1.0 / len(calm)) * usual.covariance), np.float64)
-            squared = float((solve_triangular(root, residual, lower=True) ** 2).sum())
-            # no larger than by chance: no cause can be likely, but the other fingers ask for the softening
-            few = [proportional(own, *softening)] if squared < len(residual) else causes
-            weighed = [weigh(one, residual, root, self._settings.model_errors) for one in few]
-            found.append(_Found(tuple(one for one in weighed if one is not None), squared, len(residual)))
-        return max(found, key=lambda one: one.strength)
+            windows.append((float((solve_triangular(root, residual, lower=True) ** 2).sum()), residual, root))
+        squared, residual, root = max(windows, key=lambda one: one[0])
+        # no larger than by chance: no cause can be likely, but the other fingers ask for the softening
+        quiet = squared < len(residual)
+        causes = [proportional(own, *softening)] if quiet else hypotheses(own, *softening)
+        weighed = [weigh(one, residual, root, self._settings.model_errors) for one in causes]
+        return _Found(tuple(one for one in weighed if one is not None), squared, len(residual))
 
     def _unusual(self, conditions: ClosingConditions) -> str:
         """Return what of a closing's speed and rest is outside the usual, in words; empty: nothing."""
