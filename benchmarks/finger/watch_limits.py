@@ -38,9 +38,9 @@ Array = NDArray[np.float64]
 
 SEED = 7301
 #: Two causes this far apart are told from each other in 90 % of cases: Phi(2.56 / 2).
-TOLD_APART = 2.56
-#: A change that is no further from none is not called one (a log-likelihood ratio of 6, and what an amount costs).
-NOTICED = 4.0
+MIN_DISTANCE = 2.56
+#: A change that is nearer to none is not called one (a log-likelihood ratio of 6, and what an amount costs).
+MIN_CHANGE = 4.0
 
 
 def strips(joint: int, share: float) -> dict[str, object]:
@@ -94,10 +94,10 @@ def distances(finger: TrueFinger, change: Change, root: Array) -> tuple[float, C
             continue
 
         def left(amounts: Array, to: Callable[[Array], dict[str, object]] = to) -> Array:
-            return np.asarray(root @ (closing(finger, dataclasses.replace(Truth(), **to(amounts))) - seen))  # type: ignore[arg-type]
+            return np.asarray(root @ (closing(finger, dataclasses.replace(Truth(), **to(amounts))) - seen))
 
         for start in (0.5, -0.5):
-            found = least_squares(left, np.full(count, start), diff_step=1e-3, max_nfev=12)
+            found = least_squares(left, np.full(count, start), diff_step=np.full(count, 1e-3), max_nfev=12)
             nearest = min(nearest, (cause, math.sqrt(2.0 * found.cost)), key=lambda one: one[1])
     return float(np.linalg.norm(root @ (seen - calm))), *nearest
 
@@ -105,16 +105,16 @@ def distances(finger: TrueFinger, change: Change, root: Array) -> tuple[float, C
 def main() -> int:
     """Print the claim, and the table on stderr."""
     no_options(__doc__)
-    told = []
+    identified = []
     for name in SETS:
         finger = TrueFinger(name, SEED)
         root = whitening(finger)
         for change in CHANGES:
             total, cause, apart = distances(finger, change, root)
-            told.append(apart >= TOLD_APART and total >= NOTICED)
+            identified.append(apart >= MIN_DISTANCE and total >= MIN_CHANGE)
             print(f"{name}: {change.name}: {total:.1f} from none, {apart:.1f} from {cause}", file=sys.stderr)
     claim(
-        "changes that closings can tell", 100.0 * float(np.mean(told)), "%", better="higher", goal=None, runs=len(told),
+        "changes that closings can tell", 100.0 * float(np.mean(identified)), "%", better="higher", goal=None, runs=len(identified),
         note=f"{len(CHANGES)} changes to one finger of each set, everything else known",
     )  # fmt: skip
     return 0

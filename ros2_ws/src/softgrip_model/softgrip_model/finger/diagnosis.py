@@ -2,11 +2,10 @@
 """What has changed about a finger? Likelihood ratios of causes over its empty closings (docs/finger.md).
 
 The first closings of a finger set what is known of it (`Knowledge`), how closings go and how they scatter. Later ones
-are compared with the calm ones before: their mean difference is explained by each cause in turn, by the slopes of the
-filter's linearisation, its amount being unknown with a prior deviation of its own. Before any cause is named, the
-difference has to be too large to be chance, and what the cause leaves of it small enough to be chance; otherwise it is
-"none of these". The ratio of one cause to the next has to be large, or both are named. Only a cause that is wear calls
-a finger worn.
+are compared with the calm ones before: their mean difference is put down to each cause in turn (`hypotheses`), and what
+a hand's fingers share to heat (`hand`). Before any cause is named, the difference has to be too large to be chance, and
+what the cause leaves of it small enough; otherwise it is "none of these". The ratio of one cause to the next has to be
+large, or both are named. Only a cause that is wear calls a finger worn.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ from softgrip_model.finger.wear import WearVerdict
 from softgrip_time.units import to_s
 
 Array = NDArray[np.float64]
-
 
 #: What to do about each.
 REMEDIES = {
