@@ -114,8 +114,8 @@ def main() -> int:
             identified.append(apart >= MIN_DISTANCE and total >= MIN_CHANGE)
             print(f"{name}: {change.name}: {total:.1f} from none, {apart:.1f} from {cause}", file=sys.stderr)
     claim(
-        "changes that closings can tell", 100.0 * float(np.mean(identified)), "%", better="higher", goal=None, runs=len(identified),
-        note=f"{len(CHANGES)} changes to one finger of each set, everything else known",
+        "changes that closings can tell", 100.0 * float(np.mean(identified)), "%", better="higher", goal=None,
+        runs=len(identified), note=f"{len(CHANGES)} changes to one finger of each set, everything else known",
     )  # fmt: skip
     return 0
 

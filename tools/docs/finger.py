@@ -300,7 +300,7 @@ def watch_values() -> dict[str, str]:
         "baseline": str(WATCH.baseline),
         "settled": str(WATCH.settled),
         "window": str(WATCH.window),
-        "model_errors": " or ".join(f"{100 * error:g}" for error in WATCH.model_errors),
+        "model_errors": ", ".join(f"{100 * error:g}" for error in WATCH.model_errors),
         "misfit_share": f"{100 * WATCH.misfit_share:g}",
         "odds": f"{math.exp(WATCH.expected_odds):.0f}",
         "watch_limit": f"{WATCH.limit:g}",
