@@ -31,6 +31,7 @@ from softgrip_bag.pipeline import Pipeline
 from softgrip_bag.reader import topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_testing.benchmark_claim import claim, spread
+from softgrip_testing.process_table import processor_s
 
 JOINT_TOPICS = 8
 RATES_HZ = {"joints": 1000.0, "image": 60.0, "shape": 60.0}
@@ -170,11 +171,6 @@ def publish(kind: str, seconds: float) -> None:
     rclpy.try_shutdown()
 
 
-def _cpu_seconds(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -201,11 +197,11 @@ def live(folder: Path, seconds: float) -> tuple[int, int, float, float]:
         for sender in senders:
             if _line(sender) != READY:
                 raise RuntimeError("expected a publisher to be ready")
-        before = _cpu_seconds(recorder.pid)
+        before = processor_s(recorder.pid)
         for sender in senders:
             _tell(sender)
         answers = [json.loads(_line(sender)) for sender in senders]
-        share = 100.0 * (_cpu_seconds(recorder.pid) - before) / max(answer["seconds"] for answer in answers)
+        share = 100.0 * (processor_s(recorder.pid) - before) / max(answer["seconds"] for answer in answers)
         for sender in senders:
             _tell(sender)
             sender.wait(_DEADLINE_S)

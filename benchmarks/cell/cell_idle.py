@@ -22,6 +22,7 @@ from pathlib import Path
 from _live_cell import START_S, cell
 
 from softgrip_testing.benchmark_claim import claim, no_options, spread
+from softgrip_testing.process_table import node_processes, processor_s, resident_bytes
 
 RUNS = 3
 SETTLE_S = 20.0
@@ -33,8 +34,6 @@ NODES = (
     "marker_tracker", "grasp_mix_manager",
 )  # fmt: skip
 ROOT = Path(__file__).resolve().parents[2]
-_TICKS = os.sysconf("SC_CLK_TCK")
-_PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 @dataclass(frozen=True)
@@ -45,37 +44,14 @@ class Cost:
     rss_mb: float
 
 
-def _node_processes(session: int) -> dict[str, int]:
-    """Return the process of each node of a launch, which is the leader of the session."""
-    found = {}
-    for entry in Path("/proc").iterdir():
-        try:
-            stat = (entry / "stat").read_text().rpartition(")")[2].split()
-            command = (entry / "cmdline").read_text()
-        except (OSError, IndexError):
-            continue
-        if len(stat) > 3 and stat[3] == str(session) and "keep_running" not in command:
-            found |= {name: int(entry.name) for name in NODES if f"__node:={name}\0" in command}
-    return found
-
-
-def _cpu_s(process: int) -> float:
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
-
-
-def _rss_mb(process: int) -> float:
-    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * _PAGE_MB
-
-
 def measure(processes: dict[str, int]) -> dict[str, Cost]:
     """Return what each process costs over `MEASURE_S`."""
     begin = time.monotonic()
-    before = {name: _cpu_s(process) for name, process in processes.items()}
+    before = {name: processor_s(process) for name, process in processes.items()}
     time.sleep(MEASURE_S)
     seconds = time.monotonic() - begin
     return {
-        name: Cost(100.0 * (_cpu_s(process) - before[name]) / seconds, _rss_mb(process))
+        name: Cost(100.0 * (processor_s(process) - before[name]) / seconds, resident_bytes(process) / 1e6)
         for name, process in processes.items()
     }
 
@@ -92,13 +68,13 @@ def run_cell() -> list[dict[str, Cost]]:
     """Start a cell, let it settle, measure it several times."""
     with cell(DOMAIN, environment=compile_sources()) as launch:
         deadline = time.monotonic() + START_S
-        while len(processes := _node_processes(launch.pid)) < len(NODES):
+        while not set(NODES) <= (processes := node_processes(launch.pid)).keys():
             if time.monotonic() > deadline or launch.poll() is not None:
                 missing = ", ".join(set(NODES) - processes.keys())
                 raise RuntimeError(f"the cell did not start; missing: {missing}")
             time.sleep(0.1)
         time.sleep(SETTLE_S)
-        return [measure(processes) for _ in range(RUNS)]
+        return [measure({name: processes[name] for name in NODES}) for _ in range(RUNS)]
 
 
 def main() -> None:

@@ -34,10 +34,10 @@ import numpy as np
 from _live_cell import outcomes_at_client_s
 
 from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.gates import carried_kg
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspOutcome, GraspTask
 from softgrip_cell.products import TableMark
-from softgrip_cell.weight import carried_kg
 from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.virtual_cell import HANGS_S, SLOTS, VirtualCell, task
 

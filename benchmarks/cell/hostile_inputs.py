@@ -16,7 +16,6 @@ import sys
 import tempfile
 import time
 from collections import deque
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from _live_cell import START_S, cell
 from embedded_ros import wire
 from embedded_ros.wire import EntityKind
 from softgrip_testing.benchmark_claim import claim
+from softgrip_testing.process_table import node_processes, resident_bytes
 
 DOMAIN = 213
 COUNT = 100_000
@@ -39,47 +39,12 @@ BASELINE_S = 15.0
 LOOK_S = 0.5
 #: Inputs of one session; then the stranger leaves in the middle of everything and comes back.
 SESSION_INPUTS = 5_000
-GOAL_ENDED, GOAL_GROWTH_MB, GOAL_GAP_S = 0, 50.0, 0.1
+GOAL_ENDED, GOAL_GROWTH_MB = 0, 50.0
 NODES = (
     "emulated_cell", "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
     "marker_tracker", "grasp_mix_manager",
 )  # fmt: skip
 MIB = 1 << 20
-
-
-@dataclass(frozen=True)
-class Process:
-    """A running node: a restarted one is another process."""
-
-    name: str
-    pid: int
-
-    def resident_mb(self) -> float:
-        """Return its resident memory [MiB]; 0 when it is gone."""
-        try:
-            text = Path(f"/proc/{self.pid}/status").read_text()
-        except OSError:
-            return 0.0
-        line = next((line for line in text.splitlines() if line.startswith("VmRSS")), "VmRSS: 0 kB")
-        return int(line.split()[1]) / 1024.0
-
-
-def node_processes(session: int) -> dict[str, Process]:
-    """Return the nodes of a launch, which is a session, by name."""
-    found = {}
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit():
-            continue
-        try:
-            fields = (entry / "stat").read_text().rpartition(")")[2].split()
-            command = (entry / "cmdline").read_text()
-        except OSError:
-            continue
-        if int(fields[3]) == session and fields[0] != "Z" and "keep_running" not in command:
-            name = command.partition("__node:=")[2].partition("\0")[0]
-            if name:
-                found[name] = Process(name, int(entry.name))
-    return found
 
 
 class Watch:
@@ -101,19 +66,19 @@ class Watch:
             if name not in now:
                 self._known.pop(name)
         self.ended += gone
-        for process in now.values():
-            self.peak[process.name] = max(self.peak.get(process.name, 0.0), process.resident_mb())
+        for name, process in now.items():
+            self.peak[name] = max(self.peak.get(name, 0.0), resident_bytes(process) / MIB)
         return gone
 
     def begin(self) -> None:
         """Take what memory they have now as the beginning."""
-        self.first = {name: process.resident_mb() for name, process in self._known.items()}
+        self.first = {name: resident_bytes(process) / MIB for name, process in self._known.items()}
         self.peak = dict(self.first)
 
     def growth(self) -> dict[str, float]:
         """Return by how much [MiB] each has grown that was there all the time."""
         return {
-            name: process.resident_mb() - self.first[name]
+            name: resident_bytes(process) / MIB - self.first[name]
             for name, process in self._known.items()
             if name in self.first and name not in self.ended
         }

@@ -27,7 +27,7 @@ SLOTS = ("index", "middle", "thumb")
 PERIOD_S = 0.001
 EMULATOR_PRIORITY = 30
 #: places in the shared record: when torque was last seen on and off [s, monotonic], and how many drives have it
-_ON_AT, _OFF_AT, _POWERED, _LOWEST_N = range(4)
+_ON_AT, _OFF_AT, _POWERED = range(3)
 
 
 def _emulate(port: str, shared: Array[c_double], stop: multiprocessing.connection.Connection) -> None:
@@ -45,7 +45,6 @@ def _emulate(port: str, shared: Array[c_double], stop: multiprocessing.connectio
             powered = sum(bool(servo.registers.get("torque_enable")) for servo in plant.servos)
             shared[_ON_AT if powered else _OFF_AT] = time.monotonic()
             shared[_POWERED] = powered
-            shared[_LOWEST_N] = float(plant.bank.tension_n.min())
 
     chain = DynamixelChain(plant.servos, lock=plant.lock, before=plant.advance_to)
     with PtyPort(Path(port), chain, clock=clock):
@@ -68,11 +67,6 @@ class Servos:
         return round(self._shared[_POWERED])
 
     @property
-    def lowest_tension_n(self) -> float:
-        """The least tension of all tendons [N]."""
-        return float(self._shared[_LOWEST_N])
-
-    @property
     def last_on_s(self) -> float:
         """When a servo last had torque [s, monotonic]."""
         return float(self._shared[_ON_AT])
@@ -92,7 +86,7 @@ def emulated_servos(folder: Path) -> Iterator[Servos]:
     """Give three servos with fingers on a bus, emulated in a process of their own."""
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
-    shared = spawn.Array("d", 4)
+    shared = spawn.Array("d", 3)
     port = str(folder / "servos")
     process = spawn.Process(target=_emulate, args=(port, shared, theirs), daemon=True)
     process.start()

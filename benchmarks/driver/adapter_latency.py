@@ -10,7 +10,6 @@ a driver could reach that did nothing but read.
 
 from __future__ import annotations
 
-import importlib.util
 import statistics
 import tempfile
 from itertools import pairwise
@@ -23,6 +22,7 @@ import pytest
 from softgrip_driver.errors import DriverError
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_testing.benchmark_claim import claim, no_options
+from softgrip_testing.scripts import load_script
 
 SERVOS = (3, 5, 7, 9)
 LATENCIES_S = (0.001, 0.002, 0.004, 0.008, 0.016)
@@ -33,12 +33,7 @@ BENCHES = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_driver/tes
 
 def load_benches() -> ModuleType:
     """Return the benches of the driver's tests: emulated servos on a wire, with the driver's loop at its other end."""
-    spec = importlib.util.spec_from_file_location("benches", BENCHES)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(BENCHES)
 
 
 def driven(benches: Any, servos: int, latency_s: float) -> tuple[float, str]:

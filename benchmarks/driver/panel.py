@@ -26,6 +26,7 @@ from estop_latency import ANSWER_S, DOMAIN, Client, measure
 
 from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.browser import PanelBrowser
+from softgrip_testing.process_table import node_processes, processor_s
 
 COUNT = 100
 VIEW_S = 20.0
@@ -96,26 +97,6 @@ def click_times(browser: PanelBrowser, client: Client, servos: Servos, count: in
     return times
 
 
-def processor_s(pid: int) -> float:
-    """Return the processor time of a process [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def panel_process(session: int) -> int:
-    """Return the process id of the panel's node in a session."""
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                command = (entry / "cmdline").read_text()
-            except OSError:
-                continue
-            if int(fields[3]) == session and "__node:=panel\0" in command and "keep_running" not in command:
-                return int(entry.name)
-    raise SystemExit("expected the panel's process, found none")
-
-
 def share_of_a_processor(folder: Path) -> float:
     """Return the panel's share beside a whole cell with three pages open."""
     log = folder / "cell.log"
@@ -125,7 +106,7 @@ def share_of_a_processor(folder: Path) -> float:
         browser.wait(lambda: browser.text("#mode") == "Idle", "a cell that is up", 90.0)
         open_three(browser, ("/", "/fingers", "/swap"))
         time.sleep(3.0)
-        pid = panel_process(session)
+        pid = node_processes(session)["panel"]
         before_s, began_s = processor_s(pid), time.monotonic()
         time.sleep(VIEW_S)
         return (processor_s(pid) - before_s) / (time.monotonic() - began_s)

@@ -36,6 +36,7 @@ from softgrip_panel.web.shell import Page
 from softgrip_panel.web.site import PanelSite
 from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.browser import PanelBrowser
+from softgrip_testing.process_table import resident_bytes
 
 HOURS = 8.0
 #: Of the growth between the first hour and the last.
@@ -48,10 +49,10 @@ REFRESH_TICKS = 1
 _HEAP = "return performance.memory.usedJSHeapSize"
 
 
-def resident_bytes() -> int:
+def own_bytes() -> int:
     """Return the resident memory of this process after a collection [B]."""
     gc.collect()
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return resident_bytes(os.getpid())
 
 
 def heap_bytes(browser: PanelBrowser, windows: list[str]) -> int:
@@ -80,7 +81,7 @@ class BusyHours:
             await asyncio.sleep(0)
             if number % HOUR_TICKS == 0:
                 self.pages[:] = [(page, client) for page, client in self.pages if client in Client.instances]
-                said = f"hour {number // HOUR_TICKS}: {len(self.pages)} pages, {resident_bytes() / 1e6:.1f} MB"
+                said = f"hour {number // HOUR_TICKS}: {len(self.pages)} pages, {own_bytes() / 1e6:.1f} MB"
                 print(said, file=sys.stderr, flush=True)
 
 
@@ -131,9 +132,9 @@ def main() -> None:
 
             began_s = time.monotonic()
             play(0.0, 1.0)
-            first, first_heap = resident_bytes(), heap_bytes(browser, windows)
+            first, first_heap = own_bytes(), heap_bytes(browser, windows)
             play(1.0, options.hours)
-            last, last_heap = resident_bytes(), heap_bytes(browser, windows)
+            last, last_heap = own_bytes(), heap_bytes(browser, windows)
             took_s = time.monotonic() - began_s
         server.close()
     report(options, (first, last), (first_heap, last_heap), took_s)

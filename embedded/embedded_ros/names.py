@@ -52,22 +52,33 @@ def _brace_problem(name: str) -> tuple[str, int] | None:
     return ("topic name has unbalanced curly braces ({})", opened) if opened >= 0 else None
 
 
-def full_topic_problem(name: str) -> tuple[str, int] | None:  # noqa: PLR0911  one rule each
+def full_topic_problem(name: str) -> tuple[str, int] | None:
     """Return what is wrong with a fully qualified name; None when it is valid."""
-    if not name:
-        return "topic name must not be empty", 0
-    if not name.startswith("/"):
-        return "topic name must be absolute, it must lead with a '/'", 0
-    if name.endswith("/"):
-        return "topic name must not end with a '/'", len(name) - 1
-    if match := re.search(r"[^\w/]", name, re.ASCII):
-        return "topic name must not contain characters other than alphanumerics, '_', or '/'", match.start()
-    if match := re.search(r"//", name):
-        return "topic name must not contain repeated '/'", match.start() + 1
-    if match := re.search(r"/(\d)", name):
-        return "topic name must not have a token that starts with a number", match.start(1)
+    if (found := _absolute_problem(name, "topic name", "")) is not None:
+        return found
     if len(name) > _MAX_TOPIC_NAME:
         return f"topic length should not exceed '{_MAX_TOPIC_NAME}'", _MAX_TOPIC_NAME
+    return None
+
+
+def namespace_problem(name: str) -> tuple[str, int] | None:
+    """Return what is wrong with a namespace; None when it is valid."""
+    return None if name == "/" else _absolute_problem(name, "namespace", ", unless only a '/'")
+
+
+def _absolute_problem(name: str, noun: str, unless: str) -> tuple[str, int] | None:  # noqa: PLR0911  one rule each
+    if not name:
+        return f"{noun} must not be empty", 0
+    if not name.startswith("/"):
+        return f"{noun} must be absolute, it must lead with a '/'", 0
+    if name.endswith("/"):
+        return f"{noun} must not end with a '/'{unless}", len(name) - 1
+    if match := re.search(r"[^\w/]", name, re.ASCII):
+        return f"{noun} must not contain characters other than alphanumerics, '_', or '/'", match.start()
+    if match := re.search(r"//", name):
+        return f"{noun} must not contain repeated '/'", match.start() + 1
+    if match := re.search(r"/(\d)", name):
+        return f"{noun} must not have a token that starts with a number", match.start(1)
     return None
 
 
@@ -81,25 +92,6 @@ def node_problem(name: str) -> tuple[str, int] | None:
         return "node name must not start with a number", 0
     if len(name) > _MAX_NODE_NAME:
         return f"node name length should not exceed '{_MAX_NODE_NAME}'", _MAX_NODE_NAME - 1
-    return None
-
-
-def namespace_problem(name: str) -> tuple[str, int] | None:  # noqa: PLR0911  one rule each
-    """Return what is wrong with a namespace; None when it is valid."""
-    if not name:
-        return "namespace must not be empty", 0
-    if name == "/":
-        return None
-    if not name.startswith("/"):
-        return "namespace must be absolute, it must lead with a '/'", 0
-    if name.endswith("/"):
-        return "namespace must not end with a '/', unless only a '/'", len(name) - 1
-    if match := re.search(r"[^\w/]", name, re.ASCII):
-        return "namespace must not contain characters other than alphanumerics, '_', or '/'", match.start()
-    if match := re.search(r"//", name):
-        return "namespace must not contain repeated '/'", match.start() + 1
-    if match := re.search(r"/(\d)", name):
-        return "namespace must not have a token that starts with a number", match.start(1)
     return None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import collections
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rclpy.logging import get_logger
 from rclpy.qos import QoSPolicyKind
@@ -170,119 +170,79 @@ QoSEventHandler = EventHandler
 
 
 class _EventCallbacks:
-    """What both ends of a topic share: refusal of events that the middleware has not, and the default warning."""
+    """Callbacks for events of one end of a topic, and the default warning where nobody asked for the event."""
 
-    deadline: Callable[[Any], None] | None
-    liveliness: Callable[[Any], None] | None
-    incompatible_qos: Callable[[QoSIncompatibleInfo], None] | None
-    use_default_callbacks: bool
+    #: what a default warning says; {} is the topic
+    _warning: str
+    #: the events that the middleware has, by the callback that is asked for
+    _kinds: ClassVar[dict[str, IntEnum]]
 
-    def _refuse_unsupported(self) -> None:
+    def __init__(
+        self,
+        *,
+        deadline: Callable[[Any], None] | None = None,
+        liveliness: Callable[[Any], None] | None = None,
+        incompatible_qos: Callable[[QoSIncompatibleInfo], None] | None = None,
+        incompatible_type: Callable[[Any], None] | None = None,
+        matched: Callable[[MatchedInfo], None] | None = None,
+        use_default_callbacks: bool = True,
+    ) -> None:
+        self.deadline = deadline
+        self.liveliness = liveliness
+        self.incompatible_qos = incompatible_qos
+        self.incompatible_type = incompatible_type
+        self.matched = matched
+        self.use_default_callbacks = use_default_callbacks
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, endpoint: Endpoint, topic_name: str
+    ) -> list[EventHandler]:
+        """Return the handlers.
+
+        Raises:
+            UnsupportedEventTypeError: a callback for deadline or liveliness events.
+        """
         for name in ("deadline", "liveliness"):
             if getattr(self, name) is not None:
                 raise UnsupportedEventTypeError(str(needs_ros2(f"the {name} event")))
+        callbacks = {name: getattr(self, name) for name in self._kinds}
+        if self.incompatible_qos is None and self.use_default_callbacks:
+            warning = self._warning.format(topic_name)
 
-    def _incompatible_callback(self, endpoint: Endpoint, warning: str) -> Callable[[QoSIncompatibleInfo], None] | None:
-        """Return the user's callback, else one that logs the warning; None where no default is wanted."""
+            def warn(event: QoSIncompatibleInfo) -> None:
+                policy = event.last_policy_kind.name
+                get_logger(endpoint.logger_name).warn(f"{warning} Last incompatible policy: {policy}")
 
-        def warn(event: QoSIncompatibleInfo) -> None:
-            get_logger(endpoint.logger_name).warn(f"{warning} Last incompatible policy: {event.last_policy_kind.name}")
-
-        return self.incompatible_qos or (warn if self.use_default_callbacks else None)
+            callbacks["incompatible_qos"] = warn
+        return [
+            EventHandler(callback_group=callback_group, callback=callback, event_type=kind, endpoint=endpoint)
+            for name, kind in self._kinds.items()
+            if (callback := callbacks[name]) is not None
+        ]
 
 
 class SubscriptionEventCallbacks(_EventCallbacks):
     """Callbacks for events of a subscription."""
 
-    def __init__(
-        self,
-        *,
-        deadline: Callable[[Any], None] | None = None,
-        liveliness: Callable[[Any], None] | None = None,
-        message_lost: Callable[[QoSMessageLostInfo], None] | None = None,
-        incompatible_qos: Callable[[QoSIncompatibleInfo], None] | None = None,
-        incompatible_type: Callable[[Any], None] | None = None,
-        matched: Callable[[MatchedInfo], None] | None = None,
-        use_default_callbacks: bool = True,
-    ) -> None:
-        self.deadline = deadline
-        self.liveliness = liveliness
+    _warning = (
+        "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
+    )
+    _kinds: ClassVar[dict[str, IntEnum]] = {
+        "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+        "message_lost": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+        "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
+    }
+
+    def __init__(self, *, message_lost: Callable[[QoSMessageLostInfo], None] | None = None, **callbacks: Any) -> None:
+        super().__init__(**callbacks)
         self.message_lost = message_lost
-        self.incompatible_qos = incompatible_qos
-        self.incompatible_type = incompatible_type
-        self.matched = matched
-        self.use_default_callbacks = use_default_callbacks
-
-    def create_event_handlers(
-        self, callback_group: CallbackGroup, subscription: Endpoint, topic_name: str
-    ) -> list[EventHandler]:
-        """Return the handlers.
-
-        Raises:
-            UnsupportedEventTypeError: a callback for deadline or liveliness events.
-        """
-        self._refuse_unsupported()
-        incompatible = self._incompatible_callback(
-            subscription,
-            f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
-            "received from it.",
-        )
-        requested = (
-            (incompatible, QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS),
-            (self.message_lost, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST),
-            (self.matched, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED),
-        )
-        return _handlers(requested, callback_group, subscription)
 
 
 class PublisherEventCallbacks(_EventCallbacks):
     """Callbacks for events of a publisher."""
 
-    def __init__(
-        self,
-        *,
-        deadline: Callable[[Any], None] | None = None,
-        liveliness: Callable[[Any], None] | None = None,
-        incompatible_qos: Callable[[QoSIncompatibleInfo], None] | None = None,
-        incompatible_type: Callable[[Any], None] | None = None,
-        matched: Callable[[MatchedInfo], None] | None = None,
-        use_default_callbacks: bool = True,
-    ) -> None:
-        self.deadline = deadline
-        self.liveliness = liveliness
-        self.incompatible_qos = incompatible_qos
-        self.incompatible_type = incompatible_type
-        self.matched = matched
-        self.use_default_callbacks = use_default_callbacks
-
-    def create_event_handlers(
-        self, callback_group: CallbackGroup, publisher: Endpoint, topic_name: str
-    ) -> list[EventHandler]:
-        """Return the handlers.
-
-        Raises:
-            UnsupportedEventTypeError: a callback for deadline or liveliness events.
-        """
-        self._refuse_unsupported()
-        incompatible = self._incompatible_callback(
-            publisher,
-            f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages will be "
-            "sent to it.",
-        )
-        requested = (
-            (incompatible, QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS),
-            (self.matched, QoSPublisherEventType.RCL_PUBLISHER_MATCHED),
-        )
-        return _handlers(requested, callback_group, publisher)
-
-
-def _handlers(
-    requested: tuple[tuple[Callable[[Any], None] | None, IntEnum], ...],
-    callback_group: CallbackGroup,
-    endpoint: Endpoint,
-) -> list[EventHandler]:
-    return [
-        EventHandler(callback_group=callback_group, callback=callback, event_type=kind, endpoint=endpoint)
-        for callback, kind in requested
-        if callback is not None
-    ]
+    _warning = "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
+    _kinds: ClassVar[dict[str, IntEnum]] = {
+        "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+        "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
+    }

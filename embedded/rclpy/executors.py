@@ -174,11 +174,6 @@ class Executor:
         """The context."""
         return self._context
 
-    @property
-    def is_spinning(self) -> bool:
-        """Whether a thread is spinning it."""
-        return self._is_spinning
-
     def _enter_spin(self) -> None:
         with self._spin_lock:
             if self._is_spinning:
@@ -194,10 +189,6 @@ class Executor:
         self._pending_tasks[task] = (None, None)
         self._call_task_in_next_spin(task)
         return task
-
-    def create_future(self) -> Future:
-        """Return a future whose done callbacks run in this executor."""
-        return Future(executor=self)
 
     def _call_task_in_next_spin(self, task: Task) -> None:
         self._ready_tasks.append(task)

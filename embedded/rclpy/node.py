@@ -8,7 +8,6 @@ import functools
 import math
 import warnings
 import weakref
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLInvalidROSArgsError
@@ -706,11 +705,6 @@ class Node:
         requested = "/" + fully_qualified_node_name.lstrip("/")
         graph = self._context._graph
         return graph.wait(lambda: requested in self.get_fully_qualified_node_names(), timeout)
-
-    def duplicate_names(self) -> list[str]:
-        """Return full names that more than one node has."""
-        counts: Any = Counter(self.get_fully_qualified_node_names())
-        return [name for name, count in counts.items() if count > 1]
 
     # -- parameters -----------------------------------------------------------------------------------------------
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
@@ -56,14 +55,6 @@ class AsyncParameterClient:
     def services_are_ready(self) -> bool:
         """Whether all six services are up."""
         return all(client.service_is_ready() for client in self._clients.values())
-
-    def wait_for_services(self, timeout_sec: float | None = None) -> bool:
-        """Wait for the services; return whether they are up."""
-        end = float("inf") if timeout_sec is None else time.monotonic() + timeout_sec
-        graph = self.node.context._graph
-        while self.node.context.ok() and not self.services_are_ready() and time.monotonic() < end:
-            graph.wait(self.services_are_ready, _LOOK_PERIOD_S)
-        return self.services_are_ready()
 
     def _ask(self, kind: Any, callback: Callable[[Future], Any] | None, **fields: Any) -> Future:
         future = self._clients[kind].call_async(kind.Request(**fields))

@@ -76,9 +76,6 @@ class Publisher(Endpoint):
         """The fully qualified name."""
         return self._name
 
-    def assert_liveliness(self) -> None:
-        """Say that this publisher is alive: publishers here are alive as long as their process is."""
-
     def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:  # noqa: ARG002
         """Return True: Zenoh's links are reliable and in order, nothing is left to acknowledge."""
         return True

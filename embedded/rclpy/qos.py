@@ -33,11 +33,6 @@ class QoSPolicyKind(IntEnum):
     AVOID_ROS_NAMESPACE_CONVENTIONS = 512
 
 
-def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
-    """Return the name of a policy."""
-    return QoSPolicyKind(policy_kind).name
-
-
 class InvalidQoSProfileException(Exception):  # noqa: N818  rclpy's name
     """A profile contradicts itself."""
 

@@ -131,14 +131,6 @@ class Future:
         if over:
             wake()
 
-    def remove_done_callback(self, callback: Callable[[Future], Any]) -> bool:
-        """Remove a callback; return whether it was there."""
-        with self._lock:
-            if callback not in self._callbacks:
-                return False
-            self._callbacks.remove(callback)
-            return True
-
 
 class Task(Future):
     """A function or coroutine that an executor runs; call it to go one step on."""

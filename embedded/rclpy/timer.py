@@ -148,11 +148,6 @@ class Timer(Destroyable):
         self._canceled = False
         self._wake()
 
-    def time_since_last_call(self) -> int:
-        """Return nanoseconds since the last call (or since it was made)."""
-        self._alive()
-        return self._clock._now_ns() - self._last_ns
-
     def time_until_next_call(self) -> int | None:
         """Return nanoseconds until the next call; None when canceled."""
         self._alive()

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from typing import TYPE_CHECKING
@@ -78,13 +77,3 @@ def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
 def get_rmw_implementation_identifier() -> str:
     """Return the name of what carries the messages; it speaks rmw_zenoh_cpp's protocol."""
     return "rmw_zenoh_cpp"
-
-
-def get_available_rmw_implementations() -> set[str]:
-    """Return the names of what could carry the messages."""
-    return {get_rmw_implementation_identifier()}
-
-
-def ament_available() -> bool:
-    """Whether an ament index is there; the workspace is used from source instead."""
-    return "AMENT_PREFIX_PATH" in os.environ

@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
+
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 
-spec = importlib.util.spec_from_file_location("release", ROOT / "tools/release.py")
-assert spec is not None
-assert spec.loader is not None
-release = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(release)
+release = load_script(ROOT / "tools/release.py")
 
 
 def test_versions_go_down_and_parts_have_the_names_of_keep_a_changelog() -> None:

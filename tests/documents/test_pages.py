@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 LONG = bool(os.environ.get("SOFTGRIP_LONG_BLOCKS"))
@@ -20,13 +20,7 @@ WRITTEN = [ROOT / "docs" / f"{name}.md" for name in ("bags", "cell", "driver", "
 
 
 def tool(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"pages_{name}", ROOT / "tools/pages" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / "tools/pages" / f"{name}.py")
 
 
 blocks = tool("blocks")

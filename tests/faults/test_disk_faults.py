@@ -15,8 +15,7 @@ from typing import Any
 
 import pytest
 
-from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.rig.errors import JournalError
+from softgrip_driver.errors import ConfigurationError, JournalError
 from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
 from softgrip_driver.tendon.zero_store import StoredZero, ZeroStore

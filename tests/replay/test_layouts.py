@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from softgrip_bag.nodes.messages import message_class
-from softgrip_bag.reader import topic_types
+from softgrip_bag.reader import topic_summaries
 
 ROOT = Path(__file__).resolve().parents[2]
 LAYOUTS = ROOT / "ros2_ws/src/softgrip_bag/layouts"
@@ -30,7 +30,10 @@ NOT_RECORDED = {"/shape/marker": "visualization_msgs/msg/Marker", "/robot_descri
 
 def recorded_types() -> dict[str, str]:
     return NOT_RECORDED | {
-        n: t for bag in (ROOT / "tests/replay/bags").iterdir() if bag.is_dir() for n, t in topic_types(bag).items()
+        topic.name: topic.type_name
+        for bag in (ROOT / "tests/replay/bags").iterdir()
+        if bag.is_dir()
+        for topic in topic_summaries(bag)
     }
 
 

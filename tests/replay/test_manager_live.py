@@ -6,13 +6,11 @@ The manager, its scripted driver and the controller are those of softgrip_cell's
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +25,8 @@ from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import SwapFingers
 from softgrip_interfaces.msg import CellState
 from softgrip_testing.bag_excerpt import excerpt
+from softgrip_testing.scripts import load_script
+from softgrip_testing.waiting import wait_until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 TESTS = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_cell/test"
@@ -38,20 +38,7 @@ LONGEST = 60.0  # [s] for anything that is waited for
 
 def load(name: str) -> ModuleType:
     """Return a module of softgrip_cell's tests."""
-    spec = importlib.util.spec_from_file_location(f"softgrip_cell_{name.replace('/', '_')}", TESTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-def until(condition: Callable[[], object], expected: str) -> None:
-    deadline = time.monotonic() + LONGEST
-    while not condition():
-        assert time.monotonic() < deadline, f"expected {expected} within {LONGEST} s"
-        time.sleep(0.02)
+    return load_script(TESTS / f"{name}.py")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +58,7 @@ def record(folder: Path) -> Path:
     command = [sys.executable, "-m", "softgrip_bag.nodes.recorder", "--ros-args"]
     recorder = subprocess.Popen([*command, "-p", f"root:={folder}", "-p", f"path:={folder / 'bag'}"])
     try:
-        until(lambda: (folder / "bag").is_dir() and "/tendon/state" in topics(folder / "bag"), "a recorder")
+        wait_until(lambda: (folder / "bag").is_dir() and "/tendon/state" in topics(folder / "bag"), "a recorder")
         work(cell, folder / "bag")
         recorder.send_signal(signal.SIGINT)
         assert recorder.wait(LONGEST) == 0
@@ -121,7 +108,7 @@ def work(cell: Any, bag: Path) -> None:
     cell.driver.bench.grip = lambda _: 1.0
     grasp("TENDON_FAULT", during=fault)
     cell.driver.fault = ""
-    until(lambda: len(digest(bag).grasps) == 5, "the trace of five grasps")
+    wait_until(lambda: len(digest(bag).grasps) == 5, "the trace of five grasps")
     cell.stop(signal.SIGKILL)
     cell.start("lift_window_s:=0.5", "stale_s:=3.0")
     cell.driver.bench.contact_m = NOTHING

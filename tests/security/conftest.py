@@ -6,7 +6,6 @@ from __future__ import annotations
 import datetime as dt
 import json
 import socket
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,8 @@ import zenoh
 from softgrip_security.certificates import make_authority, make_certificate, read_credential
 from softgrip_security.keystore import Keystore
 from softgrip_security.policy import Policy, read_policy
+from softgrip_testing.waiting import wait_until
 
-DEADLINE_S = 20.0
 DOMAIN = 16
 
 
@@ -52,16 +51,9 @@ class Network:
         """Wait until sessions have met each other."""
         for one in sessions:
             others = {str(other.info.zid()) for other in sessions} - {str(one.info.zid())}
-            self.wait_until(
+            wait_until(
                 lambda one=one, others=others: others <= {str(zid) for zid in one.info.peers_zid()}, "peers meet"
             )
-
-    @staticmethod
-    def wait_until(condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"expected within {DEADLINE_S} s: {what}"
-            time.sleep(0.01)
 
     @staticmethod
     def free_port() -> int:

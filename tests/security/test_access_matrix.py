@@ -13,6 +13,7 @@ import zenoh
 import zenoh.ext
 
 from softgrip_security.policy import Grant, Policy, PolicyIdentity, read_policy
+from softgrip_testing.waiting import wait_until
 
 NAMES = [one.name for one in read_policy().identities]
 
@@ -53,7 +54,7 @@ class Honest:
         key = self.network.node_token(session, own_node(identity))
         token = session.liveliness().declare_token(key)
         for other in self.sessions:
-            self.network.wait_until(lambda other=other: key in self.seen(other, session), f"{key} is seen")
+            wait_until(lambda other=other: key in self.seen(other, session), f"{key} is seen")
         token.undeclare()
 
 
@@ -101,7 +102,7 @@ def test_it_publishes_what_it_may_and_nothing_else(honest: Honest, policy: Polic
             session.put(network.data_key(topic), name.encode())
         return allowed <= heard
 
-    network.wait_until(publish, f"what {name} may publish is heard")
+    wait_until(publish, f"what {name} may publish is heard")
     honest.settle(session, identity)
     assert heard == allowed
     session.close()
@@ -126,7 +127,7 @@ def test_it_hears_what_it_may_and_nothing_else(honest: Honest, policy: Policy, n
                 honest.sessions[one.name].put(network.data_key(topic), one.name.encode())
         return allowed <= heard
 
-    network.wait_until(publish, f"{name} hears what it may")
+    wait_until(publish, f"{name} hears what it may")
     publish()  # what is denied has been sent twice when this arrives
     honest.settle(session, identity)
     assert heard == allowed
@@ -154,7 +155,7 @@ def test_it_is_answered_by_what_it_may_call_and_by_nothing_else(honest: Honest, 
     allowed = granted(identity, Grant.CALL, services(policy))
     for service in sorted(allowed):
         key = network.data_key(service)
-        network.wait_until(lambda key=key: is_answered(session, key), f"{service} answers {name}")
+        wait_until(lambda key=key: is_answered(session, key), f"{service} answers {name}")
     for service in sorted(set(services(policy)) - allowed):
         assert not is_answered(session, network.data_key(service)), f"{service} answered {name}"
     assert asked == allowed
@@ -185,7 +186,7 @@ def test_it_serves_what_it_may_and_is_asked_nothing_else(honest: Honest, policy:
     allowed = granted(identity, Grant.SERVE, services(policy)) & callers.keys()
     for service in sorted(allowed):
         key, caller = network.data_key(service), callers[service]
-        network.wait_until(lambda key=key, caller=caller: is_answered(caller, key), f"{name} serves {service}")
+        wait_until(lambda key=key, caller=caller: is_answered(caller, key), f"{name} serves {service}")
     honest.settle(session, identity)
     for service in sorted(callers.keys() - allowed):
         assert not is_answered(callers[service], network.data_key(service)), f"{name} served {service}"
@@ -212,7 +213,7 @@ def test_it_is_seen_as_itself_and_with_its_own_endpoints_only(honest: Honest, po
         forged |= {network.endpoint_token(session, other, kind, one) for one in names}
     tokens = [session.liveliness().declare_token(key) for key in [*sorted(forged), *sorted(genuine)]]
     for who in honest.sessions:
-        network.wait_until(lambda who=who: genuine <= honest.seen(who, session), f"{name} is seen by {who}")
+        wait_until(lambda who=who: genuine <= honest.seen(who, session), f"{name} is seen by {who}")
         assert honest.seen(who, session) == genuine
     session.close()
     del tokens
@@ -239,7 +240,7 @@ def test_a_latched_topic_reaches_who_may_see_it_late_and_nobody_else(network: An
         )
         for who, session in (("camera", camera), ("rig", rig))
     ]
-    network.wait_until(lambda: heard["rig"] == [b"latched"], "the rig hears what was said before it came")
+    wait_until(lambda: heard["rig"] == [b"latched"], "the rig hears what was said before it came")
     assert not is_answered(camera, f"{key}/@adv/**")
     assert heard["camera"] == []
     del kept, publisher  # zenoh 1.10 waits for itself when it closes a session that has them

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import ast
 import configparser
-import importlib.util
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 
 from softgrip_panel.model.acts import EXAMPLES, Act, CallKind
 from softgrip_security.policy import Grant, Policy, PolicyIdentity
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKSPACE = ROOT / "ros2_ws" / "src"
@@ -125,9 +125,5 @@ def test_every_documented_interface_is_offered_by_somebody(policy: Policy, name:
 
 
 def test_the_tables_of_the_documentation_are_those_of_the_policy() -> None:
-    spec = importlib.util.spec_from_file_location("security_page", ROOT / "tools" / "docs" / "security.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load_script(ROOT / "tools" / "docs" / "security.py")
     assert module.PAGE.read_text() == module.page(), "out of date: run tools/docs/security.py"

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 import zenoh
 
+from softgrip_testing.waiting import wait_until
+
 FORGED = ("another authority", "expired", "not in the policy")
 
 
@@ -100,10 +102,10 @@ def check_that_it_is_shut_out(cell: Cell, session: zenoh.Session | None) -> None
     """Try everything; then have an honest one do the same, so that silence means something."""
     network = cell.network
     met = try_everything(network, session) if session is not None else set()
-    network.wait_until(lambda: act_honestly(cell), "the honest ones are heard and answered")
+    wait_until(lambda: act_honestly(cell), "the honest ones are heard and answered")
     assert met == set()
     assert "stranger" not in cell.heard
-    network.wait_until(lambda: bool(cell.tokens), "the driver is seen")
+    wait_until(lambda: bool(cell.tokens), "the driver is seen")
     assert cell.tokens == {network.node_token(cell.driver, "tendon_driver")}
 
 
@@ -166,8 +168,6 @@ def test_the_door_of_another_cells_router_is_not_entered(
     # the true router comes back in its place, and the driver finds it
     impostor.close()
     router = network.open("router")
-    network.wait_until(
-        lambda: [str(zid) for zid in driver.info.routers_zid()] == [str(router.info.zid())], "the router"
-    )
+    wait_until(lambda: [str(zid) for zid in driver.info.routers_zid()] == [str(router.info.zid())], "the router")
     assert tokens == []
     assert token is not None

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from softgrip_testing.process_table import node_processes, session_processes
+
 #: Domains 60..99 are the tests'; each test process takes its own ten.
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 4
 _DOMAINS = itertools.count(60 + 10 * _WORKER)
@@ -83,19 +85,20 @@ class Launched:
         )
         return answer.stdout
 
+    def ask_until(self, ask: tuple[str, ...], text: str, timeout_s: float = 150.0) -> None:
+        """Ask until an answer holds a text; on a busy machine the one who asks may give up before it comes."""
+        deadline_s, answer = time.monotonic() + timeout_s, ""
+        while text not in answer:
+            assert time.monotonic() < deadline_s, f"expected {text!r}, found {answer!r}:\n{self.output[-4000:]}"
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                answer = self.ask(*ask)
+
     def node_process(self, name: str) -> int | None:
         """Return the process id of a node of the launch; None while it is not running."""
-        for process in self._processes():
-            try:
-                command = (Path("/proc") / str(process) / "cmdline").read_text()
-            except OSError:
-                continue
-            if f"__node:={name}\0" in command and "keep_running" not in command:
-                return process
-        return None
+        return node_processes(self.process.pid).get(name)
 
     def close(self) -> None:
-        for process in self._processes():
+        for process in session_processes(self.process.pid):
             with contextlib.suppress(ProcessLookupError):  # the end of one is the end of others
                 os.kill(process, signal.SIGKILL)
 
@@ -107,26 +110,8 @@ class Launched:
                 log.write(line)
                 log.flush()
 
-    def _processes(self) -> list[int]:
-        found = []
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                try:
-                    fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                except OSError:
-                    continue
-                if int(fields[3]) == self.process.pid and fields[0] != "Z":
-                    found.append(int(entry.name))
-        return found
-
     def _alive(self) -> list[str]:
-        lines = []
-        for process in self._processes():
-            try:
-                lines.append((Path("/proc") / str(process) / "cmdline").read_text().replace("\0", " "))
-            except OSError:
-                continue
-        return lines
+        return [command.replace("\0", " ") for command in session_processes(self.process.pid).values()]
 
 
 def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:

@@ -6,8 +6,6 @@ Which nodes start with which devices, and whose configuration wins, is in embedd
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -47,15 +45,6 @@ def start(launch: Launch, tmp_path: Path, sections: str, *arguments: str) -> Any
     return launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *given)
 
 
-def until_said(cell: Any, ask: tuple[str, ...], text: str, timeout_s: float = 90.0) -> None:
-    """Ask until an answer holds a text; on a busy machine the one who asks may give up before it comes."""
-    deadline, answer = time.monotonic() + timeout_s, ""
-    while text not in answer:
-        assert time.monotonic() < deadline, f"expected {text!r}, found {answer!r}:\n{cell.output[-4000:]}"
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            answer = cell.ask(*ask)
-
-
 def diagnosed(folder: Path) -> dict[str, tuple[int, str]]:
     """Return the last status of every component that a bag holds: level and message."""
     (bag,) = (folder / "bags").iterdir()
@@ -86,7 +75,7 @@ def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, 
         f"{{tendon: {name}, model: XL330-M288, id: {i}, direction: 1}}, " for i, name in enumerate(TENDONS, 1)
     )
     cell = start(launch, tmp_path, f"servos: {{port: {wires}/servos, chain: [{chain}]}}\n", "gripper:=false")
-    until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
+    cell.ask_until(("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
     end(cell, tmp_path / "out")
     found = diagnosed(tmp_path / "out")
     assert found["friction_rig: rig"][0] == 0
@@ -103,8 +92,8 @@ rig: {{stage: {{kind: mark10, port: {wires}/stand}}, gauge: {{kind: gcl2, port: 
 camera: {{source: "@{wires}/camera.url", calibration: {wires}/camera_calibration.yaml}}
 """
     cell = start(launch, tmp_path, sections)
-    until_said(cell, ("topic", "echo", "--once", "load_cell/wrench"), "force")
-    until_said(cell, ("topic", "echo", "--once", "camera/camera_info"), "width: 640")
+    cell.ask_until(("topic", "echo", "--once", "load_cell/wrench"), "force")
+    cell.ask_until(("topic", "echo", "--once", "camera/camera_info"), "width: 640")
     end(cell, tmp_path / "out")
     found = diagnosed(tmp_path / "out")
     assert found["friction_rig: rig"] == (0, "connected")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import subprocess
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from softgrip_testing.scripts import load_script
 
 KEEPER = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/launch/keep_running.py"
 #: Prints its process id, then waits to be ended.
@@ -25,12 +26,7 @@ echo works; exec sleep 60
 
 
 def keep_running() -> Any:
-    spec = importlib.util.spec_from_file_location("keep_running", KEEPER)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(KEEPER)
 
 
 def start(*command: str) -> subprocess.Popen[str]:

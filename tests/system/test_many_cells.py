@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from softgrip_bag.nodes.replay import check
+from softgrip_testing.waiting import wait_until
 
 CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")
 #: Three cells are more than two processors carry beside a test run; `make faults` has the machine to itself.
@@ -38,13 +38,6 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def until(condition: Callable[[], bool], timeout_s: float, expected: str) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, f"expected {expected} within {timeout_s} s"
-        time.sleep(0.2)
-
-
 @pytest.mark.timeout(400)
 def test_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: Path) -> None:
     domain = None
@@ -58,8 +51,11 @@ def test_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: Path) -
     for cell in cells.values():
         cell.wait_for("wires in", 90.0)
     for name in NAMES:
-        until(
-            lambda bags=tmp_path / name / "bags": size_of(bags) > RECORDED_BYTES, 120.0, f"a bag of {name} that grows"
+        wait_until(
+            lambda bags=tmp_path / name / "bags": size_of(bags) > RECORDED_BYTES,
+            f"a bag of {name} that grows",
+            120.0,
+            0.2,
         )
     for name in NAMES[1:]:
         cells[name].interrupt()

@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,15 +12,6 @@ import pytest
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.long]
 DEVICES = ("rig:=false", "camera:=false", "gripper:=false", "panel:=false", "record:=false")
 MOVE = "{tendons: [index], mode: 1, targets: [0.015], speed: 0.02, tension_limit: 20.0}"
-
-
-def until_said(cell: Any, ask: tuple[str, ...], text: str, timeout_s: float = 150.0) -> None:
-    """Ask until an answer holds a text; on a busy machine the one who asks may give up before it comes."""
-    deadline, answer = time.monotonic() + timeout_s, ""
-    while text not in answer:
-        assert time.monotonic() < deadline, f"expected {text!r}, found {answer!r}:\n{cell.output[-4000:]}"
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            answer = cell.ask(*ask)
 
 
 @pytest.mark.timeout(360)
@@ -36,9 +24,9 @@ def test_a_cell_on_other_drives_homes_and_closes_a_finger(
         f"out:={tmp_path}/out", *DEVICES,
     )  # fmt: skip
     cell.wait_for("bus loop", 150.0)
-    until_said(cell, ("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
-    until_said(
-        cell, ("action", "send_goal", "tendon/move", "softgrip_interfaces/action/MoveTendon", MOVE), "outcome: 1\n"
+    cell.ask_until(("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
+    cell.ask_until(
+        ("action", "send_goal", "tendon/move", "softgrip_interfaces/action/MoveTendon", MOVE), "outcome: 1\n"
     )
     cell.interrupt()
     cell.wait_for_end(30.0)

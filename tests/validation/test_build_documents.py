@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +15,7 @@ from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
 from softgrip_driver.wizard.wizard import MIN_PULL_N, WizardSettings
+from softgrip_testing.scripts import load_script
 from softgrip_vision.calibrating.plane import LARGEST_RMS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,12 +23,7 @@ PAGES = [*sorted((ROOT / "docs/build").glob("*.md")), ROOT / "docs/cell_file.md"
 
 
 def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / f"tools/docs/{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / f"tools/docs/{name}.py")
 
 
 @pytest.mark.parametrize("name", ["build_wiring", "build_spool", "build_camera", "build_rig"])

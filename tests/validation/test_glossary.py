@@ -4,22 +4,18 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from softgrip_cell.former_names import PRESENT_NAMES
+from softgrip_cell.yaml_fields import PRESENT_NAMES
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 INTERFACES = ROOT / "ros2_ws/src/softgrip_interfaces"
-SPEC = importlib.util.spec_from_file_location("vocabulary", ROOT / "tools/vocabulary.py")
-assert SPEC is not None
-assert SPEC.loader is not None
-vocabulary = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(vocabulary)
+vocabulary = load_script(ROOT / "tools/vocabulary.py")
 NODES = {
     "grasp_mix_manager": "softgrip_cell.nodes.parameters",
     "marker_tracker": "softgrip_vision.nodes.marker_tracker",

@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import pytest
 import yaml
 
+from softgrip_testing.scripts import load_script
+
 ROOT = Path(__file__).resolve().parents[2]
-SPEC = importlib.util.spec_from_file_location("parameters", ROOT / "tools" / "parameters.py")
-assert SPEC is not None
-assert SPEC.loader is not None
-parameters = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(parameters)
+parameters = load_script(ROOT / "tools" / "parameters.py")
 
 
 @pytest.mark.parametrize(("path", "content"), [pytest.param(p, c, id=p.stem) for p, c in parameters.files().items()])

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.metadata
-import importlib.util
 import re
 import socket
 import subprocess
@@ -18,18 +17,14 @@ from typing import Any
 import pytest
 import yaml
 
+from softgrip_testing.scripts import load_script
+
 ROOT = Path(__file__).resolve().parents[2]
 DEPENDENCIES = (ROOT / "docs" / "dependencies.md").read_text()
 
 
 def tool(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / "tools" / f"{name}.py")
 
 
 sbom = tool("sbom")

@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import pytest
 
+from softgrip_testing.scripts import load_script
+
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "vocabulary.py"
-SPEC = importlib.util.spec_from_file_location("vocabulary", TOOL)
-assert SPEC is not None
-assert SPEC.loader is not None
-vocabulary = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(vocabulary)
+vocabulary = load_script(TOOL)
 
 
 @pytest.mark.parametrize(

@@ -373,9 +373,6 @@ class ActionServer(Waitable):
         if callback is not None and executor is not None:
             executor.create_task(self._execute_goal, callback, goal_handle)
 
-    def notify_goal_done(self) -> None:
-        """Nothing to do: goals are counted where they end."""
-
     # -- callbacks --------------------------------------------------------------------------------------------
 
     def register_handle_accepted_callback(

@@ -167,10 +167,6 @@ class RcutilsLogger:
         """Return the level that applies."""
         return effective_level(self.name)
 
-    def is_enabled_for(self, severity: int | LoggingSeverity) -> bool:
-        """Whether a severity would be logged."""
-        return LoggingSeverity(severity) >= effective_level(self.name)
-
     def log(self, message: str, severity: int | LoggingSeverity, **kwargs: Any) -> bool:
         """Log a message; return whether it went out.
 

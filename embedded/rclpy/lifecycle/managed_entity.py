@@ -56,11 +56,6 @@ class SimpleManagedEntity(ManagedEntity):
         self._enabled = False
         return TransitionCallbackReturn.SUCCESS
 
-    @property
-    def is_activated(self) -> bool:
-        """Whether the node is active."""
-        return self._enabled
-
     @staticmethod
     def when_enabled(
         wrapped: Callable[..., Any] | None = None, *, when_not_enabled: Callable[[], Any] | None = None

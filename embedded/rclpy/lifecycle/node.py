@@ -119,12 +119,6 @@ class LifecycleNodeMixin(ManagedEntity):
 
     # -- managed entities -------------------------------------------------------------------------------------
 
-    def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Have an entity follow the transitions."""
-        if not isinstance(entity, ManagedEntity):
-            raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
-        self._managed_entities.add(entity)
-
     def _rcl_pass_on(self, callback_name: str, state: LifecycleState) -> TransitionCallbackReturn:
         for entity in self._managed_entities:
             code = getattr(entity, callback_name)(state)
@@ -167,11 +161,6 @@ class LifecycleNodeMixin(ManagedEntity):
         publisher = Node.create_publisher(self, *args, **kwargs, publisher_class=LifecyclePublisher)  # type: ignore[arg-type]
         self._managed_entities.add(publisher)
         return publisher
-
-    def destroy_lifecycle_publisher(self, publisher: LifecyclePublisher) -> bool:
-        """Withdraw a lifecycle publisher."""
-        self._managed_entities.discard(publisher)
-        return Node.destroy_publisher(self, publisher)  # type: ignore[arg-type]
 
     # -- services ---------------------------------------------------------------------------------------------
 

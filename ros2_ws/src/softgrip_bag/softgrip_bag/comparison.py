@@ -51,9 +51,6 @@ class ReplayResult:
         return self.compared > 0 and self.divergence is None
 
 
-Tree = Mapping[str, Any]
-
-
 def first_difference(
     recorded: Any, replayed: Any, skip: frozenset[str], path: str = "", tolerance: float = 0.0
 ) -> tuple[str, Any, Any] | None:

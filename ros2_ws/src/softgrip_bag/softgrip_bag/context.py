@@ -130,10 +130,10 @@ def machine() -> dict[str, str]:
     }
 
 
-def arithmetic(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
+def arithmetic() -> str:
     """Return what decides how a machine rounds: the kind of processor and a digest of what it can do."""
     try:
-        lines = dict(line.split(":", 1) for line in cpuinfo.read_text().splitlines() if ":" in line)
+        lines = dict(line.split(":", 1) for line in Path("/proc/cpuinfo").read_text().splitlines() if ":" in line)
     except OSError:
         return platform.machine()
     fields = {name.strip(): value.strip() for name, value in lines.items()}
@@ -146,18 +146,18 @@ def rounding_tolerance(recorded: str) -> float:
     return 0.0 if recorded.strip() == arithmetic() else 1e-6
 
 
-def software(folder: Path = Path(__file__).parent) -> dict[str, str]:
+def software() -> dict[str, str]:
     """Return the git version of the checkout that runs, empty where it is none."""
     return {
-        "git": _git(folder, "rev-parse", "HEAD"),
-        "git_changed_files": _git(folder, "status", "--porcelain", "-uno"),
+        "git": _git("rev-parse", "HEAD"),
+        "git_changed_files": _git("status", "--porcelain", "-uno"),
     }
 
 
-def _git(folder: Path, *arguments: str) -> str:
+def _git(*arguments: str) -> str:
     try:
         done = subprocess.run(
-            ["git", "-C", str(folder), *arguments],
+            ["git", "-C", str(Path(__file__).parent), *arguments],
             capture_output=True,
             text=True,
             timeout=_GIT_TIMEOUT_S,

@@ -15,17 +15,16 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema
+from mcap.records import Chunk, ChunkIndex, Message, Schema
 from mcap.summary import Summary
 
 from softgrip_bag import salvage
 from softgrip_bag.chunk_data import chunk_bytes, chunk_records
+from softgrip_bag.salvage import Found
 
 #: Opcode and length of a record; of a message then channel, sequence, log time and publish time.
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-
-Found = tuple[Schema | None, Channel, Message]
 
 
 def messages(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Found]:
@@ -41,7 +40,9 @@ def messages(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Foun
     reader = make_reader(stream)
     summary = reader.get_summary()
     if summary is None or not summary.chunk_indexes:
-        yield from sorted(_from_end_to_end(stream, topics), key=lambda found: found[2].log_time)
+        every = salvage.Directory().messages(salvage.stream_records(stream))
+        chosen = (one for one in every if topics is None or one[1].topic in topics)
+        yield from sorted(chosen, key=lambda one: one[2].log_time)
         return
     requested = {number for number, channel in summary.channels.items() if topics is None or channel.topic in topics}
     for together in _overlapping(summary.chunk_indexes):
@@ -53,20 +54,6 @@ def messages(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Foun
         ]
         for *_, message in sorted(found, key=lambda item: item[:3]):
             yield _schema(summary, message), summary.channels[message.channel_id], message
-
-
-def _from_end_to_end(stream: IO[bytes], topics: Collection[str] | None) -> Iterator[Found]:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    for record in salvage.stream_records(stream):
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message) and record.channel_id in channels:
-            channel = channels[record.channel_id]
-            if topics is None or channel.topic in topics:
-                yield schemas.get(channel.schema_id), channel, record
 
 
 def _overlapping(chunks: Collection[ChunkIndex]) -> Iterator[list[ChunkIndex]]:

@@ -40,13 +40,12 @@ def bag_folder(root: Path, path: str) -> Path:
     return found
 
 
-def read_below(roots: Sequence[Path], path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+def read_below(roots: Sequence[Path], path: Path) -> bytes:
     """Return the content of a plain file.
 
     Args:
         roots: folders that it may be below, or files that it may be.
         path: of the file.
-        max_bytes: more is refused.
 
     Raises:
         BagError: it is outside, is no plain file, or is too large.
@@ -59,9 +58,11 @@ def read_below(roots: Sequence[Path], path: Path, max_bytes: int = MAX_FILE_BYTE
         os.close(descriptor)
         raise BagError(f"expected a plain file, found that {path} is a {_kind(mode)}; name the file itself")
     with os.fdopen(descriptor, "rb") as stream:
-        data = stream.read(max_bytes + 1)
-    if len(data) > max_bytes:
-        raise BagError(f"expected a file of at most {max_bytes} bytes, found that {path} is larger; it is not carried")
+        data = stream.read(MAX_FILE_BYTES + 1)
+    if len(data) > MAX_FILE_BYTES:
+        raise BagError(
+            f"expected a file of at most {MAX_FILE_BYTES} bytes, found that {path} is larger; it is not carried"
+        )
     return data
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import heapq
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import IO, Any
 import yaml
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statistics
 
 from softgrip_bag import indexed, mcap_file, salvage
 from softgrip_bag.errors import BagError
@@ -123,21 +124,11 @@ def topic_summaries(bag: Path) -> list[TopicSummary]:
                 channel.topic,
                 schema.name if schema else "",
                 channel.metadata.get("topic_type_hash", ""),
-                _offered(channel.metadata.get("offered_qos_profiles", "")),
+                offered_qos(channel),
                 count + (before.messages if before else 0),
                 schema.data.decode(errors="replace") if schema else "",
             )
     return [found[name] for name in sorted(found)]
-
-
-def topic_types(bag: Path) -> dict[str, str]:
-    """Return topic -> type of everything in a bag."""
-    return {topic.name: topic.type_name for topic in topic_summaries(bag)}
-
-
-def latched_topics(bag: Path) -> set[str]:
-    """Return the topics whose every publisher offered transient-local durability."""
-    return {topic.name for topic in topic_summaries(bag) if topic.latched}
 
 
 def attachments(bag: Path) -> list[mcap_file.Attachment]:
@@ -165,6 +156,11 @@ def _offered(text: str) -> tuple[dict[str, Any], ...]:
     return tuple(yaml.safe_load(text) or ())
 
 
+def offered_qos(channel: Channel) -> tuple[dict[str, Any], ...]:
+    """Return rosbag2's maps of what the publishers of a channel offered."""
+    return _offered(channel.metadata.get("offered_qos_profiles", ""))
+
+
 def _number(path: Path) -> tuple[int, str]:
     """Order of files: name_2.mcap comes before name_10.mcap."""
     last = path.stem.rpartition("_")[2]
@@ -181,17 +177,9 @@ def _indexed(path: Path, topics: set[str] | None) -> Iterator[RawMessage]:
 
 
 def _salvaged(path: Path, topics: set[str] | None) -> Iterator[RawMessage]:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    for record in salvage.records(path):
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message) and record.channel_id in channels:
-            channel = channels[record.channel_id]
-            if topics is None or channel.topic in topics:
-                yield _raw(channel, schemas.get(channel.schema_id), record)
+    for schema, channel, message in salvage.Directory().messages(salvage.records(path)):
+        if topics is None or channel.topic in topics:
+            yield _raw(channel, schema, message)
 
 
 def _raw(channel: Channel, schema: Schema | None, message: Message) -> RawMessage:
@@ -205,7 +193,9 @@ def _channels(path: Path) -> list[tuple[Channel, Schema | None, int]]:
             found = _from_summary(stream, path)
             if found is not None:
                 return found
-    return _from_records(salvage.records(path))
+    directory = salvage.Directory()
+    counts = Counter(channel.id for _, channel, _ in directory.messages(salvage.records(path)))
+    return [(channel, directory.schema(channel), counts[channel.id]) for channel in directory.channels.values()]
 
 
 def _from_summary(stream: IO[bytes], path: Path) -> list[tuple[Channel, Schema | None, int]] | None:
@@ -220,17 +210,3 @@ def _from_summary(stream: IO[bytes], path: Path) -> list[tuple[Channel, Schema |
         (channel, summary.schemas.get(channel.schema_id), statistics.channel_message_counts.get(channel.id, 0))
         for channel in summary.channels.values()
     ]
-
-
-def _from_records(records: Iterator[McapRecord]) -> list[tuple[Channel, Schema | None, int]]:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    counts: dict[int, int] = {}
-    for record in records:
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message):
-            counts[record.channel_id] = counts.get(record.channel_id, 0) + 1
-    return [(c, schemas.get(c.schema_id), counts.get(c.id, 0)) for c in channels.values()]

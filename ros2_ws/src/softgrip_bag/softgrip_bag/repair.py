@@ -9,14 +9,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from softgrip_bag import metadata, salvage
 from softgrip_bag.errors import BagError
 from softgrip_bag.metadata import FileEntry, Span, TopicEntry
-from softgrip_bag.reader import bag_files
+from softgrip_bag.reader import bag_files, offered_qos
 from softgrip_model.durable import replacing_durably
 
 
@@ -125,19 +124,18 @@ def repair_all(bags: Iterable[Path], is_cancelled: Callable[[], bool] = never) -
 
 
 def _content(path: Path) -> _Content:
-    content = _Content(Span(), {})
-    channels: dict[int, Channel] = {}
-    schemas: dict[int, Schema] = {}
-    for record in salvage.records(path):
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-            content.topics.setdefault(record.topic, _entry(record, schemas))
-        elif isinstance(record, Message) and record.channel_id in channels:
-            content.span.add(record.log_time)
-            content.topics[channels[record.channel_id].topic].messages += 1
-    return content
+    span, counts, directory = Span(), Counter[str](), salvage.Directory()
+    for _, channel, message in directory.messages(salvage.records(path)):
+        span.add(message.log_time)
+        counts[channel.topic] += 1
+    topics: dict[str, TopicEntry] = {}
+    for channel in directory.channels.values():
+        schema = directory.schema(channel)
+        type_hash = channel.metadata.get("topic_type_hash", "")
+        entry = TopicEntry(channel.topic, schema.name if schema else "", type_hash, list(offered_qos(channel)))
+        entry.messages = counts[channel.topic]
+        topics.setdefault(channel.topic, entry)
+    return _Content(span, topics)
 
 
 def _rewrite(path: Path, damage: salvage.Damage, is_cancelled: Callable[[], bool]) -> _Content:
@@ -169,12 +167,6 @@ def _rewrite(path: Path, damage: salvage.Damage, is_cancelled: Callable[[], bool
             writer.start(profile="ros2", library="softgrip_bag")
         writer.finish()  # type: ignore[no-untyped-call]  # the library has no types
     return _content(path)
-
-
-def _entry(channel: Channel, schemas: dict[int, Schema]) -> TopicEntry:
-    schema = schemas.get(channel.schema_id)
-    qos = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
-    return TopicEntry(channel.topic, schema.name if schema else "", channel.metadata.get("topic_type_hash", ""), qos)
 
 
 def _merged(contents: list[_Content]) -> list[TopicEntry]:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import io
 import struct
 from collections import Counter
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -25,6 +25,8 @@ from softgrip_bag.chunk_data import chunk_bytes, chunk_records
 from softgrip_bag.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
+#: A message with what describes it.
+Found = tuple[Schema | None, Channel, Message]
 _HEAD = struct.Struct("<BQ")
 _KINDS: dict[int, Any] = {
     Opcode.HEADER: Header,
@@ -82,6 +84,29 @@ def records(path: Path, damage: Damage | None = None, opcodes: Collection[int] =
         yield from stream_records(stream, damage, opcodes)
 
 
+@dataclass
+class Directory:
+    """The schemas and channels of a file by number, as far as its records were read."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def schema(self, channel: Channel) -> Schema | None:
+        """Return the schema of a channel; None where it has none or it was lost."""
+        return self.schemas.get(channel.schema_id)
+
+    def messages(self, found: Iterable[McapRecord]) -> Iterator[Found]:
+        """Yield the messages among records, given in the order of the file; one whose channel was lost is left out."""
+        for record in found:
+            if isinstance(record, Schema):
+                self.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self.channels[record.id] = record
+            elif isinstance(record, Message) and record.channel_id in self.channels:
+                channel = self.channels[record.channel_id]
+                yield self.schema(channel), channel, record
+
+
 def readable_counts(*paths: Path) -> Counter[str]:
     """Return topic -> messages that can be read back from files, finished or not.
 
@@ -89,15 +114,7 @@ def readable_counts(*paths: Path) -> Counter[str]:
         BagError: a file does not begin as MCAP.
         OSError: a file cannot be read.
     """
-    counts: Counter[str] = Counter()
-    for path in paths:
-        topics: dict[int, str] = {}
-        for record in records(path):
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message) and record.channel_id in topics:
-                counts[topics[record.channel_id]] += 1
-    return counts
+    return Counter(channel.topic for path in paths for _, channel, _ in Directory().messages(records(path)))
 
 
 def footer_counts(path: Path) -> Counter[str]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.reader import RawMessage
@@ -52,10 +52,9 @@ class Ring:
             if oldest.topic in self._latched:
                 self._before[oldest.topic] = oldest
 
-    def latched(self, topics: Collection[str] | None = None) -> list[RawMessage]:
+    def latched(self) -> list[RawMessage]:
         """Return the last message of each latched topic, oldest first."""
-        found = [m for m in self._latched.values() if topics is None or m.topic in topics]
-        return sorted(found, key=lambda message: message.received)
+        return sorted(self._latched.values(), key=lambda message: message.received)
 
     def last(self, seconds: float = 0.0) -> list[RawMessage]:
         """Return the messages of the last seconds (0 = all kept), after the latched ones that held when they began."""

@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.offers import OfferedQos
-from softgrip_bag.reader import bag_files, latched_topics, read, topic_types
+from softgrip_bag.reader import bag_files, read, topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
 
 #: std_msgs/String "hi" and "ho" as little-endian CDR.
@@ -45,8 +45,8 @@ def test_messages_come_back_unchanged_and_in_order_of_reception(bag: Path) -> No
         ("/a", 2_000, 1_500, HI),
         ("/a", 3_000, 2_500, HO),
     ]
-    assert topic_types(bag) == {"/a": "std_msgs/msg/String", "/b": "std_msgs/msg/String"}
-    assert latched_topics(bag) == {"/b"}
+    found = {topic.name: (topic.type_name, topic.latched) for topic in topic_summaries(bag)}
+    assert found == {"/a": ("std_msgs/msg/String", False), "/b": ("std_msgs/msg/String", True)}
 
 
 def test_rosbags_reads_the_folder(bag: Path) -> None:

@@ -18,11 +18,18 @@ from softgrip_cell.observation import TendonSample
 from softgrip_cell.outcomes import SuccessEstimate, Tally, estimate
 from softgrip_cell.planner import Durations, Order, Plan, admissible_sets, plan_mix
 from softgrip_cell.products import Catalogue, FingerSet, GraspType, Product, TableMark
-from softgrip_cell.storage.journal import CellJournal, Counts, HeldLock, MountedSlot, OpenOperation, SlotState
+from softgrip_cell.storage.journal import (
+    CellJournal,
+    Counts,
+    HeldLock,
+    MountedSlot,
+    OpenOperation,
+    SlotState,
+    SwapOutcome,
+)
 from softgrip_cell.storage.library import Library
 from softgrip_cell.storage.pending import PendingWrites
 from softgrip_cell.swap.check import Finding, FingerCheck
-from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import HANDS_OUT_TEXT, PersistAction, SwapSequence, SwapStep, SwapTransition
 
 

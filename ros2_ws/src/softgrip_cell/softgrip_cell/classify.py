@@ -15,8 +15,9 @@ import numpy as np
 from softgrip_cell.errors import CatalogueError
 from softgrip_cell.products import Fragility, GraspType, ProductShape
 
-#: Share of the whole flexion in each joint, base to tip, that is typical of a grasp. The thesis says in words: power,
-#: uniform over all joints; pinch, primarily the proximal joint; hook, middle and distal with little proximal.
+#: Share of the whole flexion in each joint, base to tip, that is typical of a grasp. The thesis has words only: power,
+#: uniform over all joints; pinch, primarily the proximal joint; hook, middle and distal with little proximal. The
+#: numbers are an assumption.
 TYPICAL_SHARES: Final = {
     GraspType.POWER: (1 / 3, 1 / 3, 1 / 3),
     GraspType.PINCH: (0.70, 0.18, 0.12),
@@ -26,14 +27,22 @@ TYPICAL_SHARES: Final = {
 #: Below this total flexion a demonstration shows nothing [rad].
 MIN_FLEXION_RAD: Final = 0.35
 
-#: Height over width from which a product is round in cross-section.
+#: Height over width from which a product is round in cross-section (assumption).
 ROUND_FROM: Final = 0.75
 
-#: Thickness below which even a round product is too small for three fingers to enclose [m].
+#: Thickness below which even a round product is too small for three fingers to enclose (assumption) [m].
 SMALL_BELOW_M: Final = 0.025
 
 #: Widest opening of the hand (thesis 4.2.1: openings of 1 to 10 cm) [m].
 OPENING_M: Final = 0.100
+
+#: Confidence by dimensions alone; less for a fragile product in a power grasp, which squeezes most.
+BY_SIZE: Final = 0.8
+BY_SIZE_FRAGILE: Final = 0.6
+
+#: Confidence with a demonstration: (base, slope) over its margin, where it agrees with the dimensions and where not.
+AGREED: Final = (0.8, 0.2)
+DISAGREED: Final = (0.3, 0.3)
 
 
 @dataclass(frozen=True)
@@ -41,7 +50,7 @@ class Classification:
     """A grasp with the reasons for it.
 
     Attributes:
-        confidence: 0..1; low when dimensions and demonstration disagree.
+        confidence: 0..1, no probability; low when dimensions and demonstration disagree.
         reasons: in words, strongest first.
     """
 
@@ -70,15 +79,15 @@ def classify(
     by_size, reason = _by_dimensions(shape, size_m)
     reasons = [reason]
     if shares is None:
-        confidence = 0.8 if fragility is not Fragility.FRAGILE or by_size is not GraspType.POWER else 0.6
+        is_risky = fragility is Fragility.FRAGILE and by_size is GraspType.POWER
         reasons.append("no demonstration was given")
-        return Classification(by_size, confidence, tuple(reasons))
+        return Classification(by_size, BY_SIZE_FRAGILE if is_risky else BY_SIZE, tuple(reasons))
     by_hand, margin, shown = _by_demonstration(shares)
     reasons.insert(0, shown)
-    if by_hand is by_size:
-        return Classification(by_hand, 0.8 + 0.2 * margin, tuple(reasons))
-    reasons.append("dimensions and demonstration disagree: the hand is believed; try before relying on it")
-    return Classification(by_hand, 0.3 + 0.3 * margin, tuple(reasons))
+    base, slope = AGREED if by_hand is by_size else DISAGREED
+    if by_hand is not by_size:
+        reasons.append("dimensions and demonstration disagree: the hand is believed; try before relying on it")
+    return Classification(by_hand, base + slope * margin, tuple(reasons))
 
 
 def flexion_shares(joint_angles_rad: Sequence[Sequence[float]]) -> tuple[float, float, float]:
@@ -129,6 +138,7 @@ def read_demonstration(path: Path) -> list[list[float]]:
 
 
 def _by_dimensions(shape: ProductShape, size_m: tuple[float, float, float]) -> tuple[GraspType, str]:
+    """Return the grasp that form and size ask for, and the reason."""
     length, width, height = size_m
     if not (math.isfinite(length) and length >= width >= height > 0.0):
         raise CatalogueError(f"size: expected length >= width >= height > 0 in m, found {size_m}")
@@ -147,6 +157,7 @@ def _by_dimensions(shape: ProductShape, size_m: tuple[float, float, float]) -> t
 
 
 def _by_demonstration(shares: Sequence[float]) -> tuple[GraspType, float, str]:
+    """Return the grasp whose typical shares are nearest, its margin over the next one (0..1), and the reason."""
     if len(shares) != 3 or not all(math.isfinite(share) for share in shares) or abs(sum(shares) - 1.0) > 1e-3:
         raise CatalogueError(f"demonstration: expected three shares that add up to 1, found {list(shares)}")
     distances = sorted((math.dist(shares, typical), grasp) for grasp, typical in TYPICAL_SHARES.items())

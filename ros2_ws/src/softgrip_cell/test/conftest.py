@@ -18,6 +18,7 @@ import psycopg
 import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.finger_records import read_finger_records
 from softgrip_cell.grasp.commands import Close, Open, Press
 from softgrip_cell.grasp.contact import ContactState, FingerContact
 from softgrip_cell.grasp.reference import FreeReference
@@ -25,6 +26,7 @@ from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspTask
 from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
+from softgrip_cell.storage import Database, Library
 
 SLOTS = ("index", "middle", "thumb")
 _DATABASES = itertools.count()
@@ -250,3 +252,13 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str
     with psycopg.connect(base.format(name="postgres"), autocommit=True) as connection:
         connection.execute(f"CREATE DATABASE {name} TEMPLATE template0")
     yield base.format(name=name)
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    """A database with the shipped catalogue and finger records."""
+    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
+        library = Library(opened, lambda: 1)
+        library.import_catalogue(read_catalogue(), "test")
+        library.import_finger_records(read_finger_records().values(), "test")
+        yield opened

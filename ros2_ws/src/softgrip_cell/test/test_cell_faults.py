@@ -17,7 +17,7 @@ from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.grasp.values import GraspOutcome, GraspTask, GraspVerdict
 from softgrip_cell.observation import TendonSample
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, SlotState
-from softgrip_cell.swap.outcome import SwapOutcome
+from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.swap.sequence import SwapSequence
 
 SLOTS = ("index", "middle", "thumb")

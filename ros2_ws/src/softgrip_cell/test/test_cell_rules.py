@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
-from pathlib import Path
 
 import pytest
 from sqlalchemy import update
@@ -23,9 +22,9 @@ from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
 from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
 from softgrip_cell.products import TableMark
 from softgrip_cell.storage import CellJournal, Database, Library, MountedSlot, SlotState
+from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import FINGER_RECORD
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
-from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import SwapSequence, SwapStep
 
 SLOTS = ("index", "middle", "thumb")
@@ -35,15 +34,6 @@ FREE = FreeReference((0.0, 0.02), (0.0, 0.0), (0.0, 15.0), 0.05, "model", "d1")
 FRICTION = FrictionFacts("model", "d1", 1.0, 10.0, usable=True, reason="")
 LIMITS = FrictionLimits(age_s=1000.0, range_factor=5.0)
 WELL = DriverFacts(heard=True, estop=False)
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
-        library = Library(opened, lambda: 1)
-        library.import_catalogue(read_catalogue(), "test")
-        library.import_finger_records(read_finger_records().values(), "test")
-        yield opened
 
 
 def start(database: Database) -> Cell:

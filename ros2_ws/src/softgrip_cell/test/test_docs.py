@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 import yaml
+
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).parents[4]
 PAGE = ROOT / "docs" / "cell.md"
@@ -55,11 +56,7 @@ def test_console_scripts_are_those_of_the_page() -> None:
 
 
 def test_the_table_of_the_grasp_sequence_is_the_codes() -> None:
-    spec = importlib.util.spec_from_file_location("docs_cell", ROOT / "tools/docs/cell.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = load_script(ROOT / "tools/docs/cell.py")
     assert script.render() == PAGE.read_text(), "run: python tools/docs/cell.py"
     assert script.table().count("\n") > 15
 

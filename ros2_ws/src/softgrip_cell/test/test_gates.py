@@ -3,33 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import RefusedError
 from softgrip_cell.finger_records import FingerState, read_finger_records
-from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
+from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts, carried_kg
 from softgrip_cell.grasp.reference import FreeReference
 from softgrip_cell.storage import CellJournal, Database, Library
-from softgrip_cell.swap.outcome import SwapOutcome
-from softgrip_cell.weight import carried_kg
+from softgrip_cell.storage.journal import SwapOutcome
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
 FREE = FreeReference((0.0, 0.02), (0.0, 0.0), (0.0, 15.0), 0.05, "model", "d1")
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
-        library = Library(opened, lambda: 1)
-        library.import_catalogue(read_catalogue(), "test")
-        library.import_finger_records(read_finger_records().values(), "test")
-        yield opened
 
 
 def start(database: Database, *, verified: bool = True) -> Cell:

@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from sqlalchemy import delete, select, update
 
-from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
-from softgrip_cell.finger_records import FingerState, read_finger_records
+from softgrip_cell.finger_records import FingerState
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, OpenOperation, SlotState
+from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import SLOT
-from softgrip_cell.swap.outcome import SwapOutcome
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
@@ -25,17 +23,8 @@ UNKNOWN, UNSURE, VERIFIED = SlotState.UNKNOWN, SlotState.TO_BE_VERIFIED, SlotSta
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    with Database(f"sqlite:///{tmp_path}/cell.db", exclusive=True) as opened:
-        yield opened
-
-
-@pytest.fixture
 def library(database: Database) -> Library:
-    made = Library(database, lambda: 1)
-    made.import_catalogue(read_catalogue(), "test")
-    made.import_finger_records(read_finger_records().values(), "test")
-    return made
+    return Library(database, lambda: 1)
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import json
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,9 +19,10 @@ from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, Sto
 from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, PendingWrites, SlotState
+from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
 from softgrip_cell.storage.schema import META
-from softgrip_cell.swap.outcome import SwapOutcome
+from softgrip_testing.waiting import wait_until
 
 SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
@@ -245,7 +245,7 @@ def test_the_cell_is_free_again_after_kill_9(database_url: str) -> None:
         Database(database_url, exclusive=True)
     holder.kill()
     holder.communicate()
-    _until(lambda: _opens(database_url))
+    wait_until(lambda: _opens(database_url))
 
 
 def test_the_lock_outlives_the_swap_and_a_restart_until_it_is_dropped(database: Database, journal: CellJournal) -> None:
@@ -414,10 +414,3 @@ def _opens(url: str) -> bool:
     except OccupiedError:
         return False
     return True
-
-
-def _until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "condition did not come true"
-        time.sleep(0.02)

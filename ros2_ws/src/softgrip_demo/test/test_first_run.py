@@ -26,8 +26,7 @@ from softgrip_demo.first_run.bus_steps import (
 from softgrip_demo.first_run.checklist import Checklist
 from softgrip_demo.first_run.cube import TEST_CUBE, add_test_cube
 from softgrip_demo.first_run.figures import Figure, StepStatus
-from softgrip_demo.first_run.page import render
-from softgrip_demo.first_run.record import FirstRunRecord, load_record, save_record
+from softgrip_demo.first_run.record import FirstRunRecord, load_record, render, save_record
 from softgrip_demo.nodes.first_run import sign, verify
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, TorqueValues
 from softgrip_driver.commands.selftest import Measurement

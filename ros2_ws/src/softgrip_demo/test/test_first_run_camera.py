@@ -25,8 +25,7 @@ from softgrip_description.cell_file import CellCamera
 from softgrip_model.profile import shipped_directory
 from softgrip_testing.synthetic_images import Conditions, Occluder, SyntheticScene, make_calibration
 from softgrip_vision import calibration
-from softgrip_vision.layout import ChainLayout
-from softgrip_vision.profiles import read_chains
+from softgrip_vision.layout import ChainLayout, read_chains
 
 CALIBRATION = make_calibration()
 CHAIN = read_chains(shipped_directory())["power"]["index"]

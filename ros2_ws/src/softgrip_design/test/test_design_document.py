@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
 
 import pytest
+
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[4]
 NUMBER = re.compile(r"-?\d+\.\d+|-?\d+")
@@ -15,11 +16,7 @@ NUMBER = re.compile(r"-?\d+\.\d+|-?\d+")
 
 def test_the_document_is_up_to_date() -> None:
     script = ROOT / "tools/docs/design.py"
-    specification = importlib.util.spec_from_file_location("design_document", script)
-    assert specification is not None
-    assert specification.loader is not None
-    generator = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(generator)
+    generator = load_script(script)
     written, rendered = (ROOT / "docs/design.md").read_text(encoding="utf-8"), generator.render()
     assert NUMBER.sub("#", written) == NUMBER.sub("#", rendered), "out of date: run tools/docs/design.py"
     # a flat optimum leaves the last digit to the processor's rounding
@@ -29,10 +26,6 @@ def test_the_document_is_up_to_date() -> None:
 
 def test_the_page_of_the_parts_is_up_to_date() -> None:
     script = ROOT / "tools/docs/parts.py"
-    specification = importlib.util.spec_from_file_location("parts_document", script)
-    assert specification is not None
-    assert specification.loader is not None
-    generator = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(generator)
+    generator = load_script(script)
     written = (ROOT / "docs/parts.md").read_text(encoding="utf-8")
     assert written == generator.render(), "out of date: run tools/docs/parts.py"

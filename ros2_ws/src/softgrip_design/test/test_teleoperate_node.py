@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,6 +33,7 @@ from softgrip_interfaces.srv import StartRecording, StopRecording
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
 from softgrip_testing.nodes.following_cell import SLOTS, FollowingCell, spun
 from softgrip_testing.nodes.node_processes import own_domain
+from softgrip_testing.waiting import wait_until
 
 OPEN = dict.fromkeys(LONG_FINGERS, (10.0, 8.0, 6.0))
 FIST = dict.fromkeys(LONG_FINGERS, (70.0, 90.0, 50.0))
@@ -123,13 +123,6 @@ def follow(cell, film, hand_landmarks):
     node.destroy_node()
 
 
-def await_condition(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.005)
-
-
 def test_a_held_switch_lets_the_fingers_follow_and_its_end_stops_them(cell, follow):
     orders_at_release = []
 
@@ -149,7 +142,7 @@ def test_a_held_switch_lets_the_fingers_follow_and_its_end_stops_them(cell, foll
     assert np.all(np.diff(lengths_m[:, 0]) >= 0.0)
     assert lengths_m[-1, 0] > 0.003
     assert lengths_m[-1, 2] == pytest.approx(0.0, abs=1e-4)  # the drawn thumb lies still
-    await_condition(lambda: bool(cell.frames) and cell.frames[-1].phase == TeleoperationState.ABORTED)
+    wait_until(lambda: bool(cell.frames) and cell.frames[-1].phase == TeleoperationState.ABORTED)
     assert orders_at_release == [len(cell.orders)]
     running = [frame for frame in cell.frames if frame.phase == TeleoperationState.RUNNING]
     assert {(frame.episode, frame.task) for frame in running} == {(1, "close")}
@@ -170,7 +163,7 @@ def test_an_emergency_stop_ends_the_motion(cell, follow):
 
     assert follow(seen=seen) == 0
     assert 0 < orders[0] == len(cell.orders)
-    await_condition(lambda: any("emergency stop: a person" in frame.reason for frame in cell.frames))
+    wait_until(lambda: any("emergency stop: a person" in frame.reason for frame in cell.frames))
 
 
 def test_somebody_elses_tendons_are_left_alone(cell, follow, monkeypatch):

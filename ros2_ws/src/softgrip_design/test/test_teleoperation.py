@@ -14,7 +14,6 @@ from softgrip_design.capture.detector import DetectedHand
 from softgrip_design.capture.frames import VideoFrame
 from softgrip_design.capture.recording import LONG_FINGERS
 from softgrip_design.errors import DesignError
-from softgrip_design.teleoperation.dead_man import PRESS_LIFETIME_S, DeadManSwitch
 from softgrip_design.teleoperation.demonstration import Demonstrations, Phase
 from softgrip_design.teleoperation.follower import REFERENCE_FRAMES, FollowerSettings, HandFollower
 from softgrip_design.teleoperation.frame_source import MAX_DELAY_S, film_frames
@@ -24,6 +23,8 @@ from softgrip_design.teleoperation.session import (
     NO_HAND,
     NOT_ARMED,
     NOT_HELD,
+    PRESS_LIFETIME_S,
+    DeadManSwitch,
     TeleoperationFrame,
     TeleoperationSession,
 )

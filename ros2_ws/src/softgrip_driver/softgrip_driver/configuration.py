@@ -12,8 +12,7 @@ from typing import Any
 from softgrip_driver.drives import DriveRequest, DriveSet, configure_drives, per_tendon
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.units import Spool
 
 

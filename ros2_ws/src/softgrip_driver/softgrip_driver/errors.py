@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can go wrong with a device. Every message says what was expected, what was found and what to do."""
+"""What can go wrong with a device, or on a rig. Every message says what was expected, what was found and what to do."""
 
 from __future__ import annotations
 
@@ -39,3 +39,35 @@ class DeviceRefusedError(DriverError):
         super().__init__(message)
         #: what the device said (Dynamixel: status error code 1..7)
         self.code = code
+
+
+class SaturatedError(DriverError):
+    """The gauge is at the end of its range: the force is unknown."""
+
+
+class UnitChangedError(DriverError):
+    """Somebody switched the gauge's unit at its panel: its numbers mean something else."""
+
+
+class GaugeFaultError(DriverError):
+    """The gauge does not feel what is known to hang on it."""
+
+
+class NotReadyError(DeviceRefusedError):
+    """The device still ends what it did before; ask again."""
+
+
+class LimitError(DriverError):
+    """A force or travel limit was reached, or would be."""
+
+
+class StageStalledError(DriverError):
+    """The stage was told to move and does not."""
+
+
+class StoppedError(DriverError):
+    """The measurement was stopped by request."""
+
+
+class JournalError(DriverError):
+    """The record of a plan cannot be written or read."""

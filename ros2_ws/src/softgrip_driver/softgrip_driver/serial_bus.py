@@ -3,11 +3,115 @@
 
 from __future__ import annotations
 
+import termios
 import threading
+from collections.abc import Callable
 
-from softgrip_driver.serial_link import SerialLink
+import serial
+
+from softgrip_driver.dynamixel.adapter import naming_advice, request_low_latency
+from softgrip_driver.errors import PortLostError
 from softgrip_driver.tendon.backend import Counters
-from softgrip_time import Clock
+from softgrip_time import Clock, WallClock
+
+#: [s] that the system may take a packet for; an adapter that hangs counts as gone
+WRITE_TIMEOUT_S = 0.5
+#: 8N1: start bit, eight data bits, stop bit
+BITS_PER_BYTE = 10
+#: what pyserial and the tty layer raise when a device goes away
+_GONE = (OSError, termios.error, TypeError, ValueError)
+_CHUNK = 4096
+
+
+class SerialLink:
+    """One port, opened for this process alone.
+
+    Args:
+        path: device path.
+        baud: [1/s], 8N1.
+        reply_margin: [s] allowed for a reply beyond the time its bytes need.
+        clock: that its waits are on; the computer's where none is given.
+    """
+
+    def __init__(self, path: str, baud: int, reply_margin: float, clock: Clock | None = None) -> None:
+        self.clock = clock or WallClock()
+        self.path = path
+        self.baud = baud
+        self.reply_margin = reply_margin
+        self._serial: serial.Serial | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """Open the port; raises PortLostError."""
+        self.close()
+        try:
+            port = serial.Serial(
+                port=self.path, baudrate=self.baud, timeout=0, exclusive=True, write_timeout=WRITE_TIMEOUT_S
+            )
+            request_low_latency(port)
+            self.clock.attach(port.fileno())
+            port.reset_input_buffer()
+        except _GONE as error:
+            advice = naming_advice(self.path)
+            raise PortLostError(
+                f"port {self.path}: expected a free serial port, found: {error}; check cable, power, permissions "
+                "(group dialout) and that no other program uses it" + (f"; {advice}" if advice else "")
+            ) from error
+        self._serial = port
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        if self._serial is None:
+            return
+        try:
+            self.clock.detach(self._serial.fileno())
+            self._serial.close()
+        except _GONE:
+            pass  # gone already: nothing is left to close
+        self._serial = None
+
+    def send(self, data: bytes) -> None:
+        """Throw away what came in before and send a packet; raises PortLostError."""
+        try:
+            port = self._port()
+            port.reset_input_buffer()
+            self.clock.count_written(port.fileno(), port.write(data) or 0)
+        except _GONE as error:
+            raise self._lost(error) from error
+
+    def receive(self, size: int, is_complete: Callable[[bytes], bool]) -> bytes:
+        """Return what came in until it is complete, or can no longer come; raises PortLostError.
+
+        Args:
+            size: bytes that question and answer have, for the time they take.
+            is_complete: of the bytes so far.
+        """
+        until = self.clock.now_s() + size * BITS_PER_BYTE / self.baud + self.reply_margin
+        heard = b""
+        try:
+            port = self._port()
+            while not is_complete(heard):
+                if not self.clock.wait_readable((port.fileno(),), until):
+                    break
+                heard += port.read(_CHUNK)
+        except _GONE as error:
+            raise self._lost(error) from error
+        return heard
+
+    def _port(self) -> serial.Serial:
+        if self._serial is None:
+            raise OSError("it is closed")
+        return self._serial
+
+    def _lost(self, error: Exception) -> PortLostError:
+        self.close()
+        return PortLostError(
+            f"port {self.path}: expected a serial port that stays, found: {error}; plug the adapter in again"
+        )
 
 
 class SerialBus:

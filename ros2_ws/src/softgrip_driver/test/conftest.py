@@ -7,7 +7,6 @@ They run in a time of their own, exact on any machine; in real time, on pseudo-t
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import os
 from dataclasses import replace
@@ -29,8 +28,7 @@ from softgrip_driver.stage.drive_set import STAGE_RATES
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Policies
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.needs import fitted_limits
 from softgrip_driver.tendon.safety import Safety
@@ -46,6 +44,7 @@ from softgrip_emulator.servos import load_ratings, make_chain
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.usb_adapter import UsbAdapter
 from softgrip_model.profile import load_directory
+from softgrip_testing.scripts import load_script
 
 PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
 TENDONS = ("index", "middle", "thumb")
@@ -62,14 +61,7 @@ def other_model(name):
     return (feetech.MODELS | damiao.MODELS)[name]
 
 
-def load(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-worlds = load(Path(__file__).with_name("worlds.py"))
+worlds = load_script(Path(__file__).with_name("worlds.py"))
 
 
 def shipped_limits(model, no_reply=0.05):
@@ -389,3 +381,18 @@ def pytest_terminal_summary(terminalreporter, config):
     if report := getattr(config, "soak_report", ""):
         terminalreporter.write_sep("=", "soak")
         terminalreporter.write_line(report)
+
+
+@pytest.fixture
+def make_rig(tmp_path, world):
+    """Make a rig whose ports stand in the folder of the test."""
+    rigs = []
+
+    def make(**settings):
+        rigs.append(EmulatedRig(clock=world.clock, **settings).open_ports(tmp_path, world.port))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+    world.close()

@@ -10,7 +10,7 @@ import signal
 import numpy as np
 import pytest
 
-from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup
+from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup, tension_recording
 from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS
@@ -273,8 +273,8 @@ def test_calibration_against_a_gauge_finds_the_servo_s_true_constant(bench, monk
     bench.loop.stop()
     bench.backend._live = {"index": bench.backend._live["index"]}
     samples = calibrate_tension.measure(bench.backend, Gauge(), 8.0, 0.012, 0.03, 2)
-    calibrate_tension.write_csv(tmp_path / "samples.csv", samples)
-    taut = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension_n > 1.0]
+    tension_recording.write_csv(tmp_path / "samples.csv", samples)
+    taut = [s for s in tension_recording.read_csv(tmp_path / "samples.csv") if s.tension_n > 1.0]
     found = calibrate_tension.calibrate(taut, MODELS["XL330-M288"], 0.010, "gauge")
     motor = bench.plant.motors[0]
     truth = motor.ratings.torque_constant_nm_per_a * 0.010 / motor.spool_radius_m

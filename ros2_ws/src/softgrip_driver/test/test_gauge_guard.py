@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import pytest
 
+from softgrip_driver.errors import GaugeFaultError, LimitError
 from softgrip_driver.faults import FAULTS
-from softgrip_driver.rig.errors import GaugeFaultError, LimitError
 from softgrip_driver.rig.pull import PullSettings, Stroke, record_pull
 from softgrip_driver.rig.slide import check_weight_at_rest
 from softgrip_driver.stage.gauge_guard import MAX_NEGATIVE_N, REST_READINGS, GaugeGuard

@@ -8,9 +8,14 @@ from pathlib import Path
 import pytest
 
 from softgrip_driver.commands.calibrate_cell import weigh
-from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceRefusedError, DriverError
+from softgrip_driver.errors import (
+    ConfigurationError,
+    CorruptReplyError,
+    DeviceRefusedError,
+    DriverError,
+    SaturatedError,
+)
 from softgrip_driver.rig.build import StreamSettings, make_line_gauge
-from softgrip_driver.rig.errors import SaturatedError
 from softgrip_driver.rig.gauge_calibration import (
     WeighedPoint,
     fit_calibration,
@@ -18,7 +23,6 @@ from softgrip_driver.rig.gauge_calibration import (
     write_calibration,
 )
 from softgrip_driver.rig.line_format import FORMATS, line_format
-from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.polled import PROTOCOLS, TECSIS_COUNTS_PER_NEWTON
 from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON, OFFSET_COUNTS, SKETCHES
 
@@ -35,21 +39,6 @@ READ_AS = {
     "sparkfun_zero": ("pounds", 1.0),
     "sparkfun_calibration": ("pounds", 1.0),
 }
-
-
-@pytest.fixture
-def make_rig(tmp_path, world):
-    """Make a rig whose ports stand in the folder of the test."""
-    rigs = []
-
-    def make(**settings):
-        rigs.append(EmulatedRig(clock=world.clock, **settings).open_ports(tmp_path, world.port))
-        return rigs[-1]
-
-    yield make
-    for rig in rigs:
-        rig.close()
-    world.close()
 
 
 def gauge_at(folder: Path, line: str, counts: float = 1.0, **settings):

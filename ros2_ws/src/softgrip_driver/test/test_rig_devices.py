@@ -13,12 +13,12 @@ from softgrip_driver.errors import (
     DeviceRefusedError,
     NoReplyError,
     PortLostError,
+    SaturatedError,
+    UnitChangedError,
 )
 from softgrip_driver.rig import mark10
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
-from softgrip_driver.rig.errors import SaturatedError, UnitChangedError
 from softgrip_driver.rig.line_format import LineFormat, line_format
-from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON, FORMATS
 
 ALL_GAUGES = ["gcl2", *FORMATS]
@@ -38,21 +38,6 @@ def until(world):
             world.breathe()
 
     return wait
-
-
-@pytest.fixture
-def make_rig(tmp_path, world):
-    """Make a rig whose ports stand in the folder of the test."""
-    rigs = []
-
-    def make(**settings):
-        rigs.append(EmulatedRig(clock=world.clock, **settings).open_ports(tmp_path, world.port))
-        return rigs[-1]
-
-    yield make
-    for rig in rigs:
-        rig.close()
-    world.close()
 
 
 def stands(rig):

@@ -6,8 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from softgrip_driver.errors import DeviceRefusedError, NoReplyError
-from softgrip_driver.rig.errors import JournalError, LimitError, SaturatedError, StageStalledError, StoppedError
+from softgrip_driver.errors import (
+    DeviceRefusedError,
+    JournalError,
+    LimitError,
+    NoReplyError,
+    SaturatedError,
+    StageStalledError,
+    StoppedError,
+)
 from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.procedure import PlanFailedError, ProcedurePhase, RigSettings
 from softgrip_driver.rig.pull import PullSettings, record_pull

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from softgrip_driver.errors import NoReplyError
+from softgrip_driver.errors import NoReplyError, SaturatedError
 from softgrip_driver.rig.devices import DeviceIdentity
-from softgrip_driver.rig.errors import SaturatedError
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
 

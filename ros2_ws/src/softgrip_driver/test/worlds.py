@@ -19,8 +19,8 @@ from softgrip_emulator.wire.pty import Line, PtyPort
 from softgrip_testing.virtual_clock import PLANT_PERIOD_S, VirtualClock, VirtualRigClock
 
 #: modules of the driver that make a clock where they are given none, or open a port
-CLOCKED = ("dynamixel.bus", "serial_link", "tendon.loop", "stage.backend", "rig.line_port", "commands.stage")
-PORTS = ("dynamixel.port", "serial_link", "rig.line_port")
+CLOCKED = ("dynamixel.bus", "serial_bus", "tendon.loop", "stage.backend", "rig.line_port", "commands.stage")
+PORTS = ("dynamixel.port", "serial_bus", "rig.line_port")
 
 
 class Cable:

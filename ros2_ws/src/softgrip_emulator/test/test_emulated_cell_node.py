@@ -11,7 +11,8 @@ from rosgraph_msgs.msg import Clock
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_nodekit import SENSOR, seconds
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
+from softgrip_testing.nodes.node_processes import node_processes, own_domain, peer_node
+from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from softgrip_model.finger import (
     follow,
 )
 from softgrip_model.finger.predictor import Configuration
-from softgrip_model.finger.published import TANGENT_MODULUS_MPA, chapter_4_finger
+from softgrip_model.finger.published import chapter_4_finger
 from softgrip_model.finger.replication import replicate
 from softgrip_model.finger.session import Session
 from softgrip_model.finger.wear import WearSettings
@@ -36,30 +37,15 @@ from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 from softgrip_model.friction.published import published
 from softgrip_model.profile import digest, load_directory, shipped_directory
 from softgrip_testing.calculix_flexures import OTHER_SEEDS, STUDY_SEEDS, UNSEEN_SEEDS, Closing, closings
+from softgrip_testing.finger_gradients import differences, rows, uneven_finger
 
+finger = functools.partial(uneven_finger, JointModel.FLEXURE)
 MATTE = published("braid-tpu-chapter4").law
 LAWS = {
     "matte": MATTE,
     "matte exact": dataclasses.replace(published("twine-tpu").law, k_reading=KReading.EXACT),
     "capstan": FrictionLaw(Law.CAPSTAN, (0.36,), 3.75),
 }
-
-
-def finger(*, joints: int = 3, elastic: bool = False, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT) -> Finger:
-    """A design off the kinks of |phi| and of the friction's clamp."""
-    return Finger(
-        link_mm=(45.0, 27.0, 30.0, 28.0)[:joints],
-        thickness_mm=(2.7, 3.1, 3.4, 3.0)[:joints],
-        length_mm=(10.0, 9.5, 11.0, 10.0)[:joints],
-        routing_mm=(6.1, 7.3, 8.2, 9.4, 10.5, 11.6, 8.0, 9.0)[: 2 * joints],
-        width_mm=15.0,
-        strip=Strip(TANGENT_MODULUS_MPA, moment_law),
-        opening_rad=(1.7, 1.4, 1.6, 1.5)[:joints],
-        compliance_per_n=5e-4 if elastic else 0.0,
-        lead_mm=120.0,
-        base_mm=20.0,
-        joint_model=JointModel.FLEXURE,
-    )
 
 
 def largest_differences(one: Closing, joint_model: JointModel) -> tuple[float, float]:
@@ -88,28 +74,6 @@ def test_fingers_close_as_in_calculix(seeds: range, tip: float, tension: float) 
     assert (largest.max(axis=0) <= (tip, tension)).all()
     assert largest[:, 0].mean() <= 0.009
     assert hinged[:, 0].max() > 0.03  # what mode P leaves
-
-
-def rows(solution: object) -> np.ndarray:
-    """What the gradient's rows are derivatives of, (n + 5,)."""
-    return np.concatenate(
-        [
-            solution.angle_rad[0, 0],  # type: ignore[attr-defined]
-            solution.tip_mm[0, 0],  # type: ignore[attr-defined]
-            [solution.tension_n[0, 0, 0], solution.tension_n[0, 0, -1], solution.pulled_mm[0, 0]],  # type: ignore[attr-defined]
-        ]
-    )
-
-
-def differences(build: object, at: np.ndarray, step: float) -> np.ndarray:
-    """Fourth-order central differences of `build(x)` (a function to rows) in every component of `at`."""
-    columns = []
-    for i in range(len(at)):
-        shift = np.zeros(len(at))
-        shift[i] = step
-        f = [build(at + k * shift) for k in (-2, -1, 1, 2)]  # type: ignore[operator]
-        columns.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step))
-    return np.stack(columns, axis=1)
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
 
-from softgrip_model.finger import Control, Finger, FingerError, JointModel, Kernel, MomentLaw, Solution, Status, Strip
-from softgrip_model.finger.published import TANGENT_MODULUS_MPA, chapter_4_finger
+from softgrip_model.finger import Control, Finger, FingerError, JointModel, Kernel, MomentLaw, Status
+from softgrip_model.finger.published import chapter_4_finger
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 from softgrip_model.friction.published import published
+from softgrip_testing.finger_gradients import differences, rows, uneven_finger
 
+finger = functools.partial(uneven_finger, JointModel.HINGE)
 LAWS = {
     "matte": published("braid-tpu-chapter4").law,
     "matte exact": dataclasses.replace(published("twine-tpu").law, k_reading=KReading.EXACT),
@@ -20,45 +23,6 @@ LAWS = {
     "heap": FrictionLaw(Law.HEAP, (0.427, 0.731), 3.75),
     "capstan": FrictionLaw(Law.CAPSTAN, (0.36,), 3.75),
 }
-
-
-def finger(*, joints: int = 3, elastic: bool = False, moment_law: MomentLaw = MomentLaw.ABSOLUTE_TANGENT) -> Finger:
-    """A design off the kinks of |phi| and of the friction's clamp."""
-    return Finger(
-        link_mm=(45.0, 27.0, 30.0, 28.0)[:joints],
-        thickness_mm=(2.7, 3.1, 3.4, 3.0)[:joints],
-        length_mm=(10.0, 9.5, 11.0, 10.0)[:joints],
-        routing_mm=(6.1, 7.3, 8.2, 9.4, 10.5, 11.6, 8.0, 9.0)[: 2 * joints],
-        width_mm=15.0,
-        strip=Strip(TANGENT_MODULUS_MPA, moment_law),
-        opening_rad=(1.7, 1.4, 1.6, 1.5)[:joints],
-        compliance_per_n=5e-4 if elastic else 0.0,
-        lead_mm=120.0,
-        base_mm=20.0,
-        joint_model=JointModel.HINGE,
-    )
-
-
-def rows(solution: Solution) -> np.ndarray:
-    """What the gradient's rows are derivatives of, (n + 5,)."""
-    return np.concatenate(
-        [
-            solution.angle_rad[0, 0],
-            solution.tip_mm[0, 0],
-            [solution.tension_n[0, 0, 0], solution.tension_n[0, 0, -1], solution.pulled_mm[0, 0]],
-        ]
-    )
-
-
-def differences(build: object, at: np.ndarray, step: float) -> np.ndarray:
-    """Fourth-order central differences of `build(x)` (a function to rows) in every component of `at`."""
-    columns = []
-    for i in range(len(at)):
-        shift = np.zeros(len(at))
-        shift[i] = step
-        f = [build(at + k * shift) for k in (-2, -1, 1, 2)]  # type: ignore[operator]
-        columns.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step))
-    return np.stack(columns, axis=1)
 
 
 TARGETS = {Control.PULLED_LENGTH: 13.0, Control.TENSION: 8.0, Control.DEFLECTION: 1.9}

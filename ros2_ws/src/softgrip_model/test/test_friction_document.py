@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/friction.md says what the code gives."""
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture(scope="module")
 def generator():
-    spec = importlib.util.spec_from_file_location("docs_friction", ROOT / "tools" / "docs" / "friction.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / "tools" / "docs" / "friction.py")
 
 
 @pytest.fixture(scope="module")

@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/gdfe.md says what the code gives."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
+
+from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture(scope="module")
 def generator():
-    spec = importlib.util.spec_from_file_location("docs_gdfe", ROOT / "tools" / "docs" / "gdfe.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / "tools" / "docs" / "gdfe.py")
 
 
 @pytest.mark.slow

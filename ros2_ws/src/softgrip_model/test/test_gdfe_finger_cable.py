@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cable of a finger's mesh against one that is worked out here, and its strips against CalculiX."""
 
-import importlib.util
 import shutil
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.calculix_cable import calculix_closings, closing_of, our_closing
 from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
+from softgrip_testing.scripts import load_script
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +102,7 @@ def test_a_finger_closes_as_in_calculix(design):
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 def test_the_reference_is_what_calculix_gives():
     path = Path(__file__).resolve().parents[4] / "tools" / "docs" / "gdfe_cable_calculix.py"
-    spec = importlib.util.spec_from_file_location("gdfe_cable_calculix", path)
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
+    maker = load_script(path)
     closing = closing_of("pinch")
     shape = closing.shape(0.004)
     text = maker.deck(closing.finger_mesh, np.array(shape.tension[1:]), "C3D8")

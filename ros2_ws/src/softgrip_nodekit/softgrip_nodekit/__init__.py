@@ -4,12 +4,18 @@
 Node-level code: it imports rclpy, and only modules under a package's ``nodes/`` import it.
 """
 
-from softgrip_nodekit.answers import answer
 from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
 from softgrip_nodekit.cell_lock import claim_name
-from softgrip_nodekit.cell_time import CellFollower, cell_clock, duration_clock, duration_timer, join_cell_time
+from softgrip_nodekit.cell_time import (
+    CellFollower,
+    cell_clock,
+    duration_clock,
+    duration_timer,
+    join_cell_time,
+    steady_timer,
+)
 from softgrip_nodekit.diagnostics import Diagnostics, Health
-from softgrip_nodekit.errors import FatalError, StartupError, startup_errors
+from softgrip_nodekit.errors import FatalError, StartupError, answer, startup_errors
 from softgrip_nodekit.event_time import StampedInputs, input_stamp_ns, lateness_parameter
 from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.health import HealthMonitor, HealthWatch
@@ -20,7 +26,6 @@ from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import nanoseconds, seconds, to_time_message
-from softgrip_nodekit.timers import steady_timer
 from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [

@@ -112,3 +112,20 @@ def duration_timer(node: Node, period: float, callback: Callable[[], None]) -> A
 
 def _lockstep(node: Node) -> str:
     return str(node.get_parameter(LOCKSTEP).value) if node.has_parameter(LOCKSTEP) else ""
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], None], callback_group: Any = None) -> Any:
+    """Return a timer on the steady clock.
+
+    A timer of `Node.create_timer` follows the node's clock: with ``use_sim_time`` it stands while nobody publishes
+    /clock, and a watch that stands finds nothing.
+
+    Args:
+        node: that runs it.
+        period: [s].
+        callback: what is called.
+        callback_group: None = the node's default one.
+    """
+    return node.create_timer(
+        period, callback, callback_group=callback_group, clock=Clock(clock_type=ClockType.STEADY_TIME)
+    )

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps a node from starting, and what ends one that runs."""
+"""What keeps a node from starting, what ends one that runs, and what refuses a request: errors and their words."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any, TypeVar
 
 
 class StartupError(Exception):
@@ -20,3 +21,21 @@ def startup_errors(*kinds: type[Exception]) -> Iterator[None]:
         yield
     except kinds as error:
         raise StartupError(str(error)) from error
+
+
+Response = TypeVar("Response", bound=Any)
+
+
+def answer(response: Response, act: Callable[[], str], *refusals: type[Exception]) -> Response:
+    """Act, and fill in what came of it.
+
+    Args:
+        response: gets ``success`` and ``message``.
+        act: returns the message.
+        refusals: errors whose text is the message of a refusal; any other goes on.
+    """
+    try:
+        response.message, response.success = act(), True
+    except refusals as error:
+        response.message, response.success = str(error), False
+    return response

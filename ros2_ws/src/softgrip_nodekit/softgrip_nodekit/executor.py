@@ -8,11 +8,14 @@ middleware what is ready.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import inspect
 from collections.abc import Callable
 from typing import Any
 
+import rclpy
+from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -57,3 +60,17 @@ def _rclpy_version() -> tuple[int, ...]:
         return tuple(int(part) for part in metadata.version("rclpy").split(".")[:3])
     except (metadata.PackageNotFoundError, ValueError):
         return ()
+
+
+def end_context(context: Context | None = None) -> None:
+    """Shut a context down if it is not down yet; None = the one that `rclpy.init` made.
+
+    `try_shutdown` looks and then shuts down; where a signal's thread does so in between, rcl refuses the second
+    time ("rcl_shutdown already called"). What is wanted has happened then, and the caller may have hardware to make
+    safe.
+    """
+    with contextlib.suppress(RuntimeError):
+        if context is None:
+            rclpy.try_shutdown()
+        else:
+            context.try_shutdown()

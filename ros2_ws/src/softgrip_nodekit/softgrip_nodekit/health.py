@@ -13,8 +13,8 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from softgrip_nodekit.callback_errors import callback_errors
+from softgrip_nodekit.cell_time import steady_timer
 from softgrip_nodekit.isolated import IsolatedNode
-from softgrip_nodekit.timers import steady_timer
 
 #: [s] between two pings of a node.
 PING_PERIOD_S = 0.25

@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softgrip_nodekit.context import end_context
+from softgrip_nodekit.executor import end_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,9 +23,8 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
 from softgrip_interfaces.msg import NodeTrace, TraceStep
-from softgrip_nodekit.cell_time import duration_clock, duration_timer
+from softgrip_nodekit.cell_time import duration_clock, duration_timer, steady_timer
 from softgrip_nodekit.stamps import nanoseconds, to_time_message
-from softgrip_nodekit.timers import steady_timer
 from softgrip_time.units import to_s
 
 #: [s] between two messages of a trace.

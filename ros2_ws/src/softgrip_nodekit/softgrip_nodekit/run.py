@@ -21,9 +21,8 @@ from rclpy.node import Node
 
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
 from softgrip_nodekit.cell_time import await_cell, join_cell_time
-from softgrip_nodekit.context import end_context
 from softgrip_nodekit.errors import FatalError, StartupError
-from softgrip_nodekit.executor import make_executor
+from softgrip_nodekit.executor import end_context, make_executor
 from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
 from softgrip_nodekit.node import CellNode, HardwareNode
 from softgrip_nodekit.priority import REALTIME_PRIORITY, claim_processor, own_threads

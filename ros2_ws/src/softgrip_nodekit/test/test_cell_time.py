@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -32,17 +32,10 @@ from softgrip_nodekit import (
     join_cell_time,
 )
 from softgrip_nodekit.cell_time import LAG_S
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
+from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 from softgrip_time import SimulatedClock, WallClock
 
 pytestmark = pytest.mark.ros
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + TEST_TIMEOUT_S
-    while not condition():
-        assert time.monotonic() < end, "not in time"
-        time.sleep(0.005)
 
 
 @pytest.fixture
@@ -129,18 +122,18 @@ def test_the_time_waits_for_an_executor_and_durations_are_its(context: Context, 
     executor.add_node(node)
     spinning = threading.Thread(target=executor.spin, daemon=True)
     spinning.start()
-    until(lambda: cell.server.participants.names() == {"follows"})
-    until(lambda: len(ticks) > 100)  # five seconds of the cell
+    wait_until(lambda: cell.server.participants.names() == {"follows"})
+    wait_until(lambda: len(ticks) > 100)  # five seconds of the cell
     assert max(b - a for a, b in pairwise(ticks[20:])) < 0.05 + 2.0 * LAG_S
     go_on.clear()  # an executor that stands still
     assert stands.wait(TEST_TIMEOUT_S)
     held_s = cell.server.held_s.get("follows (clock)", 0.0)  # a busy computer's executor has held it before, too
-    until(lambda: cell.server.held_s.get("follows (clock)", 0.0) > held_s + 0.3)
+    wait_until(lambda: cell.server.held_s.get("follows (clock)", 0.0) > held_s + 0.3)
     stands_s = cell.server.clock.now_s()
     time.sleep(0.2)
     assert cell.server.clock.now_s() == stands_s
     go_on.set()
-    until(lambda: cell.server.clock.now_s() > stands_s + 0.5)
+    wait_until(lambda: cell.server.clock.now_s() > stands_s + 0.5)
     executor.shutdown()
     spinning.join(TEST_TIMEOUT_S)
     node.destroy_node()
@@ -171,6 +164,6 @@ def test_a_node_that_is_only_late_is_not_reported_while_the_cells_time_stands(co
     for _ in range(20):  # in steps that no watcher calls a pause of its own
         now_s[0] += 0.01
         time.sleep(0.03)
-    until(lambda: silent == ["peer"])
+    wait_until(lambda: silent == ["peer"])
     monitor.close()
     node.destroy_node()

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 import rclpy
@@ -16,7 +14,7 @@ from rclpy.node import Node
 
 from softgrip_nodekit import HealthMonitor, HealthWatch
 from softgrip_nodekit.guards import serve_ping
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
+from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 
 
 def test_silence_counts_from_the_last_answer_and_is_told_once() -> None:
@@ -93,13 +91,6 @@ def driver() -> Iterator[Node]:
     context.try_shutdown()
 
 
-def await_that(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + TEST_TIMEOUT_S
-    while not condition():
-        assert time.monotonic() < end, "not in time"
-        time.sleep(0.01)
-
-
 def test_a_frozen_executor_is_named_while_its_node_is_still_on_the_graph(
     driver: Node, watched: Callable[..., Watched]
 ) -> None:
@@ -114,14 +105,14 @@ def test_a_frozen_executor_is_named_while_its_node_is_still_on_the_graph(
         on_back=lambda name: reported.append(("back", name)),
     )
     try:
-        await_that(lambda: len(monitor._watch._answered) == 2)
+        wait_until(lambda: len(monitor._watch._answered) == 2)
         manager.go_on.clear()
-        await_that(lambda: reported == [("silent", "manager")])
+        wait_until(lambda: reported == [("silent", "manager")])
         assert monitor.silent == ["manager"]
         assert "manager" in driver.get_node_names()
         manager.go_on.set()
-        await_that(lambda: reported == [("silent", "manager"), ("back", "manager")])
+        wait_until(lambda: reported == [("silent", "manager"), ("back", "manager")])
         other.close()  # ended, not frozen: it does not answer either
-        await_that(lambda: monitor.silent == ["/elsewhere/other"])
+        wait_until(lambda: monitor.silent == ["/elsewhere/other"])
     finally:
         monitor.close()

@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Int32
 
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, Diagnostics, Health
-from softgrip_nodekit.presence import Presence, diagnosed_nodes
+from softgrip_nodekit.diagnostics import Presence, diagnosed_nodes
 
 
 def test_a_first_appearance_is_no_news_and_every_change_is_told_once() -> None:

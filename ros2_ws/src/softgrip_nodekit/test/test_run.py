@@ -23,7 +23,7 @@ from softgrip_nodekit import (
 )
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S
 from softgrip_nodekit.run import CANNOT_START
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
+from softgrip_testing.waiting import wait_until
 
 ERROR = "Unable to convert call argument '0' to Python object"
 
@@ -171,11 +171,13 @@ def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None
     for _ in range(100):
         fail(ValueError)
     fail(KeyError)
-    await_lines(said, 2)
+    wait_until(lambda: len(said) >= 2, said)
+    assert len(said) == 2
     assert errors.count == 101
     now[0] = 5.0
     fail(ValueError)
-    await_lines(said, 3)
+    wait_until(lambda: len(said) >= 3, said)
+    assert len(said) == 3
     assert "102 such errors so far" in said[2]
     assert errors.is_recent()
     now[0] = 100.0
@@ -183,14 +185,6 @@ def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None
     for number in range(1000):
         fail(type(f"Error{number}", (Exception,), {}))
     assert len(errors._said) == 64
-
-
-def await_lines(said: list[str], count: int) -> None:
-    end = time.monotonic() + TEST_TIMEOUT_S
-    while len(said) < count:
-        assert time.monotonic() < end, said
-        time.sleep(0.01)
-    assert len(said) == count
 
 
 CLINGING = """

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,15 +15,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from softgrip_nodekit import UrgentServer
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S
-
-
-def _await(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + TEST_TIMEOUT_S
-    while not condition():
-        assert time.monotonic() < end, "not in time"
-        time.sleep(0.01)
-
+from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 
 Serve = Callable[[Any, Any], Any]
 Make = Callable[..., "tuple[Node, UrgentServer]"]
@@ -110,13 +101,13 @@ def test_names_follow_the_nodes_arguments_and_both_nodes_keep_names_of_their_own
     assert server.service_name == "/left/all_stop"
     assert call("/left/all_stop").success
     both = {"/left/left_driver", "/left/left_driver_urgent"}
-    _await(lambda: both <= set(node.get_fully_qualified_node_names()))
+    wait_until(lambda: both <= set(node.get_fully_qualified_node_names()))
 
 
 def test_nothing_else_is_served_by_its_node(make: Make, call: Callable[..., Any]) -> None:
     node, _ = make()
     call("/estop")
-    _await(lambda: "driver_urgent" in node.get_node_names())
+    wait_until(lambda: "driver_urgent" in node.get_node_names())
     served = node.get_service_names_and_types_by_node("driver_urgent", "/")
     assert served == [("/estop", ["std_srvs/srv/Trigger"])]
 

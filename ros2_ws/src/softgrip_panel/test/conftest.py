@@ -16,22 +16,12 @@ import pytest
 
 from softgrip_panel.access.accounts import add_account
 from softgrip_panel.model.roles import Role
+from softgrip_panel.model.state import PanelState
 from softgrip_testing.browser import PanelBrowser
-from softgrip_testing.synthetic_boards import BoardCamera
+from softgrip_testing.manual_clock import ManualClock
+from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_vision.calibrating import Board
 from softgrip_vision.calibration import Lens
-
-#: Where the board's centre lies in the picture [px], its rotation vector [rad] and its distance [m].
-POSES = (
-    ((300, 180), (0.45, 0.0, 0.0), 0.50),
-    ((660, 180), (-0.45, 0.1, 0.05), 0.50),
-    ((300, 360), (0.0, 0.5, 0.0), 0.50),
-    ((660, 360), (0.05, -0.5, 0.1), 0.50),
-    ((480, 270), (0.35, 0.35, 0.0), 0.38),
-    ((480, 270), (-0.35, -0.35, 0.2), 0.38),
-    ((250, 270), (0.3, -0.4, 0.0), 0.55),
-    ((700, 270), (-0.3, 0.4, -0.1), 0.55),
-)
 
 
 @dataclass
@@ -120,7 +110,17 @@ def board_pictures() -> list[bytes]:
     lens = Lens(960, 540, np.array([[905.0, 0.0, 486.0], [0.0, 908.0, 263.0], [0.0, 0.0, 1.0]]), np.zeros(5), "truth")
     camera = BoardCamera(lens, Board(11, 7, 0.024))
     found = []
-    for at, turn, away in POSES:
+    for at, turn, away in POSES[:8]:
         picture = camera.picture(*camera.centred(np.array(turn), at, away))
         found.append(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
     return found
+
+
+@pytest.fixture
+def clock() -> ManualClock:
+    return ManualClock(1000.0)
+
+
+@pytest.fixture
+def state(clock: ManualClock) -> PanelState:
+    return PanelState(clock, clock)

@@ -17,6 +17,7 @@ from softgrip_panel.commands import users
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model.roles import Role
 from softgrip_panel.web.gate import COOKIE, MAX_BODY, PERSON, Gate
+from softgrip_testing.manual_clock import ManualClock
 
 
 @pytest.fixture
@@ -24,13 +25,6 @@ def file(tmp_path: Path) -> Path:
     path = tmp_path / "users.yaml"
     add_account(path, "Ada", Role.OPERATE, "correct horse")
     return path
-
-
-class Clock:
-    s = 0.0
-
-    def __call__(self) -> float:
-        return self.s
 
 
 def test_only_the_right_password_opens(file: Path) -> None:
@@ -87,7 +81,7 @@ def test_the_command_adds_lists_and_removes(
 
 
 def test_sessions_end_by_idleness_age_and_log_out() -> None:
-    clock, ended = Clock(), []
+    clock, ended = ManualClock(), []
     sessions = Sessions(clock, ended.append)
     token = sessions.begin("Ada", Role.OPERATE)
     person = sessions.find(token)
@@ -107,7 +101,7 @@ def test_sessions_end_by_idleness_age_and_log_out() -> None:
 
 
 def test_guesses_have_to_wait_longer_and_longer() -> None:
-    clock = Clock()
+    clock = ManualClock()
     brake = LoginBrake(clock)
     for _ in range(FREE_TRIES):
         brake.check("name Ada", "address a")
@@ -204,7 +198,7 @@ def gate() -> Any:
         if scope["type"] == "http":
             await send({"type": "http.response.start", "status": 200, "headers": []})
 
-    sessions = Sessions(Clock())
+    sessions = Sessions(ManualClock())
     made = Gate(app, RULE, sessions, lambda address, path, reason: refused.append(reason))
     made.passed, made.refused, made.token = passed, refused, sessions.begin("Ada", Role.OPERATE)  # type: ignore[attr-defined]
     return made

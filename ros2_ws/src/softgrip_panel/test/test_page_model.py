@@ -38,30 +38,13 @@ from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
 from softgrip_panel.model.swap import SwapPhase, SwapProgress
 from softgrip_panel.model.work import PlannedStep, WorkPhase, WorkRun
+from softgrip_testing.manual_clock import ManualClock
 
 ADA = Person("a", "Ada", Role.OPERATE)
 BOB = Person("b", "Bob", Role.OPERATE)
 EVE = Person("e", "Eve", Role.LOOK)
 IDA = Person("i", "Ida", Role.ENGINEER)
 EVERYBODY = (ADA, BOB, EVE, IDA)
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.s = 1000.0
-
-    def __call__(self) -> float:
-        return self.s
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def state(clock: Clock) -> PanelState:
-    return PanelState(clock, clock)
 
 
 class Calls:
@@ -79,7 +62,7 @@ class Calls:
 # --- control
 
 
-def test_control_is_one_persons_until_it_is_handed_over(clock: Clock) -> None:
+def test_control_is_one_persons_until_it_is_handed_over(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
     desk.take(ADA)
     with pytest.raises(ActRefusedError, match="Ada has it"):
@@ -93,7 +76,7 @@ def test_control_is_one_persons_until_it_is_handed_over(clock: Clock) -> None:
     assert desk.view.asked_by is None
 
 
-def test_control_of_somebody_without_an_open_page_is_shown_as_lost_and_can_be_taken(clock: Clock) -> None:
+def test_control_of_somebody_without_an_open_page_is_shown_as_lost_and_can_be_taken(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
     desk.take(ADA)
     clock.s += LOST_S
@@ -105,7 +88,7 @@ def test_control_of_somebody_without_an_open_page_is_shown_as_lost_and_can_be_ta
     assert desk.has(BOB)
 
 
-def test_who_only_looks_never_has_control_and_force_needs_an_engineer_with_a_reason(clock: Clock) -> None:
+def test_who_only_looks_never_has_control_and_force_needs_an_engineer_with_a_reason(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
     for wrong in (lambda: desk.take(EVE), lambda: desk.ask(EVE), lambda: desk.force(BOB, "because")):
         with pytest.raises(ActRefusedError):
@@ -117,7 +100,7 @@ def test_who_only_looks_never_has_control_and_force_needs_an_engineer_with_a_rea
     assert desk.has(IDA)
 
 
-def test_a_session_that_ends_frees_control(clock: Clock) -> None:
+def test_a_session_that_ends_frees_control(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
     desk.take(ADA)
     desk.forget(ADA.session)
@@ -129,7 +112,7 @@ class ControlMachine(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.clock = Clock()
+        self.clock = ManualClock(1000.0)
         self.desk = ControlDesk(self.clock)
 
     @rule(person=st.sampled_from(EVERYBODY), act=st.sampled_from(["take", "ask", "hand_over", "give_back"]))
@@ -238,7 +221,7 @@ def test_a_hostile_name_stays_one_word_of_the_command_line() -> None:
 # --- alarms
 
 
-def test_the_life_of_an_alarm(clock: Clock) -> None:
+def test_the_life_of_an_alarm(clock: ManualClock) -> None:
     book = AlarmBook(clock)
     fact = AlarmFact("here", "broken")
     book.observe("source", {"k": fact})
@@ -264,7 +247,7 @@ def test_the_life_of_an_alarm(clock: Clock) -> None:
     assert book.history[0].acknowledged_by == "Ada"
 
 
-def test_a_short_gap_does_not_heal_an_alarm(clock: Clock) -> None:
+def test_a_short_gap_does_not_heal_an_alarm(clock: ManualClock) -> None:
     book = AlarmBook(clock)
     for _ in range(5):
         book.observe("source", {"k": AlarmFact("here", "flickers")})
@@ -286,7 +269,7 @@ def test_a_fault_of_the_table_becomes_an_alarm_with_its_remedy(name: str, state:
     assert alarm.fact.remedy == FAULTS[name].remedy
 
 
-def test_a_silent_driver_is_an_alarm(state: PanelState, clock: Clock) -> None:
+def test_a_silent_driver_is_an_alarm(state: PanelState, clock: ManualClock) -> None:
     state.observe_tendons([])
     clock.s += SILENCE_S + 0.1
     state.advance()
@@ -381,7 +364,7 @@ def test_a_spoiled_file_of_a_swap_is_no_swap(tmp_path: Path) -> None:
     assert swap.view.phase is SwapPhase.NONE
 
 
-def test_a_grasp_is_kept_with_curve_pictures_and_verdict(state: PanelState, clock: Clock) -> None:
+def test_a_grasp_is_kept_with_curve_pictures_and_verdict(state: PanelState, clock: ManualClock) -> None:
     state.grasps.observe_picture(b"before")
     state.observe_cell(CellView("IDLE", "power"))
     state.observe_cell(CellView("GRASPING", "power", product="=egg"))
@@ -445,7 +428,7 @@ def test_grasps_of_panel_and_database_are_one_list() -> None:
     assert [row.number for row in rows if GraspFilter(serial="a").admits(row)] == [2]
 
 
-def test_figures_of_a_run_by_their_formulas(clock: Clock) -> None:
+def test_figures_of_a_run_by_their_formulas(clock: ManualClock) -> None:
     run = WorkRun(clock)
     answer = SimpleNamespace(swaps=1, predicted_time=40.0, expected_success=0.9, redundant_sets=[])
     run.plan([PlannedStep("egg", 4, "power", False, 0.9, 40.0)], answer)
@@ -499,7 +482,7 @@ def random_fault(state: PanelState, chance: random.Random) -> None:
 @pytest.mark.slow
 def test_two_hundred_operators_with_a_thousand_acts_each_break_no_rule() -> None:
     chance = random.Random(29)
-    clock = Clock()
+    clock = ManualClock(1000.0)
     state = PanelState(clock, clock)
     calls = WatchedCalls(state, chance)
     desk = ActDesk(state, calls, ActRecord(None, clock))

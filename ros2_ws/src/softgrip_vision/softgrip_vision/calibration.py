@@ -34,6 +34,8 @@ top left pixel. Fingers seen from behind simply have a homography of the other h
 from __future__ import annotations
 
 import math
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -334,3 +336,28 @@ def save(calibration: CameraCalibration, path: Path | str) -> None:
 def _entry(matrix: Array) -> dict[str, Any]:
     rows, cols = matrix.shape
     return {"rows": rows, "cols": cols, "data": [float(value) for value in matrix.ravel()]}
+
+
+#: [s] between two looks whether a file is there
+_LOOK_PERIOD_S = 0.05
+
+
+def file_when_there(path: Path, deadline: float) -> Path:
+    """Return the path once a file is there.
+
+    Args:
+        path: of the file.
+        deadline: [s] to wait at most.
+
+    Raises:
+        CalibrationError: when it did not appear.
+    """
+    clock = threading.Event()
+    end = time.monotonic() + deadline
+    while not path.is_file():
+        if time.monotonic() >= end:
+            raise CalibrationError(
+                f"{path}: expected a file there within {deadline:g} s, found none; run calibrate_camera"
+            )
+        clock.wait(_LOOK_PERIOD_S)
+    return path

@@ -32,11 +32,28 @@ from softgrip_vision.marker_appearance import (
     sharp_area,
     surrounds_of,
 )
-from softgrip_vision.options import TrackerOptions
 from softgrip_vision.readings import FingerPose, FingerReading, MarkerReading
 from softgrip_vision.search import FoundChain, find_chain, search_spots
 from softgrip_vision.sightings import Candidate, Seen, Sighting, candidates_of, locate, threshold_quality
 from softgrip_vision.spots import Spot, Window, find_spots, window_around
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """Of all fingers.
+
+    Attributes:
+        threshold_share: 0..1 of the markers' height in the signal at which a pixel counts as marker.
+        placement_stddev_m: [m] how exactly the markers sit where the layout says.
+        largest_angle_stddev: [rad] a pose less certain than that is not given out.
+        reacquire_timeout_s: markers may be hidden so long before the finger is searched for again.
+    """
+
+    threshold_share: float = 0.4
+    placement_stddev_m: float = 5e-5
+    largest_angle_stddev: float = math.radians(2.0)
+    reacquire_timeout_s: float = 0.7
+
 
 Array = NDArray[np.float64]
 

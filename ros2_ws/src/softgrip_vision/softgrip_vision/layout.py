@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is painted on a finger: a chain of round markers, base to tip."""
+"""What is painted on a finger: a chain of round markers, base to tip; and the chains that profiles describe."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
+from softgrip_model.profile import Profile, ProfileError, load_directory, shipped_directory
 from softgrip_vision.errors import LayoutError
 
 #: [rad] A joint cannot open further than this, nor close further (the groove closes at 90 deg; finger.md 2).
@@ -77,3 +79,21 @@ def parse_region(text: str) -> tuple[int, int, int, int] | None:
         raise LayoutError(f"expected a region 'LEFT TOP WIDTH HEIGHT' in whole pixels, found {text!r}")
     left, top, width, height = (int(word) for word in words)
     return left, top, width, height
+
+
+def chains_of(profile: Profile) -> dict[str, ChainLayout]:
+    """Return slot -> chain of the fingers of one profile."""
+    return {slot: ChainLayout(design.link_lengths_m) for slot, design in profile.fingers}
+
+
+def read_chains(directory: Path | None) -> Chains:
+    """Return profile id -> slot -> chain of the profiles in a folder; None = those of softgrip_bringup.
+
+    Raises:
+        LayoutError: when there are none, or one of them cannot be used.
+    """
+    try:
+        profiles = load_directory(directory or shipped_directory())
+        return {name: chains_of(profile) for name, profile in profiles.items()}
+    except ProfileError as error:
+        raise LayoutError(str(error)) from error

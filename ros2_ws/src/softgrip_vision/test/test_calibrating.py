@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from softgrip_testing.synthetic_boards import BoardCamera
+from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_testing.synthetic_images import make_calibration
 from softgrip_vision import calibration as files
 from softgrip_vision.calibrating import Board, BoardView, calibrate_lens, calibrate_plane, collect_views
@@ -31,21 +31,6 @@ TRUE = Lens(
     np.array([-0.15, 0.06, 8e-4, -5e-4, 0.0]),
     "truth",
 )
-#: Where the board's centre lies in the image [px], its rotation vector [rad] and its distance [m].
-POSES = [
-    ((300, 180), (0.45, 0.0, 0.0), 0.50),
-    ((660, 180), (-0.45, 0.1, 0.05), 0.50),
-    ((300, 360), (0.0, 0.5, 0.0), 0.50),
-    ((660, 360), (0.05, -0.5, 0.1), 0.50),
-    ((480, 270), (0.35, 0.35, 0.0), 0.38),
-    ((480, 270), (-0.35, -0.35, 0.2), 0.38),
-    ((250, 270), (0.3, -0.4, 0.0), 0.55),
-    ((700, 270), (-0.3, 0.4, -0.1), 0.55),
-    ((480, 150), (0.5, 0.2, 0.0), 0.45),
-    ((480, 400), (-0.5, 0.2, 0.0), 0.45),
-    ((480, 270), (0.0, 0.0, 0.3), 0.32),
-    ((400, 300), (0.2, 0.55, -0.2), 0.42),
-]
 
 
 @pytest.fixture(scope="module")

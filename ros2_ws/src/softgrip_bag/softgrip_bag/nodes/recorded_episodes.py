@@ -29,16 +29,25 @@ from softgrip_interfaces.msg import TeleoperationState
 _TRACE, _TELEOPERATION = "/grasp_mix_manager/trace", "/teleoperation/state"
 _STATE, _MODE = "/tendon/state", "/cell/state"
 _PREDICTED, _MEASURED, _IMAGE = "/finger/predicted", "/finger/measured", "/camera/image_raw/compressed"
-_UUID = 16
-#: How a demonstration ended.
-_PHASES = {TeleoperationState.SUCCEEDED: "SUCCEEDED", TeleoperationState.FAILED: "FAILED"}
-#: That a tendon of the cell may be pulled at most [m]: what a move to a tension may wind in (thesis: 20 mm).
+#: Bytes of the goal's id, which stands before a goal in the trace.
+_GOAL_ID_BYTES = 16
+#: Outcome of a demonstration by its last phase; any other phase is ABORTED.
+_OUTCOMES = {TeleoperationState.SUCCEEDED: "SUCCEEDED", TeleoperationState.FAILED: "FAILED"}
+#: Pulled length that stands for "to its tension" in a command without a length [m]: the longest (thesis: 20 mm).
 FULL_LENGTH_M = 0.020
 
 
 @dataclass
 class _Topics:
-    """What a bag holds of each topic, by stamp."""
+    """What a bag holds of each topic, as (stamp [ns], values) in the order of reception.
+
+    Attributes:
+        tendons: n names.
+        states: pulled lengths [m], then tensions [N]: 2 n values.
+        predicted, measured: joint angles [rad], finger after finger.
+        images: as compressed.
+        finger_sets: mounted set, with the time of reception.
+    """
 
     tendons: tuple[str, ...] = ()
     states: list[tuple[int, list[float]]] = field(default_factory=list)
@@ -54,7 +63,7 @@ class _Topics:
 
 @dataclass(frozen=True)
 class _Span:
-    """An episode before its frames: when it began and ended, what was commanded and how it ended."""
+    """An episode before it is cut into frames: when it began and ended, what was commanded and how it ended."""
 
     begun_ns: int
     ended_ns: int
@@ -93,18 +102,17 @@ def _read(bag: RecordedBag) -> _Topics:
     for raw in bag.read(names & set(bag.types)):
         message = deserialize_message(raw.data, message_class(raw.type_name))
         stamp = stamp_of(message)
-        match raw.topic.removeprefix(bag.cell):
-            case "/tendon/state":
-                found.tendons = found.tendons or tuple(message.name)
-                found.states.append((stamp, [*message.position, *message.effort]))
-            case "/cell/state":
-                found.finger_sets.append((raw.received, str(message.finger_set)))
-            case "/finger/predicted":
-                found.predicted.append((stamp, [a for one in message.fingers for a in one.joint_angles]))
-            case "/finger/measured":
-                found.measured.append((stamp, [a for one in message.fingers for a in one.joint_angles]))
-            case _:
-                found.images.append((stamp, bytes(message.data)))
+        topic = raw.topic.removeprefix(bag.cell)
+        if topic == _STATE:
+            found.tendons = found.tendons or tuple(message.name)
+            found.states.append((stamp, [*message.position, *message.effort]))
+        elif topic == _MODE:
+            found.finger_sets.append((raw.received, str(message.finger_set)))
+        elif topic == _IMAGE:
+            found.images.append((stamp, bytes(message.data)))
+        else:
+            angles = [angle for finger in message.fingers for angle in finger.joint_angles]
+            (found.predicted if topic == _PREDICTED else found.measured).append((stamp, angles))
     return found
 
 
@@ -120,7 +128,7 @@ def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep], topics: _Topics) ->
     for step in steps:
         name = step.name.replace(f" {bag.cell}/", " /", 1)
         if name == "goal /cell/grasp":
-            product, begun_ns = deserialize_message(step.data[_UUID:], GraspAction.Goal).product, step.time_ns
+            product, begun_ns = deserialize_message(step.data[_GOAL_ID_BYTES:], GraspAction.Goal).product, step.time_ns
             moves = []
         elif name == "sent /tendon/move":
             moves.append((step.time_ns, deserialize_message(step.data, MoveTendon.Goal)))
@@ -150,8 +158,9 @@ def _demonstrations(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
 
 
 def _demonstration(frames: Sequence[Any], last: Any | None, topics: _Topics) -> _Span:
+    """Return a demonstration from its running frames and the one that ended it, None where the bag ends before."""
     first, end = frames[0], last or frames[-1]
-    outcome = _PHASES.get(end.phase, "ABORTED") if last is not None else "ABORTED"
+    outcome = _OUTCOMES.get(end.phase, "ABORTED") if last is not None else "ABORTED"
     commands = []
     before = list(first.targets)
     for frame in frames:
@@ -166,6 +175,7 @@ def _demonstration(frames: Sequence[Any], last: Any | None, topics: _Topics) -> 
 
 
 def _episode(path: Path, span: _Span, topics: _Topics, rate_hz: int) -> Episode:
+    """Cut a span into frames of one rate: each shows what was known at its time."""
     states = _series(topics.states)
     count = len(topics.tendons)
     first_ns = next((stamp for stamp in states.stamps_ns if stamp >= span.begun_ns), states.stamps_ns[-1])
@@ -222,6 +232,7 @@ def _images(found: Sequence[tuple[int, bytes]], times_ns: Sequence[int]) -> tupl
 
 
 def _commands(moves: Sequence[tuple[int, Any]], tendons: Sequence[str]) -> list[TendonCommand]:
+    """Return the moves tendon by tendon; without a length (NaN) where a move goes to a tension."""
     made = []
     for time_ns, goal in moves:
         names = list(goal.tendons) or list(tendons)

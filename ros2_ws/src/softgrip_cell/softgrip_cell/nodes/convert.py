@@ -20,8 +20,7 @@ from softgrip_cell.observation import FreeMotion, SeenTip, TendonFault, TendonSa
 from softgrip_cell.outcomes import SuccessEstimate
 from softgrip_cell.planner import PlannedOrder
 from softgrip_cell.products import Product
-from softgrip_cell.storage.journal import CountedGrasp, MountedSlot, SlotState
-from softgrip_cell.swap.outcome import SwapOutcome
+from softgrip_cell.storage.journal import CountedGrasp, MountedSlot, SlotState, SwapOutcome
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,

@@ -21,9 +21,8 @@ from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
-from softgrip_cell.storage.journal import HeldLock
+from softgrip_cell.storage.journal import HeldLock, SwapOutcome
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
-from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
 from softgrip_interfaces.action import MoveTendon, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep

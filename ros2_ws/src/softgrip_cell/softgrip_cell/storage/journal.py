@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any
 
 from sqlalchemy import delete, func, insert, select, update
@@ -20,8 +20,17 @@ from softgrip_cell.finger_records import FingerState
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage.engine import Database
 from softgrip_cell.storage.schema import FINGER_RECORD, LOCK, META, OPERATION, OUTCOME, SLOT, SWAP
-from softgrip_cell.swap.outcome import SwapOutcome
 from softgrip_time.units import to_s
+
+
+class SwapOutcome(IntEnum):
+    """How a swap ended (outcome of SwapFingers.Result); stored by name."""
+
+    UNSET = 0
+    SUCCEEDED = 1
+    CANCELLED = 2
+    REFUSED = 3
+    FAILED = 4
 
 
 class SlotState(StrEnum):

@@ -58,7 +58,7 @@ class SwapTransition:
     Attributes:
         step: the step that begins now.
         instruction: for the person, or what the cell does itself.
-        remember: write this first, so that a kill at any moment leaves the truth or "unknown".
+        persist: write this first, so that a kill at any moment leaves the truth or "unknown".
         serials: fingers read in, slot order; only with READ_IN.
     """
 

@@ -55,7 +55,7 @@ def main() -> int:
 def replay_check(bag: Path, node: str) -> ReplayCheck:
     """Feed a bag through a node's code by the replay command and return what it found."""
     start = time.monotonic()
-    command = ["ros2", "run", "softgrip_bag", "replay", str(bag), "--through", node, "--check", "--json"]
+    command = ["ros2", "run", "softgrip_bag", "replay", str(bag), "--through", node, "--json"]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
     wall_clock_s = time.monotonic() - start
     try:
@@ -88,7 +88,8 @@ def show(summary: dict[str, Any], folder: Path) -> None:
     for closing in summary["closings"]:
         shift.add_row(
             f"closing {closing['grasp']}",
-            f"tip error {closing['tip_error_pct_mean']} % mean, {closing['tip_error_pct_max']} % max; "
+            f"tip error {closing['tip_error_pct_mean']} % of the finger's length on average, "
+            f"{closing['tip_error_pct_max']} % at most; "
             f"95 % interval holds {closing['tip_interval_held_pct']} %",
         )
     shift.add_row("shape", f"{summary['shape']['hexes']} hexahedra at {summary['shape']['rate_hz']} Hz")

@@ -21,8 +21,7 @@ from softgrip_vision import calibration
 from softgrip_vision.calibrating.plane import LARGEST_RMS
 from softgrip_vision.calibration import CameraCalibration, FingerPlane, PlaneMap
 from softgrip_vision.colour import ColourModel, Image
-from softgrip_vision.layout import ChainLayout
-from softgrip_vision.profiles import read_chains
+from softgrip_vision.layout import ChainLayout, read_chains
 from softgrip_vision.sources import open_source
 from softgrip_vision.sources.opening import SourceOptions, dereference
 from softgrip_vision.v4l2_controls import ControlSettings
@@ -69,8 +68,10 @@ class BenchCamera:
 
     Attributes:
         camera: of the cell file.
-        finger: in front of it. profile: mounted. profiles: folder, None = the shipped ones.
-        hue_deg: of the markers.
+        finger: in front of it.
+        profile: mounted.
+        profiles: folder, None = the shipped ones.
+        colour: of the markers.
     """
 
     camera: CellCamera

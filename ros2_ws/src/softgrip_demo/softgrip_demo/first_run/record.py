@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
 from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.figures import Figure, StepReport, StepStatus
 from softgrip_model.digest import text_sha256
@@ -92,3 +94,11 @@ def _document(record: FirstRunRecord) -> dict[str, Any]:
 def _report(row: Mapping[str, Any]) -> StepReport:
     figures = tuple(Figure(**figure) for figure in row["figures"])
     return StepReport(**{**row, "status": StepStatus(row["status"]), "figures": figures})
+
+
+def render(record: FirstRunRecord) -> str:
+    """Return the page, self-contained HTML; everything from outside is escaped."""
+    environment = Environment(
+        loader=PackageLoader("softgrip_demo"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("first_run.html.j2").render(record=record, reports=[*record.reports.values()])

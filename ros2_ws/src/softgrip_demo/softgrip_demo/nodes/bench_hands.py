@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from softgrip_demo.nodes.hands import Hands
+from softgrip_demo.nodes.hands import Hands, seat
 from softgrip_demo.products import serials_of
 from softgrip_driver.commands.person import Terminal
 
@@ -83,12 +83,7 @@ class EmulatorHands:
     def seat(self, step: str, instruction: str) -> Sequence[str]:
         """Take fingers out and put others in."""
         del instruction
-        if step == "remove":
-            self._hands.mount(self._slots, [""] * len(self._slots), "")
-        if step != "insert":
-            return ()
-        self._hands.mount(self._slots, self._serials, self._set)
-        return self._serials
+        return seat(self._hands, step, self._slots, self._serials, self._set)
 
     def place(self, product: str) -> None:
         """Put it down or take it away."""

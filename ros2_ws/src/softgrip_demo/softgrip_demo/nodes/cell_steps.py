@@ -16,6 +16,7 @@ from softgrip_demo.first_run.figures import Figure, at_least, at_most, equal_to
 from softgrip_demo.nodes import convert
 from softgrip_demo.nodes.bench_hands import BenchHands
 from softgrip_demo.nodes.cell_session import CellSession
+from softgrip_demo.nodes.link import calibrate
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import MountedFinger
 
@@ -26,8 +27,6 @@ FRICTION_POINTS = 9
 MAX_AVERAGE_ERROR, MAX_ERROR = 0.05, 0.15
 #: share of the wanted rate that the control loop must keep
 MIN_RATE_SHARE = 0.95
-RESUMABLE = "resume the plan"
-TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -78,28 +77,14 @@ class FrictionStep:
         yield equal_to("verdict", friction.verdict, "usable", remedy)
 
     def _calibrated(self) -> Any:
-        link = self.session.link
-        confirm = link.node.create_client(Trigger, "rig/confirm")
-
-        def on_feedback(feedback: Any) -> None:
-            if feedback.phase == feedback.SET_UP:
-                self.hands.set_rig(feedback.angle, feedback.load, feedback.instruction)
-                confirm.call_async(Trigger.Request())
+        def set_up(feedback: Any) -> None:
+            self.hands.set_rig(feedback.angle, feedback.load, feedback.instruction)
 
         goal = CalibrateFriction.Goal(
             plan=str(FRICTION_POINTS), law="matte", cable="first run", surface="first run",
             cable_radius=self.cable_radius_m, surface_radius=self.surface_radius_m, activate=True,
         )  # fmt: skip
-        for _ in range(TRIES):
-            result = link.act(
-                CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=FRICTION_TIMEOUT_S
-            )
-            if result.outcome == result.SUCCEEDED:
-                return result
-            if RESUMABLE not in result.reason:
-                break
-            goal.resume = True
-        raise FirstRunError(f"rig: {result.reason}")
+        return calibrate(self.session.link, goal, set_up, FRICTION_TIMEOUT_S)
 
 
 @dataclass(frozen=True)

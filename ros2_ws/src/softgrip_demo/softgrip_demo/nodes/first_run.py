@@ -28,8 +28,7 @@ from softgrip_demo.first_run.bus_steps import (
 from softgrip_demo.first_run.camera_steps import BenchCamera, ExposureStep, FocusStep, MarkersStep, PlaneStep
 from softgrip_demo.first_run.checklist import Checklist, CheckStep
 from softgrip_demo.first_run.cube import add_test_cube
-from softgrip_demo.first_run.page import render
-from softgrip_demo.first_run.record import FirstRunRecord, load_record, save_record
+from softgrip_demo.first_run.record import FirstRunRecord, load_record, render, save_record
 from softgrip_demo.nodes.bench_hands import BenchHands, EmulatorHands, PersonHands
 from softgrip_demo.nodes.cell_session import CellSession
 from softgrip_demo.nodes.cell_steps import ChecksStep, FrictionStep, GraspCubeStep, HomeStep

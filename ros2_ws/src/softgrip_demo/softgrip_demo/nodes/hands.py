@@ -68,3 +68,13 @@ class Hands:
             self._executor.spin()
         except ExternalShutdownException:
             return
+
+
+def seat(hands: Hands, step: str, slots: Sequence[str], serials: Sequence[str], profile: str) -> Sequence[str]:
+    """Do a step of a swap: take fingers out, or put others in and return their serials."""
+    if step == "remove":
+        hands.mount(slots, [""] * len(slots), "")
+    if step != "insert":
+        return ()
+    hands.mount(slots, serials, profile)
+    return serials

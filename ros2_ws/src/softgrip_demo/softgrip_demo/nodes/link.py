@@ -12,11 +12,15 @@ from rclpy.clock import Clock
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from softgrip_demo.errors import ShiftError
+from softgrip_interfaces.action import CalibrateFriction
 from softgrip_nodekit import duration_clock
 from softgrip_time.units import to_ns
 
+#: What the reason of a calibration that may go on says, and how often it is tried.
+RESUMABLE, CALIBRATION_TRIES = "resume the plan", 4
 POLL = 0.05  # [s] between looks at a condition while the executor spins
 
 
@@ -95,3 +99,33 @@ class CellLink:
         if answer.status not in {GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED}:
             raise ShiftError(f"action {name} ended with status {answer.status}: {answer.result.reason}")
         return answer.result
+
+
+def calibrate(link: CellLink, goal: CalibrateFriction.Goal, set_up: Callable[[Any], None], timeout: float) -> Any:
+    """Run the rig's plan, again where it can be resumed, and return its result.
+
+    Args:
+        link: to the cell.
+        goal: the plan.
+        set_up: called with the feedback that asks for an angle and a mass; they are set when it returns.
+        timeout: [s] for one try.
+
+    Raises:
+        ShiftError: the rig does not answer or fails.
+    """
+    confirm = link.node.create_client(Trigger, "rig/confirm")
+
+    def on_feedback(feedback: Any) -> None:
+        if feedback.phase == feedback.SET_UP:
+            set_up(feedback)
+            confirm.call_async(Trigger.Request())
+
+    for _ in range(CALIBRATION_TRIES):
+        result = link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=timeout)
+        if result.outcome == result.SUCCEEDED:
+            return result
+        link.node.get_logger().warning(f"rig: {result.reason}")
+        if RESUMABLE not in result.reason:
+            break
+        goal.resume = True
+    raise ShiftError(f"rig/calibrate failed: {result.reason}")

@@ -13,16 +13,14 @@ from softgrip_cell.nodes.controller_client import CellController
 from softgrip_cell.swap.check import CheckSettings
 from softgrip_cell.swap.sequence import HANDS_OUT_TEXT
 from softgrip_demo.errors import ShiftError
-from softgrip_demo.nodes.hands import Hands
-from softgrip_demo.nodes.link import CellLink
+from softgrip_demo.nodes.hands import Hands, seat
+from softgrip_demo.nodes.link import CellLink, calibrate
 from softgrip_demo.products import serials_of
 from softgrip_interfaces.action import CalibrateFriction, MoveTendon
 
 #: The same fingers are seated so often before they are laid aside: a cable can be hooked in badly.
 SEATINGS: Final = 2
 TRIES: Final = 4
-#: What the rig says of a plan whose accepted points are kept.
-RESUMABLE: Final = "resume the plan"
 
 #: Says that a swap was refused for a fault of the drives, not of the fingers.
 DRIVER_FAULT: Final = "the driver has a fault"
@@ -46,7 +44,6 @@ class CellOperator:
         self._cell = cell
         self._slots = slots
         self._log = link.node.get_logger()
-        self._confirm_rig = link.node.create_client(Trigger, "rig/confirm")
         self._copies: Counter[str] = Counter()
 
     def calibrate(self, cable_radius: float, surface_radius: float) -> Any:
@@ -56,11 +53,9 @@ class CellOperator:
             ShiftError: the rig does not answer or fails.
         """
 
-        def on_feedback(feedback: Any) -> None:
-            if feedback.phase == feedback.SET_UP:
-                self._log.info(f"rig: {feedback.instruction}")
-                self._hands.set_rig(feedback.angle, feedback.load)
-                self._confirm_rig.call_async(Trigger.Request())
+        def set_up(feedback: Any) -> None:
+            self._log.info(f"rig: {feedback.instruction}")
+            self._hands.set_rig(feedback.angle, feedback.load)
 
         goal = CalibrateFriction.Goal(
             plan="9",
@@ -71,15 +66,7 @@ class CellOperator:
             surface_radius=surface_radius,
             activate=True,
         )
-        for _ in range(TRIES):
-            result = self._link.act(CalibrateFriction, "rig/calibrate", goal, feedback=on_feedback, timeout=120.0)
-            if result.outcome == result.SUCCEEDED:
-                return result
-            self._log.warning(f"rig: {result.reason}")
-            if RESUMABLE not in result.reason:
-                break
-            goal.resume = True
-        raise ShiftError(f"friction calibration failed: {result.reason}")
+        return calibrate(self._link, goal, set_up, 120.0)
 
     def swap(self, finger_set: str) -> None:
         """Have a set mounted; fingers that the check refuses are laid aside and the next ones taken.
@@ -139,11 +126,6 @@ class CellOperator:
 
         def confirm(step: str, instruction: str) -> Sequence[str]:
             self._log.info(f"swap: {instruction}")
-            if step == "remove":
-                self._hands.mount(self._slots, [""] * len(self._slots), "")
-            if step == "insert":
-                self._hands.mount(self._slots, serials, finger_set)
-                return serials
-            return ()
+            return seat(self._hands, step, self._slots, serials, finger_set)
 
         return confirm

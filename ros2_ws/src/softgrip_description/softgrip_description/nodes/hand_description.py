@@ -21,7 +21,7 @@ from softgrip_description.pose_feed import HandPose
 from softgrip_description.ros2_control import GripperJoint, with_gripper_joint
 from softgrip_description.urdf import fixed_transforms, urdf_of
 from softgrip_interfaces.msg import CellState, FingerStates, MountedFinger
-from softgrip_model.profile import ProfileError, load_profiles
+from softgrip_model.profile import ProfileError, load_profiles, mounting_of
 from softgrip_nodekit import (
     LATCHED,
     RELIABLE,
@@ -31,12 +31,11 @@ from softgrip_nodekit import (
     Health,
     Parameter,
     ParameterTable,
-    StartupError,
     run,
     startup_errors,
 )
 
-#: What URDF asks for: the defaults of gripper_command's effort_limit_n [N] and max_velocity_m_s [m/s].
+#: Limits that URDF wants of a joint [N], [m/s]: the defaults of gripper_command's effort_limit_n and max_velocity_m_s.
 _EFFORT_N, _VELOCITY_M_S = 35.0, 0.1
 
 PARAMETERS = ParameterTable(
@@ -70,8 +69,8 @@ class HandDescription(CellNode):
         # tf2 listens to these two absolute names; the prefix keeps several hands apart.
         self._tf = self.create_publisher(TFMessage, "/tf", RELIABLE)
         self._tf_static = self.create_publisher(TFMessage, "/tf_static", LATCHED)
-        with startup_errors(HandError):
-            self._pose.set_mounted(_start_mounting(values["fingers"], values["profiles"]))
+        with startup_errors(HandError, ProfileError):
+            self._pose.set_mounted(mounting_of(values["fingers"], values["profiles"]))
         self._publish_description()
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
         source = f"finger/{values['joint_source']}"
@@ -142,13 +141,6 @@ class HandDescription(CellNode):
 @startup_errors(HandError)
 def _load_hand(path: str) -> Hand:
     return load_hand(Path(path)) if path else shipped_hand()
-
-
-def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:
-    each = list(profiles) * len(fingers) if len(profiles) == 1 else list(profiles)
-    if len(each) != len(fingers):
-        raise StartupError(f"parameter 'profiles': expected 1 or {len(fingers)} for {list(fingers)}, found {each}")
-    return dict(zip(fingers, each, strict=True))
 
 
 def _transform(stamp: Any, parent: str, child: str, pose: Array) -> TransformStamped:

@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 
 
 class Kind(StrEnum):
-    """Of a grasp; NONE is a closing that is no grasp, such as one finger curling alone."""
+    """Kind of a closing; NONE is no grasp, such as one finger curling alone."""
 
     POWER = "power"
     PINCH = "pinch"
@@ -34,28 +34,30 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class GraspLimits:
-    """Where one thing ends and another begins; two values are for entering and leaving.
+    """What counts as closed, as a motion, as which kind of grasp: assumptions, checked on recordings (docs/design.md).
+
+    A pair is a hysteresis: where the state begins, and where it ends.
 
     Attributes:
-        curled_rad: sum of a finger's joint angles.
-        touching: thumb tip to fingertip [palm lengths]; landmarks lie inside the flesh, so touching is not 0.
-        many: so many curled fingers make a power grasp or a hook.
-        proximal_share: of the knuckle in the flexion of the curled fingers; below it is a hook.
-        least_s: a shorter closure is no motion.
-        still: a motion begins after the hand nears the closed pose with less than this share of its greatest speed
-        still_s: for this long,
-        arrival: and ends where only this share of the way is left.
-        before_s: how far before the closure the beginning is looked for.
+        curled_rad: sum of a finger's joint angles, above.
+        touching: distance from thumb tip to fingertip, below [palm lengths]; landmarks lie inside the flesh.
+        min_curled: curled fingers of a power grasp or a hook.
+        proximal_share: of the knuckles in the flexion of the curled fingers; a hook has less.
+        min_s: shortest closure.
+        still_share, still_s: the open hand stands still while it nears the closed pose with less than this share of its
+            greatest speed, for at least this long; the motion begins when that ends.
+        arrival_share: of the way; the motion ends where less of it is left.
+        before_s: longest motion before the closure.
     """
 
     curled_rad: tuple[float, float] = (math.radians(130.0), math.radians(110.0))
     touching: tuple[float, float] = (0.42, 0.52)
-    many: int = 3
+    min_curled: int = 3
     proximal_share: float = 0.2
     min_s: float = 0.2
-    still: float = 0.1
+    still_share: float = 0.1
     still_s: float = 0.1
-    arrival: float = 0.05
+    arrival_share: float = 0.05
     before_s: float = 1.0
 
 
@@ -64,9 +66,7 @@ class DetectedGrasp:
     """A motion from open to closed.
 
     Attributes:
-        kind: of grasp.
-        start_s: [s] open.
-        end_s: [s] closed.
+        start_s, end_s: of the motion: last time open, first time closed.
         trajectory: all fingers from start to end.
         curled: fingers that are curled when closed.
         proximal_share: mean over the curled fingers, of the flexion since the start; NaN where none is curled.
@@ -92,9 +92,14 @@ def find_grasps(
     """Return every motion that closes the hand, in order.
 
     A closure that begins before the recording does, or right after a gap, has no open pose and is left out.
+
+    Args:
+        motion: n samples of one rate, of f long fingers.
+        origin: written into the trajectories.
+        limits: what counts as closed, as a motion and as which kind.
     """
     chosen = limits or GraspLimits()
-    curled = np.stack(
+    curled = np.stack(  # (n, f)
         [_hysteresis(motion.angles[finger].sum(axis=1), *chosen.curled_rad) for finger in LONG_FINGERS], axis=1
     )
     touching = np.stack([_hysteresis(-gap, *(-limit for limit in chosen.touching)) for gap in motion.gap.T], axis=1)
@@ -103,9 +108,9 @@ def find_grasps(
     found, earliest = [], 0
     for begin, end in runs(closed):
         if (end - begin) * period >= chosen.min_s:
-            stretch = _closing(motion, earliest, begin, end, chosen)
-            if stretch is not None:
-                found.append(_grasp(motion, *stretch, curled, origin, chosen))
+            motion_ends = _motion_into(motion, earliest, begin, end, chosen)
+            if motion_ends is not None:
+                found.append(_grasp(motion, *motion_ends, curled, origin, chosen))
         earliest = end
     return found
 
@@ -119,10 +124,13 @@ def _hysteresis(values: Array, enter: float, leave: float) -> Flags:
     return flags
 
 
-def _closing(
+def _motion_into(
     motion: RecordedMotion, earliest: int, begin: int, end: int, limits: GraspLimits
 ) -> tuple[int, int] | None:
-    """Return first and last sample of the way into the closure [begin, end), None where its beginning is unknown."""
+    """Return first and last sample of the motion into the closure [begin, end), None where its beginning is unknown.
+
+    It does not begin before `earliest`, the end of the closure before.
+    """
     period = float(np.median(np.diff(motion.times)))
     first = max(earliest, begin - round(limits.before_s / period))
     unknown = np.flatnonzero(~motion.known[first:begin])
@@ -131,14 +139,15 @@ def _closing(
     if begin - first < 2:
         return None
     pose = np.hstack([motion.angles[finger] for finger in motion.angles])
-    away = np.linalg.norm(pose[first:end] - np.median(pose[begin:end], axis=0), axis=1)
-    speed = -np.gradient(away[: begin - first + 1])
-    quick = speed > limits.still * speed.max()
-    still = [(a, b) for a, b in runs(~quick) if (b - a) * period >= limits.still_s and b < len(quick)]
+    distance = np.linalg.norm(pose[first:end] - np.median(pose[begin:end], axis=0), axis=1)  # to the closed pose [rad]
+    speed = -np.gradient(distance[: begin - first + 1])
+    moves = speed > limits.still_share * speed.max()
+    still = [(a, b) for a, b in runs(~moves) if (b - a) * period >= limits.still_s and b < len(moves)]
     start = still[-1][1] - 1 if still else 0
-    # a hand that trembles while closed may never come nearer than this
-    near = max(limits.arrival * away[start], float(away[begin - first :].min()))
-    return first + start, begin + int(np.flatnonzero(away[begin - first :] <= near)[0])
+    closed = distance[begin - first :]
+    # A hand that trembles while closed may never come nearer than its nearest.
+    arrived = max(limits.arrival_share * distance[start], float(closed.min()))
+    return first + start, begin + int(np.flatnonzero(closed <= arrived)[0])
 
 
 def _grasp(
@@ -179,7 +188,7 @@ def _classify(
 ) -> tuple[Kind, str]:
     """Return the kind of a closed pose and the numbers that make it so."""
     count = f"{len(curled)} of {len(LONG_FINGERS)} fingers curled"
-    if len(curled) >= limits.many:
+    if len(curled) >= limits.min_curled:
         part = f"{count}, knuckles took {100 * share:.0f} % of their flexion"
         if share < limits.proximal_share:
             return Kind.HOOK, f"{part} (less than {100 * limits.proximal_share:.0f} %)"
@@ -190,5 +199,5 @@ def _classify(
         return Kind.PINCH, f"{meets} (less than {limits.touching[1]:.2f}), {count}"
     return (
         Kind.NONE,
-        f"{count} (a grasp has {limits.many} or more), {meets} (a pinch has less than {limits.touching[1]:.2f})",
+        f"{count} (a grasp has {limits.min_curled} or more), {meets} (a pinch has less than {limits.touching[1]:.2f})",
     )

@@ -185,7 +185,7 @@ def _on_mesh(
 
 def _print_design(design: HandDesign, compared: dict[str, dict[str, tuple[float, float]]], stem: Path) -> None:
     count = len(design.followed)
-    table = Table(title=f"{count} finger{'s' * (count > 1)} in {design.seconds:.2f} s", caption=f"written: {stem}.*")
+    table = Table(title=f"{count} finger{'s' * (count > 1)} in {design.seconds:.2f} s", caption=f"profile: {stem}.yaml")
     for heading in ("finger", "h [mm]", "r [mm]", "error [deg]", "force [N]", "pull [mm]", "starts within 1 %"):
         table.add_column(escape(heading), justify="left" if heading == "finger" else "right")
     in_mesh = []

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from softgrip_description.errors import HandError
@@ -105,9 +106,11 @@ def _write_parts(kit: Kit, folder: Path) -> dict[str, Solid]:
 
 
 def _print_parts(printed: Sequence[PrintedRow], folder: Path, seconds: float) -> None:
-    table = Table(title=f"{len(printed)} parts in {seconds:.1f} s", caption=f"written: {folder}")
+    count = len(printed)
+    title = f"{count} part{'s' * (count > 1)} in {seconds:.1f} s"
+    table = Table(title=title, caption=f"written: 3MF, STEP and STL of each, into {folder}")
     for heading in ("part", "count", "material", "cm3", "g", "filament [m]"):
-        table.add_column(heading, justify="left" if heading in {"part", "material"} else "right")
+        table.add_column(escape(heading), justify="left" if heading in {"part", "material"} else "right")
     for row in printed:
         table.add_row(row.title, str(row.count), row.material, f"{1e-3 * row.volume_mm3:.1f}", f"{row.mass_g:.1f}",
                       f"{row.filament_m:.2f}")  # fmt: skip

@@ -21,8 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from softgrip_design.errors import DesignError
 from softgrip_design.landmarks import CHAINS
-from softgrip_design.teleoperation.dead_man import DeadManSwitch
-from softgrip_design.teleoperation.session import TeleoperationFrame
+from softgrip_design.teleoperation.session import DeadManSwitch, TeleoperationFrame
 from softgrip_interfaces.msg import (
     CellState,
     FrictionModel,

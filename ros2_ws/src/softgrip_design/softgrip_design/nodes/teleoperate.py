@@ -22,11 +22,10 @@ from softgrip_design.capture.detector import INSTALL, HandDetector, MediaPipeDet
 from softgrip_design.capture.frames import Images, Video, VideoFrame
 from softgrip_design.errors import DesignError
 from softgrip_design.nodes.finger_link import FingerLink
-from softgrip_design.teleoperation.dead_man import DeadManSwitch
 from softgrip_design.teleoperation.demonstration import Demonstrations, Phase
 from softgrip_design.teleoperation.follower import FollowerSettings, HandFollower
 from softgrip_design.teleoperation.frame_source import camera_frames, film_frames
-from softgrip_design.teleoperation.session import TeleoperationFrame, TeleoperationSession
+from softgrip_design.teleoperation.session import DeadManSwitch, TeleoperationFrame, TeleoperationSession
 from softgrip_design.teleoperation.tendon_table import TendonBounds, TendonTable
 from softgrip_design.teleoperation.terminal import TerminalKeys
 from softgrip_model.finger import Finger, FingerError

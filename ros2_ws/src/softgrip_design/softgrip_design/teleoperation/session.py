@@ -8,6 +8,7 @@ this program hangs or dies.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -18,9 +19,35 @@ from numpy.typing import NDArray
 
 from softgrip_design.capture.detector import HandDetector
 from softgrip_design.capture.frames import VideoFrame
-from softgrip_design.teleoperation.dead_man import DeadManSwitch
 from softgrip_design.teleoperation.demonstration import Demonstrations, Phase
 from softgrip_design.teleoperation.follower import REFERENCE_FRAMES, HandFollower
+
+#: A press counts for so long [s]. A key repeats every 30 to 40 ms, a pedal has to send at 20 Hz or more.
+PRESS_LIFETIME_S: Final = 0.10
+
+
+class DeadManSwitch:
+    """Is held while presses keep coming; may be pressed by one thread and asked by another."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._until_s = -1.0
+
+    def press(self, now_s: float) -> None:
+        """Take a press at a time of the steady clock [s]."""
+        with self._lock:
+            self._until_s = now_s + PRESS_LIFETIME_S
+
+    def release(self) -> None:
+        """Take that it was let go."""
+        with self._lock:
+            self._until_s = -1.0
+
+    def is_held(self, now_s: float) -> bool:
+        """Return whether the last press is young enough."""
+        with self._lock:
+            return now_s <= self._until_s
+
 
 Array = NDArray[np.float64]
 

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from softgrip_driver.commands.common import (
@@ -20,16 +20,18 @@ from softgrip_driver.commands.common import (
     run,
     stream_settings,
 )
+from softgrip_driver.commands.tension_recording import TensionSample, check_writable, read_csv, write_csv
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, ServoModel
-from softgrip_driver.errors import ConfigurationError, NoReplyError
+from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
 from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
+from softgrip_driver.wizard.direction import read_drive
 from softgrip_time import Clock
 
 TEXT = """Fit the torque model of a servo, k current = tension radius + friction, against a force gauge or weights.
@@ -56,82 +58,6 @@ LIMIT_TIMEOUT_S, LIMIT_STANDS_S, LIMIT_AHEAD_M = 4.0, 0.3, 0.002
 LIMIT_SHARE = 0.3
 
 
-@dataclass(frozen=True)
-class TensionSample:
-    """One reading of servo and gauge; the last three are NaN in recordings of before they were kept.
-
-    Attributes:
-        current_a: Present Current [A].
-        speed_m_s: of the tendon.
-        tension_n: of the gauge or weight.
-        duty: Present PWM, -1 .. 1.
-        voltage_v, temperature_degc: as the servo says.
-    """
-
-    current_a: float
-    speed_m_s: float
-    tension_n: float
-    duty: float = math.nan
-    voltage_v: float = math.nan
-    temperature_degc: float = math.nan
-
-    def motor(self, radius: float) -> MotorReading:
-        """Return what it says of the motor of a spool of a radius [m]."""
-        return MotorReading(self.current_a, self.duty, self.speed_m_s / radius, self.voltage_v, self.temperature_degc)
-
-
-COLUMNS = tuple(field.name for field in fields(TensionSample))
-REQUIRED_COLUMNS = COLUMNS[:3]
-
-
-def read_csv(path: Path) -> list[TensionSample]:
-    """Return the samples of a recording.
-
-    Raises:
-        ConfigurationError: no such file, other columns, or no numbers.
-    """
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [_sample(row) for row in csv.DictReader(file)]
-    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise ConfigurationError(
-            f"{path}: expected columns {', '.join(REQUIRED_COLUMNS)} with numbers, found: {error!r}"
-        ) from error
-    for count, row in enumerate(rows, start=1):
-        if not all(math.isfinite(getattr(row, name)) for name in REQUIRED_COLUMNS):
-            raise ConfigurationError(f"{path}: expected numbers in every row, found {row} in row {count}; leave it out")
-    return rows
-
-
-def _sample(row: Mapping[str, str]) -> TensionSample:
-    """Return the sample of a row; the columns of the motor are all there or none."""
-    names = COLUMNS if "duty" in row else REQUIRED_COLUMNS
-    return TensionSample(*(float(row[name]) for name in names))
-
-
-def write_csv(path: Path, samples: Sequence[TensionSample]) -> None:
-    """Write a recording; raises ConfigurationError where that cannot be done."""
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            writer.writerows([getattr(sample, name) for name in COLUMNS] for sample in samples)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-
-
-def check_writable(path: Path) -> None:
-    """Raise ConfigurationError unless a file can be written there; what it holds stays."""
-    try:
-        path.open("a", encoding="utf-8").close()
-    except OSError as error:
-        raise _unwritable(path, error) from error
-
-
-def _unwritable(path: Path, error: OSError) -> ConfigurationError:
-    return ConfigurationError(f"{path}: expected a file that can be written, found: {error}; choose another --record")
-
-
 class Weight:
     """A mass that hangs on the tendon, where a gauge would be."""
 
@@ -146,7 +72,15 @@ class Weight:
 def measure(
     backend: DynamixelBackend, gauge: Gauge | Weight, tension: float, travel: float, speed: float, rounds: int
 ) -> list[TensionSample]:
-    """Wind in and pay out ``rounds`` times and return what was seen while moving steadily.
+    """Wind in and pay out several times, and return what was seen while moving steadily.
+
+    Args:
+        backend: of one servo.
+        gauge: what pulls on its tendon.
+        tension: [N] at which it turns round, of the gauge or of its own estimate.
+        travel: [m] after which it turns round at the latest.
+        speed: [m/s] of every other round; PACES has the others'.
+        rounds: in and out.
 
     Raises:
         DriverError: of servo or gauge; the servo is let go on every path.
@@ -155,7 +89,7 @@ def measure(
     samples: list[TensionSample] = []
     backend.power(name, True)
     try:
-        start = here = _reading(backend).position
+        start = here = read_drive(backend).position
         for turn in range(2 * rounds):
             inward = turn % 2 == 0
             pace = speed * PACES[turn // 2 % len(PACES)] * (1.0 if inward else -1.0)
@@ -195,20 +129,21 @@ class _Ramp:
         return self._start + self._pace * self.elapsed()
 
     def follow(self, backend: DynamixelBackend, duration: float) -> DriveReading:
-        """Let the servo follow for a duration [s]; return the last reading."""
+        """Write the goal for a duration [s] as fast as the bus goes; return the last reading."""
         (name,) = backend.tendons
         end = self.elapsed() + duration
         reading = None
         while reading is None or self.elapsed() < end:
             backend.write({name: Setpoint(self.goal(), self._limit)})
-            reading = _reading(backend)
+            reading = read_drive(backend)
         return reading
 
 
 def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSensing | None:
     """Let a servo that senses its supply pull up to its limit; return which current that acts on, None if unclear.
 
-    The limit is that of the supply for a tension [N]: should it act on the winding, the servo pulls next to nothing.
+    The limit is the supply's current for a tension [N]: should it act on the winding, the servo pulls next to nothing.
+    One current near the limit decides; none, or both, do not (LIMIT_SHARE).
     """
     (name,) = backend.tendons
     backend.power(name, True)
@@ -216,7 +151,7 @@ def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSe
         deadline = backend.bus.clock.now_s() + LIMIT_TIMEOUT_S
         stood_since = began = backend.bus.clock.now_s()
         while stood_since + LIMIT_STANDS_S > began < deadline:
-            reading = _reading(backend)
+            reading = read_drive(backend)
             backend.write({name: Setpoint(reading.position + LIMIT_AHEAD_M, tension)})
             began = backend.bus.clock.now_s()
             if abs(reading.velocity) > TorqueModel.STANDING_SPEED:
@@ -225,20 +160,9 @@ def find_limited_current(backend: DynamixelBackend, tension: float) -> CurrentSe
         winding, _ = backend.winding(name).current(motor)
     finally:
         backend.power(name, False)
-    seen = {CurrentSensing.SUPPLY: motor.current, CurrentSensing.WINDING: winding}
-    off = {kind: abs(current - goal) / goal for kind, current in seen.items()}
-    best = min(off, key=lambda kind: off[kind])
-    return best if off[best] <= LIMIT_SHARE < max(off.values()) else None
-
-
-def _reading(backend: DynamixelBackend) -> DriveReading:
-    (name,) = backend.tendons
-    deadline = backend.bus.clock.now_s() + 1.0
-    while backend.bus.clock.now_s() < deadline:
-        reading = backend.read().get(name)
-        if reading is not None:
-            return reading
-    raise NoReplyError(f"tendon '{name}': expected a reading within 1 s, found none; check cable and supply")
+    currents = {CurrentSensing.SUPPLY: motor.current, CurrentSensing.WINDING: winding}
+    at_limit = [kind for kind, current in currents.items() if abs(current - goal) <= LIMIT_SHARE * goal]
+    return at_limit[0] if len(at_limit) == 1 else None
 
 
 @dataclass(frozen=True)
@@ -333,7 +257,7 @@ def _measured_with_gauge(backend: DynamixelBackend, options: argparse.Namespace)
 def _measured_with_weights(backend: DynamixelBackend, options: argparse.Namespace) -> list[TensionSample]:
     backend.connect()
     samples: list[TensionSample] = []
-    for mass in options.weights:
+    for mass in chain.from_iterable(options.weights):
         weight = Weight(mass)
         input(f"hang {mass:g} kg on the tendon, so that it swings free, then press Enter: ")
         # Never turned round by tension: the servo's own estimate is what is to be measured.
@@ -375,7 +299,7 @@ def work(options: argparse.Namespace) -> int:
 
 
 def masses(text: str) -> list[float]:
-    """Return masses [kg] of a list with commas; argparse tells what is wrong."""
+    """Return masses [kg], several with commas between; argparse reports what is wrong."""
     return [number(0.01, 50.0)(one) for one in text.split(",")]
 
 
@@ -393,7 +317,7 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument("--direction", type=int, choices=(-1, 1), default=1, help="+1: positive rotation pulls")
     add_gauge_options(arguments)
     arguments.add_argument(
-        "--weights", type=masses, default=(), metavar="KG,KG,...", help="hang these instead of using a gauge"
+        "--weights", type=masses, nargs="+", default=[], metavar="KG", help="hang these instead of using a gauge"
     )
     arguments.add_argument(
         "--tension", type=number(0.1, 500.0), default=15.0, metavar="N", help="turn round at, default %(default)s N"

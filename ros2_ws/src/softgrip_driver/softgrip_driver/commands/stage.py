@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 
 from softgrip_driver.commands.common import DONE, number, parser, run
+from softgrip_driver.errors import StageStalledError
 from softgrip_driver.rig.build import STAGES, make_stage
 from softgrip_driver.rig.devices import Stage
-from softgrip_driver.rig.errors import StageStalledError
 from softgrip_driver.rig.grbl import StageStart
 from softgrip_time import Clock, WallClock
 

@@ -20,7 +20,7 @@ from softgrip_driver.errors import (
 )
 from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
 from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice
-from softgrip_driver.tendon.goal_speed import GoalSpeed
+from softgrip_driver.tendon.profile import GoalSpeed
 from softgrip_driver.tendon.units import Spool, TorqueModel
 
 #: names of the fault table for what a motor says of itself

@@ -75,11 +75,6 @@ class Ranges:
         """One count of the torque [N m]."""
         return 2.0 * self.torque / ((1 << _TORQUE_BITS) - 1)
 
-    @property
-    def speed_step(self) -> float:
-        """One count of the speed [rad/s]."""
-        return 2.0 * self.speed / ((1 << _SPEED_BITS) - 1)
-
 
 @dataclass(frozen=True)
 class Feedback:

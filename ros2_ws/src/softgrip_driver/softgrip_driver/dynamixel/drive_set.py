@@ -15,8 +15,7 @@ from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, CurrentSensing, OperatingMode, ServoModel
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.backend import TendonBackend
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.needs import LASTING_SHARE, check_motor
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.tendon.winding import Winding

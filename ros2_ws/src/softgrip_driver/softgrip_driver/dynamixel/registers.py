@@ -18,7 +18,6 @@ RAD_PER_PULSE = 2.0 * math.pi / PULSES_PER_TURN
 #: one unit of the velocity items: 0.229 rpm
 RAD_PER_S_PER_UNIT = 0.229 * 2.0 * math.pi / 60.0
 #: one unit of the profile acceleration: 214.577 rev/min^2
-RAD_PER_S2_PER_UNIT = 214.577 * 2.0 * math.pi / 3600.0
 VOLT_PER_UNIT = 0.1
 WATCHDOG_SECONDS_PER_UNIT = 0.020
 RETURN_DELAY_SECONDS_PER_UNIT = 2e-6
@@ -56,17 +55,12 @@ RETURN_DELAY = ControlItem("return delay time", 9, 1)
 DRIVE_MODE = ControlItem("drive mode", 10, 1)
 OPERATING_MODE = ControlItem("operating mode", 11, 1)
 SECONDARY_ID = ControlItem("secondary ID", 12, 1)
-HOMING_OFFSET = ControlItem("homing offset", 20, 4, signed=True)
 TEMPERATURE_LIMIT = ControlItem("temperature limit", 31, 1)
-MAX_VOLTAGE_LIMIT = ControlItem("max voltage limit", 32, 2)
-MIN_VOLTAGE_LIMIT = ControlItem("min voltage limit", 34, 2)
 PWM_LIMIT = ControlItem("PWM limit", 36, 2)
 CURRENT_LIMIT = ControlItem("current limit", 38, 2)
-VELOCITY_LIMIT = ControlItem("velocity limit", 44, 4)
 STARTUP_CONFIGURATION = ControlItem("startup configuration", 60, 1)
 SHUTDOWN = ControlItem("shutdown", 63, 1)
 TORQUE_ENABLE = ControlItem("torque enable", 64, 1)
-LED = ControlItem("LED", 65, 1)
 STATUS_RETURN_LEVEL = ControlItem("status return level", 68, 1)
 HARDWARE_ERROR = ControlItem("hardware error status", 70, 1)
 BUS_WATCHDOG = ControlItem("bus watchdog", 98, 1, signed=True)
@@ -75,19 +69,12 @@ GOAL_CURRENT = ControlItem("goal current", 102, 2, signed=True)
 PROFILE_ACCELERATION = ControlItem("profile acceleration", 108, 4)
 PROFILE_VELOCITY = ControlItem("profile velocity", 112, 4)
 GOAL_POSITION = ControlItem("goal position", 116, 4, signed=True)
-REALTIME_TICK = ControlItem("realtime tick", 120, 2)
 PRESENT_PWM = ControlItem("present PWM", 124, 2, signed=True)
 PRESENT_CURRENT = ControlItem("present current", 126, 2, signed=True)
 PRESENT_VELOCITY = ControlItem("present velocity", 128, 4, signed=True)
 PRESENT_POSITION = ControlItem("present position", 132, 4, signed=True)
 PRESENT_VOLTAGE = ControlItem("present input voltage", 144, 2)
 PRESENT_TEMPERATURE = ControlItem("present temperature", 146, 1)
-
-#: every item the driver touches, by name
-ITEMS: dict[str, ControlItem] = {item.name: item for item in list(vars().values()) if isinstance(item, ControlItem)}
-
-#: EEPROM ends here; below it a write needs torque off
-FIRST_RAM_ADDRESS = 64
 
 #: value of the baud rate item for each baud [1/s]; 4.5 M is left out: dynamixel-sdk refuses it
 BAUD_CODES: dict[int, int] = {9600: 0, 57600: 1, 115200: 2, 1_000_000: 3, 2_000_000: 4, 3_000_000: 5, 4_000_000: 6}
@@ -148,7 +135,6 @@ class ServoModel(RatedMotor):
         ampere_per_unit: [A] of one unit of the current items.
         current_limit_units: largest value of the current limit item.
         senses: which current it measures.
-        no_load_current: half of it is the dead band of the tension estimate; the other ratings as in RatedMotor.
         fast_sync_read_firmware: first firmware version with Fast Sync Read.
         temperature_limit: [degC] factory value of item 31.
         voltage_range: [V] of normal operation.

@@ -16,7 +16,7 @@ from softgrip_driver.feetech.registers import FeetechStatusBits
 from softgrip_driver.feetech.servo import FeetechServo, value_in
 from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
 from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice, announce
-from softgrip_driver.tendon.goal_speed import GoalSpeed
+from softgrip_driver.tendon.profile import GoalSpeed
 from softgrip_driver.tendon.winding import MotorReading
 
 #: names of the fault table for the bits of the servo status

@@ -32,9 +32,9 @@ class FeetechBus(SerialBus):
         """Return a servo's answer; raises as `read` does."""
         return self._ask(servo_id, packets.encode(servo_id, packets.PING), 0, attempts)
 
-    def reset_turns(self, servo_id: int, attempts: int = 1) -> None:
+    def reset_turns(self, servo_id: int) -> None:
         """Let a servo forget its turns, which switches its torque off; raises as `read` does."""
-        self._ask(servo_id, packets.encode(servo_id, packets.RESET_TURNS), 0, attempts)
+        self._ask(servo_id, packets.encode(servo_id, packets.RESET_TURNS), 0, 1)
 
     def sync_read(self, ids: Sequence[int], address: int, size: int) -> dict[int, FeetechAnswer]:
         """Return the same block of several servos, of those that answered; raises PortLostError."""

@@ -21,13 +21,12 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from softgrip_driver.errors import DriverError, NoReplyError, PortLostError
+from softgrip_driver.errors import DriverError, NoReplyError, PortLostError, StoppedError
 from softgrip_driver.nodes import convert_friction as convert
 from softgrip_driver.nodes.rig_parameters import NO_STAGE, PARAMETERS, make_bench, measurement_settings
 from softgrip_driver.nodes.rig_safety import FollowedSafety, OwnSafety, RigSafety
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.clock import ScaledClock
-from softgrip_driver.rig.errors import StoppedError
 from softgrip_driver.rig.procedure import (
     JudgedPoint,
     PlanFailedError,

@@ -7,8 +7,7 @@ from dataclasses import fields
 
 from softgrip_driver.nodes.stream_parameters import STREAM_PARAMETERS, stage_start_parameter
 from softgrip_driver.rig.build import GAUGES
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_nodekit import Parameter, ParameterTable, Rank, realtime_parameter
 
 _LIMIT_TEXTS: dict[str, tuple[str, str, float, float]] = {

@@ -11,9 +11,8 @@ import contextlib
 import re
 from enum import StrEnum
 
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, NotReadyError
 from softgrip_driver.rig.devices import DeviceIdentity
-from softgrip_driver.rig.errors import NotReadyError
 from softgrip_driver.rig.line_port import LinePort
 
 BAUD = 115200

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from softgrip_driver.rig.errors import JournalError
+from softgrip_driver.errors import JournalError
 from softgrip_model.durable import make_folder_durably, sync_folder
 
 SCHEMA = 1

@@ -11,8 +11,13 @@ import math
 import re
 from dataclasses import dataclass, replace
 
-from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DeviceRefusedError
-from softgrip_driver.rig.errors import SaturatedError, UnitChangedError
+from softgrip_driver.errors import (
+    ConfigurationError,
+    CorruptReplyError,
+    DeviceRefusedError,
+    SaturatedError,
+    UnitChangedError,
+)
 from softgrip_model.friction.laws import GRAVITY
 
 #: HX711: the codes at which its 24-bit converter is at the end of its range.

@@ -10,8 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError
-from softgrip_driver.rig.errors import SaturatedError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, SaturatedError
 
 BAUD = 115200
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import contextlib
 
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, UnitChangedError
 from softgrip_driver.rig import mark10
 from softgrip_driver.rig.devices import DeviceIdentity
-from softgrip_driver.rig.errors import UnitChangedError
 from softgrip_driver.rig.line_port import LinePort
 
 _UNIT = "N"

@@ -14,9 +14,16 @@ from typing import Protocol
 
 import numpy as np
 
-from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DriverError, NoReplyError
+from softgrip_driver.errors import (
+    ConfigurationError,
+    CorruptReplyError,
+    DriverError,
+    GaugeFaultError,
+    NoReplyError,
+    StoppedError,
+    UnitChangedError,
+)
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.rig.errors import GaugeFaultError, StoppedError, UnitChangedError
 from softgrip_driver.rig.journal import MeasuredPoint, PlanJournal, Request
 from softgrip_driver.rig.plan import ADAPTIVE, PULLEY, Point, next_point, points_of
 from softgrip_driver.rig.pull import PullSettings, RigClock, RigSample, Stroke, record_pull

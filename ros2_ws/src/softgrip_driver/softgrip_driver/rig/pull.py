@@ -10,9 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import DriverError, LimitError, StageStalledError, StoppedError
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.rig.errors import LimitError, StageStalledError, StoppedError
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_driver.rig.errors import GaugeFaultError
+from softgrip_driver.errors import GaugeFaultError
 from softgrip_driver.rig.pull import Stroke, Trace
 from softgrip_model.friction.laws import GRAVITY
 
@@ -39,11 +39,12 @@ class SlideSettings:
     """When a slide counts as steady, and the right weight as hung.
 
     Attributes:
-        settle: [m] left out after the force first reaches its plateau. shortest_window: [m].
+        settle: [m] left out after the force first reaches its plateau.
+        shortest_window: [m] of steady sliding.
         drift_limit: change of T1 over the window, relative to T1. stick_slip_limit: peak-to-peak, relative to T1.
         load_tolerance: of the hung weight found from pulling and letting back, relative.
         highest_log_ratio: (a, b): no cable has ln Rf above a + b angle; twine on TPU has 0.21 + 0.34 angle at 2 N.
-        fewest_samples: in the window.
+        min_samples: in the window.
     """
 
     settle: float = 0.7e-3

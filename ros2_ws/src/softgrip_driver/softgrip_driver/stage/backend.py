@@ -11,9 +11,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
+from softgrip_driver.errors import (
+    CorruptReplyError,
+    DeviceRefusedError,
+    DriverError,
+    NoReplyError,
+    NotReadyError,
+    PortLostError,
+    SaturatedError,
+    UnitChangedError,
+)
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.rig.errors import NotReadyError, SaturatedError, UnitChangedError
 from softgrip_driver.stage.gauge_guard import GaugeGuard
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 from softgrip_time import Clock, WallClock

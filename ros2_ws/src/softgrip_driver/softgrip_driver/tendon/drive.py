@@ -67,7 +67,7 @@ class Drive:
         #: [m] and [N] of the last step of a motion
         self._setpoint: float | None = None
         self._allowed = math.inf
-        self._warnings: dict[str, str] = {}
+        self._warnings: tuple[str, ...] = ()
         self._trim = Trim(limits.max_following_error)
         self._silence = ReplySilence(period)
         self._watch = self._new_watch()
@@ -129,7 +129,7 @@ class Drive:
         return DriveSnapshot(
             self.tendon, self.state, self.homed, fault=self._fault, fault_reason=self._fault_reason,
             outcome=self._outcome, reason=self._reason, lost_replies=self._lost,
-            warnings=tuple(self._warnings.values()), job=self._job,
+            warnings=self._warnings, job=self._job,
             zero=math.nan if self._zero is None else self._zero, **measured,
         )  # fmt: skip
 

@@ -243,9 +243,9 @@ class GripperController:
         return Ticket({name: self.drives[name].job for name in names})
 
     def release(self, now: float, tendons: Sequence[str] = ()) -> Ticket:
-        """Open slowly to the zero, all tendons when none is named; also with a latched fault, as far as power is on.
+        """Open powered tendons slowly to the zero, all when none is named.
 
-        Whoever owns the tendons: letting go slowly is what a person at the cell may always ask for.
+        Refused by a stop and a lock alone: neither another's lease nor a latched fault keeps a product held.
         """
         block = self._block()
         if block is not None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.guards import (
@@ -26,12 +26,12 @@ class Allowance:
     Attributes:
         tension: [N] the most.
         too_hot: why it must stop, empty when it need not.
-        warnings: in words, by their subject.
+        warnings: why less than the limit is allowed, in words.
     """
 
     tension: float
     too_hot: str
-    warnings: dict[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 class GuardSet:
@@ -84,13 +84,12 @@ class GuardSet:
         """Return what is allowed at a temperature [degC] after holding a tension [N] for ``dt`` [s]."""
         share = self._thermal.step(temperature)
         maximum = self._overload.step(tension, dt)
-        warnings = {}
+        warnings: tuple[str, ...] = ()
         if share < 1.0:
-            warnings["derated"] = f"{temperature:.0f} degC: tension limited to {share:.0%}"
+            warnings += (f"{temperature:.0f} degC: tension limited to {share:.0%}",)
         if self._overload.backed_off:
-            warnings["overload"] = (
-                f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go"
-            )
+            text = f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go"
+            warnings += (text,)
         too_hot = f"{temperature:.0f} degC, limit {self._limits.stop_at:.0f} degC" if self._thermal.tripped else ""
         return Allowance(min(share * self._limits.tension_soft, maximum), too_hot, warnings)
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from softgrip_driver.errors import ConfigurationError
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.units import Spool
 
 #: share of the stall torque that a servo can hold until the driver backs off; from some three quarters on its own

@@ -40,7 +40,7 @@ class RatedMotor:
         rated_voltage: [V] at which the next three hold.
         stall_torque, stall_current, no_load_speed: [N m], [A], [rad/s]. Torque constant, resistance and back-EMF follow
             from them until `calibrate_tension` has measured them.
-        no_load_current: [A] in the winding, needed to turn the gears without load.
+        no_load_current: [A] in the winding, needed to turn the gears without load: friction of the tension estimate.
     """
 
     rated_voltage: float

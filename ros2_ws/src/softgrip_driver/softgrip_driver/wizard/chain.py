@@ -14,8 +14,7 @@ from softgrip_driver.dynamixel.drive_set import SHIPPED_LOOP_RATE, required_para
 from softgrip_driver.dynamixel.registers import MODELS, OperatingMode, ServoModel
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import GripperController, Policies
-from softgrip_driver.tendon.limit_parameters import LIMIT_PARAMETERS
-from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_time import Clock

@@ -8,3 +8,11 @@ import pytest
 def world(real_world):
     """Where the benches stand."""
     return real_world
+
+
+@pytest.fixture
+def wire(bench):
+    """The bench's servos, given up by the bench's own driver."""
+    bench.loop.stop()
+    bench.backend.disconnect()
+    return bench

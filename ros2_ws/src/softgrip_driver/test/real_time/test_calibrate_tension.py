@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softgrip_driver.commands import calibrate_tension
+from softgrip_driver.commands import calibrate_tension, tension_recording
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.tendon.winding import Winding
@@ -39,7 +39,7 @@ def test_calibration_on_the_wires_of_the_cell_betters_the_data_sheet(tmp_path, c
     assert fitted["torque_per_ampere_nm_a"] == pytest.approx(truth, rel=max(0.12, 2.0 * share))
     assert fitted["winding_resistances_ohm"] == pytest.approx(motor.resistance_ohm(25.0), rel=0.1)
     # What it was measured for: tensions over a recording of its own, against the data sheet's.
-    samples = [s for s in calibrate_tension.read_csv(tmp_path / "samples.csv") if s.tension_n > 2.0]
+    samples = [s for s in tension_recording.read_csv(tmp_path / "samples.csv") if s.tension_n > 2.0]
     sheet = MODELS["XL330-M288"]
     measured = TorqueModel(
         fitted["torque_per_ampere_nm_a"], fitted["friction_currents_a"], share, "measured",

@@ -17,7 +17,8 @@ from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import LeaseHeartbeat, SafetyState, TendonOwners, TendonStatus, TendonStatusArray
 from softgrip_interfaces.srv import AcquireLease, AcquireLock, ReleaseLease, ReleaseLock
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
+from softgrip_testing.nodes.node_processes import node_processes, own_domain, peer_node
+from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Goal, Result = MoveTendon.Goal, MoveTendon.Result
@@ -26,14 +27,6 @@ Goal, Result = MoveTendon.Goal, MoveTendon.Result
 @pytest.fixture
 def domain(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
-
-
-@pytest.fixture
-def wire(bench):
-    """The bench's servos, given up by the bench's own driver."""
-    bench.loop.stop()
-    bench.backend.disconnect()
-    return bench
 
 
 @pytest.fixture

@@ -19,7 +19,8 @@ from softgrip_driver.nodes.tendon_driver import TendonDriver
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
 from softgrip_nodekit import RELIABLE, SENSOR
-from softgrip_testing.nodes.node_processes import TEST_TIMEOUT_S, node_processes, own_domain, peer_node
+from softgrip_testing.nodes.node_processes import node_processes, own_domain, peer_node
+from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -56,14 +57,6 @@ def move(peer, client, goal):
 
 def torque(wire):
     return [servo.registers.get("torque_enable") for servo in wire.plant.servos]
-
-
-@pytest.fixture
-def wire(bench):
-    """The bench's servos, given up by the bench's own driver."""
-    bench.loop.stop()
-    bench.backend.disconnect()
-    return bench
 
 
 def test_a_session_from_homing_to_ctrl_c(wire, start, peer, tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The friction rig that isn't there: a cable over a printed surface, and the devices that pull and weigh it."""
+"""The emulated friction rig: a cable over a printed surface, and the devices that pull and weigh it."""
 
 from softgrip_emulator.rig.emulated import EmulatedRig
 from softgrip_emulator.rig.truth import FrictionTruth, RigTruth

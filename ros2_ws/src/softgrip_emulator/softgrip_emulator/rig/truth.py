@@ -104,7 +104,9 @@ class RigTruth:
         stick_slip: half the relative amplitude of the saw-tooth [1].
         waviness: relative amplitude of the layer lines' slow waves [1].
         cable_stiffness: of cable, gauge and frame in series [N/m].
-        gauge_gain: the gauge's calibration error as a factor. gauge_noise: [N] standard deviation.
+        gauge_gain: the gauge's calibration error as a factor.
+        gauge_noise: standard deviation of a reading [N]. Assumption: one digit of a Mark-10 M5-10, 1/5000 of 50 N
+            (mark-10.com, Capacity x Resolution).
     """
 
     friction: FrictionTruth

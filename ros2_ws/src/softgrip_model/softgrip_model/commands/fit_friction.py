@@ -152,9 +152,10 @@ def _as_mapping(
 
 def _print(found: dict[Law, Calibration], compared: dict[Law, Comparison], written: list[Path]) -> None:
     console = Console()
-    table = Table(title=f"{next(iter(found.values())).fit.points.source}")
-    for column in ("law", "coefficients (standard deviation)", "average", "maximum", "R2", "95 % within", "verdict"):
-        table.add_column(column)
+    table = Table(title=f"{next(iter(found.values())).fit.points.source}", pad_edge=False)
+    coefficients = "coefficients\n(standard deviation)"
+    for column in ("law", coefficients, "average", "maximum", "R2", "95 % within", "verdict"):
+        table.add_column(column, no_wrap=column == coefficients)
     for law, calibration in found.items():
         fit, judged = calibration.fit, calibration.assessment
         table.add_row(

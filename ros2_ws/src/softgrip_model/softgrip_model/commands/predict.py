@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
         "--joint-model",
         choices=tuple(map(str, JointModel)),
         default=str(JointModel.FLEXURE),
-        help="mode F or mode P, docs/finger.md (default: %(default)s)",
+        help="rigid links on hinges (mode P), or strips that bend (mode F), docs/finger.md (default: %(default)s)",
     )
     made.add_argument("--friction", metavar="ID|FILE", help=f"one of {', '.join(published_ids())}, or a model file")
     made.add_argument("--profiles", type=Path, metavar="DIR", help="folder of profiles (default: softgrip_bringup's)")
@@ -104,16 +104,17 @@ def _friction(chosen: profile.Profile, requested: str | None) -> tuple[str, Fric
 
 def _print_table(title: str, finger: Finger, pulls: np.ndarray, closings: Mapping[str, Solution], rows: int) -> None:
     table = Table(title=title, caption=escape("angles [deg], tip [mm], tension at the actuator and at the tip [N]"))
-    for heading in ("pull [mm]", "law", *(f"J{j}" for j in range(finger.joints)), "tip x", "tip y", "T", "T tip", ""):
-        table.add_column(escape(heading), justify="left" if heading in {"law", ""} else "right")
+    angles = tuple(f"J{j}" for j in range(finger.joints))
+    for heading in ("pull [mm]", "law", *angles, "tip x", "tip y", "T", "T tip", "remarks"):
+        table.add_column(escape(heading), justify="left" if heading in {"law", "remarks"} else "right")
     shown = np.unique(np.linspace(0, len(pulls) - 1, min(rows, len(pulls)) + 1).astype(int)[1:])
     for k in shown:
         for i, (label, closing) in enumerate(closings.items()):
-            angles = (f"{angle:.2f}" for angle in np.degrees(closing.angle_rad[0, k]))
+            degrees = (f"{angle:.2f}" for angle in np.degrees(closing.angle_rad[0, k]))
             tip = (f"{value:.1f}" for value in closing.tip_mm[0, k])
             tensions = (f"{closing.tension_n[0, k, end]:.3f}" for end in (0, -1))
             pull = f"{pulls[k]:.2f}" if i == 0 else ""
-            table.add_row(pull, label, *angles, *tip, *tensions, reason(int(closing.status[0, k])))
+            table.add_row(pull, label, *degrees, *tip, *tensions, reason(int(closing.status[0, k])))
         table.add_section()
     Console(width=None if sys.stdout.isatty() else 140).print(table)
 

@@ -87,7 +87,7 @@ class PathSettings:
 
     Attributes:
         largest_pull_step_mm, largest_tension_step_n: longer ways are taken in pieces.
-        least_compliance_per_n: 1/EA given to an inextensible cable: it decides how the tension divides between two
+        min_compliance_per_n: 1/EA given to an inextensible cable: it decides how the tension divides between two
             bends that are both stuck.
     """
 

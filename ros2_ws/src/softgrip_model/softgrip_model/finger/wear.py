@@ -56,8 +56,8 @@ class WearSettings:
         tension_stddev: of the measured tension, relative.
         tension_floor_n: [N] added to it.
         spacing_mm: pulled length between the samples of a closing.
-        least_pull_mm: shortest pull that is looked at.
-        least_samples: of a closing that counts.
+        min_pulled_mm: shortest pull that is looked at.
+        min_samples: of a closing that counts.
         baseline: closings that are looked at before the first verdict.
         settled: calm closings after which the baseline stays as it is, so that slow wear is not taken in.
         allowance: CUSUM k [standard deviations].

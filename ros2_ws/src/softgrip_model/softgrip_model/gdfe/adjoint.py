@@ -38,6 +38,8 @@ NODE_STEP = 1e-5
 TENSION_STEP_N = 1e-5
 #: Of a solution: without its cables a bent finger is near a column that buckles, which costs digits.
 REFINEMENTS = 1
+#: of an equilibrium that gradients are taken at
+TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,9 +255,9 @@ class EquilibriumTangent:
         nodes = line.selection(len(self.vertices)).T @ slopes[:-1]
         return nodes.reshape(-1, 3), float(slopes[-1])
 
-    def by_target(self, adjoint: Adjoint, cable: int = 0) -> float:
-        """Return a goal's slope to what a cable is driven to: its shortening, or its actuator tension [goal per N]."""
-        return float(-adjoint.cable[cable] if self.drives[cable].by_length else adjoint.cable[cable])
+    def by_target(self, adjoint: Adjoint) -> float:
+        """Return a goal's slope to what the first cable is driven to: its shortening, or its tension [goal per N]."""
+        return float(-adjoint.cable[0] if self.drives[0].by_length else adjoint.cable[0])
 
     def by_stiffness(self, adjoint: Adjoint) -> float:
         """Return a goal's slope to a factor on all moduli, at 1."""
@@ -279,7 +281,6 @@ def refined(
     start: State,
     drives: Sequence[CableDrive],
     *,
-    tolerance: float = 1e-10,
     max_iterations: int = 4000,
 ) -> Equilibrium:
     """Return an equilibrium that is converged as far as gradients want it.
@@ -288,10 +289,10 @@ def refined(
         GdfeError: it does not converge.
     """
     found = solver.solve(
-        start=start, drives=drives, tolerance=tolerance, length_tolerance=tolerance, max_iterations=max_iterations
+        start=start, drives=drives, tolerance=TOLERANCE, length_tolerance=TOLERANCE, max_iterations=max_iterations
     )
     if not found.converged:
         raise GdfeError(
-            f"expected a residual below {tolerance:g}, found {found.residual:.1e} after {found.iterations} iterations"
+            f"expected a residual below {TOLERANCE:g}, found {found.residual:.1e} after {found.iterations} iterations"
         )
     return found

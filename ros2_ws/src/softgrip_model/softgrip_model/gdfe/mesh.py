@@ -114,23 +114,20 @@ def grid_hexes(shape: tuple[int, int, int]) -> Index:
     return hexes
 
 
-def bar(
-    size: tuple[float, float, float], shape: tuple[int, int, int], parts: int = 1, shares: tuple[float, ...] = ()
-) -> Mesh:
+def bar(size: tuple[float, float, float], shape: tuple[int, int, int], parts: int = 1) -> Mesh:
     """Return a bar along x, y and z centred, in equal parts along x of materials 0, 1, ...
 
     Args:
         size: lengths.
         shape: elements along x, y, z.
         parts: number of materials.
-        shares: length of each part instead, as shares of the bar's; they end at element borders.
     """
     if min(size) <= 0.0 or min(shape) < 1:
         raise GdfeError(f"bar: expected positive lengths and at least one element each way, found {size}, {shape}")
     axes = [np.linspace(0.0, size[0], shape[0] + 1)]
     axes += [np.linspace(-0.5 * size[a], 0.5 * size[a], shape[a] + 1) for a in (1, 2)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    ends = np.cumsum(shares or (1.0 / parts,) * parts)
+    ends = np.cumsum((1.0 / parts,) * parts)
     columns = (np.arange(shape[0]) + 0.5) / shape[0]
     material = np.searchsorted(ends, columns).clip(max=len(ends) - 1)
     return Mesh(nodes, grid_hexes(shape), np.repeat(material, shape[1] * shape[2]).astype(np.int32))

@@ -59,19 +59,15 @@ def write_mesh(
     path: Path,
     mesh: Mesh,
     displacement: Array | None = None,
-    point_data: Mapping[str, Array] | None = None,
     cell_data: Mapping[str, Array] | None = None,
 ) -> None:
     """Write a mesh, moved by a displacement (n, 3), with fields on nodes and elements; the format is the suffix."""
     points = mesh.nodes if displacement is None else mesh.nodes + displacement
     # results hardly compress: 40 % smaller for ten times the time
     options = {"compression": None} if path.suffix == ".vtu" else {}
-    fields = dict(point_data or {})
-    if displacement is not None:
-        fields["displacement"] = displacement
     meshio.Mesh(
         points,
         [("hexahedron", mesh.hexes)],
-        point_data=fields,
+        point_data={} if displacement is None else {"displacement": displacement},
         cell_data={MATERIAL: [mesh.materials], **{name: [values] for name, values in (cell_data or {}).items()}},
     ).write(path, **options)

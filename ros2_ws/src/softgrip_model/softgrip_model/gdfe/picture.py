@@ -9,6 +9,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullLocator
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
@@ -32,7 +34,7 @@ def draw_shapes(
     quads, owner = _surface_with_owner(mesh)
     largest = max(1e-9, *(float(strain.max()) for _, _, strain in shapes))
     colours = mpl.colormaps["viridis"]
-    figure = Figure(figsize=(6.0 * len(shapes), 5.0), layout="constrained")
+    figure = Figure(figsize=(6.0 * len(shapes), 4.5), layout="constrained")
     for number, (title, displacement, strain) in enumerate(shapes):
         axes = figure.add_subplot(1, len(shapes), number + 1, projection="3d")
         points = mesh.nodes + displacement
@@ -41,14 +43,24 @@ def draw_shapes(
         if reference is not None and number == len(shapes) - 1:
             outline = (mesh.nodes + reference)[quads]
             axes.add_collection3d(Poly3DCollection(outline, facecolor=(0, 0, 0, 0), edgecolor="black", lw=0.3))
-        low, high = points.min(axis=0), points.max(axis=0)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), title=title)
-        axes.set_box_aspect(np.maximum(high - low, 1e-9))
-        axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]", zlabel=f"z [{unit}]")
-        axes.view_init(elev=20.0, azim=-70.0)
+        axes.set_title(f"{title} [{unit}]")
+        _scale_axes(axes, points.min(axis=0), points.max(axis=0))
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, largest), colours)
-    figure.colorbar(scale, ax=figure.axes, shrink=0.6, label="equivalent strain")
+    figure.colorbar(scale, ax=figure.axes, location="bottom", shrink=0.6, aspect=30, label="equivalent strain")
     figure.savefig(path, dpi=150)
+
+
+def _scale_axes(axes: Axes3D, low: Array, high: Array) -> None:
+    """Give all axes one scale; a short one carries no ticks, which would lie on top of each other."""
+    span = np.maximum(high - low, 1e-9)
+    axes.set_box_aspect(span)
+    axes.view_init(elev=20.0, azim=-70.0)
+    has_room = 4.0 * span.min() > span.max()  # else names lie on ticks
+    for name, start, end, length in zip("xyz", low, high, span, strict=True):
+        ticks = round(6.0 * length / span.max())
+        axis = getattr(axes, f"{name}axis")
+        axis.set_major_locator(MaxNLocator(ticks) if ticks > 1 else NullLocator())
+        axes.set(**{f"{name}lim": (start, end), f"{name}label": name if has_room else ""})
 
 
 def _surface_with_owner(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

@@ -60,25 +60,25 @@ def _ends(mesh: Mesh) -> tuple[Index, Index]:
     return mesh.nodes_where(x < x.min() + 1e-9), mesh.nodes_where(x > x.max() - 1e-9)
 
 
-def five_materials(lift: float = 10.0, poisson: float = 0.3, refine: int = 1) -> tuple[BarCase, list[SolidMaterial]]:
-    """Return the bar of section 5.4.1 [cm, kPa] and its materials: right face lifted, level, free along x."""
-    mesh = bar((50.0, 5.0, 5.0), (50 * refine, 5 * refine, 5 * refine), 5)
+def five_materials(poisson: float = 0.3) -> tuple[BarCase, list[SolidMaterial]]:
+    """Return the bar of section 5.4.1 [cm, kPa] and its materials: right face lifted by 10 cm, level, free along x."""
+    mesh = bar((50.0, 5.0, 5.0), (50, 5, 5), 5)
     left, right = _ends(mesh)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right, "yz").with_tied(right, "x")
 
     def loading(share: float) -> Loading:
         prescribed = np.zeros_like(mesh.nodes)
-        prescribed[right, 1] = share * lift
+        prescribed[right, 1] = share * 10.0
         return Loading(prescribed)
 
     materials: list[SolidMaterial] = [Linear(f"{e:g} kPa", e, poisson) for e in FIVE_MODULI]
-    deck = f"bend_C3D8I_nu{round(100 * poisson)}_u{lift:g}"
+    deck = f"bend_C3D8I_nu{round(100 * poisson)}_u10"
     return BarCase(mesh, left, right, supports, loading, None, deck), materials
 
 
-def rotation(angle: float = np.pi / 2, poisson: float = 0.45, refine: int = 1) -> tuple[BarCase, list[SolidMaterial]]:
+def rotation(angle: float = np.pi / 2, poisson: float = 0.45) -> tuple[BarCase, list[SolidMaterial]]:
     """Return the bar of section 5.4.2 [cm, MPa]: right face turned about the bar's axis [rad]."""
-    mesh = bar((20.0, 5.0, 5.0), (20 * refine, 5 * refine, 5 * refine), 2)
+    mesh = bar((20.0, 5.0, 5.0), (20, 5, 5), 2)
     left, right = _ends(mesh)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right)
     y, z = mesh.nodes[right, 1], mesh.nodes[right, 2]
@@ -95,10 +95,10 @@ def rotation(angle: float = np.pi / 2, poisson: float = 0.45, refine: int = 1) -
 
 
 def tension(
-    elongation: float = 1.0, materials: tuple[SolidMaterial, ...] = (), poisson: float = 0.45, refine: int = 1
+    elongation: float = 1.0, materials: tuple[SolidMaterial, ...] = (), poisson: float = 0.45
 ) -> tuple[BarCase, list[SolidMaterial]]:
     """Return the bar of section 5.4.3 [mm, MPa]: both ends clamped, drawn out by a share of its length."""
-    mesh = bar((40.0, 10.0, 10.0), (20 * refine, 5 * refine, 5 * refine), 2)
+    mesh = bar((40.0, 10.0, 10.0), (20, 5, 5), 2)
     left, right = _ends(mesh)
     supports = Supports.none(len(mesh.nodes)).with_prescribed(left).with_prescribed(right)
 

@@ -30,7 +30,7 @@ from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.session import ShapeSession
 from softgrip_model.nodes import convert
-from softgrip_model.profile import ProfileError, load_profiles
+from softgrip_model.profile import ProfileError, load_profiles, mounting_of
 from softgrip_nodekit import (
     LATCHED,
     SENSOR,
@@ -40,7 +40,6 @@ from softgrip_nodekit import (
     Parameter,
     ParameterTable,
     StampedInputs,
-    StartupError,
     lateness_parameter,
     nanoseconds,
     run,
@@ -93,10 +92,6 @@ class GdfeSimulator(CellNode):
 
     @staticmethod
     def _start(values: dict[str, Any]) -> ShapeSession:
-        fingers, profiles = values["fingers"], values["profiles"]
-        each = profiles * len(fingers) if len(profiles) == 1 else profiles
-        if len(each) != len(fingers):
-            raise StartupError(f"parameter 'profiles': expected 1 or {len(fingers)} for {fingers}, found {each}")
         settings = ClosingSettings(
             resolution=RESOLUTIONS[values["resolution"]],
             travel_mm=1e3 * values["travel_m"],
@@ -105,7 +100,7 @@ class GdfeSimulator(CellNode):
         with startup_errors(GdfeError, FingerError, ProfileError):
             return ShapeSession(
                 load_profiles(values["profiles_directory"]),
-                dict(zip(fingers, each, strict=True)),
+                mounting_of(values["fingers"], values["profiles"]),
                 settings,
                 rate_hz=values["rate_hz"],
                 marker_rate_hz=values["marker_rate_hz"],

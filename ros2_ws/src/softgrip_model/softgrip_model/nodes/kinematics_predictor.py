@@ -26,7 +26,7 @@ from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.nodes import convert
-from softgrip_model.profile import ProfileError, load_profiles
+from softgrip_model.profile import ProfileError, load_profiles, mounting_of
 from softgrip_nodekit import (
     LATCHED,
     SENSOR,
@@ -37,7 +37,6 @@ from softgrip_nodekit import (
     ParameterTable,
     Rank,
     StampedInputs,
-    StartupError,
     lateness_parameter,
     nanoseconds,
     realtime_parameter,
@@ -98,13 +97,6 @@ _HEALTH = {
 }
 
 
-def _start_mounting(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:
-    each = list(profiles) * len(fingers) if len(profiles) == 1 else list(profiles)
-    if len(each) != len(fingers):
-        raise StartupError(f"parameter 'profiles': expected 1 or {len(fingers)} for {list(fingers)}, found {each}")
-    return dict(zip(fingers, each, strict=True))
-
-
 def _uncertainty(values: dict[str, Any]) -> Uncertainty | None:
     if values["intervals"] == "friction":
         return None
@@ -149,7 +141,6 @@ class KinematicsPredictor(CellNode):
 
     @staticmethod
     def _start(values: dict[str, Any]) -> Session:
-        mounted = _start_mounting(values["fingers"], values["profiles"])
         wear = WearSettings(
             tip_stddev_mm=1e3 * values["tip_stddev_m"],
             tension_stddev=values["tension_stddev"],
@@ -158,6 +149,7 @@ class KinematicsPredictor(CellNode):
             limit=values["cusum_limit"],
         )
         with startup_errors(FingerError, ProfileError):
+            mounted = mounting_of(values["fingers"], values["profiles"])
             profiles, model = load_profiles(values["profiles_directory"]), JointModel(values["joint_model"])
             return Session(profiles, mounted, wear, model, _uncertainty(values), _watch(values))
 

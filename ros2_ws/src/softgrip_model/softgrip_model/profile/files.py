@@ -7,6 +7,7 @@ import dataclasses
 import os
 import types
 import typing
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +174,22 @@ def load_profiles(directory: str = "") -> dict[str, Profile]:
         ProfileError: there are none, or one of them cannot be used.
     """
     return load_directory(Path(directory) if directory else shipped_directory())
+
+
+def mounting_of(fingers: Sequence[str], profiles: Sequence[str]) -> dict[str, str]:
+    """Return slot -> profile id from a node's parameters `fingers` and `profiles`.
+
+    Args:
+        fingers: slots.
+        profiles: the profile in each of them, or one for all.
+
+    Raises:
+        ProfileError: another number of profiles.
+    """
+    each = list(profiles) * len(fingers) if len(profiles) == 1 else list(profiles)
+    if len(each) != len(fingers):
+        raise ProfileError(f"parameter 'profiles': expected 1 or {len(fingers)} for {list(fingers)}, found {each}")
+    return dict(zip(fingers, each, strict=True))
 
 
 def shipped_directory() -> Path:

@@ -55,9 +55,7 @@ class Alarm:
     fact: AlarmFact
     stage: AlarmStage
     raised_s: float
-    healed_s: float | None = None
     acknowledged_by: str = ""
-    acknowledged_s: float | None = None
     times: int = 1
 
 
@@ -110,7 +108,7 @@ class AlarmBook:
         for key, alarm in list(self._alarms.items()):
             gone_s = self._gone_s.get(key)
             if gone_s is not None and alarm.stage is not AlarmStage.HEALED and now_s - gone_s >= HEAL_S:
-                self._alarms[key] = replace(alarm, stage=AlarmStage.HEALED, healed_s=gone_s)
+                self._alarms[key] = replace(alarm, stage=AlarmStage.HEALED)
             elif alarm.stage is AlarmStage.RAISED and gone_s is None and now_s - self._since_s[key] >= CONFIRM_S:
                 self._alarms[key] = replace(alarm, stage=AlarmStage.CONFIRMED)
             self._close_if_over(key)
@@ -126,7 +124,7 @@ class AlarmBook:
             raise ActRefusedError(f"alarm: expected one that is not over, found none of the key '{key}'")
         if alarm.acknowledged_by:
             raise ActRefusedError(f"alarm '{alarm.fact.title}': {alarm.acknowledged_by} has acknowledged it before")
-        self._alarms[key] = replace(alarm, acknowledged_by=who, acknowledged_s=self._now_s())
+        self._alarms[key] = replace(alarm, acknowledged_by=who)
         self._close_if_over(key)
 
     def _raise(self, key: str, fact: AlarmFact, now_s: float) -> None:
@@ -138,7 +136,7 @@ class AlarmBook:
             self._since_s[key] = now_s
         elif alarm.stage is AlarmStage.HEALED:
             # it came back before anybody had acknowledged it
-            self._alarms[key] = replace(alarm, fact=fact, stage=AlarmStage.RAISED, healed_s=None, times=alarm.times + 1)
+            self._alarms[key] = replace(alarm, fact=fact, stage=AlarmStage.RAISED, times=alarm.times + 1)
             self._since_s[key] = now_s
         else:
             self._alarms[key] = replace(alarm, fact=fact)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from softgrip_panel.web.shell import Page, element, text_element
@@ -41,15 +41,13 @@ def table(page: Page, *heads: str, is_whole: bool = False) -> Any:
         return element("tbody")
 
 
-def fill(body: Any, rows: Sequence[Sequence[str]]) -> None:
-    """Write rows of texts into a table, the first of each as its heading."""
-    body.clear()
-    with body:
-        for head, *rest in rows:
-            with element("tr"):
-                text_element("th", head, scope="row")
-                for text in rest:
-                    text_element("td", text)
+def fill(rows: Iterable[Sequence[str]]) -> None:
+    """Make rows of texts in a table, the first of each as its heading."""
+    for head, *rest in rows:
+        with element("tr"):
+            text_element("th", head, scope="row")
+            for text in rest:
+                text_element("td", text)
 
 
 def command(page: Page, line: str) -> None:

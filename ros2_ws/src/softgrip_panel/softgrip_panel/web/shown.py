@@ -19,6 +19,16 @@ class ShownParts:
         write(value)
         self._parts.append((read, write, [value]))
 
+    def parts(self, holder: Any, read: Callable[[], Any], make: Callable[[Any], None]) -> None:
+        """Empty an element and make its parts again whenever a value differs; the first time now."""
+
+        def write(value: Any) -> None:
+            holder.clear()
+            with holder:
+                make(value)
+
+        self.keep(read, write)
+
     def text(self, element: Any, read: Callable[[], str]) -> Any:
         """Keep the text of an element."""
         self.keep(read, element.set_text)

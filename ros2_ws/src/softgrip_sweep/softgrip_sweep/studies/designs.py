@@ -75,12 +75,10 @@ def try_samples(motion: str, friction: str, samples: int, seed: int, first: int,
     return _scored(objective, points, "sample")
 
 
-def best(found: Iterable[dict[str, Any]], weights: tuple[float, float] = (2.0, 1.0)) -> list[dict[str, Any]]:
-    """Return the designs with an equilibrium, best first by Eq 4.5 with weights of error and force."""
+def best(found: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the designs with an equilibrium, best first by Eq 4.5: an error of 1 degree weighs as much as 2 N."""
     closed = [one for one in found if one["error_deg"] is not None]
-    return sorted(
-        closed, key=lambda one: (weights[0] * one["error_deg"] + weights[1] * one["force_n"], one["design_mm"])
-    )
+    return sorted(closed, key=lambda one: (2.0 * one["error_deg"] + one["force_n"], one["design_mm"]))
 
 
 def _objective(motion: str, friction: str) -> FollowTrajectory:

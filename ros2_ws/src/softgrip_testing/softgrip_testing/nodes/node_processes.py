@@ -15,8 +15,7 @@ import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-#: [s] for whatever a test waits for; a busy machine takes its time
-TEST_TIMEOUT_S = 60.0
+from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 Start = Callable[..., "subprocess.Popen[str]"]
 

@@ -27,9 +27,8 @@ from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.errors import VisionError
 from softgrip_vision.frame import FrameSource
-from softgrip_vision.layout import ChainLayout, Chains, FingerSetup
+from softgrip_vision.layout import ChainLayout, Chains, FingerSetup, read_chains
 from softgrip_vision.overlay import draw
-from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.report import Rows, plot, write_csv
 from softgrip_vision.sources import open_source

@@ -36,12 +36,12 @@ from softgrip_nodekit import (
 )
 from softgrip_time.units import to_s
 from softgrip_vision import calibration
+from softgrip_vision.calibration import file_when_there
 from softgrip_vision.errors import CalibrationError, FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
 from softgrip_vision.sources import CameraFrame, Capture, CaptureState, CaptureStatus, SourceOptions
 from softgrip_vision.v4l2_controls import LEAVE, POWER_LINE, ControlSettings
-from softgrip_vision.waiting import file_when_there
 
 PARAMETERS = ParameterTable(
     Parameter(

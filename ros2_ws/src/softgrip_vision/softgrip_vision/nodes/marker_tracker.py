@@ -41,16 +41,15 @@ from softgrip_nodekit import (
     startup_errors,
 )
 from softgrip_vision import calibration, colour
+from softgrip_vision.calibration import file_when_there
 from softgrip_vision.errors import VisionError
+from softgrip_vision.finger import TrackerOptions
 from softgrip_vision.frame import CameraFrame, decode, image_size
-from softgrip_vision.layout import FingerSetup, parse_region
+from softgrip_vision.layout import FingerSetup, parse_region, read_chains
 from softgrip_vision.nodes import convert
-from softgrip_vision.options import TrackerOptions
 from softgrip_vision.overlay import draw
-from softgrip_vision.profiles import read_chains
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.tracker import Tracker
-from softgrip_vision.waiting import file_when_there
 
 #: [s] by which an emulated cell's time may run ahead of a frame that is not measured yet; shorter than its period
 FRAME_LAG_S = 0.04

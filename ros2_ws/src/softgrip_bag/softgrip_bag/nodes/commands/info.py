@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -31,15 +31,15 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def text(bag: Path, found: BagStatistics) -> str:
     """Return the listing."""
-    size = sum(file.stat().st_size for file in bag_files(bag))
+    size, count = sum(file.stat().st_size for file in bag_files(bag)), len(bag_files(bag))
     lines = [
-        f"Bag:       {bag}, {len(bag_files(bag))} files, {size / 1e6:.1f} MB"
+        f"Bag:       {bag}, {count} file{'s' * (count != 1)}, {size / 1e6:.1f} MB"
         + (", was cut off: `ros2 run softgrip_bag repair` finishes it" if is_broken(bag) else ""),
         f"Start:     {datetime.fromtimestamp(to_s(found.start), UTC).isoformat()}",
         f"Duration:  {found.duration:.3f} s",
         f"Messages:  {found.messages}",
         f"Carried:   {', '.join(a.name for a in attachments(bag)) or 'nothing'}",
-        *(f"{name + ':':10} {values}" for name, values in facts(bag).items() if name != "rosbag2"),
+        *(line for name, values in facts(bag).items() if name != "rosbag2" for line in _fact_lines(name, values)),
         "Topics:",
     ]
     width = max((len(topic.name) for topic in found.topics), default=0)
@@ -47,6 +47,14 @@ def text(bag: Path, found: BagStatistics) -> str:
         rate = f"{topic.rate:7.1f} Hz, longest gap {topic.longest_gap:.3f} s" if topic.messages > 1 else ""
         lines.append(f"  {topic.name:{width}}  {topic.type_name:45} {topic.messages:7}  {rate}".rstrip())
     return "\n".join(lines)
+
+
+def _fact_lines(name: str, values: Mapping[str, str]) -> Iterator[str]:
+    """Yield a name, and below it one line a value; of a value of many lines the first and their number."""
+    yield f"{name}:"
+    for key, value in values.items():
+        first, *rest = value.splitlines() or [""]
+        yield f"  {key}: {first.strip()}" + (f" (and {len(rest)} more)" if rest else "")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("bag", type=Path, help="folder of the bag, or one .mcap file")
     parser.add_argument("--through", choices=sorted(NODES), required=True, help="node to feed")
-    parser.add_argument("--check", action="store_true", help="compare with the recorded outputs")
+    parser.add_argument("--check", action="store_true", help=argparse.SUPPRESS)  # former; a replay always compares
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
         "--tolerance", type=float, default=0.0, help="relative, for a bag of another machine; 0 = exact"
@@ -44,7 +44,8 @@ def main(args: Sequence[str] | None = None) -> int:
         values = {"compared": result.compared, "identical": result.identical, "detail": detail}
         print(json.dumps(values | {"without_input": result.without_input}))
     elif result.identical:
-        print(f"{result.compared} outputs of {options.through} compared: identical")
+        alike = f"equal within {options.tolerance:g}" if options.tolerance else "identical"
+        print(f"{result.compared} outputs of {options.through} compared: {alike}")
     else:
         print(detail or f"expected outputs of {options.through} in the bag, found none to compare")
     if result.without_input and not options.json:

@@ -69,12 +69,10 @@ def bags_page(page: Page) -> None:
             return tuple((bag, _job_text(page, bag, "report"), _job_text(page, bag, "replay")) for bag in listing.bags)
 
         def write(found: tuple[tuple[BagView, str, str], ...]) -> None:
-            body.clear()
-            with body:
-                for bag, report, replay in found:
-                    _row(page, bag, report, replay)
+            for bag, report, replay in found:
+                _row(page, bag, report, replay)
 
-        page.shown.keep(rows, write)
+        page.shown.parts(body, rows, write)
 
 
 def _row(page: Page, bag: BagView, report: str, replay: str) -> None:

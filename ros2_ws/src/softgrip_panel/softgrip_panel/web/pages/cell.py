@@ -184,24 +184,20 @@ def _alarms(page: Page) -> None:
         holder = element("ul", classes="alarms", aria_live="polite")
 
         def write(alarms: tuple[Alarm, ...]) -> None:
-            holder.clear()
-            with holder:
-                for alarm in alarms:
-                    _alarm(page, alarm)
+            for alarm in alarms:
+                _alarm(page, alarm)
 
-        page.shown.keep(lambda: page.state.alarms.active[:20], write)
+        page.shown.parts(holder, lambda: page.state.alarms.active[:20], write)
         with element("details"):
             text_element("summary", page.t("alarms.history"))
             over = element("ul")
 
             def write_over(alarms: tuple[Alarm, ...]) -> None:
-                over.clear()
-                with over:
-                    for alarm in alarms:
-                        text = f"{clock_text(alarm.raised_s)} {alarm.fact.title}; "
-                        text_element("li", text + page.t("alarms.acknowledged", name=alarm.acknowledged_by))
+                for alarm in alarms:
+                    text = f"{clock_text(alarm.raised_s)} {alarm.fact.title}; "
+                    text_element("li", text + page.t("alarms.acknowledged", name=alarm.acknowledged_by))
 
-            page.shown.keep(lambda: page.state.alarms.history[:20], write_over)
+            page.shown.parts(over, lambda: page.state.alarms.history[:20], write_over)
 
 
 def _alarm(page: Page, alarm: Alarm) -> None:
@@ -242,9 +238,7 @@ def _notices(page: Page) -> None:
         holder = element("ol", classes="notices", reversed="")
 
         def write(notices: tuple[Notice, ...]) -> None:
-            holder.clear()
-            with holder:
-                for notice in reversed(notices):
-                    text_element("li", f"{clock_text(notice.at_s)} {page.notice_text(notice)}")
+            for notice in reversed(notices):
+                text_element("li", f"{clock_text(notice.at_s)} {page.notice_text(notice)}")
 
-        page.shown.keep(lambda: tuple(page.state.notices)[-8:], write)
+        page.shown.parts(holder, lambda: tuple(page.state.notices)[-8:], write)

@@ -9,7 +9,7 @@ import math
 from nicegui import ui
 
 from softgrip_panel.model.facts import FingerView, ResidualView
-from softgrip_panel.web.parts import card, table
+from softgrip_panel.web.parts import card, fill, table
 from softgrip_panel.web.shell import Page, element, text_element
 
 
@@ -41,16 +41,7 @@ def _joints(page: Page) -> None:
                 for one in page.state.predicted
             )
 
-        def write(found: tuple[tuple[str, str, str], ...]) -> None:
-            body.clear()
-            with body:
-                for name, predicted, seen in found:
-                    with element("tr"):
-                        text_element("th", name, scope="row")
-                        text_element("td", predicted)
-                        text_element("td", seen)
-
-        page.shown.keep(rows, write)
+        page.shown.parts(body, rows, fill)
 
 
 def _angles(finger: FingerView) -> str:
@@ -72,17 +63,15 @@ def _residuals(page: Page) -> None:
             return tuple(page.state.residuals[name] for name in sorted(page.state.residuals))
 
         def write(found: tuple[ResidualView, ...]) -> None:
-            body.clear()
-            with body:
-                for one in found:
-                    with element("tr"):
-                        text_element("th", one.finger, scope="row")
-                        text_element("td", f"{1e3 * one.tip_error_m:.1f} mm ({one.tip_error_percent:.1f} %)")
-                        text_element("td", f"{one.cusum_friction:.1f}")
-                        text_element("td", f"{one.cusum_stiffness:.1f}")
-                        text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "OK" else "")
+            for one in found:
+                with element("tr"):
+                    text_element("th", one.finger, scope="row")
+                    text_element("td", f"{1e3 * one.tip_error_m:.1f} mm ({one.tip_error_percent:.1f} %)")
+                    text_element("td", f"{one.cusum_friction:.1f}")
+                    text_element("td", f"{one.cusum_stiffness:.1f}")
+                    text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "OK" else "")
 
-        page.shown.keep(rows, write)
+        page.shown.parts(body, rows, write)
 
 
 def _contacts(page: Page) -> None:

@@ -40,13 +40,13 @@ def _now(page: Page) -> None:
         holder = element("div", classes="drawing")
 
         def draw(place: tuple[float, float] | None) -> None:
-            holder.clear()
             if place is not None:
-                with holder:
-                    ui.html(rig_drawing(*place, page.t("friction.drawing")), sanitize=False)
+                ui.html(rig_drawing(*place, page.t("friction.drawing")), sanitize=False)
 
-        shown.keep(
-            lambda: (page.state.rig.angle_rad, page.state.rig.load_kg) if page.state.rig.is_running else None, draw
+        shown.parts(
+            holder,
+            lambda: (page.state.rig.angle_rad, page.state.rig.load_kg) if page.state.rig.is_running else None,
+            draw,
         )
         if page.person.role < Role.OPERATE:
             return
@@ -118,18 +118,16 @@ def _points(page: Page) -> None:
         )
 
         def write(points: Sequence[RigPoint]) -> None:
-            body.clear()
-            with body:
-                for one in reversed(points):
-                    with element("tr"):
-                        text_element("td", f"{math.degrees(one.angle_rad):.0f}°")
-                        text_element("td", f"{one.load_kg:.2f} kg")
-                        text_element("td", f"{one.tension_low_n:.2f} N")
-                        text_element("td", f"{one.tension_high_n:.2f} ± {one.stddev_n:.2f} N")
-                        text_element("td", f"{one.ratio:.3f}")
-                        text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "ACCEPTED" else "")
+            for one in reversed(points):
+                with element("tr"):
+                    text_element("td", f"{math.degrees(one.angle_rad):.0f}°")
+                    text_element("td", f"{one.load_kg:.2f} kg")
+                    text_element("td", f"{one.tension_low_n:.2f} N")
+                    text_element("td", f"{one.tension_high_n:.2f} ± {one.stddev_n:.2f} N")
+                    text_element("td", f"{one.ratio:.3f}")
+                    text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "ACCEPTED" else "")
 
-        page.shown.keep(lambda: page.state.rig.points, write)
+        page.shown.parts(body, lambda: page.state.rig.points, write)
 
 
 def _models(page: Page) -> None:
@@ -145,12 +143,10 @@ def _models(page: Page) -> None:
         )
 
         def write(models: Sequence[FrictionModelView]) -> None:
-            body.clear()
-            with body:
-                for one in models:
-                    _model(page, one)
+            for one in models:
+                _model(page, one)
 
-        page.shown.keep(lambda: page.state.friction_models, write)
+        page.shown.parts(body, lambda: page.state.friction_models, write)
 
 
 def _model(page: Page, model: FrictionModelView) -> None:

@@ -49,12 +49,10 @@ def _list(page: Page, show: object) -> None:
             rows = grasp_rows(page.state.grasps.records, page.state.counted)
             found = [row for row in rows if seen[2].admits(row)][:MAX_ROWS]
             none.set_visibility(not found)
-            body.clear()
-            with body:
-                for row in found:
-                    _row(page, row, show)
+            for row in found:
+                _row(page, row, show)
 
-        page.shown.keep(look, write)
+        page.shown.parts(body, look, write)
 
 
 def _row(page: Page, row: GraspRow, show: object) -> None:

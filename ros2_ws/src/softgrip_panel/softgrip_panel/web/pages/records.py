@@ -35,12 +35,10 @@ def records_page(page: Page) -> None:
         )
 
         def write(fingers: tuple[FingerRecordView, ...]) -> None:
-            body.clear()
-            with body:
-                for one in fingers:
-                    _row(page, one)
+            for one in fingers:
+                _row(page, one)
 
-        page.shown.keep(lambda: page.state.fingers, write)
+        page.shown.parts(body, lambda: page.state.fingers, write)
 
 
 def _row(page: Page, record: FingerRecordView) -> None:

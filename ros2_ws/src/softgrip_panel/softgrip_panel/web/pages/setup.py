@@ -68,12 +68,10 @@ def _driver(page: Page) -> None:
         holder = element("ul", classes="alarms")
 
         def write(keys: Sequence[str]) -> None:
-            holder.clear()
-            with holder:
-                for key in keys:
-                    text_element("li", page.t(key), "alarm", data_level="warning")
+            for key in keys:
+                text_element("li", page.t(key), "alarm", data_level="warning")
 
-        page.shown.keep(lambda: bus_causes(bench()), write)
+        page.shown.parts(holder, lambda: bus_causes(bench()), write)
         if not is_engineer(page):
             return
         with element("div", classes="row"):
@@ -120,7 +118,7 @@ def _servos(page: Page) -> None:
             for name, figures in sorted(bench.servos.items())
         )
 
-    page.shown.keep(rows, lambda found: fill(body, found))
+    page.shown.parts(body, rows, fill)
 
 
 def _state_text(page: Page, tendon: object) -> str:
@@ -159,14 +157,12 @@ def _terminal(page: Page) -> None:
         holder = element("div")
 
         def write(_: object) -> None:
-            holder.clear()
-            with holder:
-                for one in terminal_steps(page.state.bench):
-                    text_element("h3", page.t(f"setup.do_{one.key}"))
-                    text_element("p", page.t(f"setup.why_{one.key}"), "note")
-                    command(page, one.command)
+            for one in terminal_steps(page.state.bench):
+                text_element("h3", page.t(f"setup.do_{one.key}"))
+                text_element("p", page.t(f"setup.why_{one.key}"), "note")
+                command(page, one.command)
 
-        page.shown.keep(lambda: _named_bus(page.state.bench), write)
+        page.shown.parts(holder, lambda: _named_bus(page.state.bench), write)
 
 
 def _named_bus(bench: BenchView) -> tuple[object, ...]:
@@ -185,10 +181,7 @@ def _tensioning(page: Page) -> None:
         shown.text(text_element("p", "", "problem", role="alert"), lambda: work.problem)
         body = table(page, "setup.round", "setup.shifts", "setup.result")
 
-        def write(rounds: tuple[TensioningRound, ...]) -> None:
-            fill(body, [_round_row(page, one) for one in reversed(rounds)])
-
-        shown.keep(lambda: work.rounds, write)
+        shown.parts(body, lambda: [_round_row(page, one) for one in reversed(work.rounds)], fill)
         if not is_engineer(page):
             return
         with element("div", classes="row"):
@@ -233,20 +226,15 @@ def _weights(page: Page) -> None:
         text_element("p", page.t("setup.weights_how"))
         body = table(page, "setup.tendon", "setup.mass", "setup.weight", "setup.reading", "setup.error")
 
-        def write(points: tuple[WeightPoint, ...]) -> None:
-            fill(body, [_weight_row(one) for one in reversed(points)])
-
-        shown.keep(lambda: check.points, write)
+        shown.parts(body, lambda: [_weight_row(one) for one in reversed(check.points)], fill)
         holder = element("ul", id="weight-factors")
 
         def write_factors(factors: dict[str, float]) -> None:
-            holder.clear()
-            with holder:
-                for name, factor in factors.items():
-                    key = "setup.factor_good" if check.is_good(name) else "setup.factor_bad"
-                    text_element("li", page.t(key, name=name, factor=factor), "good" if check.is_good(name) else "bad")
+            for name, factor in factors.items():
+                key = "setup.factor_good" if check.is_good(name) else "setup.factor_bad"
+                text_element("li", page.t(key, name=name, factor=factor), "good" if check.is_good(name) else "bad")
 
-        shown.keep(check.factors, write_factors)
+        shown.parts(holder, check.factors, write_factors)
         if not is_engineer(page):
             return
         problem = text_element("p", "", "problem", role="alert", id="weight-problem")

@@ -31,12 +31,10 @@ def camera_card(page: Page) -> None:
         holder = element("div")
 
         def write(_: object) -> None:
-            holder.clear()
-            with holder:
-                for line in lens.commands(page.site.calibration_file, page.site.watched_finger):
-                    command(page, line)
+            for line in lens.commands(page.site.calibration_file, page.site.watched_finger):
+                command(page, line)
 
-        shown.keep(lambda: lens.board, write)
+        shown.parts(holder, lambda: lens.board, write)
 
 
 def _views_text(page: Page) -> str:
@@ -52,13 +50,11 @@ def _coverage(page: Page) -> None:
     holder = element("div", classes="coverage", role="img", aria_label=page.t("setup.coverage"))
 
     def write(_: object) -> None:
-        holder.clear()
-        with holder:
-            for row in page.site.lens.covered():
-                for is_covered in row:
-                    element("span", data_state="covered" if is_covered else "")
+        for row in page.site.lens.covered():
+            for is_covered in row:
+                element("span", data_state="covered" if is_covered else "")
 
-    page.shown.keep(lambda: len(page.site.lens.views), write)
+    page.shown.parts(holder, lambda: len(page.site.lens.views), write)
 
 
 def _acts(page: Page) -> None:

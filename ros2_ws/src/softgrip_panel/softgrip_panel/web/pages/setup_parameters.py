@@ -65,12 +65,10 @@ def parameters_card(page: Page) -> None:
             return work.rows()
 
         def write(found: tuple[ParameterView, ...]) -> None:
-            body.clear()
-            with body:
-                for one in found:
-                    _row(work, one, problem.set_text)
+            for one in found:
+                _row(work, one, problem.set_text)
 
-        page.shown.keep(look, write)
+        page.shown.parts(body, look, write)
         page.shown.keep(lambda: page.state.nodes, lambda names: node.set_options({one: one for one in names}))
 
 

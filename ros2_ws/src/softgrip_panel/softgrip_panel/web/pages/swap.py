@@ -55,12 +55,10 @@ def _now(page: Page) -> None:
         holder = element("div", classes="drawing")
 
         def draw(step: str) -> None:
-            holder.clear()
             if step:
-                with holder:
-                    ui.html(swap_drawing(step, page.t(f"step.{step}")), sanitize=False)
+                ui.html(swap_drawing(step, page.t(f"step.{step}")), sanitize=False)
 
-        shown.keep(lambda: _step(page), draw)
+        shown.parts(holder, lambda: _step(page), draw)
         clock = shown.text(text_element("p", "", "clock", id="swap-clock", role="timer"), lambda: _clock(page))
         shown.state(clock, lambda: "late" if _view(page).elapsed_s(time.time()) > LIMIT_S else "")
         if page.person.role >= Role.OPERATE:
@@ -164,12 +162,10 @@ def _check(page: Page) -> None:
         with element("ul", id="check-curves", classes="hidden-list") as holder:
 
             def write(curves: tuple[tuple[str, str, str], ...]) -> None:
-                holder.clear()
-                with holder:
-                    for slot, serial, curve in curves:
-                        text_element("li", f"{slot} {serial}", data_slot=slot, data_curve=curve)
+                for slot, serial, curve in curves:
+                    text_element("li", f"{slot} {serial}", data_slot=slot, data_curve=curve)
 
-            page.shown.keep(lambda: _curves(page), write)
+            page.shown.parts(holder, lambda: _curves(page), write)
 
 
 def _curves(page: Page) -> tuple[tuple[str, str, str], ...]:

@@ -133,19 +133,17 @@ def _items(page: Page, run: WorkRun) -> None:
         body = table(page, "work.product", "work.set", "work.outcome", "work.table42", "work.reason")
 
         def write(items: tuple[WorkItem, ...]) -> None:
-            body.clear()
             catalogue = {one.id: one for one in page.state.catalogue}
-            with body:
-                for item in items[:500]:
-                    product = catalogue.get(item.product)
-                    with element("tr"):
-                        text_element("td", item.product)
-                        text_element("td", item.finger_set)
-                        text_element("td", item.outcome or "...", "verdict", data_state=item.outcome)
-                        text_element("td", product.table_marks.get(item.finger_set, "-") if product else "-")
-                        text_element("td", item.reason, "why")
+            for item in items[:500]:
+                product = catalogue.get(item.product)
+                with element("tr"):
+                    text_element("td", item.product)
+                    text_element("td", item.finger_set)
+                    text_element("td", item.outcome or "...", "verdict", data_state=item.outcome)
+                    text_element("td", product.table_marks.get(item.finger_set, "-") if product else "-")
+                    text_element("td", item.reason, "why")
 
-        page.shown.keep(lambda: run.items, write)
+        page.shown.parts(body, lambda: run.items, write)
 
 
 def _products(page: Page) -> None:
@@ -153,18 +151,14 @@ def _products(page: Page) -> None:
         body = table(page, "work.product", "work.grasp", "work.marks", "work.measured")
 
         def write(products: tuple[ProductView, ...]) -> None:
-            body.clear()
-            with body:
-                for one in products:
-                    with element("tr"):
-                        text_element("td", one.id)
-                        text_element("td", one.grasp)
-                        text_element(
-                            "td", ", ".join(f"{name}: {mark or '-'}" for name, mark in one.table_marks.items())
-                        )
-                        text_element("td", _measured(one))
+            for one in products:
+                with element("tr"):
+                    text_element("td", one.id)
+                    text_element("td", one.grasp)
+                    text_element("td", ", ".join(f"{name}: {mark or '-'}" for name, mark in one.table_marks.items()))
+                    text_element("td", _measured(one))
 
-        page.shown.keep(lambda: page.state.catalogue, write)
+        page.shown.parts(body, lambda: page.state.catalogue, write)
 
 
 def _measured(product: ProductView) -> str:
