@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from string import Template
@@ -30,8 +31,9 @@ from softgrip_model.finger import (
     follow,
 )
 from softgrip_model.finger.closing_samples import ClosingInstant
-from softgrip_model.finger.diagnosis import REMEDIES, TO_CALIBRATE, WATCH, Cause
+from softgrip_model.finger.diagnosis import REMEDIES, TO_CALIBRATE, WATCH
 from softgrip_model.finger.flexure import FLEXURE_STUDY
+from softgrip_model.finger.hypotheses import Cause
 from softgrip_model.finger.learning import Expectation, Knowledge, Linearisation
 from softgrip_model.finger.parts import strip_moment
 from softgrip_model.finger.published import (
@@ -393,7 +395,9 @@ def watch_values() -> dict[str, str]:
         "baseline": str(WATCH.baseline),
         "settled": str(WATCH.settled),
         "window": str(WATCH.window),
-        "slope_error": f"{100 * WATCH.slope_error:g}",
+        "model_errors": ", ".join(f"{100 * error:g}" for error in WATCH.model_errors),
+        "misfit_share": f"{100 * WATCH.misfit_share:g}",
+        "odds": f"{math.exp(WATCH.expected_odds):.0f}",
         "watch_limit": f"{WATCH.limit:g}",
         "worn_limit": f"{WATCH.worn_limit:g}",
         "misfit": f"{WATCH.misfit_limit:g}",

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
 from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.finger.closing_samples import ClosingInstant
-from softgrip_model.finger.diagnosis import WATCH, Cause, CauseWatch, ClosingConditions
+from softgrip_model.finger.diagnosis import WATCH, CauseWatch, ClosingConditions
+from softgrip_model.finger.hand import Softening, log_odds_of_heat
+from softgrip_model.finger.hypotheses import Cause, OwnClosing, hypotheses
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.finger.uncertainty import PRIOR, Causes
 from softgrip_model.finger.wear import WearVerdict
@@ -53,15 +57,20 @@ class TrueFinger:
         )
 
 
+_SETTLED: dict[int, tuple[TrueFinger, CauseWatch]] = {}
+
+
 def settled(profiles: dict[str, Profile], seed: int = 1) -> tuple[TrueFinger, CauseWatch]:
-    """A finger whose baseline stands, and that has been quiet since."""
-    finger = TrueFinger(profiles, seed)
-    watch = finger.watch()
-    for number in range(10):
-        diagnosis = watch.take(finger.close(), USUAL)
-        assert diagnosis.explanations == (), number
-    assert watch.judge() == (WearVerdict.OK, "")
-    return finger, watch
+    """Return a finger whose baseline stands, and that has been quiet since; made once a seed."""
+    if seed not in _SETTLED:
+        finger = TrueFinger(profiles, seed)
+        watch = finger.watch()
+        for number in range(10):
+            diagnosis = watch.take(finger.close(), USUAL)
+            assert diagnosis.explanations == (), number
+        assert watch.judge() == (WearVerdict.OK, "")
+        _SETTLED[seed] = finger, watch
+    return copy.deepcopy(_SETTLED[seed])
 
 
 CHANGES = {
@@ -91,7 +100,7 @@ def test_the_cause_is_named(profiles: dict[str, Profile], name: str) -> None:
 def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) -> None:
     """Softer by 15 % or a motor 12 % stronger condemned good fingers once."""
     for to in ({"stiffness": 0.85}, {"gain": 1.12}):
-        finger, watch = settled(profiles, 2)
+        finger, watch = settled(profiles)
         for _ in range(6):
             watch.take(finger.close(**to), USUAL)
             assert watch.judge()[0] is not WearVerdict.WORN
@@ -99,13 +108,63 @@ def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) ->
 
 def test_a_weaker_strip_is_told_from_softer_strips(profiles: dict[str, Profile]) -> None:
     """One closing is not enough to condemn a finger for it."""
-    finger, watch = settled(profiles, 3)
+    finger, watch = settled(profiles)
     watch.take(finger.close(middle=0.8), USUAL)
     assert watch.judge()[0] is not WearVerdict.WORN
     for _ in range(3):
         watch.take(finger.close(middle=0.8), USUAL)
     assert watch.diagnosis.causes[0] in {Cause.STRIP, Cause.NONE_OF_THESE}
     assert watch.diagnosis.causes[0] is not Cause.FRICTION
+
+
+def test_other_fingers_tell_heat_from_a_motor(profiles: dict[str, Profile]) -> None:
+    """Softer strips and a motor that reads less look alike, until the hand's other fingers are asked."""
+    (hot, watch), (near, its) = settled(profiles), settled(profiles, 2)
+    watch.join([its])
+    for _ in range(3):
+        watch.take(hot.close(gain=0.88), dataclasses.replace(USUAL, temperature_c=math.nan))
+        its.take(near.close(), USUAL)
+    assert watch.diagnosis.causes[0] is Cause.TENSION_GAIN
+    assert watch.judge()[0] is WearVerdict.RECALIBRATE
+    for _ in range(5):
+        watch.take(hot.close(stiffness=0.88), USUAL)
+        its.take(near.close(stiffness=0.88), USUAL)
+    assert watch.diagnosis.causes[0] is Cause.TEMPERATURE
+    assert watch.judge()[0] is WearVerdict.WATCH
+
+
+def test_heat_takes_all_fingers_alike() -> None:
+    """Odds from marginal likelihoods of normal amounts: agreement is for heat, one finger that stays is against it."""
+    warm, still, other = Softening(-0.10, 0.005), Softening(0.0, 0.005), Softening(0.10, 0.005)
+    assert log_odds_of_heat(warm, [warm, warm], 0.1) > log_odds_of_heat(warm, [warm], 0.1) > 3.0
+    assert log_odds_of_heat(warm, [still], 0.1) < -3.0
+    assert log_odds_of_heat(warm, [warm, still], 0.1) < -3.0
+    assert log_odds_of_heat(warm, [other], 0.1) < -3.0
+    assert log_odds_of_heat(warm, [], 0.1) == pytest.approx(0.0)
+    # what is not known of the other finger says nothing but that changes are rare
+    assert abs(log_odds_of_heat(warm, [Softening(0.0, 10.0)], 0.1)) < 0.1
+
+
+def test_what_a_closing_reads_is_exact(profiles: dict[str, Profile]) -> None:
+    """Gain, camera and mounting by hand, from the finger's own closing; the zero beside the kernel pulled further."""
+    finger = TrueFinger(profiles, 9)
+    causes = Causes(finger.believed, finger.law, None, PRIOR)
+    count = len(PULLS)
+    own = OwnClosing(causes, np.zeros(len(causes.names)), PULLS, np.ones(count), np.zeros(3 * count))
+    found = {one.cause: one for one in hypotheses(own, Cause.STIFFNESS, 0.0) if one.cause is not Cause.STIFFNESS}
+    tip, tension = own.value[: 2 * count].reshape(-1, 2), own.value[2 * count :]
+    gain = found[Cause.TENSION_GAIN].effect(np.array([0.1]))
+    assert gain == pytest.approx(np.concatenate([np.zeros(2 * count), 0.1 * tension]))
+    seen = found[Cause.CAMERA].effect(np.array([1.0, -2.0, 0.01, 0.0]))
+    assert seen is not None
+    assert seen[: 2 * count].reshape(-1, 2) == pytest.approx(0.01 * tip + [1.0, -2.0])
+    turned = found[Cause.OUT_OF_PLANE].effect(np.array([0.03]))
+    assert turned is not None
+    assert turned[1 : 2 * count : 2] == pytest.approx(-0.03 * tip[:, 1])
+    further = found[Cause.ZERO].effect(np.array([0.5]))
+    direct = Kernel([finger.believed], finger.law).solve(PULLS + 0.5)
+    assert further is not None
+    assert (own.value + further)[: 2 * count].reshape(-1, 2) == pytest.approx(direct.tip_mm[0], abs=1e-6)
 
 
 def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:
@@ -116,12 +175,12 @@ def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:
         (ClosingConditions(16.0, 12.0, 32.0), Cause.TEMPERATURE),
         (ClosingConditions(16.0, 12.0, 20.0, further_mm=3.0), Cause.RUNNING_IN),
     ]:
-        finger, watch = settled(profiles, 4)
+        finger, watch = settled(profiles)
         for _ in range(3):
             watch.take(finger.close(stiffness=0.88), conditions)
         assert cause in watch.diagnosis.causes
         assert watch.judge()[0] is not WearVerdict.WORN
-    finger, watch = settled(profiles, 5)
+    finger, watch = settled(profiles)
     watch.take(finger.close(), ClosingConditions(6.0, 12.0, 20.0))
     assert watch.diagnosis.causes == (Cause.CONDITIONS,)
     assert watch.judge()[0] is WearVerdict.OK

@@ -2,50 +2,32 @@
 """What has changed about a finger? Likelihood ratios of causes over its empty closings (docs/finger.md).
 
 The first closings of a finger set what is known of it (`Knowledge`), how closings go and how they scatter. Later ones
-are compared with the calm ones before: their mean difference is explained by each cause in turn, by the slopes of the
-filter's linearisation, its amount being unknown with a prior deviation of its own. Before any cause is named, the
-difference has to be too large to be chance, and what the cause leaves of it small enough to be chance; otherwise it is
-"none of these". The ratio of one cause to the next has to be large, or both are named. Only a cause that is wear calls
-a finger worn.
+are compared with the calm ones before: their mean difference is put down to each cause in turn (`hypotheses`), and what
+a hand's fingers share to heat (`hand`). Before any cause is named, the difference has to be too large to be chance, and
+what the cause leaves of it small enough; otherwise it is "none of these". The ratio of one cause to the next has to be
+large, or both are named. Only a cause that is wear calls a finger worn.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInstant
+from softgrip_model.finger.hand import Softening, log_odds_of_heat
+from softgrip_model.finger.hypotheses import Cause, OwnClosing, Weighed, hypotheses, proportional, weigh
 from softgrip_model.finger.learning import SAMPLING, Expectation, Knowledge, measured
 from softgrip_model.finger.uncertainty import Causes
 from softgrip_model.finger.wear import WearVerdict
 from softgrip_time.units import to_s
 
 Array = NDArray[np.float64]
-
-
-class Cause(StrEnum):
-    """What may have changed."""
-
-    FRICTION = "friction"
-    STIFFNESS = "stiffness"
-    TEMPERATURE = "temperature"
-    CONDITIONS = "speed or rest"
-    RUNNING_IN = "running-in"
-    STRIP = "one strip"
-    ZERO = "zero"
-    CABLE = "cable's stretch"
-    TENSION_GAIN = "tension gain"
-    CAMERA = "camera"
-    OUT_OF_PLANE = "out of plane"
-    NONE_OF_THESE = "none of these"
-
 
 #: What to do about each.
 REMEDIES = {
@@ -66,21 +48,13 @@ REMEDIES = {
 #: Those that a calibration sets right.
 TO_CALIBRATE = {Cause.FRICTION, Cause.ZERO, Cause.TENSION_GAIN, Cause.CAMERA, Cause.OUT_OF_PLANE}
 
-#: Gauss-Newton steps for a cause's amount, and the change [prior deviations] at which it has settled.
-_MAX_STEPS, _SETTLED = 4, 0.02
+#: What a common change of the moduli may be.
+_SOFTENINGS = {Cause.STIFFNESS, Cause.TEMPERATURE, Cause.CONDITIONS, Cause.RUNNING_IN}
 
 #: Calm closings that scatter can be estimated from.
 _MIN_CALM = 4
-
-#: Prior deviation of each amount, in deviations of `Uncertainty` where it is one of `Causes`, else in its own unit.
-_STRIP_SD = 1.5  # 0.15 mm: three tenths of a strip's stiffness
-_STIFFNESS_SD = 1.0
-_FRICTION_SD = 2.5
-_ZERO_SD = 3.0
-_GAIN_SD = 1.0
-_CAMERA_SD = (5.0, 5.0, 5.0, 5.0)
-_CABLE_SD = 0.10  # mm per N
-_PLANE_SD = 0.03  # share that y is foreshortened by: 14 degrees
+#: [mm] beyond all closings before from which a finger runs in.
+_FURTHER_MM = 0.5
 
 
 @dataclass(frozen=True)
@@ -94,8 +68,11 @@ class WatchSettings:
         limit: log-likelihood ratio of a cause to no change from which there is one.
         worn_limit: the same for calling a finger worn.
         margin: of a cause to the next from which it alone is named.
-        misfit_limit: standard deviations that what a cause leaves may exceed its expectation by.
-        slope_error: how far the kernel's answer to a cause is believed, relative.
+        misfit_limit: standard deviations that what a cause leaves may exceed its expectation by,
+        misfit_share: or share of what has changed that it may leave: no kernel follows a large change to the end.
+        model_errors: how far the kernel's answer to a cause may be off, relative; which of them holds is unknown.
+        expected_odds: logarithm of the odds of softer or stiffer strips, beside other causes, where a closing's speed,
+            rest, heat or history lets one expect so; against them where nothing does, half where heat is unknown.
         worn_friction: friction shift from which cable or channel are worn.
         conditions_factor: speeds and rests beyond the baseline's range by this factor are unusual.
         temperature_k: change from which the temperature is one.
@@ -108,7 +85,9 @@ class WatchSettings:
     worn_limit: float = 15.0
     margin: float = 3.0
     misfit_limit: float = 6.0
-    slope_error: float = 0.20
+    misfit_share: float = 0.10
+    model_errors: tuple[float, ...] = (0.05, 0.20, 0.50)
+    expected_odds: float = 3.0
     worn_friction: float = 0.5
     conditions_factor: float = 1.5
     temperature_k: float = 3.0
@@ -163,30 +142,6 @@ class Diagnosis:
         return tuple(explanation.cause for explanation in self.explanations)
 
 
-@dataclass(frozen=True, eq=False)
-class _Signature:
-    """What a cause of unknown amounts does to a closing.
-
-    Attributes:
-        slope: (3 K, a) of what is expected; stddev: (a,) of the amounts before anything was seen.
-        place: of the amount among `Causes`; None: not one of them.
-        exact: what it does follows from geometry alone.
-        shortens: the amount is pull that is lost per tension [mm/N].
-        unit, words: of the first amount, for people.
-        sign: +1 or -1: only amounts of that sign are this cause.
-    """
-
-    cause: Cause
-    slope: Array
-    stddev: Array
-    place: int | None = None
-    shortens: bool = False
-    exact: bool = False
-    unit: float = 1.0
-    words: str = "{:+.0%}"
-    sign: int = 0
-
-
 #: Smallest scatter of closings that is believed: tips [mm], tensions [1], pull [mm], stiffness, friction [1].
 _MIN_TIP_MM, _MIN_TENSION, _MIN_PULL_MM, _MIN_STIFFNESS, _MIN_FRICTION = 0.1, 0.01, 0.02, 0.01, 0.02
 
@@ -196,21 +151,16 @@ class _Residual:
     """Measured less expected of a closing with K samples, and what may change it.
 
     Attributes:
-        closing: as it was measured.
-        expected: (3 K,), tips x and y one after the other, then tensions.
-        value: (3 K,) beside them.
+        pulled_mm, tension_n: (K,) pulled length, tension that the profile's finger has there.
+        value: (3 K,), tips x and y one after the other, then tensions.
         wandering: (3 K, 3) slopes to the pull [mm], the stiffness and the friction [1]: these differ a little from
             closing to closing.
-        tension_n: (K,) expected.
-        signatures: of the causes.
     """
 
-    closing: tuple[ClosingInstant, ...]
-    expected: Array
+    pulled_mm: Array
+    tension_n: Array
     value: Array
     wandering: Array
-    tension_n: Array
-    signatures: tuple[_Signature, ...]
 
     @property
     def samples(self) -> int:
@@ -220,15 +170,7 @@ class _Residual:
     def shortened(self, samples: int) -> _Residual:
         """Return that of the first so many samples."""
         rows = [*range(2 * samples), *range(2 * self.samples, 2 * self.samples + samples)]
-        signatures = tuple(dataclasses.replace(one, slope=one.slope[rows]) for one in self.signatures)
-        return _Residual(
-            self.closing[:samples],
-            self.expected[rows],
-            self.value[rows],
-            self.wandering[rows],
-            self.tension_n[:samples],
-            signatures,
-        )
+        return _Residual(self.pulled_mm[:samples], self.tension_n[:samples], self.value[rows], self.wandering[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,6 +202,29 @@ class _Scatter:
         return cls(mean, np.diag(white**2) + newest.wandering @ wander @ newest.wandering.T)
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What some closings say: each cause weighed, squared residuals in standard deviations, how many there are."""
+
+    weighed: tuple[Weighed, ...] = ()
+    squared: float = 0.0
+    count: int = 1
+
+    @property
+    def beyond_chance(self) -> float:
+        """Squared residuals beyond chance."""
+        return self.squared - self.count
+
+    @property
+    def misfit(self) -> float:
+        """The same, in standard deviations."""
+        return self.misfit_of(self.squared) if self.squared else 0.0
+
+    def misfit_of(self, remaining: float) -> float:
+        """Return by how many standard deviations squared residuals that remain exceed chance."""
+        return (remaining - self.count) / math.sqrt(2.0 * self.count)
+
+
 class CauseWatch:
     """Watches one mounted finger under one friction model; make a new one when either changes."""
 
@@ -275,9 +240,10 @@ class CauseWatch:
         self._furthest_mm = self._further_mm = 0.0
         self.closings = 0
         """Closings that counted."""
-        self.diagnosis = Diagnosis()
-        """After the last of them."""
+        self._found = _Found()
         self._before: tuple[Cause, ...] = ()
+        self._ran_in = False
+        self._others: tuple[CauseWatch, ...] = ()
 
     def add(self, sample: ClosingInstant, *, pulling: bool, free: bool, temperature_c: float = math.nan) -> None:
         """Take one instant; `ClosingCollector.add` has the arguments."""
@@ -294,18 +260,63 @@ class CauseWatch:
             self._usual.append(conditions)
             self._reference = self._reference.learnt(closing)
             if self.closings == self._settings.baseline:
-                found = [self._residual(one, conditions) for one in self._first]
+                found = [self._residual(one) for one in self._first]
                 self._calm = [one for one in found if one is not None]
             return self.diagnosis
-        residual = self._residual(closing, conditions)
+        self._ran_in = self._ran_in or conditions.further_mm > _FURTHER_MM
+        residual = self._residual(closing)
         if residual is None or len(self._calm) < _MIN_CALM:
             return self.diagnosis
         self._latest.append((residual, conditions))
-        self._before, self.diagnosis = self.diagnosis.causes, self._diagnose()
+        self._before, self._found = self.diagnosis.causes, self._weigh()
         if not self.diagnosis.explanations and len(self._calm) < self._settings.settled:
             self._calm.append(residual)
             self._usual.append(conditions)
         return self.diagnosis
+
+    def join(self, others: Sequence[CauseWatch]) -> None:
+        """Take note of the watches of the hand's other fingers."""
+        self._others = tuple(others)
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """What the last closing says, with those before, and with the other fingers' last ones."""
+        settings, found = self._settings, self._found
+        weighed = sorted((self._in_the_hand(one) for one in found.weighed), key=lambda one: -one.log_ratio)
+        if not weighed or weighed[0].log_ratio < settings.limit:
+            if found.misfit > settings.misfit_limit:
+                return Diagnosis(
+                    (Explanation(Cause.NONE_OF_THESE, 0.5 * found.beyond_chance, "", found.misfit),), found.misfit
+                )
+            unusual = self._unusual(self._latest[-1][1]) if self._latest else ""
+            return Diagnosis((Explanation(Cause.CONDITIONS, 0.0, unusual, 0.0),)) if unusual else Diagnosis()
+        best = weighed[0]
+        misfit = found.misfit_of(best.remaining)
+        if misfit > max(settings.misfit_limit, settings.misfit_share * found.misfit):
+            near = f"(nearest: {best.hypothesis.cause} {best.words})"
+            return Diagnosis((Explanation(Cause.NONE_OF_THESE, best.log_ratio, near, misfit),), misfit)
+        named: dict[Cause, Explanation] = {}
+        for one in weighed:
+            if one.log_ratio > best.log_ratio - settings.margin:
+                cause = one.hypothesis.cause
+                named.setdefault(cause, Explanation(cause, one.log_ratio, one.words, float(one.amounts[0])))
+        return Diagnosis(tuple(named.values()), misfit)
+
+    @property
+    def softening(self) -> Softening | None:
+        """What a common change of the strips' moduli would be; None: not known yet."""
+        return next((one.softening for one in self._found.weighed if one.hypothesis.cause in _SOFTENINGS), None)
+
+    def _in_the_hand(self, weighed: Weighed) -> Weighed:
+        """Return a cause as the other fingers make it likely: what they share is heat."""
+        others = [one for other in self._others if (one := other.softening) is not None]
+        if not others or weighed.hypothesis.cause not in {Cause.STIFFNESS, Cause.TEMPERATURE}:
+            return weighed
+        odds = log_odds_of_heat(weighed.softening, others, float(weighed.hypothesis.stddev[0]))
+        expected = self._settings.expected_odds
+        if odds > 0.0:
+            return weighed.known(Cause.TEMPERATURE, expected + odds)
+        return weighed.known(Cause.STIFFNESS, -expected)
 
     def judge(self) -> tuple[WearVerdict, str]:
         """Return the verdict and what follows from it, in words."""
@@ -356,7 +367,7 @@ class CauseWatch:
         self._furthest_mm = max(self._furthest_mm, last.pulled_mm)
         return made
 
-    def _residual(self, closing: tuple[ClosingInstant, ...], conditions: ClosingConditions) -> _Residual | None:
+    def _residual(self, closing: tuple[ClosingInstant, ...]) -> _Residual | None:
         expected = Expectation.of(self._causes, self._reference.mean, closing)
         if expected is None:
             return None
@@ -366,165 +377,30 @@ class CauseWatch:
             [prior.zero_mm, prior.stiffness, prior.friction],
         )
         return _Residual(
-            closing,
-            expected.value,
+            np.array([sample.pulled_mm for sample in closing]),
+            np.array([sample.predicted_n for sample in closing]),
             measured(closing) - expected.value,
             expected.slope[:, places] / np.array(units),
-            np.array([sample.predicted_n for sample in closing]),
-            tuple(self._signatures(closing, expected, conditions)),
         )
 
-    def _diagnose(self) -> Diagnosis:
-        """Return the strongest of what the last closing, the last two and all of the window say."""
-        best = Diagnosis()
-        for count in sorted({1, min(2, len(self._latest)), len(self._latest)}):
-            found = self._explain([one for one, _ in list(self._latest)[-count:]])
-            if found.explanations and (
-                not best.explanations or found.explanations[0].log_ratio > best.explanations[0].log_ratio
-            ):
-                best = found
-        conditions = self._latest[-1][1]
-        if not best.explanations and self._unusual(conditions):
-            return Diagnosis((Explanation(Cause.CONDITIONS, 0.0, self._unusual(conditions), 0.0),))
-        return best
-
-    def _explain(self, latest: Sequence[_Residual]) -> Diagnosis:
-        settings = self._settings
+    def _weigh(self) -> _Found:
+        """Weigh all causes by whichever has changed most: the last closing, the last two or all of the window."""
+        latest = [one for one, _ in self._latest]
         samples = min(one.samples for one in (*latest, *self._calm))
         calm, latest = ([one.shortened(samples) for one in each] for each in (self._calm, latest))
-        usual = _Scatter.of(calm)
-        residual: Array = np.asarray(np.mean([one.value for one in latest], axis=0) - usual.mean)
-        covariance: Array = (1.0 / len(latest) + 1.0 / len(calm)) * usual.covariance
-        squared, count = float(residual @ np.linalg.solve(covariance, residual)), len(residual)
-        newest = latest[-1]
-        explained = [self._explained(one, newest, residual, covariance) for one in newest.signatures]
-        explanations = sorted((one for one in explained if one is not None), key=lambda one: -one[0].log_ratio)
-        chance = (squared - count) / math.sqrt(2.0 * count)
-        if not explanations or explanations[0][0].log_ratio < settings.limit:
-            if chance <= settings.misfit_limit:
-                return Diagnosis()
-            return Diagnosis((Explanation(Cause.NONE_OF_THESE, 0.5 * (squared - count), "", chance),), chance)
-        best, remaining = explanations[0]
-        misfit = (remaining - count) / math.sqrt(2.0 * count)
-        if misfit > settings.misfit_limit:
-            near = f"(nearest: {best.cause} {best.amount})"
-            return Diagnosis((Explanation(Cause.NONE_OF_THESE, best.log_ratio, near, misfit),), misfit)
-        near_best = [one for one, _ in explanations if one.log_ratio > best.log_ratio - settings.margin]
-        distinct = {one.cause: one for one in reversed(near_best)}
-        return Diagnosis(tuple(sorted(distinct.values(), key=lambda one: -one.log_ratio)), misfit)
-
-    def _explained(
-        self, signature: _Signature, newest: _Residual, residual: Array, usual: Array
-    ) -> tuple[Explanation, float] | None:
-        """Return what a cause explains, and the squared residuals that it leaves; None: amounts of the wrong sign.
-
-        Its amounts z (prior N(0, 1) in their deviations) are found by Gauss-Newton; their likelihood is marginalised
-        about the best (Laplace), and its effect f is believed as far as the kernel's slopes are (`slope_error`):
-        2 ln ratio = r' V^-1 r - l' W^-1 l - z' z - ln det(1 + S' V^-1 S) - ln det(W V^-1), l = r - f,
-        W = V + slope_error^2 (f f' of tip x, tip y and tension each for itself).
-        """
-        inverse = np.linalg.inv(usual)
-        slope = signature.slope * signature.stddev
-        kept = np.eye(slope.shape[1]) + slope.T @ inverse @ slope
-        amounts = np.linalg.solve(kept, slope.T @ inverse @ residual)
-        effect: Array = np.asarray(slope @ amounts)
-        if float(residual @ inverse @ effect) > 2.0 * self._settings.limit:  # else it explains nothing
-            for _ in range(_MAX_STEPS):
-                found = self._effect(signature, newest, np.asarray(amounts))
-                if found is None:
-                    return None
-                effect = found
-                step = np.linalg.solve(kept, slope.T @ inverse @ (residual - effect) - amounts)
-                if float(np.abs(step).max()) < _SETTLED:
-                    break
-                amounts = amounts + step
-        left = residual - effect
-        wider, grown = usual, 0.0
-        if not signature.exact:
-            samples = newest.samples
-            apart = np.zeros((len(residual), 3))
-            for axis, rows in enumerate((slice(0, 2 * samples, 2), slice(1, 2 * samples, 2), slice(2 * samples, None))):
-                apart[rows, axis] = self._settings.slope_error * effect[rows]
-            wider = usual + apart @ apart.T + np.diag((self._settings.slope_error * effect) ** 2)
-            grown = float(np.linalg.slogdet(wider)[1] - np.linalg.slogdet(usual)[1])
-        remaining = float(left @ np.linalg.solve(wider, left))
-        fall = float(residual @ inverse @ residual) - remaining
-        log_ratio = 0.5 * (fall - float(amounts @ amounts) - float(np.linalg.slogdet(kept)[1]) - grown)
-        shift = float(signature.stddev[0] * amounts[0] * signature.unit)
-        if signature.sign * shift < 0.0:
-            return None
-        size = shift if len(amounts) == 1 else float(np.linalg.norm(signature.stddev * amounts))
-        return Explanation(signature.cause, log_ratio, signature.words.format(size), shift), remaining
-
-    def _effect(self, signature: _Signature, newest: _Residual, amounts: Array) -> Array | None:
-        """Return what a cause's amounts [prior deviations] change of a closing, (3 K,); None: no equilibrium."""
-        amount = float(signature.stddev[0] * amounts[0])
-        mean, changed, moved = self._reference.mean, newest.closing, self._reference.mean
-        if signature.place is not None:
-            moved = mean + amount * np.eye(len(mean))[signature.place]
-        elif signature.shortens:
-            changed = tuple(
-                dataclasses.replace(one, pulled_mm=max(0.0, one.pulled_mm - amount * one.tension_n)) for one in changed
-            )
-        else:
-            return np.asarray(signature.slope @ (signature.stddev * amounts))
-        after = Expectation.of(self._causes, moved, changed)
-        return None if after is None else after.value - newest.expected
-
-    def _signatures(
-        self, closing: Sequence[ClosingInstant], expected: Expectation, conditions: ClosingConditions
-    ) -> list[_Signature]:
-        causes, prior, n = self._causes, self._causes.prior, self._causes.finger.joints
-        factor, zero = causes.factor, causes.zero
-        count = len(closing)
-
-        def of(
-            cause: Cause, place: int, stddev: float, unit: float, words: str = "{:+.0%}", sign: int = 0
-        ) -> _Signature:
-            slope = expected.slope[:, place : place + 1]
-            return _Signature(cause, slope, np.array([stddev]), place, unit=unit, words=words, sign=sign)
-
-        stiffness = of(self._stiffness_cause(conditions), factor + 1, _STIFFNESS_SD, prior.stiffness)
-        found = [
-            of(Cause.FRICTION, factor, _FRICTION_SD, prior.friction),
-            stiffness,
-            of(Cause.ZERO, zero, _ZERO_SD, prior.zero_mm, "{:+.2f} mm"),
-            of(Cause.TENSION_GAIN, zero + 2, _GAIN_SD, prior.tension_gain),
-            _Signature(
-                Cause.CAMERA,
-                expected.slope[:, zero + 3 : zero + 7],
-                np.array(_CAMERA_SD),
-                exact=True,
-                words="by {:.1f} sd",
-            ),
-        ]
-        for joint in range(n):
-            thickness = causes.finger.thickness_mm[joint]
-            words = f"{{:+.0%}} of strip {joint}'s stiffness"
-            found.append(
-                of(Cause.STRIP, factor + 2 + joint, _STRIP_SD, 3.0 * prior.thickness_mm / thickness, words, sign=-1)
-            )
-        tension = np.array([sample.predicted_n for sample in closing])
-        rate = expected.slope[:, zero] / prior.zero_mm
-        stretch = -rate * np.concatenate([np.repeat(tension, 2), tension])
-        found.append(
-            _Signature(
-                Cause.CABLE, stretch[:, None], np.array([_CABLE_SD]), shortens=True, words="{:+.3f} mm/N", sign=1
-            )
-        )
-        foreshortened = np.zeros(3 * count)
-        foreshortened[1 : 2 * count : 2] = -expected.value[1 : 2 * count : 2]
-        found.append(
-            _Signature(
-                Cause.OUT_OF_PLANE,
-                foreshortened[:, None],
-                np.array([_PLANE_SD]),
-                exact=True,
-                words="{:+.1%} of y",
-                sign=1,
-            )
-        )
-        return found
+        usual, newest = _Scatter.of(calm), latest[-1]
+        own = OwnClosing(self._causes, self._reference.mean, newest.pulled_mm, newest.tension_n, usual.mean)
+        softening, windows = self._softening(), []
+        for count in sorted({1, min(2, len(latest)), len(latest)}):
+            residual = np.mean([one.value for one in latest[-count:]], axis=0) - usual.mean
+            root = np.asarray(np.linalg.cholesky((1.0 / count + 1.0 / len(calm)) * usual.covariance), np.float64)
+            windows.append((float((solve_triangular(root, residual, lower=True) ** 2).sum()), residual, root))
+        squared, residual, root = max(windows, key=lambda one: one[0])
+        # no larger than by chance: no cause can be likely, but the other fingers ask for the softening
+        quiet = squared < len(residual)
+        causes = [proportional(own, *softening)] if quiet else hypotheses(own, *softening)
+        weighed = [weigh(one, residual, root, self._settings.model_errors) for one in causes]
+        return _Found(tuple(one for one in weighed if one is not None), squared, len(residual))
 
     def _unusual(self, conditions: ClosingConditions) -> str:
         """Return what of a closing's speed and rest is outside the usual, in words; empty: nothing."""
@@ -536,12 +412,16 @@ class CauseWatch:
                 return f"{words.format(now)} beside {min(usual):.1f} to {max(usual):.1f}"
         return ""
 
-    def _stiffness_cause(self, conditions: ClosingConditions) -> Cause:
-        """Return what a common change of the moduli is, by what is known of how the closing was made."""
+    def _softening(self) -> tuple[Cause, float]:
+        """Return what a common change of the moduli is, by how the last closing was made, and its log odds."""
+        conditions, expected = self._latest[-1][1], self._settings.expected_odds
         if self._unusual(conditions):
-            return Cause.CONDITIONS
+            return Cause.CONDITIONS, expected
+        if self._ran_in:
+            return Cause.RUNNING_IN, expected
         warm = [one.temperature_c for one in self._usual if math.isfinite(one.temperature_c)]
-        if warm and abs(conditions.temperature_c - float(np.mean(warm))) > self._settings.temperature_k:
-            return Cause.TEMPERATURE
-        further = max([conditions.further_mm, *(one.further_mm for _, one in self._latest)])
-        return Cause.RUNNING_IN if further > 0.5 else Cause.STIFFNESS
+        warmer_k = conditions.temperature_c - float(np.mean(warm)) if warm else math.nan
+        if math.isnan(warmer_k):
+            return Cause.STIFFNESS, 0.5 * expected
+        heat = abs(warmer_k) > self._settings.temperature_k
+        return (Cause.TEMPERATURE, expected) if heat else (Cause.STIFFNESS, -expected)

@@ -207,6 +207,9 @@ class Session:
     def _adopt(self, mounted: Mapping[str, str], friction: ActiveFriction | None) -> None:
         self.configuration = configuration = Configuration(self._profiles, mounted, friction, self._joint_model)
         self._monitors = {slot: self._monitor(slot) for slot in configuration.fingers}
+        watches = [monitor for monitor in self._monitors.values() if isinstance(monitor, CauseWatch)]
+        for watch in watches:
+            watch.join([other for other in watches if other is not watch])
         self._learners = {}
         if self._uncertainty is not None:
             prior = self._uncertainty
