@@ -190,16 +190,22 @@ def test_what_is_not_seen_is_forgotten_slowly(causes: Causes) -> None:
     np.testing.assert_allclose(prior.faded().covariance, prior.covariance)
 
 
-def test_a_closing_counts_two_seconds_after_its_end(causes: Causes) -> None:
+def test_a_closing_counts_once_the_finger_is_open_two_seconds_after_its_end(causes: Causes) -> None:
     learner = FingerLearner(causes)
     before = learner.at(0)
     for i, sample in enumerate(closing(causes, drawn(causes, 2), np.random.default_rng(2))):
         learner.add(dataclasses.replace(sample, stamp=i), pulling=True, free=True)
     learnt = learner.add(dataclasses.replace(sample, stamp=100), pulling=False, free=True)
     assert learnt is not None
-    assert learner.at(100 + SPAN_NS - 1) is before
-    assert learner.at(100 + SPAN_NS) is learnt
+    learner.note_open(100 + SPAN_NS - 1)
+    assert learner.at(100 + SPAN_NS + 1) is before, "too early: a measurement may still come"
     assert learner.newest is learnt
+    late = 100 + 10 * SPAN_NS
+    assert learner.at(late) is before, "the finger has not been open since"
+    learner.note_open(late)
+    assert (learner.at(late), learner.at(late + 1)) == (before, learnt)
+    learner.note_open(late + 1)
+    assert learner.at(late) is before, "what was predicted stays predicted with it"
 
 
 def session_run(profiles: dict[str, Profile], causes: Causes, order: str) -> list[tuple[object, ...]]:
@@ -237,7 +243,7 @@ def test_predictions_learn_whatever_the_order_of_arrival(profiles: dict[str, Pro
     half = len(frames) // 2
     first, second = frames[half - 2], frames[-2]
     assert max(second[1]) < 0.7 * max(first[1])
-    assert len({one[2] for one in frames[:half]}) == 1
+    assert len({one[2] for one in frames[:half]}) == len({one[2] for one in frames[half:]}) == 1
     assert first[2] != second[2]
 
 

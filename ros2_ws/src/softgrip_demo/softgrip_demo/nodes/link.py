@@ -53,6 +53,11 @@ class CellLink:
                 raise ShiftError(f"expected {expected} within {timeout:g} s, found nothing; see the log of the cell")
             self._executor.spin_once(timeout_sec=POLL)
 
+    def pause(self, duration_s: float, why: str) -> None:
+        """Spin for a time [s] of the cell."""
+        end = self._durations.now() + Duration(nanoseconds=to_ns(duration_s))
+        self.until(lambda: self._durations.now() >= end, 2.0 * duration_s + 10.0, why)
+
     def wait(self, future: Any, timeout: float, expected: str) -> Any:
         """Spin until a future is done and return its result."""
         self.until(future.done, timeout, expected)

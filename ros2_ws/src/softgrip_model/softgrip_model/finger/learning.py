@@ -302,23 +302,32 @@ class Update:
 class FingerLearner:
     """Learns one mounted finger under one friction model; make a new one when either changes.
 
-    A closing counts for what is predicted from SPAN_NS after its end on: by then every measurement of it has come, in
-    whatever order the topics arrived.
+    A closing counts from the first time on that the finger is open SPAN_NS after its end: by then every measurement of
+    it has come, in whatever order the topics arrived, and no closing is predicted with two states of knowledge.
     """
 
     def __init__(self, causes: Causes, rule: SamplingRule = SAMPLING) -> None:
         self._collector = ClosingCollector(rule)
-        self._since: list[tuple[int, Knowledge]] = []
-        self._prior = Knowledge.prior(causes)
+        self._learnt: list[tuple[int, Knowledge]] = []  # may be used from a stamp on
+        self._used = [(0, Knowledge.prior(causes))]  # from a stamp on
 
     @property
     def newest(self) -> Knowledge:
         """What all closings that have ended say."""
-        return self._since[-1][1] if self._since else self._prior
+        return self._learnt[-1][1] if self._learnt else self._used[-1][1]
 
     def at(self, stamp: int) -> Knowledge:
         """Return what a prediction at a stamp [ns] goes by."""
-        return next((known for since, known in reversed(self._since) if since <= stamp), self._prior)
+        return next((known for since, known in reversed(self._used) if since <= stamp), self._used[0][1])
+
+    def note_open(self, stamp: int) -> None:
+        """Take note that the finger is open at a stamp [ns]: what may be used by then is, after it."""
+        known = next((known for since, known in reversed(self._learnt) if since <= stamp), None)
+        if known is None or known is self.at(stamp + 1):
+            return
+        self._used.append((stamp + 1, known))
+        while len(self._used) > 1 and self._used[1][0] < stamp - 2 * SPAN_NS:
+            self._used.pop(0)
 
     def add(self, sample: ClosingInstant, *, pulling: bool, free: bool) -> Knowledge | None:
         """Take one instant; return what is known after the closing that it ends."""
@@ -326,7 +335,7 @@ class FingerLearner:
         if not closing:
             return None
         known = self.newest.learnt(closing)
-        self._since.append((sample.stamp + SPAN_NS, known))
-        while len(self._since) > 1 and self._since[1][0] < sample.stamp - 2 * SPAN_NS:
-            self._since.pop(0)
+        self._learnt.append((sample.stamp + SPAN_NS, known))
+        while len(self._learnt) > 1 and self._learnt[1][0] < sample.stamp - 2 * SPAN_NS:
+            self._learnt.pop(0)
         return known

@@ -28,6 +28,9 @@ from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.profile import Profile
 
+#: [m] A finger is open that is pulled by less.
+OPEN_M = 1e-3
+
 
 @dataclass(frozen=True)
 class MeasuredFinger:
@@ -135,6 +138,9 @@ class Session:
         """Take the tendons' state at one stamp; return the residuals that became known by it."""
         for sample in tendons[:1]:
             self._timeline.note(sample.stamp, self.in_use)
+        for name, sample in zip(names, tendons, strict=True):
+            if name in self._learners and sample.pulled_length < OPEN_M:
+                self._learners[name].note_open(sample.stamp)
         pairs = [
             pair
             for name, sample in zip(names, tendons, strict=True)
