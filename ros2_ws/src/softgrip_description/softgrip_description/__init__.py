@@ -9,14 +9,12 @@ Example:
 """
 
 from softgrip_description.errors import HandError
-from softgrip_description.flexures import FingerFlexures
 from softgrip_description.geometry import finger_joint_names, flexure_names, link_poses, slot_pose
 from softgrip_description.hand import Hand, HandSlot, load_hand, shipped_hand
 from softgrip_description.mjcf import mjcf_of
 from softgrip_description.urdf import urdf_of
 
 __all__ = [
-    "FingerFlexures",
     "Hand",
     "HandError",
     "HandSlot",

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_description.geometry import max_displacement_m
 from softgrip_model.finger import Finger, FingerError, Path, Plane, follow
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.profile import FingerDesign, Profile
+from softgrip_model.profile import Profile
 
 Array = NDArray[np.float64]
 #: Vectors of the finger's plane as x + i y; multiplied by exp(-i angle) they are turned as a closing joint turns.
@@ -25,11 +26,6 @@ Vectors = NDArray[np.complex128]
 _PULLED_MM = np.arange(0.5, 25.5, 0.5)
 #: [mm] further away than any finger reaches: a plane that no link touches.
 _FAR_MM = 1e4
-
-
-def max_displacement_m(design: FingerDesign, joint: int) -> float:
-    """Return how far a flexure may displace its link along or across [m]: half its strip's length."""
-    return 0.5 * design.joint_lengths_m[joint]
 
 
 class FingerFlexures:

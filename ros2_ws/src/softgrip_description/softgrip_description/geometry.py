@@ -40,6 +40,11 @@ def flexure_names(kind: str, finger: str, joint: int, prefix: str = "") -> list[
     return [f"{prefix}{finger}_{kind}_{joint}{suffix}" for suffix in _FLEXURE_SUFFIXES]
 
 
+def max_displacement_m(design: FingerDesign, joint: int) -> float:
+    """Return how far a flexure may displace its link along or across [m]: half its strip's length."""
+    return 0.5 * design.joint_lengths_m[joint]
+
+
 def slot_pose(slot: HandSlot) -> Array:
     """Return the pose of ``<finger>_base`` in `palm`, (4, 4).
 

@@ -16,8 +16,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from softgrip_description.flexures import max_displacement_m
-from softgrip_description.geometry import flexure_names, rotation_of, rpy_of, slot_pose
+from softgrip_description.geometry import flexure_names, max_displacement_m, rotation_of, rpy_of, slot_pose
 from softgrip_description.hand import Hand
 from softgrip_description.solids import base_outline, link_outline, prism_inertia
 from softgrip_model.profile import FingerDesign

@@ -10,8 +10,9 @@ import math
 import numpy as np
 import pytest
 
-from softgrip_description import FingerFlexures, link_poses
-from softgrip_description.flexures import max_displacement_m
+from softgrip_description import link_poses
+from softgrip_description.flexures import FingerFlexures
+from softgrip_description.geometry import max_displacement_m
 from softgrip_model.finger import Finger, JointModel, Plane, follow
 from softgrip_model.finger.learning import Knowledge
 from softgrip_model.finger.predictor import Configuration, assumed_friction

@@ -299,7 +299,7 @@ def test_predictions_name_their_mode() -> None:
     expected = Kernel([one], published(profiles["power"].friction_id).law).solve([12.0], march=False)
     predicted = flexures.closing("index", [0.012])[0]
     np.testing.assert_allclose(predicted.tip, 1e-3 * expected.tip_mm[0, 0])
-    session = Session(profiles, {"index": "hook"}, WearSettings())
+    session = Session(profiles, {"index": "hook"}, WearSettings(), uncertainty=None)
     session.set_mounted({"index": "power"})
     assert session.configuration.digest == flexures.digest
     assert session.closing("power", "index", "", [0.012])[0].tip == pytest.approx(predicted.tip, abs=1e-12)
