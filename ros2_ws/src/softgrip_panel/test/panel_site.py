@@ -248,8 +248,9 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
     while not stop.wait(0.1):
         number += 1
         phase = 0.5 - 0.5 * math.cos(number / 15.0)
+        pulled_n = 2.0 + 9.0 * phase + 0.6 * (-1) ** number  # nothing that hangs on it is ever at rest
         state.observe_tensions(
-            [TensionView(name, 0.016 * phase, 2.0 + 9.0 * phase + k, 1.5 + 7.0 * phase) for k, name in enumerate(SLOTS)]
+            [TensionView(name, 0.016 * phase, pulled_n + k, 1.5 + 7.0 * phase) for k, name in enumerate(SLOTS)]
         )
         state.observe_tendons([TendonView(name, "HOLDING", homed=True) for name in SLOTS])
         state.observe_health(driver_health(bedded_zero_mm(site.cell.homings)))  # type: ignore[attr-defined]
