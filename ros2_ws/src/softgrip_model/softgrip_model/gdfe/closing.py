@@ -25,7 +25,7 @@ from softgrip_model.finger.predictor import ActiveFriction, assumed_friction
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, Resolution, mesh_finger
 from softgrip_model.gdfe.materials import SolidMaterial, StressPolynomial
-from softgrip_model.gdfe.solver import ConstitutiveLaw, Equilibrium, Solver, SolverSettings, State, Supports
+from softgrip_model.gdfe.solver import ConstitutiveLaw, Equilibrium, Method, Solver, SolverSettings, State, Supports
 from softgrip_model.gdfe.validity import warnings_of
 from softgrip_model.profile import Material as ProfileMaterial
 from softgrip_model.profile import Profile, digest
@@ -152,7 +152,10 @@ class Body:
         cable = RoutedCable(self.finger_mesh.routing, assumed_friction(profile).law)
         # a node that jumps further than half the thinnest strip in one iteration turns elements over
         limit = 0.5 * min(finger.thickness_mm)
-        method = SolverSettings(law=law, step_limit=limit, window=WINDOW, sections_after=SECTIONS_AFTER)
+        # a direct factor, however fine the mesh: what multigrid leaves hides what the cross-sections answer
+        method = SolverSettings(
+            law=law, method=Method.DIRECT, step_limit=limit, window=WINDOW, sections_after=SECTIONS_AFTER
+        )
         self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method)
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.changes = "" if material is None and law is ConstitutiveLaw.CALIBRATED else f":{material}:{law}"
