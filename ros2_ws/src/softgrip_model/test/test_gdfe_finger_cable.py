@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softgrip_model.gdfe.cable import CableDrive
 from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
+from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
+from softgrip_model.gdfe.solver import State
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.calculix_cable import calculix_closings, closing_of, our_closing
 from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
@@ -112,3 +115,10 @@ def test_the_reference_is_what_calculix_gives():
     np.testing.assert_allclose(found.tip_mm, kept.tip_mm, atol=0.02)
     np.testing.assert_allclose(found.joint_rad, kept.joint_rad, atol=1e-3)
     assert found.tension_n == pytest.approx(kept.tension_n, rel=2e-3)
+
+
+def test_a_start_without_the_cables_tension_is_refused(closing):
+    solver, rest = closing.body.solver, np.zeros_like(closing.finger_mesh.mesh.nodes)
+    for start in (State(rest), State(rest[1:], (0.0,))):
+        with pytest.raises(GdfeError, match=r"start: expected displacements .* and 1 anchor tensions, found"):
+            solver.solve(start=start, drives=[CableDrive(1.0)])

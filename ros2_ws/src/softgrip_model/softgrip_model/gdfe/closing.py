@@ -474,7 +474,7 @@ class ClosingPath:
         return self._shape(pulled_length, found, started, reason, converged=True)
 
     def state(self, pulled_mm: float) -> State:
-        """Return a state near the shape at a pulled length [mm], to start another solve of the same mesh from."""
+        """Return a state near the shape at a pulled length [mm]: where a solve of the mesh without cables may start."""
         self.keyframes.cover(pulled_mm)
         return State(self.keyframes.start(pulled_mm).displacement)
 

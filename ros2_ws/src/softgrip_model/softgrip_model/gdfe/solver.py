@@ -388,11 +388,19 @@ class Solver:
             force_floor: reactions and loads below this count as this.
             length_tolerance: of driven cable lengths, and of contact gaps.
             max_iterations: then it is given back as not converged.
+
+        Raises:
+            GdfeError: drives or a start that are not those of this mesh and its cables.
         """
         if len(drives) != len(self.cables):
             raise GdfeError(f"expected {len(self.cables)} cable drives, found {len(drives)}")
         zero = np.zeros_like(self.mesh.nodes)
         start = start or self.rest()
+        if len(start.anchor_tension) != len(self.cables) or start.displacement.shape != zero.shape:
+            raise GdfeError(
+                f"start: expected displacements {zero.shape} and {len(self.cables)} anchor tensions, found "
+                f"{start.displacement.shape} and {len(start.anchor_tension)}"
+            )
         acts = acts or Acts.nothing(self.surroundings)
         acts.check(self.surroundings)
         task = _core.Task(
