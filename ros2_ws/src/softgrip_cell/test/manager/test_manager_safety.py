@@ -27,7 +27,9 @@ TOUCHED = (0.008, 0.009, 0.0085)
 def ready(cell: Any, *parameters: str) -> None:
     """A cell with power fingers that were checked."""
     cell.start(*parameters)
-    swapped = cell.swap()
+    # a busy computer loses samples of the check, which is then refused
+    tries = (cell.swap() for _ in range(5))
+    swapped = next(each for each in tries if "samples up to" not in each.reason)
     assert swapped.outcome == SwapFingers.Result.SUCCEEDED, swapped.reason
 
 
