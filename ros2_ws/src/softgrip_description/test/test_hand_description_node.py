@@ -14,6 +14,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
@@ -136,6 +137,26 @@ def test_robot_state_publisher_is_given_each_description_also_after_it_came_agai
         peer.spin_until(lambda publisher=publisher: given(publisher) == descriptions[-1].data)
         publisher.destroy_node()
     assert not fixed
+
+
+def test_a_state_publisher_that_replaces_a_killed_one_is_given_the_description(peer: Peer) -> None:
+    """DDS believes a killed one alive for seconds; its successor says on the topic what it began with."""
+    descriptions = peer.hear(String, "robot_description", LATCHED)
+    peer.start("publish_tf:=false")
+    publisher = rclpy.create_node("robot_state_publisher")
+    publisher.declare_parameter("robot_description", "of its launch file")
+
+    def given() -> str:
+        rclpy.spin_once(publisher, timeout_sec=0.01)
+        return publisher.get_parameter("robot_description").value
+
+    peer.spin_until(lambda: bool(descriptions) and given() == descriptions[-1].data)
+    text = descriptions[-1].data
+    publisher.set_parameters([Parameter("robot_description", value="of its launch file")])
+    says = publisher.create_publisher(String, "robot_description", LATCHED)
+    says.publish(String(data="of its launch file"))
+    peer.spin_until(lambda: given() == text)
+    publisher.destroy_node()
 
 
 def test_a_finger_that_cannot_be_mounted_is_named_and_the_last_description_stays(peer: Peer) -> None:

@@ -370,11 +370,8 @@ class ContactEstimator:
         # Beyond the checked path the fingers press on something or stand at their stops: the table's end has to do.
         within = pulled_m <= reference.reach_m and math.isfinite(predicted_n)
         free_n = max(0.0, predicted_n + reference.offset(pulled_m)) if within else reference.tension(pulled_m)
-        punctual_n, late_n, period_s = (
-            self._model_stddev_n(slot, pulled_m, free_n),
-            self._late.stddev_n[slot],
-            self._late.period_s,
-        )
+        punctual_n = self._model_stddev_n(slot, pulled_m, free_n)
+        late_n, period_s = self._late.stddev_n[slot], self._late.period_s
         model_n = math.hypot(punctual_n, late_n)
         is_judged = pulled_m >= settings.contact_from_m
         if within and is_closing and is_judged:

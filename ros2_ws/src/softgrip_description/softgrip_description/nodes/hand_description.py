@@ -70,11 +70,17 @@ class StatePublisherLink:
         self._diagnostics = diagnostics
         self._client = node.create_client(SetParameters, "robot_state_publisher/set_parameters")
         self._answer: Any = None
+        node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         steady_timer(node, _GIVE_PERIOD_S, self._give)
+
+    def _on_description(self, message: String) -> None:
+        """Notice a publisher that began while the one before still seemed to be there: it says its launch file's."""
+        if message.data != self.text:
+            self._given, self._answer = "", None
 
     def _give(self) -> None:
         if not self._client.service_is_ready():
-            self._given, self._answer = "", None  # the next one begins with the description of its launch file
+            self._given, self._answer = "", None
             self._report("expected robot_state_publisher in this namespace, found none: nobody computes tf")
         elif self._answer is not None:
             if self._answer[1].done():
