@@ -38,6 +38,7 @@ from softgrip_demo.record import FrictionResult, GraspResult, ShiftClosing, Shif
 from softgrip_interfaces.srv import StopRecording
 from softgrip_model.finger.matching import SPAN_NS
 from softgrip_nodekit import Parameter, ParameterTable, StartupError, join_cell_time, make_executor
+from softgrip_time.units import to_s
 from softgrip_vision import calibration as vision
 from softgrip_vision.calibration import PlaneMap
 
@@ -138,7 +139,7 @@ class Shift:
         """Mount a set and close it empty, 0 to full pull, in front of the camera."""
         self._swap(finger_set)
         # from then on predictions go by what the swap's closing has taught
-        self._link.pause(1e-9 * SPAN_NS, "the cell's time to go on")
+        self._link.pause(to_s(SPAN_NS), "the cell's time to go on")
         self._watch.begin()
         self._operator.move(self._values["full_pull"], self._values["closing_speed"])
         gathered = self._watch.end()
