@@ -78,6 +78,12 @@ def link_through_a_folder_of_anybody(root: Path, path: Path) -> None:
     path.symlink_to(elsewhere / "link.yaml")
 
 
+def link_that_a_group_may_have_made(root: Path, path: Path) -> None:
+    path.symlink_to(root.parent / "secret.yaml")
+    os.chown(root, -1, 65534)
+    root.chmod(0o775)
+
+
 def link_to_a_circle(root: Path, path: Path) -> None:
     (root.parent / "circle").symlink_to(root.parent / "circle")
     path.symlink_to(root.parent / "circle")
@@ -87,6 +93,7 @@ LINKS = {
     "link that anybody may have made": link_that_anybody_may_have_made,
     "link of a stranger": link_of_a_stranger,
     "link through a folder of anybody": link_through_a_folder_of_anybody,
+    "link that a group may have made": link_that_a_group_may_have_made,
     "link to a circle": link_to_a_circle,
 }
 
@@ -116,8 +123,8 @@ def refused(root: Path, name: str) -> Path:
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("name", [*LINKS, "pipe", "folder", "large", "outside", "dots", "zero byte", "device"])
 def test_what_is_no_small_plain_file_below_a_root_is_refused_at_once(root: Path, name: str) -> None:
-    if name == "link of a stranger" and os.geteuid() != 0:
-        pytest.skip("only root can give a link away")
+    if name in {"link of a stranger", "link that a group may have made"} and os.geteuid() != 0:
+        pytest.skip("only root can give something away")
     roots = [root, Path("/dev")] if name == "device" else [root]
     with pytest.raises(BagError, match="expected"):
         read_below(roots, refused(root, name))

@@ -16,8 +16,9 @@ from softgrip_model.finger.diagnosis import WATCH, CauseWatch, ClosingConditions
 from softgrip_model.finger.hand import Softening, log_odds_of_heat
 from softgrip_model.finger.hypotheses import Cause, OwnClosing, hypotheses
 from softgrip_model.finger.predictor import assumed_friction
+from softgrip_model.finger.session import Session
 from softgrip_model.finger.uncertainty import PRIOR, Causes
-from softgrip_model.finger.wear import WearVerdict
+from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.profile import Profile
 
 PULLS = np.arange(1.0, 15.5, 1.0)
@@ -25,10 +26,10 @@ USUAL = ClosingConditions(16.0, 12.0, 20.0)
 
 
 class TrueFinger:
-    """The hook's index finger as it is, with the noise of its closings."""
+    """A finger of the hook as it is, with the noise of its closings."""
 
-    def __init__(self, profiles: dict[str, Profile], seed: int) -> None:
-        self.believed = Finger.from_profile(profiles["hook"], "index")
+    def __init__(self, profiles: dict[str, Profile], seed: int, slot: str = "index") -> None:
+        self.believed = Finger.from_profile(profiles["hook"], slot)
         self.law = assumed_friction(profiles["hook"]).law
         self._rng = np.random.default_rng(seed)
         self._predicted_n = Kernel([self.believed], self.law).solve(PULLS).tension_n[0, :, 0]
@@ -131,6 +132,20 @@ def test_other_fingers_tell_heat_from_a_motor(profiles: dict[str, Profile]) -> N
         its.take(near.close(stiffness=0.88), USUAL)
     assert watch.diagnosis.causes[0] is Cause.TEMPERATURE
     assert watch.judge()[0] is WearVerdict.WATCH
+
+
+def test_a_session_asks_the_fingers_of_its_hand(profiles: dict[str, Profile]) -> None:
+    """Softer by one amount, of unknown temperature: one finger alone would be called softer."""
+    session = Session(profiles, {"index": "hook", "middle": "hook"}, WearSettings())
+    fingers = {slot: TrueFinger(profiles, seed, slot) for seed, slot in enumerate(("index", "middle"), 1)}
+    unknown = dataclasses.replace(USUAL, temperature_c=math.nan)
+    for stiffness in (*[1.0] * 10, *[0.88] * 5):
+        for slot, finger in fingers.items():
+            monitor = session.in_use.monitors[slot]
+            assert isinstance(monitor, CauseWatch)
+            monitor.take(finger.close(stiffness=stiffness), unknown)
+    for _, why in session.verdicts().values():
+        assert why.startswith(Cause.TEMPERATURE)
 
 
 def test_heat_takes_all_fingers_alike() -> None:
