@@ -222,6 +222,13 @@ def test_fingers_that_press_on_their_own_stops_enclose_nothing(task, contact, is
     assert state.is_enclosing is is_short
 
 
+@pytest.mark.parametrize(("contact_tension_n", "is_gone"), [(0.2, False), (0.15, True)])
+def test_a_late_sample_does_not_make_a_contact_go(task, contact, contact_tension_n: float, is_gone: bool) -> None:
+    """Half of a punctual drive's 0.35 N decides, whatever a late one adds to what is uncertain."""
+    late = replace(contact(contact_tension_n=contact_tension_n), threshold_n=4.0)
+    assert hand_of(task("orange")).estimate(SECOND, (late,) * 3).has_no_contact is is_gone
+
+
 def test_two_fingers_without_the_thumb_are_no_hand_but_for_a_hook(task, contact) -> None:
     free = replace(contact(contact_tension_n=0.0), is_touching=False)
     for opposed in (True, False):
