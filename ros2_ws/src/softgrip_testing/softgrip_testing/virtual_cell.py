@@ -221,6 +221,10 @@ class VirtualCell:
         """What tendon/state would carry now."""
         return tuple(ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots())
 
+    def pulled_m(self) -> Mapping[str, float]:
+        """How far each tendon is pulled now [m], as a movement's result says it."""
+        return {drive.tendon: drive.length for drive in self.controller.snapshots()}
+
     def cycle(self) -> None:
         """Live one driver period."""
         self.plant.advance_to(self._begin_s())
@@ -278,6 +282,7 @@ class VirtualCell:
         ticket = self.move(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
         while self.controller.result(ticket)[0] is None:
             closing.observe(self.observe())
+        closing.end(self.pulled_m())
         self.open()
         return closing.judge()
 

@@ -23,13 +23,12 @@ from softgrip_cell.errors import RefusedError
 from softgrip_cell.gripper.goal_monitor import GoalEnd, GoalSettings
 from softgrip_cell.gripper.orders import GripperGoal, GripperLimits, TendonOrder, parallel_goal, tendon_order
 from softgrip_cell.nodes import convert
-from softgrip_cell.nodes.driver_link import DriverLink, MotionLimits
+from softgrip_cell.nodes.driver_link import DriverLink, MotionLimits, MoveEnd
 from softgrip_cell.nodes.gripper_server import GoalOutcome, GripperSample, GripperServer
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_cell.observation import StreamSilence
 from softgrip_description import Hand, HandError, load_hand, shipped_hand
 from softgrip_description.opening import GripperOpening, gripper_opening
-from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, SafetyState, TendonOwners
 from softgrip_model.profile import Profile, ProfileError, load_profiles
 from softgrip_nodekit import (
@@ -353,9 +352,9 @@ class GripperCommandNode(CellNode):
         self._diagnostics.set("joint command", Health.OK, "the last one was carried out")
         self._server.move(order, self._stream_ended)
 
-    def _stream_ended(self, outcome: int, reason: str) -> None:
-        if outcome not in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
-            self._diagnostics.set("joint command", Health.WARN, f"the driver did not move: {reason}")
+    def _stream_ended(self, end: MoveEnd) -> None:
+        if not end.is_good:
+            self._diagnostics.set("joint command", Health.WARN, f"the driver did not move: {end.reason}")
 
     def _watch(self) -> None:
         """Heartbeats, silence, and the tendons that nobody needs any more."""
