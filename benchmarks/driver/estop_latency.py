@@ -177,7 +177,7 @@ class Client:
         self.node = rclpy.create_node("stopper")
         self._clients = {name: self.node.create_client(Trigger, name) for name in ("estop", "estop_reset")}
         for client in self._clients.values():
-            assert client.wait_for_service(timeout_sec=ANSWER_S)
+            assert client.wait_for_service(timeout_sec=START_S)
 
     def call(self, name: str) -> bool:
         """Return whether a service answered in time."""

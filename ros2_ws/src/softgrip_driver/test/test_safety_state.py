@@ -104,6 +104,23 @@ def test_an_unclean_end_after_a_stop_stays_the_stop_that_was_asked_for(path):
     assert process(path).record.cause is StopCause.REQUESTED
 
 
+def test_a_driver_that_stood_still_for_so_long_that_a_stop_may_be_lost_is_stopped(path):
+    safety = process(path)
+    assert safety.latch_standstill(1.99) == ""
+    assert safety.refusal == ""
+    assert "stood still for 2.5 s" in safety.latch_standstill(2.5)
+    assert "may be lost" in safety.refusal
+    assert safety.persist() == ""
+    assert process(path).record.cause is StopCause.STANDSTILL
+
+
+def test_a_standstill_does_not_hide_a_stop_that_was_asked_for(path):
+    safety = process(path)
+    safety.latch_stop("a person")
+    safety.latch_standstill(5.0)
+    assert safety.record.cause is StopCause.REQUESTED
+
+
 @pytest.mark.parametrize(
     "text", ["", "{", "schema: 1\n", "schema: 2\nsafety: {}\nsha256: x\n", "[1, 2]\n", "safety: \x00"]
 )
@@ -213,6 +230,9 @@ def test_torque_follows_the_policy_of_the_cause(path, estop, unclean):
     assert not keeps_torque(safety.record, policies)
     safety.set_armed(armed=True)
     later = process(path)
+    assert block_of(later, policies).lets_go is (unclean is LET_GO)
+    assert keeps_torque(later.record, policies) is (unclean is HOLD)
+    later.latch_standstill(5.0)
     assert block_of(later, policies).lets_go is (unclean is LET_GO)
     assert keeps_torque(later.record, policies) is (unclean is HOLD)
     later.latch_stop("a person")

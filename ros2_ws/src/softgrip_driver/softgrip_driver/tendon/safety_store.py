@@ -29,6 +29,8 @@ class StopCause(StrEnum):
     REQUESTED = "requested"
     #: the process before ended without letting go of its drives: killed, crashed, or without power
     UNCLEAN_END = "unclean_end"
+    #: the driver stood still for so long that a stop may have been lost
+    STANDSTILL = "standstill"
     #: nobody knows what the file said
     UNREADABLE = "unreadable"
 
