@@ -227,11 +227,12 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name, emulated_servos(Path(name)) as servos:
         driver = start_driver(servos, Path(name), DOMAIN)
-        client = Client()
+        client: Client | None = None
         results: dict[str, list[float]] = {}
         rates: dict[str, list[float]] = {label: [] for label in LOADS}
         unanswered = 0
         try:
+            client = Client()
             for label, flood in LOADS.items():
                 with load(flood, rates[label]):
                     results[label], missing = measure(client, servos, options.count)
@@ -241,7 +242,8 @@ def main() -> None:
                     with options.json.open("a") as file:
                         file.write(json.dumps(row) + "\n")
         finally:
-            client.close()
+            if client is not None:
+                client.close()
             driver.terminate()
             driver.wait(10.0)
     note = "; ".join(f"{label}{_rate(rates[label])}: {_distribution(times)}" for label, times in results.items())

@@ -185,7 +185,7 @@ def test_a_driver_that_stood_still_obeys_nothing_of_that_time_and_is_stopped_unt
     driver.peer.spin_until(lambda: len(driver.statuses) > heard + 10)
     assert driver.safety[-1].estop, "a reset of that time does not end it"
     assert not any(future.done() and future.result().success for future in asked)
-    assert driver.goals() == pytest.approx(goals, abs=12)
+    assert driver.goals() == pytest.approx(goals, abs=65), "homing winds out by millimetres, which are 65 pulses each"
     driver.peer.spin_until(lambda: driver.peer.trigger("estop_reset").success)
     driver.wait_for_states(TendonStatus.HOLDING)
     assert driver.move(0.004).outcome == Result.REACHED
