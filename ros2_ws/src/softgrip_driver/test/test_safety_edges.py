@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -91,6 +92,7 @@ def test_torque_is_off_before_middleware_and_disk_are_used() -> None:
         _policies=Policies(),
         _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=lambda _: None)),
     )
+    server._stop = partial(SafetyServer._stop, server)
     response = SafetyServer._on_stop(server, Trigger.Request(), Trigger.Response())
     assert response.success
     assert done == ["latched", "torque off", "announced", "on disk"]

@@ -40,6 +40,7 @@ from softgrip_nodekit import (
     GoalHandle,
     Health,
     NodeIo,
+    OrderGuard,
     Parameter,
     ParameterTable,
     StartupError,
@@ -142,6 +143,7 @@ class GripperCommandNode(CellNode):
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
         self.create_subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
         self._feedback_at_s = 0.0
+        self._order_guard = OrderGuard(self)
         self._handles: list[Any] = []
         ActionServer(
             self,
@@ -246,9 +248,9 @@ class GripperCommandNode(CellNode):
         """Accept a goal that can be done; the log says what was wrong with another one."""
         try:
             goal = read()
-            stopped = self._is_stopped()
-            if stopped:
-                raise RefusedError(stopped)
+            why_not = self._is_stopped() or self._order_guard.refusal
+            if why_not:
+                raise RefusedError(why_not)
             if self._silence.reached or self._server.sample is None:
                 raise RefusedError("expected tendon/state, found none; start or check tendon_driver")
             self._order_of(goal)
@@ -335,9 +337,9 @@ class GripperCommandNode(CellNode):
         if self._server.is_active or not self._streamed.is_due(goal, now_s):
             return
         self._streamed = _Stream(goal, now_s)
-        stopped = self._is_stopped()
-        if stopped:
-            self._diagnostics.set("joint command", Health.WARN, f"refused: {stopped}")
+        why_not = self._is_stopped() or self._order_guard.refusal
+        if why_not:
+            self._diagnostics.set("joint command", Health.WARN, f"refused: {why_not}")
             return
         self._lease.acquire(lambda why_not: self._stream(goal, why_not))
 

@@ -95,7 +95,7 @@ class SwapServer:
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
         node_io.create_action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
-        node_io.create_service(ConfirmStep, "cell/confirm_step", self._on_confirm)
+        node_io.create_order_service(ConfirmStep, "cell/confirm_step", self._on_confirm)
 
     @property
     def active(self) -> bool:

@@ -43,6 +43,7 @@ from softgrip_nodekit import (
     FatalError,
     HardwareNode,
     HealthMonitor,
+    OrderGuard,
     StartupError,
     callback_errors,
     cell_clock,
@@ -93,6 +94,7 @@ class TendonDriver(HardwareNode):
         self._begun: dict[bytes, Ticket | str] = {}
         self._health_nodes: list[str] = [name for name in values["health_nodes"] if name]
         self._monitor: HealthMonitor | None = None
+        self._order_guard = OrderGuard(self)
         diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
         self._health = HealthReport(diagnostics, self._configuration.loop_rate)
         self._state_publisher = self.create_publisher(JointState, "tendon/state", SENSOR)
@@ -107,7 +109,7 @@ class TendonDriver(HardwareNode):
         self.create_service(Trigger, "tendon/home", self._on_home, callback_group=waiting)
         self.create_service(Trigger, "tendon/release", self._on_release, callback_group=waiting)
         configuration = self._configuration
-        drives = Drives(loop=lambda: self._loop, may_power=lambda: self._active)
+        drives = Drives(lambda: self._loop, lambda: self._active, lambda: self._order_guard.refusal)
         store = SafetyStore(configuration.safety_file)
         self._safety_server = SafetyServer(self, store, configuration.policies, drives, waiting)
         self._safety = self._safety_server.safety
@@ -371,6 +373,8 @@ class TendonDriver(HardwareNode):
     def _ticket_or_refusal(self, goal: MoveTendon.Goal) -> Ticket | str:
         if self._loop is None or not self._active:
             return "the driver is not active"
+        if refusal := self._order_guard.refusal:
+            return refusal
         try:
             request = convert.from_move_goal(goal, self._deadline_s(goal.deadline))
             return self._loop.order(lambda controller, now: controller.move(request, now), power=self._active)
@@ -446,6 +450,8 @@ class TendonDriver(HardwareNode):
         loop = self._loop
         if loop is None:
             return False, "not connected; configure and activate the driver"
+        if refusal := self._order_guard.refusal:
+            return False, refusal
         try:
             success, message = action(loop)
         except (DriverError, TimeoutError) as error:

@@ -103,6 +103,8 @@ class BusLoop:
     STATISTICS_EVERY = 10
     #: [s] of the computer's time between looks at the loop's clock
     MIN_WAIT_S = 0.005
+    #: requests that are served before a cycle that is due
+    MAX_LATE_REQUESTS = 16
 
     def __init__(
         self,
@@ -224,6 +226,10 @@ class BusLoop:
                 self._requests.append((lambda: request(self._controller, self.clock.now_s()), Future()))
                 self._wake_up()
 
+    def is_owner(self, token: str) -> bool:
+        """Whether a token is that of a lease in force."""
+        return self._controller.ownership.is_known(token)
+
     @property
     def owners(self) -> tuple[OwnerRow, ...]:
         """Who owns which tendon."""
@@ -318,13 +324,18 @@ class BusLoop:
             self._leave()
 
     def _serve_until(self, due: float) -> None:
-        """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
+        """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait.
+
+        A flood of requests delays no cycle by more than `MAX_LATE_REQUESTS` of them.
+        """
         assert self._wake is not None
-        while True:
+        late = 0
+        while late < self.MAX_LATE_REQUESTS:
             with self._changed:
                 request = self._requests.popleft() if self._requests else None
             if request is not None:
                 self._serve(*request)
+                late += self.clock.now_s() >= due
             elif self._stopping or self.clock.now_s() >= due:
                 return
             elif self.clock.wait_readable((self._wake,), due):
