@@ -18,7 +18,7 @@ from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
+from softgrip_driver.tendon.winding import MotorReading, Winding, WindingWarmth, fit_winding
 
 WINDING = Winding(3.4, 0.44, 0.05)
 SUPPLY, PHASE = CurrentSensing.SUPPLY, CurrentSensing.WINDING
@@ -73,6 +73,76 @@ def test_a_winding_is_fitted_from_the_supply_s_current():
         fit_winding(readings[:5], WINDING)
     with pytest.raises(ConfigurationError, match=r"higher tension|grows with the duty"):
         fit_winding([seen(0.05, 0.3, 5.0, current=rng.normal(0.0, 0.01)) for _ in range(30)], WINDING)
+
+
+def warm_reading(tension_current, excess, speed=0.0):
+    """What a servo shows whose winding is warmer than its sensor (30 degC); resistance of copper by IEC 60028."""
+    ohm = 3.4 * (1.0 + 0.00393 * (30.0 + excess - 25.0))
+    duty = (ohm * tension_current + 0.44 * speed) / 5.0
+    return seen(duty, speed, 5.0, 30.0, current=duty * tension_current)
+
+
+def watched(reading, seconds=4.0, warmth=None, start=0.0):
+    warmth = warmth or WindingWarmth()
+    for step in range(round(seconds * 100)):
+        warmth.observe(CALIBRATED, reading, start + step * 0.01)
+    return warmth
+
+
+CALIBRATED = replace(WINDING, relative_stddev=0.01)
+
+
+@pytest.mark.parametrize("excess", [0.0, 25.0, 50.0])
+@pytest.mark.parametrize("speed", [-1.0, 0.0, 1.0])
+def test_a_strong_pull_shows_how_warm_the_winding_is(excess, speed):
+    """20 N on an XL330: 0.6 A. Without it the current would be off by a tenth for 25 K."""
+    reading = warm_reading(0.6, excess, speed)
+    warmth = watched(reading)
+    assert warmth.excess_k == pytest.approx(excess, abs=0.3 * excess + 1.0)
+    assert abs(warmth.excess_k - excess) < 3.0 * warmth.stddev_k
+    current, stddev = CALIBRATED.current(reading, warmth)
+    unaware, more = CALIBRATED.current(reading)
+    assert abs(current - 0.6) <= 0.3 * abs(unaware - 0.6) + 1e-9
+    assert stddev < more
+
+
+def test_a_small_pull_shows_little_and_says_so():
+    warmth = watched(warm_reading(0.06, 25.0))
+    assert warmth.excess_k < 10.0
+    assert warmth.stddev_k > 7.0
+
+
+def test_what_was_seen_of_the_warmth_is_forgotten_when_nothing_shows_it():
+    warmth = watched(warm_reading(0.6, 40.0))
+    known = warmth.excess_k
+    watched(seen(temperature=30.0), 60.0, warmth, 4.0)
+    assert warmth.excess_k < 0.06 * known
+    assert warmth.stddev_k == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_motor_whose_duty_changes_shows_no_warmth():
+    """A current that is filtered in the servo lags behind its duty cycle meanwhile."""
+    warmth = WindingWarmth()
+    for step in range(100):
+        duty = 0.1 * 1.2 ** (step % 10)
+        warmth.observe(CALIBRATED, seen(duty, current=0.5 * duty), step * 0.01)
+    assert warmth.excess_k == 0.0
+
+
+@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-9.0, 9.0), st.floats(-2.0, 2.0)), min_size=2, max_size=40))
+def test_no_reading_makes_the_warmth_absurd(readings):
+    warmth = WindingWarmth()
+    for step, (duty, speed, current) in enumerate(readings):
+        warmth.observe(CALIBRATED, seen(duty, speed, current=current), step * 0.5)
+        assert -10.0 <= warmth.excess_k <= 80.0
+        assert 0.0 < warmth.stddev_k <= 10.0 + 1e-9
+
+
+def test_an_uncalibrated_servo_does_not_judge_its_warmth():
+    """A tenth by which its resistance is off the data sheet's would pass for 25 K."""
+    assert not servo_of().shows_warmth
+    assert replace(servo_of(), winding=CALIBRATED).shows_warmth
+    assert not replace(servo_of(model="XM430-W350"), winding=CALIBRATED).shows_warmth
 
 
 def test_a_limit_of_the_supply_is_less_than_that_of_the_winding_and_grows_with_speed():
