@@ -75,9 +75,9 @@ def test_a_winding_is_fitted_from_the_supply_s_current():
         fit_winding([seen(0.05, 0.3, 5.0, current=rng.normal(0.0, 0.01)) for _ in range(30)], WINDING)
 
 
-def warm_reading(tension_current, excess, speed=0.0):
+def warm_reading(tension_current, above_k, speed=0.0):
     """What a servo shows whose winding is warmer than its sensor (30 degC); resistance of copper by IEC 60028."""
-    ohm = 3.4 * (1.0 + 0.00393 * (30.0 + excess - 25.0))
+    ohm = 3.4 * (1.0 + 0.00393 * (30.0 + above_k - 25.0))
     duty = (ohm * tension_current + 0.44 * speed) / 5.0
     return seen(duty, speed, 5.0, 30.0, current=duty * tension_current)
 
@@ -92,14 +92,14 @@ def watched(reading, seconds=4.0, warmth=None, start=0.0):
 CALIBRATED = replace(WINDING, relative_stddev=0.01)
 
 
-@pytest.mark.parametrize("excess", [0.0, 25.0, 50.0])
+@pytest.mark.parametrize("above_k", [0.0, 25.0, 50.0])
 @pytest.mark.parametrize("speed", [-1.0, 0.0, 1.0])
-def test_a_strong_pull_shows_how_warm_the_winding_is(excess, speed):
+def test_a_strong_pull_shows_how_warm_the_winding_is(above_k, speed):
     """20 N on an XL330: 0.6 A. Without it the current would be off by a tenth for 25 K."""
-    reading = warm_reading(0.6, excess, speed)
+    reading = warm_reading(0.6, above_k, speed)
     warmth = watched(reading)
-    assert warmth.excess_k == pytest.approx(excess, abs=0.3 * excess + 1.0)
-    assert abs(warmth.excess_k - excess) < 3.0 * warmth.stddev_k
+    assert warmth.above_sensor_k == pytest.approx(above_k, abs=0.3 * above_k + 1.0)
+    assert abs(warmth.above_sensor_k - above_k) < 3.0 * warmth.stddev_k
     current, stddev = CALIBRATED.current(reading, warmth)
     unaware, more = CALIBRATED.current(reading)
     assert abs(current - 0.6) <= 0.3 * abs(unaware - 0.6) + 1e-9
@@ -108,15 +108,15 @@ def test_a_strong_pull_shows_how_warm_the_winding_is(excess, speed):
 
 def test_a_small_pull_shows_little_and_says_so():
     warmth = watched(warm_reading(0.06, 25.0))
-    assert warmth.excess_k < 10.0
+    assert warmth.above_sensor_k < 10.0
     assert warmth.stddev_k > 7.0
 
 
 def test_what_was_seen_of_the_warmth_is_forgotten_when_nothing_shows_it():
     warmth = watched(warm_reading(0.6, 40.0))
-    known = warmth.excess_k
+    known = warmth.above_sensor_k
     watched(seen(temperature=30.0), 60.0, warmth, 4.0)
-    assert warmth.excess_k < 0.06 * known
+    assert warmth.above_sensor_k < 0.06 * known
     assert warmth.stddev_k == pytest.approx(10.0, abs=0.1)
 
 
@@ -126,7 +126,7 @@ def test_a_motor_whose_duty_changes_shows_no_warmth():
     for step in range(100):
         duty = 0.1 * 1.2 ** (step % 10)
         warmth.observe(CALIBRATED, seen(duty, current=0.5 * duty), step * 0.01)
-    assert warmth.excess_k == 0.0
+    assert warmth.above_sensor_k == 0.0
 
 
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-9.0, 9.0), st.floats(-2.0, 2.0)), min_size=2, max_size=40))
@@ -134,7 +134,7 @@ def test_no_reading_makes_the_warmth_absurd(readings):
     warmth = WindingWarmth()
     for step, (duty, speed, current) in enumerate(readings):
         warmth.observe(CALIBRATED, seen(duty, speed, current=current), step * 0.5)
-        assert -10.0 <= warmth.excess_k <= 80.0
+        assert -10.0 <= warmth.above_sensor_k <= 80.0
         assert 0.0 < warmth.stddev_k <= 10.0 + 1e-9
 
 
@@ -190,7 +190,7 @@ def test_calibrated_values_and_the_limited_current_reach_the_servo(values):
 
 def test_a_servo_without_current_is_refused_in_the_mode_that_needs_one(values):
     values |= {"servo_models": ["XL430-W250"], "temperature_limit_degc": 70.0, "homing_tension_n": 3.0}
-    values |= {"speed_m_s": 0.03, "acceleration_m_s2": 0.2, "loop_rate": 200.0}
+    values |= {"speed_m_s": 0.03, "acceleration_m_s2": 0.1, "loop_rate": 200.0}
     with pytest.raises(ConfigurationError, match="expected 4 with a XL430-W250"):
         checked_configuration(values)
     servo = checked_configuration(values | {"operating_mode": 4}).drives.servos[0]

@@ -239,7 +239,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         self.bus.sync_write(reg.GOAL_POSITION, positions)
 
     def _is_other_limit(self, live: ServoState, units: int) -> bool:
-        """Whether a limit is worth a packet: one of the supply or the duty cycle follows the motor's speed all the time.
+        """Whether a limit is worth a packet: one of the supply or the duty cycle always follows the motor's speed.
 
         Group writes are not acknowledged. A goal current is read back in turn; a goal PWM is not, so it is written in
         every cycle.

@@ -353,10 +353,10 @@ def is_left_holding(bus: Bus, servo: ServoConfiguration) -> bool:
 
 
 def _profile(servo: ServoConfiguration) -> dict[ControlItem, int]:
-    """Return the servo's own profile, a last limit above the setpoint's speed, and the gain that goals in steps ask for.
+    """Return the servo's own profile, a last limit above the setpoint's speed, and the gain for goals in steps.
 
-    An XL430 comes with a D gain, others without. It would push and brake with each goal, and as Present PWM is read just
-    before the next one, its braking would pass for less tension.
+    An XL430 comes with a D gain, others without. It would push and brake with each goal, and as Present PWM is read
+    just before the next one, its braking would pass for less tension.
     """
     speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
     profile = {reg.PROFILE_ACCELERATION: 0, reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units)))}

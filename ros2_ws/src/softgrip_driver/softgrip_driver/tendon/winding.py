@@ -126,7 +126,7 @@ class Winding:
         if seen.duty == 0.0:
             return 0.0, 0.0
         warmth = warmth or WindingWarmth()
-        ohm = self.resistance_at(seen.temperature + warmth.excess_k)
+        ohm = self.resistance_at(seen.temperature + warmth.above_sensor_k)
         emf = self.back_emf * seen.speed
         current = (seen.duty * seen.voltage - emf) / ohm
         stddev = math.hypot(
@@ -151,18 +151,18 @@ class WindingWarmth:
     calibrated resistance, too (`fit_winding`), and cancels.
 
     Attributes:
-        excess_k: [K] of the winding above the sensor.
+        above_sensor_k: [K] of the winding above the sensor.
     """
 
     def __init__(self) -> None:
-        self.excess_k = 0.0
+        self.above_sensor_k = 0.0
         self._variance = WINDING_ABOVE_SENSOR_STDDEV_K**2
         self._seen_at_s = math.nan
         self._duty = 0.0
 
     @property
     def stddev_k(self) -> float:
-        """Standard deviation of the excess [K]."""
+        """Standard deviation of it [K]."""
         return math.sqrt(self._variance)
 
     def observe(self, winding: Winding, seen: MotorReading, now_s: float) -> None:
@@ -176,23 +176,23 @@ class WindingWarmth:
         passed_s = 0.0 if math.isnan(self._seen_at_s) else min(max(now_s - self._seen_at_s, 0.0), WARMTH_TIME_S)
         self._seen_at_s = now_s
         kept = math.exp(-passed_s / WARMTH_TIME_S)
-        self.excess_k *= kept
+        self.above_sensor_k *= kept
         self._variance = WINDING_ABOVE_SENSOR_STDDEV_K**2 + kept**2 * (
             self._variance - WINDING_ABOVE_SENSOR_STDDEV_K**2
         )
         is_steady = abs(seen.duty - self._duty) <= MAX_DUTY_CHANGE * abs(seen.duty)
         self._duty = seen.duty
-        measured = _measured_excess(winding, seen) if is_steady and passed_s > 0.0 else None
+        measured = _measured_warmth(winding, seen) if is_steady and passed_s > 0.0 else None
         if measured is None:
             return
-        excess_k, stddev_k = measured
+        above_sensor_k, stddev_k = measured
         gain = self._variance / (self._variance + stddev_k**2 * max(1.0, WARMTH_CORRELATION_S / passed_s))
-        moved = self.excess_k + gain * (excess_k - self.excess_k)
-        self.excess_k = min(max(moved, MIN_ABOVE_SENSOR_K), MAX_ABOVE_SENSOR_K)
+        moved = self.above_sensor_k + gain * (above_sensor_k - self.above_sensor_k)
+        self.above_sensor_k = min(max(moved, MIN_ABOVE_SENSOR_K), MAX_ABOVE_SENSOR_K)
         self._variance *= 1.0 - gain
 
 
-def _measured_excess(winding: Winding, seen: MotorReading) -> tuple[float, float] | None:
+def _measured_warmth(winding: Winding, seen: MotorReading) -> tuple[float, float] | None:
     """Return what one reading shows of the winding above the sensor [K], and its standard deviation [K]; None: nothing.
 
     It shows nothing unless the supply drives the motor.
