@@ -11,12 +11,15 @@ from hypothesis import strategies as st
 
 from softgrip_driver.commands import calibrate_tension
 from softgrip_driver.configuration import checked_configuration
+from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
-from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing
+from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, OperatingMode
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.gripper import MoveMode
+from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.tendon.needs import fitted_limits
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_driver.tendon.winding import MotorReading, Winding, WindingWarmth, fit_winding
 
@@ -129,6 +132,12 @@ def test_a_motor_whose_duty_changes_shows_no_warmth():
     assert warmth.above_sensor_k == 0.0
 
 
+def test_a_resistance_of_no_working_motor_is_believed_up_to_a_bound():
+    """1.9 times the resistance would be copper at 254 degC: the sensor's zero, or a bad contact."""
+    assert watched(seen(0.9, current=0.9 * 4.5 / (1.9 * 3.4)), 60.0).above_sensor_k == 80.0
+    assert watched(seen(0.9, current=0.9 * 4.5 / (2.1 * 3.4)), 60.0).above_sensor_k == 0.0
+
+
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-9.0, 9.0), st.floats(-2.0, 2.0)), min_size=2, max_size=40))
 def test_no_reading_makes_the_warmth_absurd(readings):
     warmth = WindingWarmth()
@@ -156,6 +165,42 @@ def test_a_limit_of_the_supply_is_less_than_that_of_the_winding_and_grows_with_s
     assert servo_of().current_units(10.0, seen(speed=50.0)) == servo_of().current_units(10.0, seen(speed=5.0))
     # A reading of no voltage at all must not let through everything.
     assert servo_of().current_units(10.0, seen(voltage=0.0)) == round(75.3 * 5.0 / 3.7)
+
+
+def test_a_servo_without_current_is_limited_by_the_duty_cycle_that_makes_it():
+    """By hand, XL430 on 10 mm: 10 N and 50 mA of friction are 0.1429 A, 1.22 V of 11.1 on 8.54 ohm; k_e 1.788 V s."""
+    servo = replace(servo_of(model="XL430-W250"), mode=OperatingMode.EXTENDED_POSITION)
+    assert servo.limit_item is reg.GOAL_PWM
+    standing = seen(voltage=11.1)
+    assert servo.limit_units(10.0, standing) == servo.duty_units(10.0) == round(885 * 1.2198 / 11.1)
+    for speed in (2.0, -2.0):  # it bounds both directions, so paying out needs room, too
+        moving = servo.duty_units(10.0, replace(standing, speed=speed))
+        assert moving == pytest.approx(885 * (1.2198 + 2.0 * 1.7882) / 11.1, abs=1.0)
+    # Faster than the servo's own profile lets it turn adds nothing; a reading of no voltage must not let through all.
+    assert servo.duty_units(10.0, replace(standing, speed=50.0)) == servo.duty_units(10.0, replace(standing, speed=5.0))
+    assert servo.duty_units(10.0, seen(voltage=0.0)) == round(885 * 1.2198 / 6.5)
+    assert servo.duty_units(1e4, standing) == 885
+    assert replace(servo_of(), mode=OperatingMode.EXTENDED_POSITION).limit_item is None
+    assert servo_of().limit_item is reg.GOAL_CURRENT
+
+
+def without_current():
+    limits = fitted_limits(TendonLimits(no_reply=0.05), MODELS["XL430-W250"], 0.010)
+    return {"model": "XL430-W250", "mode": OperatingMode.EXTENDED_POSITION, "limits": limits}
+
+
+@pytest.mark.parametrize("bench", [without_current()], indirect=True, ids=["XL430"])
+def test_a_lost_duty_limit_is_written_again_and_the_mark_of_the_zero_stands_elsewhere(bench):
+    bench.hold_taut(0.0)
+    registers = bench.plant.servos[0].registers
+    assert registers.get("goal_velocity") == 1  # the mark that hold_taut has set
+    with bench.plant.lock:
+        registers.put("goal_pwm", 885)
+    bench.pass_time(0.02)
+    assert registers.get("goal_pwm") < 400
+    bench.cause("silent_reboot", slot="index")
+    assert bench.until(lambda seen: seen.drives[0].fault == "rebooted", 2.0), bench.drive("index")
+    assert not bench.drive("index").homed
 
 
 def test_an_xm430_goes_on_by_the_winding_s_own_current():
