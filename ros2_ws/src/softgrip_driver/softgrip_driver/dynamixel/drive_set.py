@@ -93,7 +93,7 @@ def _servo(request: DriveRequest, tendon: str, servo_id: int) -> ServoConfigurat
     if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
         raise ConfigurationError(
             f"parameter operating_mode: expected 4 with a {model.name}, which knows no current, found "
-            f"{mode.value}; then the driver alone limits the tension"
+            f"{mode.value}; there its Goal PWM limits the tension"
         )
     return ServoConfiguration(
         tendon,
