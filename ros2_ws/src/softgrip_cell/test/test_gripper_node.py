@@ -276,6 +276,37 @@ def test_a_product_in_the_way_stalls_the_goal(
     assert result.position == pytest.approx(0.070, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("fields", "tension_limit_n"),
+    [({}, 20.0), ({"velocity": [0.05], "effort": [8.0]}, 8.0)],
+    ids=["no limits in its controllers.yaml", "max_effort and max_velocity"],
+)
+def test_moveit_closes_on_a_product_by_parallel_gripper_command(
+    make: Callable[..., Bench], opening: Any, fields: dict[str, Any], tension_limit_n: float
+) -> None:
+    """ParallelGripperCommandControllerHandle of moveit2 fills a goal in like this: a position under the joint's name,
+    velocity and effort only where they are configured. MoveIt goes by the status alone.
+    """
+    bench = make()
+    bench.tendons.blocked_at_m = opening.pulled_length_m(0.070)
+    handle = bench.send_parallel([0.040], name=["gripper_opening"], **fields)
+    assert bench.result(handle)[0] == GoalStatus.STATUS_SUCCEEDED
+    assert bench.tendons.orders[-1].tension_limit == tension_limit_n
+
+
+@pytest.mark.parametrize(("effort_n", "tension_limit_n"), [(0.0, 20.0), (12.0, 12.0)])
+def test_moveit_and_nexus_close_by_gripper_command(
+    make: Callable[..., Bench], opening: Any, effort_n: float, tension_limit_n: float
+) -> None:
+    """moveit2's GripperControllerHandle sends a max_effort of 0 unless one is configured; NEXUS' GripperControl
+    (nexus_capabilities, gripper_control.cpp) sends both ports of its behaviour tree.
+    """
+    bench = make()
+    status, result = bench.result(bench.send(0.050, effort_n))
+    assert (status, *flags(result)) == (GoalStatus.STATUS_SUCCEEDED, True, False)
+    assert bench.tendons.orders[-1].tension_limit == tension_limit_n
+
+
 def test_a_goal_that_is_there_already_is_reached(make: Callable[..., Bench], opening: Any) -> None:
     bench = make()
     assert flags(bench.result(bench.send(opening.max_m))[1]) == (True, False)
