@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 
 from softgrip_cell.cell import CellMode
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.gripper.command_stream import CommandStream
 from softgrip_cell.gripper.goal_monitor import GoalEnd, GoalSettings
 from softgrip_cell.gripper.orders import GripperGoal, GripperLimits, TendonOrder, parallel_goal, tendon_order
 from softgrip_cell.nodes import convert
@@ -54,8 +55,6 @@ from softgrip_time.units import to_s
 WHO = "gripper_command"
 #: How often heartbeats go out and silence is looked for [s].
 LOOK_S = 0.1
-#: A stream of positions becomes an order at most so often [s], and after so much change [m].
-STREAM_PERIOD_S, STREAM_STEP_M = 0.05, 0.0005
 #: Feedback of a goal goes out so often [s]; ros2_controllers' action_monitor_rate is 20 Hz.
 FEEDBACK_S = 0.05
 #: All tendons pulled by less: the hand holds nothing and the tendons need no owner [m].
@@ -126,7 +125,7 @@ class GripperCommandNode(CellNode):
         self._safety: SafetyState | None = None
         self._silence = StreamSilence(round(values["silence_s"] / LOOK_S))
         self._pulled_m: dict[str, float] = {}
-        self._streamed = _Stream()
+        self._stream = CommandStream(values["goal_tolerance_m"])
         io = NodeIo(self)
         self._io = io
         heartbeats = self.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
@@ -333,17 +332,27 @@ class GripperCommandNode(CellNode):
         if at < 0 or len(message.position) <= at or not math.isfinite(message.position[at]):
             return  # a hardware interface whose command nobody has set yet sends NaN
         effort_n = message.effort[at] if len(message.effort) > at and math.isfinite(message.effort[at]) else 0.0
-        goal, now_s = GripperGoal(message.position[at], effort_n), self._io.monotonic_s()
-        if self._server.is_active or not self._streamed.is_due(goal, now_s):
-            return
-        self._streamed = _Stream(goal, now_s)
-        why_not = self._is_stopped() or self._order_guard.refusal
-        if why_not:
-            self._diagnostics.set("joint command", Health.WARN, f"refused: {why_not}")
-            return
-        self._lease.acquire(lambda why_not: self._stream(goal, why_not))
+        goal = GripperGoal(message.position[at], effort_n)
+        try:
+            if self._is_order(goal):
+                why_not = self._is_stopped() or self._order_guard.refusal
+                if why_not:
+                    raise RefusedError(why_not)
+                self._lease.acquire(lambda why_not: self._follow(goal, why_not))
+        except RefusedError as error:
+            self._diagnostics.set("joint command", Health.WARN, f"refused: {error}")
 
-    def _stream(self, goal: GripperGoal, why_not: str) -> None:
+    def _is_order(self, goal: GripperGoal) -> bool:
+        sample = self._server.sample
+        return sample is not None and self._stream.is_order(
+            goal,
+            sample.position_m,
+            owned=bool(self._lease.token),
+            busy=self._server.is_active,
+            now_s=self._io.monotonic_s(),
+        )
+
+    def _follow(self, goal: GripperGoal, why_not: str) -> None:
         try:
             if why_not:
                 raise RefusedError(why_not)
@@ -369,25 +378,8 @@ class GripperCommandNode(CellNode):
         is_open = all(abs(pulled_m) < OPEN_M for pulled_m in self._pulled_m.values())
         if self._lease.is_requested:
             self._lease.hand_over()
-        elif is_open and self._io.monotonic_s() - self._streamed.sent_s > self._values["lease_s"]:
+        elif is_open and self._io.monotonic_s() - self._stream.changed_s > self._values["lease_s"]:
             self._lease.release()
-
-
-class _Stream:
-    """The last position that a stream of joint commands was obeyed with."""
-
-    def __init__(self, goal: GripperGoal | None = None, sent_s: float = -math.inf) -> None:
-        self.goal = goal
-        self.sent_s = sent_s
-
-    def is_due(self, goal: GripperGoal, now_s: float) -> bool:
-        """Return whether a command asks for something else than the last one."""
-        if self.goal is None:
-            return True
-        is_other = (
-            abs(goal.position_m - self.goal.position_m) >= STREAM_STEP_M or goal.max_effort_n != self.goal.max_effort_n
-        )
-        return is_other and now_s - self.sent_s >= STREAM_PERIOD_S
 
 
 def _goal_of(request: Any) -> GripperGoal:
