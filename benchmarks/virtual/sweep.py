@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """10,000 designs swept by one of Dask's workers, by two, and by two computers of which one dies: the same to the bit.
 
-`--grasps` sweeps virtual grasps instead, 90 of each of `--cells`. One worker and two do the same tasks in turns, so that
-what else the computer does slows both; the two computers are workers with folders of their own behind a scheduler, and
-one is killed once a third of the tasks is done. On a computer with less than two free cores the efficiency by the clock
-says more about the computer than about the sweep; that by processor time says what sharing costs.
+`--grasps` sweeps virtual grasps instead, 90 of each of `--cells`. One worker and two do the same tasks in turns, so
+that what else the computer does slows both; the two computers are workers with folders of their own behind a
+scheduler, and one is killed once a third of the tasks is done. On a computer with less than two free cores the
+efficiency by the clock says more about the computer than about the sweep; that by processor time says what sharing
+costs.
 """
 
 from __future__ import annotations
