@@ -77,16 +77,16 @@ def test_it_answers_while_nobody_spins_its_node(make: Make, call: Callable[..., 
 
 def test_it_says_for_how_long_it_has_stood_still(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     suspended_s = 0.0
-    looks: list[float] = []
+    asked: list[float] = []
 
     def now_s() -> float:
-        looks.append(suspended_s)
+        asked.append(suspended_s)
         return time.monotonic() + suspended_s
 
     monkeypatch.setattr(standstill, "boot_time_s", now_s)
     stood: list[float] = []
     make(on_standstill=stood.append)
-    wait_until(lambda: len(looks) >= 2)
+    wait_until(lambda: len(asked) >= 2)
     suspended_s = 3600.0
     wait_until(lambda: bool(stood))
     assert stood[-1] == pytest.approx(3600.0, abs=60.0)
