@@ -196,8 +196,11 @@ def test_a_lost_duty_limit_is_written_again_and_the_mark_of_the_zero_stands_else
     assert registers.get("goal_velocity") == 1  # the mark that hold_taut has set
     with bench.plant.lock:
         registers.put("goal_pwm", 885)
-    bench.pass_time(0.02)
+    written, send = [], bench.backend.bus.sync_write
+    bench.backend.bus.sync_write = lambda item, values: (written.extend([item] * bool(values)), send(item, values))
+    cycles = bench.pass_time(0.2)
     assert registers.get("goal_pwm") < 400
+    assert written.count(reg.GOAL_PWM) >= len(cycles) - 1
     bench.cause("silent_reboot", slot="index")
     assert bench.until(lambda seen: seen.drives[0].fault == "rebooted", 2.0), bench.drive("index")
     assert not bench.drive("index").homed

@@ -31,7 +31,7 @@ GAIN_ITEMS: Final = (
 
 
 class PresentValues(NamedTuple):
-    """The read-only items from address 120 to 146, in their order, raw units; `current` may be the load."""
+    """The read-only items from address 120 to 146, in order, raw units; `current` is the load where there is none."""
 
     realtime_tick: int
     moving: int
