@@ -338,6 +338,10 @@ class VirtualCell:
         assert self.plant.bank.fingers[0] is not None, "the index slot is empty"
         return np.array(self.plant.points_m(0)[0][-1][:2])
 
+    def tip_heading_rad(self) -> float:
+        """Direction of the index finger's last link, from the base's towards the closing side [rad]."""
+        return float(self.plant.points_m(0)[1][-1])
+
     def see_tip(self, rng: Random) -> SeenTip:
         """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
         x, y = self.tip_m().tolist()
