@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sqlite3
 import subprocess
@@ -83,6 +84,16 @@ def mount(journal: CellJournal, serials: tuple[str, ...] = POWER, *, verify: boo
 
 def test_catalogue_goes_in_and_comes_out_the_same(library: Library) -> None:
     assert library.catalogue() == read_catalogue()
+    assert list(library.catalogue().products) == list(read_catalogue().products)
+
+
+@pytest.mark.parametrize("tick_after", [1, 2, 100])
+def test_a_time_that_stands_keeps_the_order(database: Database, tick_after: int) -> None:
+    """Simulated time stands, or ticks anywhere in an import; the order decides which of two equal plans is taken."""
+    asked = itertools.count()
+    library = Library(database, lambda: next(asked) // tick_after)
+    library.import_catalogue(read_catalogue(), "test")
+    assert list(library.catalogue().finger_sets) == list(read_catalogue().finger_sets)
     assert list(library.catalogue().products) == list(read_catalogue().products)
 
 

@@ -171,6 +171,15 @@ def test_a_stop_at_rest_switches_off_without_waiting_for_a_cycle(cell):
     assert not cell.loop.snapshot.is_resting  # a cell that was stopped is watched closely
 
 
+@pytest.mark.parametrize("lets_go", [True, False])
+def test_a_locked_cell_is_watched_closely(cell, lets_go):
+    asked = at_rest(cell)
+    cell.block = Block("hands are inside", is_stop=False, lets_go=lets_go)
+    cell.loop.enforce_block()
+    cell.clock.run_to(asked + 3.0)
+    assert cell.seen(asked + 0.1) == pytest.approx([PERIOD_S] * len(cell.seen(asked + 0.1)))
+
+
 def moved(device):
     device.report(position=device.reading.position + 2e-4)
 

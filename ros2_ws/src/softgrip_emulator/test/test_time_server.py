@@ -125,12 +125,12 @@ def test_after_a_rest_who_is_behind_is_told_the_time_at_once(serve, tmp_path, mo
     end = threading.Event()
 
     def follow():
-        told = 0
+        heard = 0
         while not end.is_set():
-            if len(advanced) > told:
-                told = len(advanced)
+            if len(advanced) > heard:
+                heard = len(advanced)
                 behind_s = 0.1 if server.participants.is_resting else 0.0
-                follower.report(clock.epoch_ns(advanced[told - 1] - behind_s))
+                follower.report(clock.epoch_ns(advanced[heard - 1] - behind_s))
             time.sleep(0.001)
 
     thread = threading.Thread(target=follow, daemon=True)

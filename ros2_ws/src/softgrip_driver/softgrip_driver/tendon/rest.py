@@ -68,8 +68,8 @@ class RestWatch:
 def _is_like(drive: DriveSnapshot, before: DriveSnapshot) -> bool:
     """Whether a drive shows what it did before, but for what wanders at rest."""
     stays = abs(drive.length - before.length) <= MOTION_M
-    return stays and _told(drive) == _told(before)
+    return stays and _reported(drive) == _reported(before)
 
 
-def _told(drive: DriveSnapshot) -> tuple[object, ...]:
+def _reported(drive: DriveSnapshot) -> tuple[object, ...]:
     return drive.state, drive.homed, drive.lost_replies, drive.warnings, drive.hardware_error, drive.job
