@@ -127,8 +127,8 @@ class Client(Endpoint):
 
     def _ask_again(self, question: _Question, until_s: float) -> None:
         """Ask once more when one of those asked is there again; another in its place knows nothing of it."""
-        is_wanted = question.sequence in self._pending and not self._destroyed and self._node.context.ok()
-        if not is_wanted or time.monotonic() > until_s:
+        is_pending = question.sequence in self._pending and not self._destroyed and self._node.context.ok()
+        if not is_pending or time.monotonic() > until_s:
             return
         if question.servers & self._servers() and self._is_reached():
             self._ask(question)

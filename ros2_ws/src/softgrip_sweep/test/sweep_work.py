@@ -28,7 +28,7 @@ def die_once(number, folder):
     return None
 
 
-def square_when_told(number, folder):
+def square_once_released(number, folder):
     """Say which process does it and where, and wait for a word."""
     Path(folder, f"begun-{number}-{os.getpid()}").write_text(str(Path.cwd()))
     while not Path(folder, "go").exists():

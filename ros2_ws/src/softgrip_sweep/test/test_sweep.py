@@ -143,7 +143,7 @@ def test_a_killed_worker_changes_nothing(tmp_path):
 
 def test_a_computer_of_a_cluster_is_switched_off_in_the_middle(tmp_path):
     # two workers with folders of their own behind a scheduler, by Dask's own command
-    tasks = [SweepTask("sweep_work:square_when_told", {"number": k, "folder": str(tmp_path)}) for k in range(6)]
+    tasks = [SweepTask("sweep_work:square_once_released", {"number": k, "folder": str(tmp_path)}) for k in range(6)]
     store = ResultsStore(tmp_path / "results")
     with dask_computers(tmp_path / "network") as computers, ThreadPoolExecutor(1) as thread:
         with dask_pool(scheduler=computers.scheduler) as pool:
