@@ -39,13 +39,15 @@ void take(const Hexes& hexes, const std::vector<std::int32_t>& given, std::vecto
                                 " nodes, found " + std::to_string(given.size()));
   }
   for (std::size_t i = 0; i < level.size(); ++i) {
-    if (level[i] < 0) level[i] = given[i] + 1;
+    if (level[i] >= 0) continue;
+    if (given[i] < 0) {
+      throw std::invalid_argument("sections: expected numbers from 0, found " + std::to_string(given[i]));
+    }
+    level[i] = given[i] + 1;
   }
   const std::int32_t last = *std::max_element(level.begin(), level.end());
   std::vector<char> has_node(static_cast<std::size_t>(std::max(last, 0)), 0);
   for (std::size_t i = 0; i < level.size(); ++i) {
-    if (level[i] < 0)
-      throw std::invalid_argument("sections: expected numbers from 0, found " + std::to_string(given[i]));
     if (level[i] > 0) has_node[static_cast<std::size_t>(level[i] - 1)] = 1;
   }
   if (std::find(has_node.begin(), has_node.end(), 0) != has_node.end()) {
