@@ -146,6 +146,27 @@ def test_the_command_shows_solid_and_own_mesh(gmsh, step, tmp_path, capsys):
     assert "profile's mesh" in capsys.readouterr().out
 
 
+def test_a_solid_of_another_finger_is_refused_with_the_strip_that_differs(gmsh, step, tmp_path, capsys):
+    """Links of the three sets are of one length; the mesh is that of the power finger, strip 1 of pinch is 4.27 mm."""
+    case = ["finger_closing", "--finger", "pinch/index", "--solid", str(step), "--out", str(tmp_path)]
+    assert simulate.main(case) == 2
+    assert "thickness of strip 1: expected 4.27 mm, as the profile says, found 3.18 mm" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("case", "finger", "expected"),
+    [
+        ("tension", "pinch/index", "--finger: expected a case that closes a finger, found"),
+        ("finger_closing", "pinch", "--finger: expected PROFILE/FINGER, as power/index, found 'pinch'"),
+        ("finger_closing", "pinsh/index", "expected one of hook, pinch, power, found 'pinsh'"),
+        ("finger_closing", "pinch/toe", "toe"),
+    ],
+)
+def test_a_finger_that_is_none_is_refused(tmp_path, capsys, case, finger, expected):
+    assert simulate.main([case, "--finger", finger, "--out", str(tmp_path)]) == 2
+    assert expected in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("content", "finger", "expected"),
     [
