@@ -230,7 +230,7 @@ def test_a_servo_at_another_baud_rate_is_named(bus: Bus) -> None:
     bus.servos[1].registers.put("baud_rate", 1)
     (figure,) = wrong(IdsStep(bus.bench))
     assert (figure.name, figure.found) == ("thumb, ID 2", "nobody")
-    assert "ID 2 at 115200 baud; set each with `ros2 run softgrip_driver setup" in figure.remedy
+    assert "ID 2 at 57600 baud (as new); set each with `ros2 run softgrip_driver setup" in figure.remedy
 
 
 def test_a_bus_without_supply_is_named(bus: Bus) -> None:
