@@ -125,7 +125,7 @@ def fit() -> FlexureStudy:
         parts = [differences(one, FlexureStudy(*constants)) for one in seen]
         return np.concatenate([np.concatenate([TIP_WEIGHT * tip.ravel(), TENSION_WEIGHT * n]) for tip, n in parts])
 
-    found = least_squares(residuals, FLEXURE_STUDY.constants, x_scale=(0.1, 0.1, 0.1, 0.1), diff_step=1e-4)
+    found = least_squares(residuals, FLEXURE_STUDY.constants, x_scale=0.1, diff_step=1e-4)
     return FlexureStudy(*found.x.tolist())
 
 

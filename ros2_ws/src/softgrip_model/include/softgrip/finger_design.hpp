@@ -55,6 +55,13 @@ struct FlexureStudy {
   double link = 1.0;        // the same of the links
   double spread = 1.0;      // mm deeper per mm along: how a strip's force spreads into its link
   double attachment = 0.0;  // how far beyond its routing point the cable acts on a link; share of the strip's length
+  // of a root, beside a beam
+  double root_thickness = 0.0;  // how much more it gives with the strip's thickness over its length
+  double root_link = 0.0;       // the same in a shorter link
+  double root_lever = 1.0;      // lever of a shear
+  // of a strip; e: the strain that bending makes from one face to the other
+  double elongation = 0.0;  // of its axis, per e^2
+  double softening = 0.0;   // against more bending, per e^2
 };
 
 // Flexures like those that the study's numbers were compared with CalculiX on; beyond them nothing is known.

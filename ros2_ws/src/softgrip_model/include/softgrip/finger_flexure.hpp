@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One joint of mode F: a strip that bends, shortens and shears between links that give near it. docs/finger.md has the
-// model; four numbers come from a finite-element study (FlexureStudy).
+// model; its numbers come from a finite-element study (FlexureStudy).
 //
 // Frames: each link carries one frame at either end, its origin in the joint's apex, x along the straight finger. The
 // frame beyond a joint is turned by -q and shifted by (u, v) as seen from the frame before it.
@@ -127,8 +127,22 @@ struct JointSide {
     constexpr double kRound_mm = 1.0;
     const ShapeJet attached = 0.5 * (place + half_length + sqrt(ShapeJet(apart * apart + kRound_mm * kRound_mm))) +
                               d.study.attachment * d.length_mm[joint];
-    root = section.compliance(ShapeJet(half_length), attached, half_length);
+    root = rooted(d, joint, section.compliance(ShapeJet(half_length), attached, half_length), link_half_mm);
     link = section.compliance(attached, ShapeJet(link_half_mm), 0.0);
+  }
+
+ private:
+  // A root is too short for a beam: what the study has it give more or less than one.
+  static ComplianceOf<ShapeJet> rooted(const Design& d, int joint, const ComplianceOf<ShapeJet>& beam,
+                                       double link_half_mm) {
+    constexpr double kThickness = 0.375, kLink = 1.35;  // over the strip's length; near the middle of the study's
+    const double length = d.length_mm[joint], lever = d.study.root_lever;
+    const ShapeJet thickness = ShapeJet::variable(d.thickness_mm[joint], 0) / length;
+    const ShapeJet more = 1.0 + d.study.root_thickness * (thickness - kThickness) +
+                          d.study.root_link * (kLink * length / link_half_mm - 1.0);
+    const ShapeJet sheared = more * lever;
+    return {beam.mm * more, beam.mn * more,    beam.mv * sheared,
+            beam.nn * more, beam.nv * sheared, beam.vv * (sheared * lever)};
   }
 };
 
@@ -137,8 +151,11 @@ template <typename Real>
 struct FlexureOf {
   Real entry_mm{}, exit_mm{};
   double half_sine = 0.0, half_cosine = 1.0, half_length_mm = 0.0;
-  ComplianceOf<Real> before, beyond;                 // of the roots; the first joint's is held
-  Real axial_per_N{}, shear_per_N{}, bow_per_Nmm{};  // strain; shift; shift by a moment that grows along the strip
+  ComplianceOf<Real> before, beyond;  // of the roots; the first joint's is held
+  Real axial_per_N{}, shear_per_N{};  // strains
+  Real skew_per_Nmm{};                // turn of the strip's middle, six times, by a moment that grows
+  Real strain_per_rad{};              // of a face to the other, by the bend: thickness over length
+  double elongation = 0.0, stiffening = 0.0, softening = 0.0;  // FlexureStudy's
 };
 
 template <typename Real>
@@ -240,20 +257,31 @@ struct FlexureState {
     const Real turn_end = f_.beyond.turn(m_end, n_end, v_end);
     bend_rad = q_ - turn_start - turn_end;
 
-    // bending moment along the strip: a parabola through its ends and its middle, which bows away from the cable
-    const Real heading = -1.0 * turn_start - 0.5 * bend_rad;  // in the middle
+    // curvature: as great in the mean as the bend has it, growing by the skew, and by a parabola as the moment sags
+    const Real skew = (m_end - m_start) * f_.skew_per_Nmm;
     Real s, c;
+    const Real heading = -1.0 * turn_start - 0.5 * bend_rad + skew * (1.0 / 6);  // of the strip, in the mean
     sine_cosine(heading, s, c);
-    const Real bow = (0.125 * length) * bend_rad;
-    const Real m_middle = closing(Real(0.5 * (end_x - half) - s * bow), Real(0.5 * end_y + c * bow));
-    residual[0] = moment(bend_rad) + stop - (m_start + 4.0 * m_middle + m_end) * (1.0 / 6.0);
-
     const Real n_middle = force_x * c + force_y * s, v_middle = force_y * c - force_x * s;
-    const Real b2 = bend_rad * bend_rad;
-    const Real chord = length * (1.0 - n_middle * f_.axial_per_N) * (1.0 - b2 * (1.0 / 24 - b2 * (1.0 / 1920)));
-    const Real aside = (m_end - m_start) * f_.bow_per_Nmm - v_middle * f_.shear_per_N;
-    const Real x = -half - f_.before.along(m_start, force_x, force_y) + chord * c - aside * s;
-    const Real y = -1.0 * f_.before.across(m_start, force_x, force_y) + chord * s + aside * c;
+    const Real b2 = bend_rad * bend_rad, s2 = skew * skew, softer = f_.shear_per_N - f_.axial_per_N;
+    // bending moment: linear between the ends but for what the middle, bowed away from the cable, adds
+    const Real bow = (0.125 * length) * bend_rad * (1.0 - b2 * (1.0 / 48) + n_middle * softer);
+    const Real sag = (bow * n_middle - (length / 192) * bend_rad * skew * v_middle) *
+                     (1.0 + (length / 24) * f_.skew_per_Nmm * n_middle);
+    const Real curl = (-2.0 / 3) * f_.skew_per_Nmm * sag;
+    const Real strain2 = f_.strain_per_rad * f_.strain_per_rad;
+    const Real stiffer = (1.0 + f_.stiffening * f_.axial_per_N * n_middle) / (1.0 + f_.softening * strain2 * (b2 + s2));
+    residual[0] = moment(bend_rad) * stiffer + stop - 0.5 * (m_start + m_end) - (2.0 / 3) * sag;
+
+    // axis: its chord, bent; what force takes from it along and across, which turn with it
+    const Real elongated = length * (1.0 + f_.elongation * strain2 * (b2 + s2 * (1.0 / 3)));
+    const Real chord =
+        elongated * (1.0 - b2 * (1.0 / 24 - b2 * (1.0 / 1920)) - s2 * (1.0 / 360) + bend_rad * curl * (1.0 / 30));
+    const Real turned = softer * b2 * (1.0 / 12 - b2 * (1.0 / 240));
+    const Real ahead = chord - length * n_middle * (f_.axial_per_N + turned);
+    const Real aside = length * (b2 * skew * (1.0 / 360) - v_middle * (f_.shear_per_N - turned));
+    const Real x = -half - f_.before.along(m_start, force_x, force_y) + ahead * c - aside * s;
+    const Real y = -1.0 * f_.before.across(m_start, force_x, force_y) + ahead * s + aside * c;
     const Real root_x = half + f_.beyond.along(m_end, n_end, v_end);
     const Real root_y = -1.0 * f_.beyond.across(m_end, n_end, v_end);
     residual[1] = u_ - (x - cosine_ * root_x - sine_ * root_y);
@@ -346,8 +374,12 @@ FlexuresOf<Real> flexures_of(const Design& d, const FlexureSides& sides, const P
     const double length = d.length_mm[j], plate = plate_modulus_MPa(d);
     const Real area_softness = softness / (thickness_mm[j] * d.width_mm[j]);
     f.axial_per_N = area_softness * (1.0 / plate);
-    f.shear_per_N = area_softness * (length / shear_modulus_MPa(d));
-    f.bow_per_Nmm = area_softness * (length * length / (d.study.strip * plate)) / (thickness_mm[j] * thickness_mm[j]);
+    f.shear_per_N = area_softness * (1.0 / shear_modulus_MPa(d));
+    f.skew_per_Nmm = area_softness * (6.0 * length / (d.study.strip * plate)) / (thickness_mm[j] * thickness_mm[j]);
+    f.strain_per_rad = thickness_mm[j] * (1.0 / length);
+    f.elongation = d.study.elongation;
+    f.stiffening = 24.0 * d.study.elongation;  // reciprocity: bending does to the axis what compression does to bending
+    f.softening = d.study.softening;
     out.straight_span_mm[j] = FlexureState<Real, Real>(f, Real(0.0), Real(0.0), Real(0.0)).span_mm;
 
     // the link behind the joint: its cable runs from (x, y) by (dx, dy), seen from the joint's apex

@@ -3,29 +3,50 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class FlexureStudy:
-    """Four numbers without units, fitted to `reference/flexure_study.npz` by tools/docs/flexure_study.py.
+    """Numbers without units, fitted to `reference/flexure_calculix.npz` by tools/docs/flexure_study.py.
 
     Attributes:
         strip: bending stiffness of a strip over that of a plate too wide to contract across.
         link: the same of the links.
         spread: how fast a strip's force spreads into its link, depth per length.
         attachment: how far beyond its routing point the cable acts on a link, as a share of the strip's length.
+        root_thickness: how much more a root gives than its beam, per thickness over length of the strip.
+        root_link: the same in shorter links, per length of the strip over that of half the link.
+        root_lever: lever of a shear in a root, beside its beam's.
+        elongation: by which the axis of a bent strip is longer, per e^2; e is the strain that bending makes from one face to the other.
+        softening: by which a bent strip is softer, per e^2.
     """
 
     strip: float
     link: float
     spread: float
     attachment: float
+    root_thickness: float
+    root_link: float
+    root_lever: float
+    elongation: float
+    softening: float
 
     @property
-    def constants(self) -> tuple[float, float, float, float]:
+    def constants(self) -> tuple[float, ...]:
         """As the core takes them."""
-        return self.strip, self.link, self.spread, self.attachment
+        return dataclasses.astuple(self)
 
 
-FLEXURE_STUDY = FlexureStudy(strip=0.999, link=0.654, spread=1.266, attachment=0.136)
+FLEXURE_STUDY = FlexureStudy(
+    strip=0.988,
+    link=0.765,
+    spread=1.016,
+    attachment=0.443,
+    root_thickness=1.18,
+    root_link=0.301,
+    root_lever=0.301,
+    elongation=0.091,
+    softening=0.25,
+)
