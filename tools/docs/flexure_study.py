@@ -1,24 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The finite-element study behind mode F: random fingers in CalculiX, and the constants fitted to some of them.
+"""The finite-element study behind mode F: random fingers of hexahedra, and the constants fitted to some of them.
 
     python tools/docs/flexure_study.py calculix     CalculiX on every finger that the reference lacks; 15 s each
+    python tools/docs/flexure_study.py mesh         the study's fingers by flexure_mesh.py; 2 s each
     python tools/docs/flexure_study.py fit          prints the constants that fit the study's fingers best
 
-Needs `ccx` (apt-get install calculix-ccx) for the first. The reference is finger/reference/flexure_calculix.npz;
-the constants stand in softgrip_model/finger/flexure.py. Fingers with UNSEEN_SEEDS have no part in the fit.
+Needs `ccx` (apt-get install calculix-ccx) for the first. CalculiX' fingers are
+finger/reference/flexure_calculix.npz, the study's finger/reference/flexure_study.npz; the constants stand in
+softgrip_model/finger/flexure.py. No finger of CalculiX' has a part in the fit.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import sys
+from pathlib import Path
 
 import gdfe_cable_calculix as cable
 import numpy as np
+from flexure_mesh import HalfFinger
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from softgrip_model.finger import FRICTIONLESS, Finger, FlexureStudy, JointModel, Kernel, Status
+import softgrip_model.finger
+from softgrip_model.finger import FRICTIONLESS, Control, Finger, FlexureStudy, JointModel, Kernel, Status
 from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.friction.published import published
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
@@ -42,8 +47,14 @@ UNSEEN_PULL_MM, UNSEEN_STEP_MM = 16.0, 2.0
 FRICTION = published("braid-tpu-chapter4").law
 #: The fit takes states pulled by less, whose joints are this far from their stop.
 FIT_PULL_MM, FIT_MARGIN_RAD = 19.0, 0.12
-#: 1 % of length in the tip counts as much as 5 % of tension.
-TIP_WEIGHT, TENSION_WEIGHT = 100.0, 20.0
+#: The study's fingers, and how far they are pulled: by so much, or less if a groove were on its stop.
+MESH_SEEDS, MESH_PULL_MM = range(8001, 8041), 15.0
+MESH_SHARES = [0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0]
+STUDY_FILE = Path(softgrip_model.finger.__file__).parent / "reference" / "flexure_study.npz"
+#: As much as each other count 1 % of an angle (of this at least) and 0.25 % of the length in the tip.
+ANGLE_RAD, ANGLE_SHARE, TIP_SHARE_PCT = 0.3, 0.01, 0.25
+#: A state that the kernel does not reach.
+LOST = 20.0
 
 
 def mesh_of(finger: Finger) -> FingerMesh:
@@ -117,21 +128,69 @@ def differences(one: Closing, study: FlexureStudy) -> tuple[Array, Array]:
     return tip[used], (solution.tension_n[0, :, 0] / one.tension_n - 1.0)[used]
 
 
+def middle_nodes(half: HalfFinger, link: int) -> NDArray[np.int_]:
+    """Nodes of the cross-section in the middle of a link."""
+    columns = half.mesh.link_nodes[link].reshape(RESOLUTIONS["coarse"].link_along + 1, -1)
+    middle = half.number[columns[len(columns) // 2]]
+    return middle[middle >= 0]
+
+
+def mesh_closing(seed: int) -> Array:
+    """Close a finger without friction: rows of tension, pulled length, tip, joint angles from middle to middle."""
+    finger = finger_of(seed)
+    pull = MESH_PULL_MM
+    solution = Kernel([finger], FRICTIONLESS).solve([pull])
+    while int(solution.status[0, 0]) & int(Status.STOP_ENGAGED | Status.FAILURE):
+        pull -= 1.0
+        solution = Kernel([finger], FRICTIONLESS).solve([pull])
+    mesh = mesh_of(finger)
+    half = HalfFinger(finger, mesh, MODULUS_MPA)
+    full_n = float(solution.tension_n[0, 0, 0])
+    middles = [middle_nodes(half, link) for link in range(finger.joints)]
+    rows = []
+    for share, moved in half.closing(np.full(len(mesh.routing) - 1, full_n), MESH_SHARES):
+        angles = np.diff([half.turned(nodes, moved) for nodes in middles], prepend=0.0)
+        rows.append([share * full_n, half.shortening(moved), *half.tip(moved), *angles])
+    return np.array(rows)
+
+
+def run_mesh() -> None:
+    """Write the study's fingers."""
+    found = {}
+    for seed in MESH_SEEDS:
+        found[str(seed)] = mesh_closing(seed)
+        sys.stdout.write(f"{seed}: {found[str(seed)][-1]}\n")
+        sys.stdout.flush()
+    np.savez_compressed(STUDY_FILE, **found)
+
+
+def mesh_differences(seed: int, states: Array, study: FlexureStudy) -> Array:
+    """Return what the kernel is off at the same tensions: angles, pulled length and tip, in tolerances."""
+    finger = dataclasses.replace(finger_of(seed), study=study)
+    used = states[:, 4:].max(axis=1) < min(finger.opening_rad) - FIT_MARGIN_RAD
+    states = states[used]
+    solution = Kernel([finger], FRICTIONLESS).solve(states[:, 0], Control.TENSION, march=False)
+    angle = (solution.angle_rad[0] - states[:, 4:]) / np.maximum(states[:, 4:], ANGLE_RAD) / ANGLE_SHARE
+    # at the same pulled length the tip is what counts
+    by_pull = Kernel([finger], FRICTIONLESS).solve(states[:, 1], march=False)
+    tip = 100.0 * (by_pull.tip_mm[0] - states[:, 2:4]) / finger.length_from_joint_mm / TIP_SHARE_PCT
+    return np.nan_to_num(np.concatenate([angle.ravel(), tip.ravel()]), nan=LOST)
+
+
 def fit() -> FlexureStudy:
     """Return the constants that fit the study's fingers best."""
-    seen = [one for one in closings() if one.seed in STUDY_SEEDS]
+    study = {int(seed): states for seed, states in np.load(STUDY_FILE).items()}
 
     def residuals(constants: Array) -> Array:
-        parts = [differences(one, FlexureStudy(*constants)) for one in seen]
-        return np.concatenate([np.concatenate([TIP_WEIGHT * tip.ravel(), TENSION_WEIGHT * n]) for tip, n in parts])
+        return np.concatenate([mesh_differences(*one, FlexureStudy(*constants)) for one in study.items()])
 
     found = least_squares(residuals, FLEXURE_STUDY.constants, x_scale=0.1, diff_step=1e-4)
     return FlexureStudy(*found.x.tolist())
 
 
 def report(study: FlexureStudy) -> None:
-    """Print what is left of study and unseen fingers."""
-    groups = {"thesis' bounds": STUDY_SEEDS, "others": OTHER_SEEDS, "unseen": UNSEEN_SEEDS}
+    """Print how far the kernel is from CalculiX."""
+    groups = {"CalculiX, thesis' bounds": STUDY_SEEDS, "others": OTHER_SEEDS, "unseen": UNSEEN_SEEDS}
     for name, seeds in groups.items():
         parts = [differences(one, study) for one in closings() if one.seed in seeds]
         tip = np.array([np.linalg.norm(t, axis=1).max() for t, _ in parts if len(t)])
@@ -148,6 +207,8 @@ def main() -> int:
     """Run what is asked for."""
     if sys.argv[1:] == ["calculix"]:
         run_calculix()
+    elif sys.argv[1:] == ["mesh"]:
+        run_mesh()
     elif sys.argv[1:] == ["fit"]:
         study = fit()
         sys.stdout.write(f"{study}\n")

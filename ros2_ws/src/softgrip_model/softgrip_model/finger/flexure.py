@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FlexureStudy:
-    """Numbers without units, fitted to `reference/flexure_calculix.npz` by tools/docs/flexure_study.py.
+    """Numbers without units, fitted to `reference/flexure_study.npz` by tools/docs/flexure_study.py.
 
     Attributes:
         strip: bending stiffness of a strip over that of a plate too wide to contract across.
@@ -19,7 +19,7 @@ class FlexureStudy:
         root_thickness: how much more a root gives than its beam, per thickness over length of the strip.
         root_link: the same in shorter links, per length of the strip over that of half the link.
         root_lever: lever of a shear in a root, beside its beam's.
-        elongation: by which the axis of a bent strip is longer, per e^2; e is the strain that bending makes from one face to the other.
+        elongation: by which the axis of a bent strip is longer, per e^2; e is the strain between its faces.
         softening: by which a bent strip is softer, per e^2.
     """
 
