@@ -26,8 +26,9 @@ from softgrip_demo.nodes.link import CellLink
 from softgrip_demo.nodes.operator import CellOperator
 from softgrip_interfaces.msg import TendonStatusArray
 from softgrip_nodekit import SENSOR
+from softgrip_time import SimulatedClock
 
-START_S = 60.0
+START_S = 180.0
 END_S = 30.0
 SLOTS = ("index", "middle", "thumb")
 FINGER_SET = "power"
@@ -63,6 +64,17 @@ def cell(
             launch.wait(END_S)
             if output is not None:
                 output.close()
+
+
+def cell_time_s(launch: subprocess.Popen[bytes]) -> float:
+    """Return the time of an emulated cell that runs [s].
+
+    Raises:
+        OSError: its time server is not up.
+    """
+    assert isinstance(launch.args, list)
+    folder = next(argument for argument in map(str, launch.args) if argument.startswith("wire_dir:="))
+    return SimulatedClock(Path(folder.partition(":=")[2]) / "time", "benchmark").now_s()
 
 
 def outcomes_at_client_s(domain: str, grasps: int) -> list[float]:

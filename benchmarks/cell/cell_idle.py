@@ -2,8 +2,9 @@
 """What a cell costs while nobody asks it for anything: processor share and memory of each process.
 
 The shipped launch file on emulated hardware: the drives' loop, the camera and the tracker run, nothing is grasped. The
-emulated hardware is a process of its own and is left out of the sums: a real cell has none. Python's files are compiled
-beforehand, as after a first start: compiling them leaves megabytes behind in each process. Linux only (/proc).
+emulated hardware is a process of its own and is left out of the sums: a real cell has none. Shares are of the cell's
+time, which on a busy computer waits for its nodes: so they say what a second of the cell costs. Python's files are
+compiled beforehand, as after a first start: compiling them leaves megabytes behind in each process. Linux only (/proc).
 
 "Idles under 15 % of one core" is read both ways: "idle cell CPU" is that of all processes together, "idle cell CPU of
 the busiest node" that of each process.
@@ -16,10 +17,11 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from _live_cell import START_S, cell
+from _live_cell import START_S, cell, cell_time_s
 
 from softgrip_testing.benchmark_claim import claim, no_options, spread
 from softgrip_testing.process_table import node_processes, processor_s, resident_bytes
@@ -31,7 +33,7 @@ DOMAIN = "78"
 EMULATOR = "emulated_cell"
 NODES = (
     EMULATOR, "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
-    "marker_tracker", "grasp_mix_manager",
+    "marker_tracker", "grasp_mix_manager", "gripper_command", "hand_description", "panel",
 )  # fmt: skip
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,12 +46,13 @@ class Cost:
     rss_mb: float
 
 
-def measure(processes: dict[str, int]) -> dict[str, Cost]:
-    """Return what each process costs over `MEASURE_S`."""
-    begin = time.monotonic()
+def measure(processes: dict[str, int], now_s: Callable[[], float]) -> dict[str, Cost]:
+    """Return what each process costs over `MEASURE_S` of the cell's time."""
+    begin = now_s()
     before = {name: processor_s(process) for name, process in processes.items()}
-    time.sleep(MEASURE_S)
-    seconds = time.monotonic() - begin
+    while now_s() < begin + MEASURE_S:
+        time.sleep(0.5)
+    seconds = now_s() - begin
     return {
         name: Cost(100.0 * (processor_s(process) - before[name]) / seconds, resident_bytes(process) / 1e6)
         for name, process in processes.items()
@@ -64,6 +67,20 @@ def compile_sources() -> dict[str, str]:
     return environment
 
 
+def _settle(launch: subprocess.Popen[bytes], deadline: float) -> None:
+    """Wait until the time server is up, and `SETTLE_S` of the cell's time more."""
+    while True:
+        try:
+            begin = cell_time_s(launch)
+            break
+        except OSError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
+    while cell_time_s(launch) < begin + SETTLE_S:
+        time.sleep(0.5)
+
+
 def run_cell() -> list[dict[str, Cost]]:
     """Start a cell, let it settle, measure it several times."""
     with cell(DOMAIN, environment=compile_sources()) as launch:
@@ -73,8 +90,9 @@ def run_cell() -> list[dict[str, Cost]]:
                 missing = ", ".join(set(NODES) - processes.keys())
                 raise RuntimeError(f"the cell did not start; missing: {missing}")
             time.sleep(0.1)
-        time.sleep(SETTLE_S)
-        return [measure({name: processes[name] for name in NODES}) for _ in range(RUNS)]
+        _settle(launch, deadline)
+        measured = {name: processes[name] for name in NODES}
+        return [measure(measured, lambda: cell_time_s(launch)) for _ in range(RUNS)]
 
 
 def main() -> None:

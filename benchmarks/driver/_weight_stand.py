@@ -13,6 +13,7 @@ from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.plant.motor import AMBIENT_C, Motor
 from softgrip_testing.virtual_bus import VirtualBus
+from softgrip_testing.virtual_clock import VirtualClock
 
 STEP_S = 0.001
 #: [m] as designed
@@ -30,19 +31,21 @@ class WeightStand(VirtualBus):
 
     def __init__(self, model: str, seed: int, *, limits_winding: bool = False) -> None:
         self.servo = EmulatedServo(load_model(model), 1, limits_winding=limits_winding)
-        super().__init__([self.servo], lambda: self.now_s)
+        clock = VirtualClock()
+        super().__init__([self.servo], clock.now_s, clock)
+        self._time = clock
         rng = Random(seed)
         self.motor = Motor(
             self.servo.model.motor, self.servo.shaft, RADIUS_M * rng.gauss(1.0, 0.003), rng.uniform(0.8, 1.25)
         )
-        self.now_s = 0.0
         self.pull_n = 0.0
         self.supply_v = self.servo.model.motor.nominal_voltage_v
         self.warm(AMBIENT_C, AMBIENT_C)
 
-    def monotonic(self) -> float:
-        """Stand where the driver's `time` module stands: virtual seconds."""
-        return self.now_s
+    @property
+    def now_s(self) -> float:
+        """Time [s], the driver's and the servo's."""
+        return self._time.now_s()
 
     def warm(self, winding_c: float, case_c: float) -> None:
         """Bring winding and case to temperatures [degC]."""
@@ -52,7 +55,7 @@ class WeightStand(VirtualBus):
         """Let time pass."""
         end_s = self.now_s + duration_s - 0.5 * STEP_S
         while self.now_s < end_s:
-            self.now_s += STEP_S
+            self._time.advance(self.now_s + STEP_S)
             self.servo.shaft.supply_v = self.supply_v
             self.motor.step(self.servo.step(self.now_s, STEP_S), self.pull_n, self.supply_v, STEP_S)
 

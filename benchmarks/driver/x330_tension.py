@@ -18,13 +18,12 @@ import math
 import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
-from unittest import mock
 
 import numpy as np
 from _weight_stand import RADIUS_M, WeightStand
 
-from softgrip_driver.commands import calibrate_tension
-from softgrip_driver.commands.calibrate_tension import TensionSample, TorqueCalibration, Weight, calibrate, measure
+from softgrip_driver.commands.calibrate_tension import TorqueCalibration, Weight, calibrate, measure
+from softgrip_driver.commands.tension_recording import TensionSample
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing
@@ -125,7 +124,7 @@ def tension_points() -> list[Point]:
     points: list[Point] = []
     for copy in COPIES:
         stand = WeightStand(MODEL, copy)
-        with mock.patch.object(calibrate_tension, "time", stand), contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()):
             samples = recorded(stand)
         found = calibrate(samples, MODELS[MODEL], RADIUS_M, "weights")
         currents, speeds, tensions = zip(*((s.current_a, s.speed_m_s, s.tension_n) for s in samples), strict=True)

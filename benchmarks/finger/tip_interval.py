@@ -2,8 +2,8 @@
 """Whether predicted intervals hold the true fingertip in emulated cells unknown to all fits, and how wide they are.
 
 Each cell (its own seed: prints, spools, zero, friction, camera) has one finger set, is calibrated on its rig, homes,
-and closes the index finger on nothing. The tip is seen through the cell's own wrong calibration of its camera. The peer
-is the interval of the friction's covariance alone, of the same closings.
+and closes the index finger on nothing. The tip is seen by a marker that was glued beside it, through the cell's own
+wrong calibration of its camera. The peer is the interval of the friction's covariance alone, of the same closings.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from softgrip_model.finger.wear import WearSettings
 from softgrip_testing.benchmark_claim import claim, no_options
 from softgrip_testing.virtual_cell import SLOTS, TIP_NOISE_M, VirtualCell, calibrated
 
-SEEDS = range(9401, 9451)
+SEEDS = range(9501, 9551)
 SETS = ("power", "hook", "pinch")
 CLOSINGS = 5
 #: Pulled length [m] and speed [m/s] of a closing; it is looked at from here on [m].
@@ -36,17 +36,24 @@ NORMAL_95 = 1.96
 Array = NDArray[np.float64]
 
 
+#: [m] that the tip's marker is glued beside it (softgrip_emulator.camera.scene).
+GLUED_M = 0.15e-3
+
+
 class Camera:
-    """Where a cell's camera, as it was calibrated, sees a point of the finger's plane."""
+    """Where a cell's camera, as it was calibrated, sees the marker at a finger's tip."""
 
     def __init__(self, seed: int) -> None:
         self._true = draw_optics(640, 480, seed)
         self._believed = calibrated_optics(self._true, seed)
         self._rng = np.random.default_rng(seed)
+        self._glue_m = np.random.default_rng([seed, 0x474C]).normal(0.0, GLUED_M, 2)
 
-    def see(self, tip_m: Array) -> Array:
-        """Return the measured tip [m]."""
-        pixel = self._true.to_pixels(tip_m[None])[0]
+    def see(self, tip_m: Array, heading_rad: float) -> Array:
+        """Return the measured tip [m] of a finger whose last link points so."""
+        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+        marker_m = tip_m + np.array([[cos, sin], [-sin, cos]]) @ self._glue_m
+        pixel = self._true.to_pixels(marker_m[None])[0]
         return _plane(self._believed, pixel) + self._rng.normal(0.0, TIP_NOISE_M, 2)
 
 
@@ -133,10 +140,18 @@ class Closings:
         """Have the predictor take the tendon, and every few periods a frame."""
         sample = self.cell.samples()[0]
         self.cell.session.on_tendons([sample], SLOTS[:1])
-        self._periods += 1
-        if self._periods % FRAME_PERIODS == 0:
-            x, y = self._camera.see(self.cell.tip_m()).tolist()
+        if self.has_frame():
+            x, y = self.seen_tip().tolist()
             self.cell.session.on_measured(sample.stamp, [MeasuredFinger(SLOTS[0], (), (x, y))])
+
+    def has_frame(self) -> bool:
+        """Count a driver's period; return whether the camera takes a frame at it."""
+        self._periods += 1
+        return self._periods % FRAME_PERIODS == 0
+
+    def seen_tip(self) -> Array:
+        """Return the tip [m] as the camera sees it now."""
+        return self._camera.see(self.cell.tip_m(), self.cell.tip_heading_rad())
 
 
 def run(seed: int, finger_set: str) -> Scores:

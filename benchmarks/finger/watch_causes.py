@@ -23,11 +23,11 @@ from scipy.optimize import root
 
 from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.finger.closing_samples import ClosingInstant
-from softgrip_model.finger.diagnosis import WATCH, CauseWatch, ClosingConditions
+from softgrip_model.finger.diagnosis import WATCH, WATCHED, CauseWatch, ClosingConditions
 from softgrip_model.finger.hypotheses import Cause
 from softgrip_model.finger.parts import bends, groove, strip_moment
 from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.finger.uncertainty import PRIOR, SCALED_COEFFICIENTS, Causes
+from softgrip_model.finger.uncertainty import SCALED_COEFFICIENTS, Causes
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_model.profile import load_directory, shipped_directory
@@ -213,7 +213,7 @@ def _one_contact(
 
 def watch_of(finger: TrueFinger) -> CauseWatch:
     """Return a watch of what is believed of a finger."""
-    return CauseWatch(Causes(finger.believed, finger.law, None, PRIOR), WATCH)
+    return CauseWatch(Causes(finger.believed, finger.law, None, WATCHED), WATCH)
 
 
 @dataclass(frozen=True)

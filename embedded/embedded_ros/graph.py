@@ -27,6 +27,8 @@ class Graph:
     """The entities of a domain. Changes arrive on Zenoh's thread; readers take a snapshot."""
 
     def __init__(self) -> None:
+        #: counts changes: who has looked at one version need not look again
+        self.version = 0
         self._entities: dict[str, Entity] = {}
         self._by_kind: dict[EntityKind, dict[str, Entity]] = {kind: {} for kind in EntityKind}
         self._by_name: dict[str, dict[str, Entity]] = {}
@@ -78,6 +80,7 @@ class Graph:
             self._by_kind[entity.kind][token] = entity
             self._by_name.setdefault(entity.name, {})[token] = entity
             self._by_gid[wire.gid_of(token)] = entity
+            self.version += 1
             self._changed.notify_all()
             listeners = list(self._listeners)
         self._tell(listeners, entity, appeared=True)
@@ -94,6 +97,7 @@ class Graph:
             if not named:
                 del self._by_name[entity.name]
             self._by_gid.pop(wire.gid_of(token), None)
+            self.version += 1
             self._changed.notify_all()
             listeners = list(self._listeners)
         self._tell(listeners, entity, appeared=False)

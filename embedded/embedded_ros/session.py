@@ -28,7 +28,7 @@ _LOG = logging.getLogger(__name__)
 _throttle = Throttle()
 
 
-def _direct(function: Callable[[Any], None]) -> Any:
+def _direct(function: Callable[[Any], None], at_end: Callable[[], None] | None = None) -> Any:
     """Call on Zenoh's own thread: its default thread would keep the process from exiting after an exception."""
 
     def called(item: Any) -> None:
@@ -40,7 +40,7 @@ def _direct(function: Callable[[Any], None]) -> Any:
             if _throttle.admit(type(error)) is not None:
                 _LOG.exception("could not take in what arrived")
 
-    return zenoh.handlers.Callback(called, indirect=False)
+    return zenoh.handlers.Callback(called, at_end, indirect=False)
 
 
 def _stay_known() -> None:
@@ -134,6 +134,12 @@ class Link:
         )
 
     @staticmethod
-    def ask(querier: Any, payload: bytearray, attachment: bytes, on_reply: Callable[[zenoh.Reply], None]) -> None:
-        """Send a request."""
-        querier.get(_direct(on_reply), payload=payload, attachment=attachment)
+    def ask(
+        querier: Any,
+        payload: bytearray,
+        attachment: bytes,
+        on_reply: Callable[[zenoh.Reply], None],
+        at_end: Callable[[], None] | None = None,
+    ) -> None:
+        """Send a request; `at_end` is called when no more replies come: all are there, or the way there is cut."""
+        querier.get(_direct(on_reply, at_end), payload=payload, attachment=attachment)

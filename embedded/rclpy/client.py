@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import struct
 import threading
 import time
@@ -28,6 +29,18 @@ if TYPE_CHECKING:
 
 _MAX_REASON = 4096  # [B]
 REACH_PERIOD_S = 0.001  # between looks whether Zenoh has a way to what a token has announced
+_AGAIN_PERIOD_S, _AGAIN_LIMIT_S = 0.2, 60.0  # looks whether a server is there again, and when that is given up
+
+
+@dataclasses.dataclass
+class _Question:
+    """A request that is on its way; `servers` are those that may be asked again, none for one that is sent once."""
+
+    sequence: int
+    payload: bytearray
+    attachment: bytes
+    servers: frozenset[tuple[str, int]]
+    is_answered: bool = False
 
 
 class Client(Endpoint):
@@ -75,6 +88,10 @@ class Client(Endpoint):
 
     def call_async(self, request: Any) -> Future:
         """Call; the future ends with the response."""
+        return self._call_async(request)
+
+    def _call_async(self, request: Any, *, is_repeatable: bool = False) -> Future:
+        """Call; where asking twice does no harm, a question that was lost with its way is asked again."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
         self._alive()
@@ -87,14 +104,41 @@ class Client(Endpoint):
         # At once and not through the executor: one round less for each call.
         future._add_waker(lambda: self._pending.pop(sequence, None))
         attachment = wire.encode_attachment(sequence, time.time_ns(), self._gid)
+        self._ask(_Question(sequence, payload, attachment, self._servers() if is_repeatable else frozenset()))
+        return future
 
+    def _ask(self, question: _Question) -> None:
         def on_reply(reply: zenoh.Reply) -> None:
-            if sequence in self._pending and (answer := self._answer(reply)) is not None:
-                self._replies.append((sequence, answer))
+            if question.sequence in self._pending and (answer := self._answer(reply)) is not None:
+                question.is_answered = True
+                self._replies.append((question.sequence, answer))
                 self._node._rcl_ready(self)
 
-        Link.ask(self._querier, payload, attachment, on_reply)
-        return future
+        def at_end() -> None:
+            if question.servers and not question.is_answered:
+                self._ask_again_later(question, time.monotonic() + _AGAIN_LIMIT_S)
+
+        Link.ask(self._querier, question.payload, question.attachment, on_reply, at_end)
+
+    def _ask_again_later(self, question: _Question, until_s: float) -> None:
+        timer = threading.Timer(_AGAIN_PERIOD_S, self._ask_again, (question, until_s))
+        timer.daemon = True
+        timer.start()
+
+    def _ask_again(self, question: _Question, until_s: float) -> None:
+        """Ask once more when one of those asked is there again; another in its place knows nothing of it."""
+        is_pending = question.sequence in self._pending and not self._destroyed and self._node.context.ok()
+        if not is_pending or time.monotonic() > until_s:
+            return
+        if question.servers & self._servers() and self._is_reached():
+            self._ask(question)
+        else:
+            self._ask_again_later(question, until_s)
+
+    def _servers(self) -> frozenset[tuple[str, int]]:
+        """Return the servers that are announced, each by its session and its number there."""
+        servers = self._node.context._graph.endpoints(self._name, EntityKind.SERVICE)
+        return frozenset((server.zid, server.entity_id) for server in servers)
 
     def _answer(self, reply: zenoh.Reply) -> bytes | Exception | None:
         """Return the CDR of a response, or why there is none; None while another answer may come."""

@@ -62,6 +62,8 @@ class Endpoint(Destroyable):
         self._gid = wire.gid_of(self._token_key)
         self._key = wire.data_key(context._domain, name, type_name, self._entity.hash)
         self._token: zenoh.LivelinessToken | None = None
+        #: by kind, the graph's version and who matched then: nodes ask often, and it hardly ever is new
+        self._matches: dict[EntityKind, tuple[int, list[Entity]]] = {}
 
     @property
     def logger_name(self) -> str:
@@ -75,13 +77,19 @@ class Endpoint(Destroyable):
 
     def _matched(self, kind: EntityKind) -> list[Entity]:
         """Return the endpoints of a kind on the same name and type whose QoS DDS would match with ours."""
+        graph = self._node.context._graph
+        version = graph.version
+        known = self._matches.get(kind)
+        if known is not None and known[0] == version:
+            return known[1]
         found = []
-        for other in self._node.context._graph.endpoints(self._name, kind):
+        for other in graph.endpoints(self._name, kind):
             offered, requested = (
                 (self._wire_qos, other.qos) if kind is EntityKind.SUBSCRIPTION else (other.qos, self._wire_qos)
             )
             if other.type == self._entity.type and incompatible_policy(offered, requested) is None:
                 found.append(other)
+        self._matches[kind] = version, found
         return found
 
     def _undeclare(self) -> None:

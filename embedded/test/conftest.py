@@ -120,31 +120,37 @@ class Process:
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
-    """A workspace with one package: a talker, a listener, an interface, launch files written by the tests."""
+    """A workspace with one package: a talker, a listener, an action, interfaces, launch files written by the tests."""
     package = tmp_path / "ws" / "talk_interfaces"
     (package / "talk_interfaces").mkdir(parents=True)
     (package / "msg").mkdir()
+    (package / "action").mkdir()
     (package / "launch").mkdir()
     (package / "package.xml").write_text("<package><name>talk_interfaces</name></package>")
     (package / "setup.cfg").write_text(
         "[options.entry_points]\nconsole_scripts =\n    talker = talk_nodes:talk\n    listener = talk_nodes:listen\n"
-        "    breaks = talk_nodes:breaks\n"
+        "    breaks = talk_nodes:breaks\n    waiter = talk_nodes:wait\n    asker = talk_nodes:ask\n"
     )
     (package / "msg" / "Count.msg").write_text("int32 value 7   # a default\nstring<=5 word\nuint8 LIMIT=3\n")
+    (package / "action" / "Wait.action").write_text("string file\n---\nint32 value\n---\n")
     (package / "talk_nodes.py").write_text(TALK_NODES)
     return tmp_path / "ws"
 
 
 TALK_NODES = """
+import os
 import sys
+import time
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.action import ActionClient, ActionServer
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from talk_interfaces.action import Wait
 from talk_interfaces.msg import Count
 
 
-def spin(node):
+def spin(node, executor=None):
     try:
-        rclpy.spin(node)
+        rclpy.spin(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
@@ -185,6 +191,35 @@ def listen():
 
     node.create_timer(0.02, look)
     spin(node)
+
+
+def wait():
+    rclpy.init()
+    node = rclpy.create_node("waiter")
+
+    def execute(goal):
+        while not os.path.exists(goal.request.file):
+            time.sleep(0.02)
+        goal.succeed()
+        return Wait.Result(value=7)
+
+    ActionServer(node, Wait, "wait", execute)
+    spin(node, MultiThreadedExecutor())
+
+
+def ask():
+    rclpy.init()
+    node = rclpy.create_node("asker")
+    client = ActionClient(node, Wait, "wait")
+    client.wait_for_server()
+    sent = client.send_goal_async(Wait.Goal(file=sys.argv[1]))
+    rclpy.spin_until_future_complete(node, sent)
+    asked = sent.result().get_result_async()
+    node.create_timer(0.05, lambda: print("asking", flush=True))
+    rclpy.spin_until_future_complete(node, asked)
+    print("found", asked.result().result.value, flush=True)
+    node.destroy_node()
+    rclpy.try_shutdown()
 
 
 def breaks():

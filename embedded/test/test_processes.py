@@ -72,7 +72,7 @@ def test_commands_answer_about_a_running_node(start: Start) -> None:
 def test_commands_fail_with_a_reason(start: Start) -> None:
     assert output(start, "topic", "info", "/nowhere", code=1) == "Unknown topic '/nowhere'"
     assert output(start, "param", "get", "/nobody", "x", code=1) == "Node not found"
-    assert "no executable 'x' in package 'talk_interfaces'; it has: breaks" in output(
+    assert "no executable 'x' in package 'talk_interfaces'; it has: asker, breaks" in output(
         start, "run", "talk_interfaces", "x", code=1
     )
     assert "std_msgs/msg has: " in output(start, "topic", "pub", "/t", "std_msgs/msg/Nope", code=1)
@@ -85,7 +85,7 @@ def test_commands_fail_with_a_reason(start: Start) -> None:
 def test_interfaces_of_the_workspace_are_shown(start: Start) -> None:
     text = output(start, "interface", "show", "talk_interfaces/msg/Count")
     assert text.splitlines() == ["int32 value 7   # a default", "string<=5 word", "uint8 LIMIT=3"]
-    assert output(start, "pkg", "executables", "talk_interfaces").splitlines()[0] == "talk_interfaces breaks"
+    assert output(start, "pkg", "executables", "talk_interfaces").splitlines()[0] == "talk_interfaces asker"
 
 
 @pytest.mark.parametrize("ends_by", [signal.SIGINT, signal.SIGTERM])
@@ -167,6 +167,23 @@ def test_a_frozen_peer_is_noticed_and_welcome_again(start: Start) -> None:
     seen = listener.wait_for("up talker", after=seen)
     listener.wait_for("heard", after=seen)
     assert (talker.stop(), listener.stop()) == (0, 0)
+
+
+@pytest.mark.slow
+def test_a_result_is_had_from_a_server_that_was_frozen_meanwhile(start: Start, tmp_path: Path) -> None:
+    port, file = free_port(), tmp_path / "go"
+    listener = start("run", "talk_interfaces", "listener", EMBEDDED_ROUTER_PORT=port)
+    listener.wait_for("up listener")
+    waiter = start("run", "talk_interfaces", "waiter", EMBEDDED_ROUTER_PORT=port)
+    seen = listener.wait_for("up waiter")
+    asker = start("run", "talk_interfaces", "asker", str(file), EMBEDDED_ROUTER_PORT=port)
+    asker.wait_for("asking")
+    waiter.popen.send_signal(signal.SIGSTOP)
+    listener.wait_for("down waiter", 10.0, after=seen)
+    file.touch()
+    waiter.popen.send_signal(signal.SIGCONT)
+    asker.wait_for("found 7", 60.0)
+    assert (asker.popen.wait(20), waiter.stop(), listener.stop()) == (0, 0, 0)
 
 
 def test_two_cells_do_not_see_each_other(start: Start) -> None:

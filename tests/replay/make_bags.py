@@ -23,7 +23,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from softgrip_bag.context import arithmetic
+import rounding
+
 from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.nodes.messages import interface_text
 from softgrip_bag.nodes.replay import renewed
@@ -95,11 +96,13 @@ def main() -> int:
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="only these")
     parser.add_argument("--renew", action="store_true", help="keep the recorded inputs")
     options = parser.parse_args()
-    (BAGS / "arithmetic.txt").write_text(arithmetic() + "\n")
     if options.renew:
-        for name in options.parts:
+        renewable = [name for name in options.parts if name in NODES]
+        rounding.note(renewable)
+        for name in renewable:
             renew(name)
         return 0
+    rounding.note(options.parts)
     with tempfile.TemporaryDirectory(prefix="softgrip-replay-bags-") as folder:
         if options.bench:
             from test_manager_live import record as record_bench  # noqa: PLC0415  needs pytest
@@ -119,12 +122,10 @@ def main() -> int:
 
 def renew(name: str) -> None:
     """Have the node of a part answer its recorded inputs anew."""
-    node = NODES.get(name)
-    if node is not None:
-        excerpt(BAGS / name, BAGS / f"{name}.new", instead=renewed(BAGS / name, node), find=interface_text)
-        shutil.rmtree(BAGS / name)
-        excerpt(BAGS / f"{name}.new", BAGS / name, edit=without_places)
-        shutil.rmtree(BAGS / f"{name}.new")
+    excerpt(BAGS / name, BAGS / f"{name}.new", instead=renewed(BAGS / name, NODES[name]), find=interface_text)
+    shutil.rmtree(BAGS / name)
+    excerpt(BAGS / f"{name}.new", BAGS / name, edit=without_places)
+    shutil.rmtree(BAGS / f"{name}.new")
 
 
 def without_places(attachment: Attachment) -> Attachment:

@@ -18,7 +18,7 @@ from softgrip_bag.nodes.recorded_episodes import recorded_episodes
 from softgrip_bag.offers import OfferedQos
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import BagWriter, Topic
-from softgrip_interfaces.msg import TeleoperationState
+from softgrip_interfaces.msg import NodeTrace, TeleoperationState, TraceStep
 from softgrip_nodekit import to_time_message
 
 TENDONS = ["index", "thumb"]
@@ -52,6 +52,7 @@ def bag(tmp_path: Path) -> Path:
     kinds = {
         "/tendon/state": "sensor_msgs/msg/JointState",
         "/teleoperation/state": "softgrip_interfaces/msg/TeleoperationState",
+        "/grasp_mix_manager/trace": "softgrip_interfaces/msg/NodeTrace",
     }
     for topic, kind in kinds.items():
         made.add_topic(Topic(topic, kind, "", schema_text(kind, interface_text), (OfferedQos(),)))
@@ -68,6 +69,9 @@ def bag(tmp_path: Path) -> Path:
             header=Header(stamp=to_time_message(stamp)), name=TENDONS, position=[0.002, 0.001], effort=[3.0, 1.0]
         )
         made.write("/tendon/state", stamp, stamp, serialize_message(state))
+    # `--record` begins a bag when the manager has been at work for long
+    late = NodeTrace(first=469, steps=[TraceStep(name="topic /tendon/status")])
+    made.write("/grasp_mix_manager/trace", START_NS, START_NS, serialize_message(late))
     return made.close()
 
 

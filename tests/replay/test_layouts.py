@@ -25,7 +25,11 @@ _JOINT_VALUES = {"position", "velocity", "effort"}
 
 
 #: Too large for a small bag, or younger than the shipped ones.
-NOT_RECORDED = {"/shape/marker": "visualization_msgs/msg/Marker", "/robot_description": "std_msgs/msg/String"}
+NOT_RECORDED = {
+    "/shape/marker": "visualization_msgs/msg/Marker",
+    "/hand/markers": "visualization_msgs/msg/MarkerArray",
+    "/robot_description": "std_msgs/msg/String",
+}
 
 
 def recorded_types() -> dict[str, str]:

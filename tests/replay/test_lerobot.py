@@ -126,6 +126,12 @@ def test_images_are_the_bags_own_bytes(tmp_path: Path) -> None:
         write_lerobot(tmp_path / "mixed", [replace(episode, predicted_rad=np.zeros((count, 9))), episode], RATE_HZ)
 
 
-def test_a_bag_without_grasps_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert export.main(["--lerobot", str(tmp_path / "out"), str(BAG.with_name("closings"))]) == 2
-    assert "grasp_mix_manager/trace" in capsys.readouterr().err
+def test_bags_without_episodes_are_named_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # a recorder's folder also has what it keeps of each fault
+    without = [str(BAG.with_name(name)) for name in ("closings", "frames")]
+    assert export.main(["--lerobot", str(tmp_path / "out"), *without, str(BAG)]) == 0
+    printed = capsys.readouterr()
+    assert [line.split(":")[0] for line in printed.err.splitlines()] == without
+    assert "4 episodes, 1 of them a success" in printed.out
+    assert export.main(["--lerobot", str(tmp_path / "none"), *without]) == 2
+    assert "found none in these bags" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 
-from softgrip_bag.context import restore, rounding_tolerance
+from softgrip_bag.context import restore
 from softgrip_bag.nodes.messages import interface_text
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.replay import NODES, check
@@ -20,10 +20,11 @@ from softgrip_bag.nodes.replayed_node import ReplayedNode
 from softgrip_bag.reader import RawMessage
 from softgrip_interfaces.msg import CellState, FingerMarkers, MountedFinger
 from softgrip_testing.bag_excerpt import excerpt
+from softgrip_testing.scripts import load_script
 
 FRAMES = Path(__file__).resolve().parent / "bags" / "frames"
 CLOSINGS = FRAMES.parent / "closings"
-TOLERANCE = rounding_tolerance((FRAMES.parent / "arithmetic.txt").read_text())
+tolerance = load_script(Path(__file__).with_name("rounding.py")).tolerance
 CAMERA, CELL = "/camera/image_raw/compressed", "/cell/state"
 RESULTS = ("/finger/markers", "/finger/measured")
 LATE = 20_000_000  # [ns] that the recorder got the news after the frame that was measured with it
@@ -86,7 +87,7 @@ def test_a_node_that_answered_before_the_recorder_found_its_topic(unheard: int, 
     """The tracker remembers what it saw: that it had seen earlier frames shows in its first recorded answer."""
     results = {topic: list(RecordedBag(FRAMES).read({topic}))[unheard:] for topic in RESULTS}
     excerpt(FRAMES, tmp_path / "bag", instead=results, find=interface_text)
-    found = check(tmp_path / "bag", "marker_tracker", tolerance=TOLERANCE)
+    found = check(tmp_path / "bag", "marker_tracker", tolerance=tolerance("frames"))
     assert found.divergence is None, str(found.divergence)
     assert found.compared == sum(len(raws) for raws in results.values())
 
@@ -97,7 +98,9 @@ def test_a_recorder_that_took_one_topic_seconds_after_the_others(tmp_path: Path)
         replace(raw, received=raw.received + 5_000_000_000) for raw in RecordedBag(CLOSINGS).read({"/finger/measured"})
     ]
     excerpt(CLOSINGS, tmp_path / "bag", instead={"/finger/measured": late}, find=interface_text)
-    found, as_it_was = (check(bag, "kinematics_predictor", tolerance=TOLERANCE) for bag in (tmp_path / "bag", CLOSINGS))
+    found, as_it_was = (
+        check(bag, "kinematics_predictor", tolerance=tolerance("closings")) for bag in (tmp_path / "bag", CLOSINGS)
+    )
     assert found.divergence is None, str(found.divergence)
     assert found.compared == as_it_was.compared
 

@@ -15,16 +15,16 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import ReplayResult, first_difference
-from softgrip_bag.context import rounding_tolerance
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import message_class, stamp_of, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.replay import check, renewed
 from softgrip_bag.reader import RawMessage, attachments, topic_summaries
+from softgrip_testing.scripts import load_script
 
 PROFILES = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/profiles"
 BAGS = Path(__file__).resolve().parent / "bags"
-TOLERANCE = rounding_tolerance((BAGS / "arithmetic.txt").read_text())
+tolerance = load_script(Path(__file__).with_name("rounding.py")).tolerance
 NODES = {
     "closings": ("kinematics_predictor", 1000),
     "shapes": ("gdfe_simulator", 3),
@@ -41,7 +41,8 @@ def bag_of(node: str) -> Path:
 
 
 def changed(node: str, *arguments: str) -> ReplayResult:
-    return check(bag_of(node), node, [*arguments], tolerance=TOLERANCE)
+    bag = bag_of(node)
+    return check(bag, node, [*arguments], tolerance=tolerance(bag.name))
 
 
 def stamped(raw: RawMessage) -> tuple[int, object]:
@@ -52,7 +53,7 @@ def stamped(raw: RawMessage) -> tuple[int, object]:
 @pytest.mark.parametrize("bag", NODES)
 def test_the_node_says_what_it_said(bag: str) -> None:
     node, minimum = NODES[bag]
-    result = check(BAGS / bag, node, tolerance=TOLERANCE)
+    result = check(BAGS / bag, node, tolerance=tolerance(bag))
     assert result.divergence is None, str(result.divergence)
     assert result.without_input == 0
     assert result.compared >= minimum
@@ -154,7 +155,7 @@ def test_a_bag_of_ros_2s_own_recorder_is_read_and_replayed_like_ours() -> None:
         then = tree(recorded[stamp_of(output)])
         named = frozenset({"configuration", "friction_digest"})
         # the kernel of that release rounded otherwise
-        assert first_difference(then, tree(output), named, tolerance=max(TOLERANCE, 1e-12)) is None
+        assert first_difference(then, tree(output), named, tolerance=max(tolerance(theirs.name), 1e-12)) is None
 
 
 def test_the_bags_are_small() -> None:

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,9 +13,10 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
-from softgrip_bag.nodes.replay import check
+from softgrip_bag.nodes.replay import NODES, check
 from softgrip_testing.waiting import wait_until
 
+ROOT = Path(__file__).resolve().parents[2]
 CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")
 #: Three cells are more than two processors carry beside a test run; `make faults` has the machine to itself.
 NAMES = ("left", "middle", "right") if "SOFTGRIP_QUIET_MACHINE" in os.environ else ("left", "right")
@@ -73,6 +76,31 @@ def test_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: Path) -
         result = check(bag, "marker_tracker")  # of all nodes the one that works where nothing is mounted
         assert result.divergence is None, (name, result.divergence)
         assert result.compared > 20
+
+
+@pytest.mark.long
+@pytest.mark.timeout(5400)
+def test_three_shifts_at_once_in_one_domain_reach_their_ends(launch: Launch, tmp_path: Path) -> None:
+    """Each bag replays bit by bit, with every node that can be replayed, and holds no message of another cell."""
+    domain, shifts, bags = None, {}, {}
+    for seed, name in enumerate(("left", "middle", "right"), start=1):
+        shifts[name] = launch(
+            sys.executable, str(ROOT / "tools" / "demo.py"), f"{tmp_path}/{name}", "--seed", str(seed), f"cell:={name}",
+            f"wire_dir:={tmp_path}/wires/{name}", "panel:=false", domain=domain,
+        )  # fmt: skip
+        domain = shifts[name].domain
+    for name, shift in shifts.items():
+        assert shift.wait_for_end(2400.0) == 0, shift.output[-6000:]
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        assert len({grasp["product"] for grasp in summary["grasps"]}) == 15
+        assert shift.survivors() == []
+        bags[name] = Path(summary["bag"]["path"])
+    for name, bag in bags.items():
+        assert_own(bag, name)
+        for node in NODES:
+            result = check(bag, node)
+            assert result.divergence is None, (name, node, result.divergence)
+            assert result.compared > 0, (name, node)
 
 
 def assert_own(bag: Path, name: str) -> None:

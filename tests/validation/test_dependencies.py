@@ -70,7 +70,7 @@ SHARED_CMAKE = WORKSPACE / "softgrip_cmake" / "cmake" / "softgrip_cmakeConfig.cm
 IN_ROSDISTRO = {
     "action_msgs", "ament_cmake", "ament_cmake_pytest", "ament_cmake_python", "ament_index_python",
     "builtin_interfaces", "cmake", "control_msgs", "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs",
-    "gtest",
+    "gtest", "launch", "launch_testing",
     "launch_yaml", "lifecycle_msgs", "pybind11-dev", "python3-cryptography", "python3-jinja2",
     "python3-matplotlib", "python3-meshio", "python3-numpy", "python3-opencv", "python3-pytest", "python3-rich",
     "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml", "rcl_interfaces", "rclpy",

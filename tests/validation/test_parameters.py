@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from softgrip_model.finger.uncertainty import STATED
 from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,3 +28,20 @@ def test_every_value_has_a_unit_comment_and_reads_back_as_its_type(path: Path) -
     for name in values:
         at = next(i for i, line in enumerate(lines) if line.startswith(f"    {name}:"))
         assert lines[at - 1].strip().startswith("# ["), name
+
+
+def test_real_hardware_begins_with_the_tolerances_that_sources_state() -> None:
+    """Those of the shipped file are true of the emulated cell's printer and cable."""
+    document = yaml.safe_load((parameters.CONFIG.parent / "settings" / "real.yaml").read_text())
+    assert document["/**/kinematics_predictor"]["ros__parameters"] == pytest.approx(
+        {
+            "zero_stddev_m": 1e-3 * STATED.zero_mm,
+            "stretch_stddev_m_per_n": 1e-3 * STATED.stretch_mm_per_n,
+            "room_stddev_m": 1e-3 * STATED.room_mm,
+            "print_stddev_m": 1e-3 * STATED.thickness_mm,
+            "camera_stddev_m": 1e-3 * STATED.camera_mm,
+            "model_stddev": STATED.model,
+            "stiffness_stddev": STATED.stiffness,
+            "friction_stddev": STATED.friction,
+        }
+    )

@@ -36,6 +36,7 @@ from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.finger.hypotheses import Cause
 from softgrip_model.finger.learning import Expectation, Knowledge, Linearisation
 from softgrip_model.finger.parts import strip_moment
+from softgrip_model.finger.predictor import room_mm
 from softgrip_model.finger.published import (
     CHAPTER_4_MM,
     OPTIMISED_ROUTING_MM,
@@ -45,7 +46,7 @@ from softgrip_model.finger.published import (
     chapter_4_finger,
 )
 from softgrip_model.finger.replication import Replica, ReplicationRecipe, replicate
-from softgrip_model.finger.uncertainty import PRIOR, Causes
+from softgrip_model.finger.uncertainty import PRIOR, STATED, Causes
 from softgrip_model.friction.laws import FrictionLaw, LambdaSign, Law
 from softgrip_model.friction.published import published
 from softgrip_model.profile import load_directory, shipped_directory
@@ -273,20 +274,28 @@ def wear_table() -> str:
 
 
 def uncertainties() -> dict[str, str]:
-    """Return the standard deviations of what a prediction does not know."""
+    """Return the standard deviations of what a prediction does not know: as stated, and as fingers corrected them."""
+
+    def both(name: str, factor: float = 1.0) -> str:
+        stated, used = (factor * getattr(prior, name) for prior in (STATED, PRIOR))
+        return f"{stated:g} | {used:g}"
+
     return {
-        "u_friction": f"{100 * PRIOR.friction:g}",
-        "u_stiffness": f"{100 * PRIOR.stiffness:g}",
-        "u_print": f"{PRIOR.thickness_mm:g}",
-        "u_zero": f"{PRIOR.zero_mm:g}",
-        "u_spool": f"{100 * PRIOR.spool:g}",
-        "u_gain": f"{100 * PRIOR.tension_gain:g}",
-        "u_camera": f"{PRIOR.camera_mm:g}",
-        "u_scale": f"{100 * PRIOR.camera_scale:g}",
-        "u_turn": f"{PRIOR.camera_turn_rad:g}",
-        "u_model": f"{100 * PRIOR.model:g}",
-        "u_stretch": f"{PRIOR.stretch_mm_per_n:g}",
-        "u_scatter": f"{PRIOR.scatter_mm:g}",
+        "u_friction": both("friction", 100.0),
+        "u_stiffness": both("stiffness", 100.0),
+        "u_print": both("thickness_mm"),
+        "u_zero": both("zero_mm"),
+        "u_spool": both("spool", 100.0),
+        "u_gain": both("tension_gain", 100.0),
+        "u_camera": both("camera_mm"),
+        "u_scale": both("camera_scale", 100.0),
+        "u_turn": both("camera_turn_rad"),
+        "u_model": both("model", 100.0),
+        "u_stretch": both("stretch_mm_per_n"),
+        "u_room": both("room_mm"),
+        "u_share": both("room_share", 100.0),
+        "u_scatter": both("scatter_mm"),
+        "u_tension": both("tension_error_n"),
     }
 
 
@@ -298,9 +307,11 @@ class IntervalBudget:
     """The tip's variance before anything is learnt of a shipped index finger: where it comes from, what narrows it."""
 
     def __init__(self, finger_set: str) -> None:
-        finger = Finger.from_profile(load_directory(shipped_directory())[finger_set], "index")
+        profile = load_directory(shipped_directory())[finger_set]
+        finger = Finger.from_profile(profile, "index")
         friction = calibrated(1)  # nine points with 1 % of scatter
-        self.causes = causes = Causes(finger, friction.law, friction.covariance, PRIOR)
+        room = room_mm(profile, "index")
+        self.causes = causes = Causes(finger, friction.law, friction.covariance, PRIOR, room)
         self.covariance = causes.expected[1]
         self.tip = self._at(INTERVAL_PULLS)[1]
         p, n = causes.factor, finger.joints
@@ -313,7 +324,8 @@ class IntervalBudget:
             "zero": [causes.zero],
             "spool": [causes.zero + 1],
             "cable's stretch": [causes.stretch],
-            "kernel's own error": [*range(causes.stretch + 1, causes.tension.start)],
+            "cable's room": [causes.room],
+            "kernel's own error": [*range(causes.room + 1, causes.tension.start)],
         }
 
     def _at(self, pulled_mm: Array) -> tuple[Linearisation, ...]:

@@ -3,7 +3,8 @@
 
 Needs gmsh and ccx on the PATH (apt-get install gmsh calculix-ccx), build123d (make parts-setup) and some minutes. The
 solid is the printed one without cable channels, marker seats and text, so that CalculiX' C3D10 are few: neo-Hookean,
-cable as in softgrip_testing.calculix_cable. The two programs have meshes of their own.
+cable as in softgrip_testing.calculix_cable. Both programs have the same tetrahedra: quadratic ones there, each cut into
+four hexahedra here.
 """
 
 from __future__ import annotations
@@ -29,13 +30,14 @@ from softgrip_design.parts.solid import make_solid
 from softgrip_model.finger import Finger
 from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
-from softgrip_model.gdfe.solid_mesh import ElementSize, SolidFinger, mesh_solid, tetrahedra_of
+from softgrip_model.gdfe.solid_mesh import ElementSize, SolidFinger, cut_into_hexahedra, tetrahedra_of
 from softgrip_model.profile import load, shipped_directory
 from softgrip_testing.calculix_cable import MATERIAL, our_closing
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int32]
 PULLS_MM = (4.0, 8.0, 12.0)
-#: Of CalculiX' mesh: a strip has two layers of quadratic tetrahedra.
+#: A strip has two layers of tetrahedra.
 COARSE = ElementSize(4.0, 1.2, 4)
 TIME_LIMIT_S = 2400.0
 #: Abaqus' order of the middles of a tetrahedron's edges.
@@ -50,12 +52,9 @@ def plain_step(folder: Path) -> Path:
     return folder / "finger_index.step"
 
 
-def quadratic(finger: Finger, step: Path) -> Any:
+def quadratic(solid: SolidFinger, nodes: Array, tetrahedra: Index) -> Any:
     """Return the finger of quadratic tetrahedra, as `deck` takes a mesh."""
     assert all(pair in combinations(range(4), 2) for pair in EDGES)
-    nodes, tetrahedra = tetrahedra_of(step, COARSE)
-    nodes = nodes + np.array([finger.base_mm, 0.0, 0.0])
-    solid = SolidFinger(finger, step)
     tetrahedra = tetrahedra[~(solid.side_of(nodes, 0) < 0.0)[tetrahedra].all(axis=1)]
     flipped = np.linalg.det(nodes[tetrahedra[:, 1:]] - nodes[tetrahedra[:, :1]]) < 0.0
     tetrahedra[flipped] = tetrahedra[flipped][:, [0, 2, 1, 3]]
@@ -95,9 +94,12 @@ def main() -> int:
     depth_mm = 1e3 * profile.finger("index").body_height_m
     with tempfile.TemporaryDirectory() as folder:
         step = plain_step(Path(folder))
-        theirs = quadratic(finger, step)
+        nodes, tetrahedra = tetrahedra_of(step, COARSE)
+        nodes = nodes + np.array([finger.base_mm, 0.0, 0.0])
+        printed = SolidFinger(finger, step)
+        theirs = quadratic(printed, nodes, tetrahedra)
         say(f"CalculiX: {len(theirs.mesh.hexes)} C3D10, {len(theirs.mesh.nodes)} nodes")
-        solid = closing_of(mesh_solid(step, finger), 2.0)
+        solid = closing_of(printed.cut(*cut_into_hexahedra(nodes, tetrahedra)), 2.0)
         own = closing_of(mesh_finger(finger, RESOLUTIONS["fine"], depth_mm, strip_below=0.0), 1.0)
         say(f"GDFE: {solid.hexahedra} hexahedra of the solid, {own.hexahedra} of the profile")
         for pull in PULLS_MM:

@@ -210,7 +210,7 @@ class ActionClient(Waitable):
 
     def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future:
         request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
-        future = self._result_client.call_async(request)
+        future = self._result_client._call_async(request, is_repeatable=True)
 
         def keep_status(done: Future) -> None:
             if done._exception is None and done._result is not None:

@@ -118,6 +118,7 @@ READ_BY_NAME = (
     | frozenset(RESHAPED)
     | {
         "softgrip_interfaces/CalibrateFriction_FeedbackMessage",
+        "softgrip_interfaces/CellState",
         "softgrip_interfaces/FingerStates",
         "softgrip_interfaces/Grasp_FeedbackMessage",
         "softgrip_interfaces/SwapFingers_FeedbackMessage",

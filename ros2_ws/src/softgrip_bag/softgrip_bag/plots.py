@@ -43,7 +43,6 @@ _MODE_COLOURS = {
     "SWAPPING": "#e9d8a6",
     "GRASPING": "#9cc5b0",
     "HOLDING": "#5fa883",
-    "CALIBRATING": "#b9c6e4",
     "FAULT": "#e6a596",
     "ESTOP": "#c8553d",
     "UNKNOWN": "#eeeeee",

@@ -41,8 +41,7 @@ class CellMode(IntEnum):
     SWAPPING = 2
     GRASPING = 3
     HOLDING = 4
-    CALIBRATING = 5
-    FAULT = 6
+    FAULT = 6  # 5 is not used
     ESTOP = 7
 
 

@@ -276,6 +276,37 @@ def test_a_product_in_the_way_stalls_the_goal(
     assert result.position == pytest.approx(0.070, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("fields", "tension_limit_n"),
+    [({}, 20.0), ({"velocity": [0.05], "effort": [8.0]}, 8.0)],
+    ids=["no limits in its controllers.yaml", "max_effort and max_velocity"],
+)
+def test_moveit_closes_on_a_product_by_parallel_gripper_command(
+    make: Callable[..., Bench], opening: Any, fields: dict[str, Any], tension_limit_n: float
+) -> None:
+    """ParallelGripperCommandControllerHandle of moveit2 fills a goal in like this: a position under the joint's name,
+    velocity and effort only where they are configured. MoveIt goes by the status alone.
+    """
+    bench = make()
+    bench.tendons.blocked_at_m = opening.pulled_length_m(0.070)
+    handle = bench.send_parallel([0.040], name=["gripper_opening"], **fields)
+    assert bench.result(handle)[0] == GoalStatus.STATUS_SUCCEEDED
+    assert bench.tendons.orders[-1].tension_limit == tension_limit_n
+
+
+@pytest.mark.parametrize(("effort_n", "tension_limit_n"), [(0.0, 20.0), (12.0, 12.0)])
+def test_moveit_and_nexus_close_by_gripper_command(
+    make: Callable[..., Bench], opening: Any, effort_n: float, tension_limit_n: float
+) -> None:
+    """moveit2's GripperControllerHandle sends a max_effort of 0 unless one is configured; NEXUS' GripperControl
+    (nexus_capabilities, gripper_control.cpp) sends both ports of its behaviour tree.
+    """
+    bench = make()
+    status, result = bench.result(bench.send(0.050, effort_n))
+    assert (status, *flags(result)) == (GoalStatus.STATUS_SUCCEEDED, True, False)
+    assert bench.tendons.orders[-1].tension_limit == tension_limit_n
+
+
 def test_a_goal_that_is_there_already_is_reached(make: Callable[..., Bench], opening: Any) -> None:
     bench = make()
     assert flags(bench.result(bench.send(opening.max_m))[1]) == (True, False)
@@ -413,15 +444,33 @@ def test_without_a_selected_product_the_fingers_are_just_moved(make: Callable[..
     assert bench.tendons.grasped == []
 
 
+def stream(bench: Bench, position_m: float, effort_n: float = 20.0) -> None:
+    """Say a command as ros2_control does, once a look."""
+    bench.commands.publish(JointState(name=["gripper_opening"], position=[position_m], effort=[effort_n]))
+
+
+def heard(bench: Bench, position_m: float) -> None:
+    """Repeat a command until it must have arrived: as long as ten states took."""
+    count = len(bench.states) + 10
+
+    def arrived() -> bool:
+        stream(bench, position_m)
+        return len(bench.states) > count
+
+    bench.until(arrived)
+
+
 def test_a_stream_of_joint_commands_moves_the_hand_and_its_state_comes_back(
     make: Callable[..., Bench], opening: Any
 ) -> None:
     bench = make()
     nan = float("nan")
+    heard(bench, nan)  # of a command interface that nobody has set
+    heard(bench, bench.states[-1].position[0])  # of a controller that has just become active
+    assert bench.tendons.orders == []
     command = JointState(name=["other", "gripper_opening"], position=[0.0, 0.060], effort=[nan, nan])
 
     def arrived() -> bool:
-        bench.commands.publish(JointState(name=["gripper_opening"], position=[nan]))  # of an unset command interface
         bench.commands.publish(command)
         return abs(bench.states[-1].position[0] - 0.060) < 0.0005
 
@@ -433,14 +482,50 @@ def test_a_stream_of_joint_commands_moves_the_hand_and_its_state_comes_back(
     assert state.effort[0] == pytest.approx(4.5)
 
 
+def test_a_controller_that_becomes_active_takes_the_hand_from_nobody(make: Callable[..., Bench], opening: Any) -> None:
+    """It commands where the gripper stands; the manager holds a product there."""
+    bench = make()
+    heard(bench, bench.states[-1].position[0])
+    bench.until(lambda: not stream(bench, 0.060) and abs(bench.states[-1].position[0] - 0.060) < 0.0005)
+    bench.tendons.owner, bench.tendons.token, bench.tendons.pulled_m = "grasp_mix_manager", "theirs", 0.006
+    bench.tendons.target_m = None
+    bench.gripper._lease.release()
+    bench.tendons.publish_owners()
+    bench.until(lambda: not bench.gripper._lease.token and bench.states[-1].position[0] > 0.061)
+    held_m, orders = bench.states[-1].position[0], len(bench.tendons.orders)
+    heard(bench, held_m)  # ros2_control was started again
+    assert (bench.tendons.requested_by, len(bench.tendons.orders)) == ("", orders)
+    bench.tendons.pulled_m = 0.0  # the manager opens; the command stays
+    heard(bench, held_m)
+    assert (bench.tendons.requested_by, len(bench.tendons.orders)) == ("", orders)
+    bench.until(lambda: not stream(bench, 0.050) and bench.tendons.requested_by == "gripper_command")
+
+
+def test_what_was_commanded_before_the_node_was_there_moves_nothing(make: Callable[..., Bench]) -> None:
+    """gripper_command is started again after a crash, and the controller still commands its last goal."""
+    bench = make()
+    heard(bench, 0.060)
+    bench.until(lambda: bench.said("the first one heard asks for 0.0600 m"))
+    assert bench.tendons.orders == []
+    bench.until(lambda: not stream(bench, 0.050) and abs(bench.states[-1].position[0] - 0.050) < 0.0005)
+
+
+def test_what_is_commanded_during_an_action_goal_is_not_done_after_it(make: Callable[..., Bench], opening: Any) -> None:
+    bench = make(max_velocity_m_s=0.02)
+    heard(bench, bench.states[-1].position[0])
+    handle = bench.send(0.090)
+    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    heard(bench, 0.050)
+    assert flags(bench.result(handle)[1]) == (True, False)
+    heard(bench, 0.050)
+    bench.until(lambda: bench.said("an action goal goes first"))
+    assert [order.targets[0] for order in bench.tendons.orders] == [pytest.approx(opening.pulled_length_m(0.090))]
+
+
 def test_a_joint_command_out_of_range_is_refused_and_said(make: Callable[..., Bench]) -> None:
     bench = make()
-
-    def refused() -> bool:
-        bench.commands.publish(JointState(name=["gripper_opening"], position=[0.5]))
-        return bench.said("position: expected")
-
-    bench.until(refused)
+    heard(bench, bench.states[-1].position[0])
+    bench.until(lambda: not stream(bench, 0.5) and bench.said("position: expected"))
     assert bench.tendons.orders == []
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sqlite3
 import subprocess
@@ -12,13 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import event, update
 
 from softgrip_cell.catalogue_file import catalogue_text, read_catalogue
 from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
 from softgrip_cell.finger_records import FingerState, read_finger_records
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, PendingWrites, SlotState
+from softgrip_cell.storage.engine import POSTGRES_DRIVER
 from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
 from softgrip_cell.storage.schema import META
@@ -83,6 +85,16 @@ def mount(journal: CellJournal, serials: tuple[str, ...] = POWER, *, verify: boo
 
 def test_catalogue_goes_in_and_comes_out_the_same(library: Library) -> None:
     assert library.catalogue() == read_catalogue()
+    assert list(library.catalogue().products) == list(read_catalogue().products)
+
+
+@pytest.mark.parametrize("tick_after", [1, 2, 100])
+def test_a_time_that_stands_keeps_the_order(database: Database, tick_after: int) -> None:
+    """Simulated time stands, or ticks anywhere in an import; the order decides which of two equal plans is taken."""
+    asked = itertools.count()
+    library = Library(database, lambda: next(asked) // tick_after)
+    library.import_catalogue(read_catalogue(), "test")
+    assert list(library.catalogue().finger_sets) == list(read_catalogue().finger_sets)
     assert list(library.catalogue().products) == list(read_catalogue().products)
 
 
@@ -375,10 +387,17 @@ def test_a_read_only_database_is_named_and_nothing_is_written(tmp_path: Path) ->
     url = f"sqlite:///{tmp_path}/cell.db"
     with Database(url) as opened:
         library = Library(opened, Clock())
-        with opened.read() as connection:
-            connection.exec_driver_sql("PRAGMA query_only=ON")  # what a read-only file system answers, for root as well
+        # what a read-only file system answers, for root as well; SQLAlchemy 1.4 opens a connection for each use
+        event.listen(opened._engine, "connect", lambda connection, _: connection.execute("PRAGMA query_only=ON"))
+        opened._engine.dispose()
         with pytest.raises(StorageError, match="attempt to write a readonly database; nothing was written"):
             library.import_catalogue(read_catalogue(), "test")
+
+
+def test_postgresql_without_its_driver_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, POSTGRES_DRIVER, None)  # as where it is not installed
+    with pytest.raises(StorageError, match=f"expects the module {POSTGRES_DRIVER}, found none; install it"):
+        Database("postgresql://me@127.0.0.1:9/none")
 
 
 def test_a_folder_in_place_of_the_database_is_named(tmp_path: Path) -> None:

@@ -259,6 +259,19 @@ def test_too_short_a_closing_proves_nothing() -> None:
     assert "expected a closing to 10.0 mm or more" in result.reason
 
 
+def test_samples_that_were_lost_before_the_end_prove_nothing() -> None:
+    """A finger that is known to 12 of 16 mm would be taken for one at its end where a grasp closes it farther."""
+    check = closing(reach_m=0.012)
+    check.end({"index": 0.016, "middle": 0.0135, "thumb": 0.012})
+    results = check.judge()
+    assert {name: result.finding for name, result in results.items()} == {
+        "index": Finding.UNSEEN,
+        "middle": Finding.GOOD,
+        "thumb": Finding.GOOD,
+    }
+    assert "whole closing, to 16.0 mm, found none beyond 12.0 mm" in results["index"].reason
+
+
 def test_no_closing_at_all_proves_nothing() -> None:
     result = EmptyClosing(("index",), SETTINGS).judge()["index"]
     assert result.finding is Finding.UNSEEN

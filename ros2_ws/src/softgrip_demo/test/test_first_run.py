@@ -12,7 +12,7 @@ import pytest
 
 from softgrip_cell.storage import Database, Library
 from softgrip_demo.errors import FirstRunError
-from softgrip_demo.first_run import figures
+from softgrip_demo.first_run import bus_steps, figures
 from softgrip_demo.first_run.bus_steps import (
     BenchBus,
     IdsStep,
@@ -30,6 +30,7 @@ from softgrip_demo.first_run.record import FirstRunRecord, load_record, render, 
 from softgrip_demo.nodes.first_run import sign, verify
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, TorqueValues
 from softgrip_driver.commands.selftest import Measurement
+from softgrip_driver.wizard.tensioning import SettledZero, Tensioner
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
@@ -272,6 +273,16 @@ def test_a_reversed_or_unknown_spool_and_a_missing_port_are_named(bus: Bus, tmp_
     missing = replace(bus.bench, cell=CellFile("real", servos=ServoChain(str(tmp_path / "none"))))
     (figure,) = wrong(PortsStep(missing))
     assert figure.found == "nothing there"
+
+
+def test_the_fingers_are_let_go_after_the_zero(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The camera's steps look for a straight finger next."""
+    settled = {"index": SettledZero(0.030, 1e-4, 2), "thumb": SettledZero(0.020, 0.0, 2)}
+    monkeypatch.setattr(Tensioner, "settle", lambda _: settled)
+    let_go: dict[str, float] = {}
+    monkeypatch.setattr(bus_steps, "release", lambda _, goals, __: let_go.update(goals))
+    assert wrong(ZeroStep(bus.bench)) == []
+    assert let_go == pytest.approx({"index": 0.025, "thumb": 0.015})  # slack_m of the cell file
 
 
 def test_a_poor_calibration_is_named(bus: Bus) -> None:

@@ -81,8 +81,12 @@ class HandPose:
             return False
         angles = tuple(float(angle) for angle in angles_rad)
         self.joint_angles_rad[finger] = angles
-        self.displacements_m[finger] = self._flexures[self.fingers[finger][0], finger].displacements_m(angles, tip_m)
+        self.displacements_m[finger] = self.displacements_of(finger, angles, tip_m)
         return True
+
+    def displacements_of(self, finger: str, angles_rad: Sequence[float], tip_m: Sequence[float]) -> Array:
+        """Return how the flexures of a mounted finger give at these angles, with this tip; (n, 2), along and across."""
+        return self._flexures[self.fingers[finger][0], finger].displacements_m(tuple(angles_rad), tip_m)
 
     def joint_state(self) -> tuple[list[str], list[float]]:
         """Return names and positions of all mounted fingers' joints, by `flexure_names`: [m], [m], [rad]."""

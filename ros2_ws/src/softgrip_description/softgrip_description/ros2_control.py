@@ -66,6 +66,8 @@ def with_gripper_joint(urdf: str, joint: GripperJoint, prefix: str = "") -> str:
     ET.SubElement(hardware, "plugin").text = _PLUGIN
     ET.SubElement(hardware, "param", name="joint_states_topic").text = joint.states_topic
     ET.SubElement(hardware, "param", name="joint_commands_topic").text = joint.commands_topic
+    # every cycle: gripper_command learns where a controller begins before its first goal
+    ET.SubElement(hardware, "param", name="trigger_joint_command_threshold").text = "-1"
     controlled = ET.SubElement(system, "joint", name=joint.name)
     for name in ("position", "effort"):
         ET.SubElement(controlled, "command_interface", name=name)

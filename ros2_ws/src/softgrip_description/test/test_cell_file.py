@@ -157,7 +157,7 @@ def test_the_command_checks_and_shows_the_schema(tmp_path: Path, capsys: pytest.
     path = tmp_path / "cell.yaml"
     path.write_text(CHAIN + "    - {tendon: index, model: XL330-M288, id: 1, direction: 1}\n")
     assert cell_file.main(["check", str(path), "--known", str(CONFIG)]) == 0
-    assert "real cell '': tendons index; rig none; camera none" in capsys.readouterr().out
+    assert "real cell: tendons index; rig none; camera none" in capsys.readouterr().out
     assert cell_file.main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == cell_schema()
 

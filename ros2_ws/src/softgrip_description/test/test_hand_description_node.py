@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
 
 from softgrip_description import link_poses, shipped_hand, slot_pose
 from softgrip_interfaces.msg import CellState, FingerState, FingerStates, MountedFinger
@@ -111,6 +112,49 @@ def test_tf_and_description_follow_a_swap_and_a_closing(peer: Peer) -> None:
     assert set(turned) == {0.3}
     links = [link.get("name") for link in ET.fromstring(descriptions[-1].data).iter("link")]
     assert set(links) == {*transforms, "flange"}  # RViz warns of every link without a frame
+
+
+def test_cables_measured_fingers_and_contacts_are_drawn_in_the_fingers_frames(peer: Peer) -> None:
+    pictures = peer.hear(MarkerArray, "hand/markers", SENSOR)
+    cell = peer.node.create_publisher(CellState, "cell/state", LATCHED)
+    expected = peer.node.create_publisher(FingerStates, "finger/predicted", SENSOR)
+    measured = peer.node.create_publisher(FingerStates, "finger/measured", SENSOR)
+    tendons = peer.node.create_publisher(JointState, "tendon/state", SENSOR)
+    peer.start("marker_rate_hz:=20.0", "frame_prefix:=a_")
+    message = predicted("power", 0.3)
+    for finger in message.fingers:
+        finger.tension = 4.0
+        finger.contact_tensions = np.linspace(4.0, 1.0, 2 * len(finger.joint_angles) + 1).tolist()
+    seen = predicted("power", 0.25)
+    seen.fingers = seen.fingers[:1]
+
+    def drawn() -> dict[str, Marker]:
+        expected.publish(message)
+        measured.publish(seen)
+        tendons.publish(JointState(name=list(SLOTS), position=[0.01] * 3, effort=[4.2, 10.0, 4.1]))
+        return {one.ns: one for one in pictures[-1].markers} if pictures else {}
+
+    full = {"", "cable/index", "cable/middle", "cable/thumb", "contact/middle", "measured/index"}
+    peer.spin_until(lambda: set(drawn()) == full)
+    markers = drawn()
+    assert pictures[-1].markers[0].action == Marker.DELETEALL  # what is no longer there goes
+    cable, contact, finger = markers["cable/index"], markers["contact/middle"], markers["measured/index"]
+    assert {cable.header.frame_id, finger.header.frame_id} == {"a_index_base"}
+    assert (cable.type, finger.type, contact.type) == (Marker.LINE_LIST, Marker.LINE_STRIP, Marker.SPHERE)
+    assert len(cable.points) == len(cable.colors) == 10  # five spans between six routing points
+    reds = [colour.r for colour in cable.colors]
+    assert reds == sorted(reds, reverse=True)
+    assert reds[0] > reds[-1]
+    # the span's two ends have one colour, and it begins where the one before ends
+    assert [cable.colors[k].r for k in (0, 2, 4, 6, 8)] == [cable.colors[k].r for k in (1, 3, 5, 7, 9)]
+    assert all(cable.points[k] == cable.points[k + 1] for k in (1, 3, 5, 7))
+    assert contact.scale.x == pytest.approx(0.006)  # a millimetre a newton beyond the free motion's
+    assert contact.pose.position == message.fingers[1].tip
+    assert finger.points[-1] == seen.fingers[0].tip
+    cell.publish(cell_state("hook"))
+    message.fingers = []
+    seen.fingers = []
+    peer.spin_until(lambda: set(drawn()) == {""})
 
 
 def test_robot_state_publisher_is_given_each_description_also_after_it_came_again(peer: Peer) -> None:

@@ -41,6 +41,7 @@ def test_the_hardware_is_the_released_plugin_with_the_cells_topics(text: str) ->
     assert topics == {
         "joint_states_topic": "/a/gripper/joint_states",
         "joint_commands_topic": "/a/gripper/joint_commands",
+        "trigger_joint_command_threshold": "-1",  # always, by its README
     }
 
 

@@ -13,6 +13,7 @@ from softgrip_driver.drives import DriveRequest, DriveSet, configure_drives, per
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
 from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
+from softgrip_driver.tendon.rest import rest_stride
 from softgrip_driver.tendon.units import Spool
 
 
@@ -28,6 +29,7 @@ class DriverConfiguration:
         grippers: by tendon, the gripper it belongs to.
         policies: of the whole gripper.
         loop_rate: [Hz]
+        rest_stride: periods of the loop between two cycles while the drives rest.
         zero_file: None keeps no zeros.
         safety_file: the emergency stop and the lock on disk.
     """
@@ -39,6 +41,7 @@ class DriverConfiguration:
     grippers: Mapping[str, str]
     policies: Policies
     loop_rate: float
+    rest_stride: int
     zero_file: Path | None
     safety_file: Path
 
@@ -90,6 +93,7 @@ def checked_configuration(values: Mapping[str, Any]) -> DriverConfiguration:
         grippers=dict(zip(tendons, per_tendon(values, "grippers", tendons), strict=True)),
         policies=policies,
         loop_rate=values["loop_rate"],
+        rest_stride=rest_stride(values["loop_rate"], values["rest_rate"], values["bus_watchdog_s"]),
         zero_file=Path(values["zero_file"]).expanduser() if values["zero_file"] else None,
         safety_file=_safety_file(values),
     )

@@ -140,13 +140,15 @@ class Bench(RunningLoop):
     def __init__(
         self, folder: Path, world, *, rate=200.0, limits=None, policies=POLICIES, seed=3, history=4096, grippers=None,
         model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION, limits_current=None,
-        latency=None, tendons=TENDONS, report=lambda _: None,
+        latency=None, tendons=TENDONS, report=lambda _: None, radius=0.010,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
         self.overrides = Overrides()
         limits = limits or shipped_limits(model, 0.05 if world.quiet else 0.3)
         chain = [
-            ServoPlace(name, number, model, limits_winding=limits_current is CurrentSensing.WINDING)
+            ServoPlace(
+                name, number, model, spool_radius_m=radius, limits_winding=limits_current is CurrentSensing.WINDING
+            )
             for number, name in enumerate(tendons, start=1)
         ]
         supply = Supply(load_ratings(model).nominal_voltage_v)
@@ -158,6 +160,7 @@ class Bench(RunningLoop):
         wire = self.bus_wire if latency is None else UsbAdapter(self.bus_wire, latency)
         self.bus_port = world.port(folder / "servos", wire)
         self.model, self.mode, self.limits_current, self.report = model, mode, limits_current, report
+        self.radius = radius
         make = self._dynamixel if model in MODELS else self._configured
         self.backend = make(str(folder / "servos"), model, tendons, limits, rate)
         self.safety = Safety(SafetyStore(folder / "safety.yaml"))
@@ -171,7 +174,7 @@ class Bench(RunningLoop):
         torque = TorqueModel(table.torque_per_ampere, table.no_load_current)
         self.servos = [
             ServoConfiguration(
-                name, i, table, Spool(0.010, 1), torque, self.mode, limits.tension_hard, limits.speed,
+                name, i, table, Spool(self.radius, 1), torque, self.mode, limits.tension_hard, limits.speed,
                 limits=self.limits_current,
             )
             for i, name in enumerate(tendons, start=1)
@@ -187,7 +190,7 @@ class Bench(RunningLoop):
         }
         values |= {
             "backend": OTHER_MODELS[model], "port": port, "tendons": list(tendons), "servo_models": [model],
-            "servo_ids": list(range(1, len(tendons) + 1)), "loop_rate": rate, "spool_radii_m": [0.010],
+            "servo_ids": list(range(1, len(tendons) + 1)), "loop_rate": rate, "spool_radii_m": [self.radius],
             "reply_margin_s": 0.004 if self.world.quiet else 0.02,
             "bus_watchdog_s": 0.08 if self.world.quiet else 0.6,
         }  # fmt: skip

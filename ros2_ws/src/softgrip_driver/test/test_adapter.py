@@ -144,4 +144,6 @@ def test_the_udev_rules_are_well_formed_and_set_what_the_driver_needs():
 @pytest.mark.skipif(shutil.which("udevadm") is None, reason="udev is not installed here")
 def test_udev_itself_takes_the_rules():
     done = subprocess.run(["udevadm", "verify", str(RULES)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0 or "Unknown command" in done.stderr, done.stderr
+    if "Unknown command" in done.stderr:
+        pytest.skip("udevadm verify came with systemd 254")
+    assert done.returncode == 0, done.stderr

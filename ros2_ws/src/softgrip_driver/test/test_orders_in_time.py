@@ -124,6 +124,43 @@ def test_an_order_that_timed_out_never_moves_anything(cell):
     assert cell.lengths() == pytest.approx(before, abs=1e-5)
 
 
+def test_a_flood_of_requests_does_not_keep_the_drives_from_being_read(cell):
+    """Each asks for another one, and some for two, so there is never an end of them."""
+    served = []
+
+    def flood(_controller, _now):
+        served.append(None)
+        if not ended.is_set():
+            cell.loop.post(flood)
+            if len(served) % 64 == 0:
+                cell.loop.post(flood)
+
+    ended = threading.Event()
+    cell.loop.post(flood)
+    try:
+        cell.cycles(20)
+        assert len(served) > 20, "the requests are served all the same"
+    finally:
+        ended.set()
+
+
+def test_a_stop_overtakes_a_flood_of_requests(cell):
+    ended = threading.Event()
+
+    def flood(_controller, _now):
+        if not ended.is_set():
+            cell.loop.post(flood)
+
+    for _ in range(100):
+        cell.loop.post(flood)
+    try:
+        cell.block = Block("stopped", is_stop=True, lets_go=True)
+        assert cell.loop.enforce_block() == ""
+        assert not any(cell.device.powered.values())
+    finally:
+        ended.set()
+
+
 def test_an_order_past_its_deadline_is_refused_on_the_bus_thread(cell):
     before = cell.lengths()
     ticket = cell.loop.call(cell.request(0.010, deadline=time.monotonic() - 0.001))

@@ -1,19 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives that are no Dynamixels in the emulated cell: homing, tension, slack, break, stop, faults, silence."""
+"""Drives whose duty cycle or torque is limited: homing, tension, slack, break, stop, faults, silence."""
 
 import pytest
 
+from softgrip_driver.dynamixel.registers import MODELS as DYNAMIXELS
+from softgrip_driver.dynamixel.registers import OperatingMode
 from softgrip_driver.tendon.gripper import MoveMode
+from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, MoveOutcome
+from softgrip_driver.tendon.needs import fitted_limits
 
 #: [m] within which a zero is found: heavy gears want a high homing tension, and a finger stiffens on its way in
-ZERO_M = {"STS3215": 9e-4, "DM-J4310-2EC": 9e-4}
+ZERO_M = {"STS3215": 9e-4, "DM-J4310-2EC": 9e-4, "XL430-W250": 4e-4}
 #: [N] from which a break shows: what the gears hold without a tendon must be less than a quarter
-BREAKS_FROM_N = {"STS3215": 20.0, "DM-J4310-2EC": 34.0}
+BREAKS_FROM_N = {"STS3215": 20.0, "DM-J4310-2EC": 34.0, "XL430-W250": 20.0}
 #: [degC] at which it lets go
-HOT_DEGC = {"STS3215": 71.0, "DM-J4310-2EC": 101.0}
+HOT_DEGC = {"STS3215": 71.0, "DM-J4310-2EC": 101.0, "XL430-W250": 73.0}
 MODELS = tuple(ZERO_M)
-pytestmark = pytest.mark.parametrize("bench", [{"model": name} for name in MODELS], ids=MODELS, indirect=True)
+
+
+def settings_of(name):
+    if name not in DYNAMIXELS:
+        return {"model": name}
+    limits = fitted_limits(TendonLimits(no_reply=0.05), DYNAMIXELS[name], 0.010)
+    return {"model": name, "mode": OperatingMode.EXTENDED_POSITION, "limits": limits}
+
+
+pytestmark = pytest.mark.parametrize("bench", [settings_of(name) for name in MODELS], ids=MODELS, indirect=True)
 
 
 def limits_of(bench):

@@ -34,6 +34,16 @@ def test_an_owners_orders_are_obeyed_and_others_are_refused_by_name(ownership):
     assert "another token" in ownership.refusal("guess", ["thumb"], 0.5)
 
 
+def test_only_an_owners_heartbeat_is_worth_the_bus_threads_time(ownership):
+    assert not ownership.is_known("")
+    lease, _ = ownership.acquire("manager", ["index"], 1.0, 0.0)
+    assert ownership.is_known(lease.token)
+    assert not ownership.is_known("guess")
+    assert not ownership.is_known("")
+    ownership.release(lease.token, 0.5)
+    assert not ownership.is_known(lease.token)
+
+
 def test_a_lease_covers_the_tendons_it_was_granted_for(ownership):
     lease, _ = ownership.acquire("manager", ["index"], 1.0, 0.0)
     assert ownership.refusal("", ["middle"], 0.5) == ""

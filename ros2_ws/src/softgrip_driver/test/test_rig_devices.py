@@ -300,6 +300,19 @@ def test_a_wrong_baud_rate_is_no_reply(tmp_path, make_rig):
 # -- words -------------------------------------------------------------------------------------------------------------
 
 
+def test_a_speed_beyond_the_stand_s_own_is_named_and_it_stands(tmp_path, make_rig):
+    """An ESM303 goes 1100 mm/min at most."""
+    rig = make_rig(stage="mark10")
+    stage = make_stage("mark10", str(tmp_path / "stand"))
+    stage.open()
+    stage.zero()
+    with pytest.raises(DeviceRefusedError, match=r"take a speed of 1440.* its fastest is 1100.0 mm/min"):
+        stage.start(0.01, 1440e-3 / 60.0)
+    assert rig.plant.travel == 0.0
+    stage.start(0.002, 1000e-3 / 60.0)
+    stage.close()
+
+
 def test_stand_commands_are_the_manuals():
     assert mark10.speed_command(40.0) == b"e0040.0"
     assert mark10.limit_command(b"h", 12.0) == b"h012.00"

@@ -44,3 +44,13 @@ def test_a_publisher_that_is_gone_for_longer_than_it_may_be_stops_the_stand(guar
     assert "nobody publishes" in guard.refusal(11.6)
     guard.take_publishers(1, 12.0)
     assert guard.refusal(20.0) == ""
+
+
+def test_two_publishers_of_which_each_would_undo_the_others_stop_stop_the_stand(guard):
+    guard.take_state(FREE)
+    guard.take_publishers(1, 0.0)
+    assert guard.refusal(0.0) == ""
+    guard.take_publishers(2, 0.2)
+    assert "2 nodes publish safety/state" in guard.refusal(0.2)
+    guard.take_publishers(1, 0.4)
+    assert guard.refusal(0.4) == ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,12 +14,15 @@ import pytest
 import yaml
 from std_srvs.srv import Trigger
 
-from softgrip_driver.nodes.tendon_safety import SafetyServer
+from softgrip_driver.nodes.tendon_driver import TendonDriver
+from softgrip_driver.nodes.tendon_safety import Drives, SafetyServer
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import Policies, StopPolicy
 from softgrip_driver.tendon.ownership import Ownership
 from softgrip_driver.tendon.safety import Safety, SafetyRefusal
 from softgrip_driver.tendon.safety_store import SafetyRecord, SafetyStore, StopCause
+from softgrip_interfaces.action import MoveTendon
+from softgrip_interfaces.srv import ReleaseLock
 
 
 @pytest.fixture
@@ -91,9 +95,68 @@ def test_torque_is_off_before_middleware_and_disk_are_used() -> None:
         _policies=Policies(),
         _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=lambda _: None)),
     )
+    server._stop = partial(SafetyServer._stop, server)
     response = SafetyServer._on_stop(server, Trigger.Request(), Trigger.Response())
     assert response.success
     assert done == ["latched", "torque off", "announced", "on disk"]
+
+
+# --- requests of before a standstill ---------------------------------------------------------------------------------
+
+
+def old_requests(safety: Safety, done: list[str]) -> Any:
+    """A server whose process has just stood still."""
+    server: Any = SimpleNamespace(
+        safety=safety,
+        _drives=Drives(lambda: None, lambda: True, lambda: "the node stood still for 5.0 s"),
+        _enforce=lambda: done.append("torque off") or "",
+        _is_locked=False,
+        _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(error=done.append)),
+    )
+    server._stop = partial(SafetyServer._stop, server)
+    return server
+
+
+def test_a_reset_that_may_be_older_than_the_stop_does_not_end_it(safety: Safety) -> None:
+    safety.latch_stop("a person")
+    answer = SafetyServer._on_reset(old_requests(safety, []), Trigger.Request(), Trigger.Response())
+    assert not answer.success
+    assert "stood still" in answer.message
+    assert safety.record.is_stopped
+
+
+def test_an_unlock_that_may_be_older_than_the_hands_inside_does_not_end_the_lock(safety: Safety) -> None:
+    token = safety.acquire_lock("manager", "hands in the palm")
+    request = ReleaseLock.Request(token=token)
+    answer = SafetyServer._on_unlock(old_requests(safety, []), request, ReleaseLock.Response())
+    assert not answer.success
+    assert "stood still" in answer.message
+    assert safety.record.is_locked
+
+
+def test_a_standstill_in_which_a_stop_may_be_lost_stops_at_once_and_says_why(safety: Safety) -> None:
+    done: list[str] = []
+    server = old_requests(safety, done)
+    SafetyServer._on_standstill(server, 1.5)
+    assert not done
+    assert not safety.record.is_stopped
+    SafetyServer._on_standstill(server, 2.5)
+    assert done[0] == "torque off"
+    assert "stood still for 2.5 s" in done[1]
+    assert Safety(SafetyStore(safety._store.path)).record.cause is StopCause.STANDSTILL
+
+
+def test_no_order_that_may_be_old_reaches_the_bus() -> None:
+    asked: list[Any] = []
+    node: Any = SimpleNamespace(
+        _loop=object(), _active=True, _order_guard=SimpleNamespace(refusal="the node stood still for 5.0 s")
+    )
+    assert TendonDriver._with_loop(node, asked.append) == (False, "the node stood still for 5.0 s")
+    assert TendonDriver._ticket_or_refusal(node, MoveTendon.Goal()) == "the node stood still for 5.0 s"
+    assert not asked
+
+
+# --- tokens and locks ----------------------------------------------------------------------------------------------
 
 
 def test_a_token_has_16_bytes_that_nobody_can_guess_and_is_another_one_each_time(safety: Safety) -> None:

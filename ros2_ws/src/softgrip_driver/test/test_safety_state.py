@@ -104,6 +104,55 @@ def test_an_unclean_end_after_a_stop_stays_the_stop_that_was_asked_for(path):
     assert process(path).record.cause is StopCause.REQUESTED
 
 
+def test_a_driver_that_stood_still_for_so_long_that_a_stop_may_be_lost_is_stopped(path):
+    safety = process(path)
+    assert safety.latch_standstill(1.99) == ""
+    assert safety.refusal == ""
+    assert "stood still for 2.5 s" in safety.latch_standstill(2.5)
+    assert "may be lost" in safety.refusal
+    assert safety.persist() == ""
+    assert process(path).record.cause is StopCause.STANDSTILL
+
+
+def test_a_standstill_does_not_hide_a_stop_that_was_asked_for(path):
+    safety = process(path)
+    safety.latch_stop("a person")
+    safety.latch_standstill(5.0)
+    assert safety.record.cause is StopCause.REQUESTED
+
+
+def stop(safety):
+    safety.latch_stop("a person")
+    safety.persist()
+
+
+@pytest.mark.parametrize(
+    "leave",
+    [stop, lambda safety: safety.acquire_lock("manager", "hands"), lambda safety: safety.set_armed(armed=True)],
+    ids=["stopped", "locked", "killed"],
+)
+def test_another_name_of_the_port_does_not_end_a_stop(tmp_path, leave):
+    """/dev/ttyUSB0 and /dev/serial/by-id/... are one adapter, and each name has a file of its own."""
+    leave(process(tmp_path / "tendon_safety-dev-ttyUSB0.yaml"))
+    later = process(tmp_path / "tendon_safety-dev-serial-by-id-usb-FTDI.yaml")
+    assert "tendon_safety-dev-ttyUSB0.yaml" in later.refusal
+    assert "another name" in later.refusal
+    later.reset_stop()
+    assert process(tmp_path / "tendon_safety-dev-serial-by-id-usb-FTDI.yaml").refusal == "", "once"
+
+
+def test_a_new_port_beside_drivers_at_rest_is_free(tmp_path):
+    other = process(tmp_path / "tendon_safety-dev-ttyUSB0.yaml")
+    other.set_armed(armed=True)
+    other.set_armed(armed=False)
+    assert process(tmp_path / "tendon_safety-dev-ttyUSB1.yaml").refusal == ""
+
+
+def test_an_emulated_port_is_nobody_elses(tmp_path):
+    stop(process(tmp_path / "tendon_safety-dev-ttyUSB0.yaml"))
+    assert process(tmp_path / "tendon_safety-tmp-wires-servos.yaml").refusal == ""
+
+
 @pytest.mark.parametrize(
     "text", ["", "{", "schema: 1\n", "schema: 2\nsafety: {}\nsha256: x\n", "[1, 2]\n", "safety: \x00"]
 )
@@ -213,6 +262,9 @@ def test_torque_follows_the_policy_of_the_cause(path, estop, unclean):
     assert not keeps_torque(safety.record, policies)
     safety.set_armed(armed=True)
     later = process(path)
+    assert block_of(later, policies).lets_go is (unclean is LET_GO)
+    assert keeps_torque(later.record, policies) is (unclean is HOLD)
+    later.latch_standstill(5.0)
     assert block_of(later, policies).lets_go is (unclean is LET_GO)
     assert keeps_torque(later.record, policies) is (unclean is HOLD)
     later.latch_stop("a person")

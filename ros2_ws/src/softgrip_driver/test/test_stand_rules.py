@@ -56,3 +56,18 @@ def test_it_does_not_move_when_its_limit_or_its_speed_is_another(answers: dict[s
     with pytest.raises(DeviceRefusedError, match=expected):
         Mark10Stand(port).start(0.012, 40e-3 / 60.0)  # type: ignore[arg-type]
     assert not {b"lu", b"ld", b"u", b"d"} & set(port.sent)
+
+
+@pytest.mark.parametrize(("fastest", "may_be_unheard"), [(b"1100.0 mm/min", False), (b"40.0 mm/min", True)])
+def test_a_stand_that_is_too_slow_is_named_with_what_it_can_do(fastest: bytes, may_be_unheard: bool) -> None:
+    """It keeps the speed of before; asked for its maximum (j) it says so, unless it does not listen at all."""
+
+    class Slow(Port):
+        def read_line(self) -> bytes:
+            return fastest if self.sent[-1] == b"a" and b"j" in self.sent else super().read_line()
+
+    port = Slow()
+    with pytest.raises(DeviceRefusedError, match=r"its fastest is .* ask for at most 0\.\d+ m/s") as refused:
+        Mark10Stand(port).start(0.012, 1440e-3 / 60.0)  # type: ignore[arg-type]
+    assert ("PC control is off" in str(refused.value)) == may_be_unheard
+    assert not {b"lu", b"ld", b"u", b"d"} & set(port.sent)

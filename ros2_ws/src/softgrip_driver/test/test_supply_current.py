@@ -11,14 +11,17 @@ from hypothesis import strategies as st
 
 from softgrip_driver.commands import calibrate_tension
 from softgrip_driver.configuration import checked_configuration
+from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
-from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing
+from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, OperatingMode
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.gripper import MoveMode
+from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.tendon.needs import fitted_limits
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
+from softgrip_driver.tendon.winding import MotorReading, Winding, WindingWarmth, fit_winding
 
 WINDING = Winding(3.4, 0.44, 0.05)
 SUPPLY, PHASE = CurrentSensing.SUPPLY, CurrentSensing.WINDING
@@ -75,6 +78,82 @@ def test_a_winding_is_fitted_from_the_supply_s_current():
         fit_winding([seen(0.05, 0.3, 5.0, current=rng.normal(0.0, 0.01)) for _ in range(30)], WINDING)
 
 
+def warm_reading(tension_current, above_k, speed=0.0):
+    """What a servo shows whose winding is warmer than its sensor (30 degC); resistance of copper by IEC 60028."""
+    ohm = 3.4 * (1.0 + 0.00393 * (30.0 + above_k - 25.0))
+    duty = (ohm * tension_current + 0.44 * speed) / 5.0
+    return seen(duty, speed, 5.0, 30.0, current=duty * tension_current)
+
+
+def watched(reading, seconds=4.0, warmth=None, start=0.0):
+    warmth = warmth or WindingWarmth()
+    for step in range(round(seconds * 100)):
+        warmth.observe(CALIBRATED, reading, start + step * 0.01)
+    return warmth
+
+
+CALIBRATED = replace(WINDING, relative_stddev=0.01)
+
+
+@pytest.mark.parametrize("above_k", [0.0, 25.0, 50.0])
+@pytest.mark.parametrize("speed", [-1.0, 0.0, 1.0])
+def test_a_strong_pull_shows_how_warm_the_winding_is(above_k, speed):
+    """20 N on an XL330: 0.6 A. Without it the current would be off by a tenth for 25 K."""
+    reading = warm_reading(0.6, above_k, speed)
+    warmth = watched(reading)
+    assert warmth.above_sensor_k == pytest.approx(above_k, abs=0.3 * above_k + 1.0)
+    assert abs(warmth.above_sensor_k - above_k) < 3.0 * warmth.stddev_k
+    current, stddev = CALIBRATED.current(reading, warmth)
+    unaware, more = CALIBRATED.current(reading)
+    assert abs(current - 0.6) <= 0.3 * abs(unaware - 0.6) + 1e-9
+    assert stddev < more
+
+
+def test_a_small_pull_shows_little_and_says_so():
+    warmth = watched(warm_reading(0.06, 25.0))
+    assert warmth.above_sensor_k < 10.0
+    assert warmth.stddev_k > 7.0
+
+
+def test_what_was_seen_of_the_warmth_is_forgotten_when_nothing_shows_it():
+    warmth = watched(warm_reading(0.6, 40.0))
+    known = warmth.above_sensor_k
+    watched(seen(temperature=30.0), 60.0, warmth, 4.0)
+    assert warmth.above_sensor_k < 0.06 * known
+    assert warmth.stddev_k == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_motor_whose_duty_changes_shows_no_warmth():
+    """A current that is filtered in the servo lags behind its duty cycle meanwhile."""
+    warmth = WindingWarmth()
+    for step in range(100):
+        duty = 0.1 * 1.2 ** (step % 10)
+        warmth.observe(CALIBRATED, seen(duty, current=0.5 * duty), step * 0.01)
+    assert warmth.above_sensor_k == 0.0
+
+
+def test_a_resistance_of_no_working_motor_is_believed_up_to_a_bound():
+    """1.9 times the resistance would be copper at 254 degC: the sensor's zero, or a bad contact."""
+    assert watched(seen(0.9, current=0.9 * 4.5 / (1.9 * 3.4)), 60.0).above_sensor_k == 80.0
+    assert watched(seen(0.9, current=0.9 * 4.5 / (2.1 * 3.4)), 60.0).above_sensor_k == 0.0
+
+
+@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-9.0, 9.0), st.floats(-2.0, 2.0)), min_size=2, max_size=40))
+def test_no_reading_makes_the_warmth_absurd(readings):
+    warmth = WindingWarmth()
+    for step, (duty, speed, current) in enumerate(readings):
+        warmth.observe(CALIBRATED, seen(duty, speed, current=current), step * 0.5)
+        assert -10.0 <= warmth.above_sensor_k <= 80.0
+        assert 0.0 < warmth.stddev_k <= 10.0 + 1e-9
+
+
+def test_an_uncalibrated_servo_does_not_judge_its_warmth():
+    """A tenth by which its resistance is off the data sheet's would pass for 25 K."""
+    assert not servo_of().shows_warmth
+    assert replace(servo_of(), winding=CALIBRATED).shows_warmth
+    assert not replace(servo_of(model="XM430-W350"), winding=CALIBRATED).shows_warmth
+
+
 def test_a_limit_of_the_supply_is_less_than_that_of_the_winding_and_grows_with_speed():
     """By hand: 10 N on 10 mm and 50 mA of friction are 0.3327 A in the winding, and 75.3 mA of 5 V at stall."""
     assert servo_of(PHASE).current_units(10.0) == 333
@@ -86,6 +165,45 @@ def test_a_limit_of_the_supply_is_less_than_that_of_the_winding_and_grows_with_s
     assert servo_of().current_units(10.0, seen(speed=50.0)) == servo_of().current_units(10.0, seen(speed=5.0))
     # A reading of no voltage at all must not let through everything.
     assert servo_of().current_units(10.0, seen(voltage=0.0)) == round(75.3 * 5.0 / 3.7)
+
+
+def test_a_servo_without_current_is_limited_by_the_duty_cycle_that_makes_it():
+    """By hand, XL430 on 10 mm: 10 N and 50 mA of friction are 0.1429 A, 1.22 V of 11.1 on 8.54 ohm; k_e 1.788 V s."""
+    servo = replace(servo_of(model="XL430-W250"), mode=OperatingMode.EXTENDED_POSITION)
+    assert servo.limit_item is reg.GOAL_PWM
+    standing = seen(voltage=11.1)
+    assert servo.limit_units(10.0, standing) == servo.duty_units(10.0) == round(885 * 1.2198 / 11.1)
+    for speed in (2.0, -2.0):  # it bounds both directions, so paying out needs room, too
+        moving = servo.duty_units(10.0, replace(standing, speed=speed))
+        assert moving == pytest.approx(885 * (1.2198 + 2.0 * 1.7882) / 11.1, abs=1.0)
+    # Faster than the servo's own profile lets it turn adds nothing; a reading of no voltage must not let through all.
+    assert servo.duty_units(10.0, replace(standing, speed=50.0)) == servo.duty_units(10.0, replace(standing, speed=5.0))
+    assert servo.duty_units(10.0, seen(voltage=0.0)) == round(885 * 1.2198 / 6.5)
+    assert servo.duty_units(1e4, standing) == 885
+    assert replace(servo_of(), mode=OperatingMode.EXTENDED_POSITION).limit_item is None
+    assert servo_of().limit_item is reg.GOAL_CURRENT
+
+
+def without_current():
+    limits = fitted_limits(TendonLimits(no_reply=0.05), MODELS["XL430-W250"], 0.010)
+    return {"model": "XL430-W250", "mode": OperatingMode.EXTENDED_POSITION, "limits": limits}
+
+
+@pytest.mark.parametrize("bench", [without_current()], indirect=True, ids=["XL430"])
+def test_a_lost_duty_limit_is_written_again_and_the_mark_of_the_zero_stands_elsewhere(bench):
+    bench.hold_taut(0.0)
+    registers = bench.plant.servos[0].registers
+    assert registers.get("goal_velocity") == 1  # the mark that hold_taut has set
+    with bench.plant.lock:
+        registers.put("goal_pwm", 885)
+    written, send = [], bench.backend.bus.sync_write
+    bench.backend.bus.sync_write = lambda item, values: (written.extend([item] * bool(values)), send(item, values))
+    cycles = bench.pass_time(0.2)
+    assert registers.get("goal_pwm") < 400
+    assert written.count(reg.GOAL_PWM) >= len(cycles) - 1
+    bench.cause("silent_reboot", slot="index")
+    assert bench.until(lambda seen: seen.drives[0].fault == "rebooted", 2.0), bench.drive("index")
+    assert not bench.drive("index").homed
 
 
 def test_an_xm430_goes_on_by_the_winding_s_own_current():
@@ -120,7 +238,7 @@ def test_calibrated_values_and_the_limited_current_reach_the_servo(values):
 
 def test_a_servo_without_current_is_refused_in_the_mode_that_needs_one(values):
     values |= {"servo_models": ["XL430-W250"], "temperature_limit_degc": 70.0, "homing_tension_n": 3.0}
-    values |= {"speed_m_s": 0.03, "acceleration_m_s2": 0.2, "loop_rate": 200.0}
+    values |= {"speed_m_s": 0.03, "acceleration_m_s2": 0.1, "loop_rate": 200.0}
     with pytest.raises(ConfigurationError, match="expected 4 with a XL430-W250"):
         checked_configuration(values)
     servo = checked_configuration(values | {"operating_mode": 4}).drives.servos[0]

@@ -245,14 +245,18 @@ def test_the_small_pull_is_small(fresh):
     assert 0.5 < peak_n[0] < 3.5
 
 
-def test_a_model_that_needs_other_limits_gets_them(fresh):
-    bench = fresh(model="XM430-W350")
+@pytest.mark.parametrize(
+    ("model", "homing_n", "mode"), [("XM430-W350", 5.0, None), ("XL430-W250", 3.0, 4), ("XC430-W240", 3.0, 4)]
+)
+def test_a_model_that_needs_other_limits_gets_them(fresh, model, homing_n, mode):
+    bench = fresh(model=model)
     hands = Hands(bench.plant)
     assert bench.wizard(hands, tendons=("index",)).run(), hands.text
     cell = load_cell(bench.file)
     shipped = read_shipped(CONFIG)
     values = shipped["tendon_driver"] | node_parameters(cell, shipped)["tendon_driver"]
-    assert cell.parameters["tendon_driver"]["homing_tension_n"] == 5.0
+    assert cell.parameters["tendon_driver"]["homing_tension_n"] == homing_n
+    assert cell.parameters["tendon_driver"].get("operating_mode") == mode
     checked_configuration(values)
 
 

@@ -11,6 +11,12 @@ from softgrip_time.protocol import CancelRequest, Join, Packet, Progress, TimeRe
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+#: [s] A stepper that waits for less time than this, and for no device, is at work; so is one that is woken.
+_WORK_WAIT_S: Final = 0.03
+#: [s] without work, after which the cell is at rest: a driver's readings then come at a quarter of their rate or less.
+REST_AFTER_S: Final = 1.0
+#: Lags of followers of the clock are so much longer at rest: still less than five readings, which subscriptions keep.
+REST_LAG_FACTOR: Final = 3.0
 #: [s] of the computer's time that bytes may take through the system to the device.
 _ON_THE_WIRE_S: Final = 1.0
 #: [s] by which a frame's stamp, seconds since the epoch in decimals, may be off.
@@ -70,8 +76,27 @@ class Participants:
 
     give_up_s: float
     all: list[Participant] = field(default_factory=list)
+    #: no stepper works
+    is_resting: bool = False
+    #: [s] when one worked last
+    worked_s: float = 0.0
     #: times of exposures that the follower of frames has not measured yet [s]
     exposures: list[float] = field(default_factory=list)
+
+    def observe_work(self, before: TimeRequest | None, packet: Packet, now_s: float) -> None:
+        """Take note of what a stepper asks for, after the request before, at a time of the cell [s]."""
+        if isinstance(packet, TimeRequest):
+            works = not packet.reads and packet.until_s - now_s < _WORK_WAIT_S
+        else:
+            works = isinstance(packet, CancelRequest) and before is not None and not before.reads
+        if works:
+            self.worked_s = now_s
+
+    def update_rest(self, now_s: float) -> bool:
+        """Decide whether the cell rests at a time [s]; return whether a rest has just ended."""
+        rested = self.is_resting
+        self.is_resting = now_s - self.worked_s > REST_AFTER_S
+        return rested and not self.is_resting
 
     def names(self) -> set[str]:
         """Return the names of those who take part and answer."""
@@ -138,5 +163,5 @@ class Participants:
             self.exposures = [time_s for time_s in self.exposures if time_s > one.progress_s + _STAMP_ROUNDING_S]
             return self.exposures[0] + one.join.lag_s if self.exposures else float("inf")
         if one.join.follows:
-            return one.progress_s + one.join.lag_s
+            return one.progress_s + one.join.lag_s * (REST_LAG_FACTOR if self.is_resting else 1.0)
         return one.request.until_s if one.request is not None and not one.is_granted else float("inf")

@@ -150,6 +150,8 @@ class TimeServer:
             self._wait(0.0)
             self.participants.restart_timeouts()
         self._looked_at = computer_s
+        if self.participants.update_rest(now_s):
+            self._advance(now_s)  # who is further behind than work allows learns the time at once
         received = {port.terminal: port.received for port in self._ports()}
         holder = self.participants.find_holder(now_s, received, computer_s)
         if holder is not None:
@@ -264,8 +266,9 @@ class TimeServer:
             self._connections[connection.fileno()] = connection, participant
             self._grant(connection, 0)
             return participant
-        is_answered = participant.is_granted
+        is_answered, before = participant.is_granted, participant.request
         participant.update(packet)
+        self.participants.observe_work(before, packet, self.clock.now_s())
         if isinstance(packet, CancelRequest):
             if not is_answered:
                 self._grant(connection, packet.number)

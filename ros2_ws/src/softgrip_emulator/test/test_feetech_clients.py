@@ -104,6 +104,16 @@ def test_the_maker_s_sdk_and_the_emulator_agree_on_signs(maker, servos, steps):
     assert servos[0]._setpoint == pytest.approx(steps, abs=0.6)
 
 
+@pytest.mark.parametrize("offset", [-2047, -1, 0, 500, 2047])
+def test_a_homing_offset_is_taken_from_what_it_reads(maker, servos, offset):
+    """As LeRobot has it (feetech.py): present is actual less offset, eleven bits and a sign; a goal is in the same."""
+    port, packets = maker
+    servos[0].shaft.angle_rad = 1000 * 2.0 * math.pi / 4096
+    assert packets.write2ByteTxRx(port, 1, 31, scservo_sdk.SCS_TOSCS(offset, 11)) == (OK, 0)
+    value, result, error = packets.read2ByteTxRx(port, 1, 56)
+    assert (scservo_sdk.SCS_TOHOST(value, 15), result, error) == ((1000 - offset) % 4096, OK, 0)
+
+
 def test_the_maker_s_sdk_reads_and_writes_groups(maker, servos):
     port, packets = maker
     group = scservo_sdk.GroupSyncWrite(port, packets, 42, 2)

@@ -3,7 +3,7 @@
 
 import pytest
 
-from softgrip_emulator.participants import Participant, Participants
+from softgrip_emulator.participants import REST_AFTER_S, REST_LAG_FACTOR, Participant, Participants
 from softgrip_time.protocol import CancelRequest, Join, Progress, TimeGrant, TimeRequest
 
 WIRE = "/dev/pts/9"
@@ -114,6 +114,47 @@ def test_holding_again_and_again_for_a_short_time_is_not_given_up(everybody):
         driver.update(TimeRequest(k, 1.0))
         assert not holds(everybody, computer_s=100.5 + k)
         driver.is_granted = True
+
+
+def asked(everybody, one, packet, now_s):
+    """A stepper sends a packet at a time of the cell; whether that ends a rest."""
+    before = one.request
+    one.update(packet)
+    everybody.observe_work(before, packet, now_s)
+    return everybody.update_rest(now_s)
+
+
+def test_lags_are_longer_while_no_stepper_works(everybody):
+    driver, manager = add(everybody, "driver"), add(everybody, "manager", "clock", 0.04, progress_s=9.0)
+    assert not asked(everybody, driver, TimeRequest(1, 5.01), 5.0)
+    assert everybody._limit_s(manager) == pytest.approx(9.04)
+    for number in range(2, 40):  # a bus that is asked now and then, and the answers' bytes
+        now_s = 5.0 + 0.04 * number
+        asked(everybody, driver, TimeRequest(2 * number, now_s + 0.004, WIRE), now_s)
+        asked(everybody, driver, TimeRequest(2 * number + 1, now_s + 0.038), now_s + 0.002)
+    assert everybody.is_resting
+    assert everybody._limit_s(manager) == pytest.approx(9.0 + 0.04 * REST_LAG_FACTOR)
+
+
+def test_the_first_short_wait_and_the_first_one_that_is_ended_are_work(everybody):
+    driver = add(everybody, "driver")
+    for end in (TimeRequest(2, 7.01), CancelRequest(1)):
+        now_s = 7.0
+        everybody.worked_s = 0.0
+        asked(everybody, driver, TimeRequest(1, now_s + 0.04), now_s)
+        assert everybody.is_resting
+        assert asked(everybody, driver, end, now_s)
+        assert not everybody.is_resting
+        assert not everybody.update_rest(now_s + REST_AFTER_S)
+        assert not everybody.is_resting
+        everybody.update_rest(now_s + REST_AFTER_S + 0.001)
+        assert everybody.is_resting
+
+
+def test_a_lag_at_rest_is_shorter_than_five_readings_at_rest():
+    """100 Hz and 25 Hz; five messages are what subscriptions of streams keep (softgrip_nodekit.qos.SENSOR)."""
+    assert 0.04 < 5 / 100.0
+    assert 0.04 * REST_LAG_FACTOR < 5 / 25.0
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,21 @@ from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S, EmulatedHardware
 from softgrip_emulator.dynamixel.table import available_models, load_model
 
 MODELS = available_models()
+WITHOUT_CURRENT = ["xc430_w150", "xc430_w240", "xl430_w250"]
 
 
 @pytest.fixture(params=MODELS)
 def servo(request):
+    return EmulatedServo(load_model(request.param), 7)
+
+
+@pytest.fixture(params=[name for name in MODELS if name not in WITHOUT_CURRENT])
+def current_servo(request):
+    return EmulatedServo(load_model(request.param), 7)
+
+
+@pytest.fixture(params=WITHOUT_CURRENT)
+def load_servo(request):
     return EmulatedServo(load_model(request.param), 7)
 
 
@@ -22,7 +33,8 @@ def do(servo, instruction, parameters=b"", now_s=0.0):
 
 
 def test_models_are_those_of_the_cell():
-    assert MODELS == ["xc330_m288", "xc330_t288", "xl330_m288", "xm430_w210", "xm430_w350", "xm540_w270"]
+    x330, xm = ["xc330_m288", "xc330_t288"], ["xm430_w210", "xm430_w350", "xm540_w150", "xm540_w270"]
+    assert [*x330, *WITHOUT_CURRENT[:2], "xl330_m288", WITHOUT_CURRENT[2], *xm] == MODELS
 
 
 # model number, current limit, temperature limit, position P gain: e-manual control tables
@@ -33,13 +45,18 @@ def test_models_are_those_of_the_cell():
         ("XC330-M288", 1240, 2352, 70, 1100, 0x34),
         ("XC330-T288", 1220, 910, 70, 900, 0x34),
         ("XM430-W350", 1020, 1193, 80, 800, 0x34),
+        ("XM540-W150", 1130, 2047, 80, 800, 0x34),
         ("XM540-W270", 1120, 2047, 80, 800, 0x34),
+        ("XL430-W250", 1060, None, 72, 640, 0x34),
+        ("XC430-W150", 1070, None, 80, 460, 0x34),
+        ("XC430-W240", 1080, None, 80, 700, 0x34),
     ],
 )
 def test_factory_values(name, number, current_limit, temperature_limit, p_gain, shutdown, read):
     servo = EmulatedServo(load_model(name), 1)
-    names = ("model_number", "current_limit", "temperature_limit", "position_p_gain", "shutdown", "return_delay_time")
-    assert [read(servo, item) for item in names] == [number, current_limit, temperature_limit, p_gain, shutdown, 250]
+    names = ("model_number", "temperature_limit", "position_p_gain", "shutdown", "return_delay_time")
+    assert [read(servo, item) for item in names] == [number, temperature_limit, p_gain, shutdown, 250]
+    assert (read(servo, "current_limit") if servo.registers.has("current_limit") else None) == current_limit
     assert do(servo, Instruction.PING).parameters[:2] == number.to_bytes(2, "little")
 
 
@@ -65,8 +82,31 @@ def test_the_indirect_block_of_an_x330_moved_with_firmware_53(firmware, entries,
     assert servo.registers.get("firmware_version") == firmware
 
 
-def test_a_servo_reports_the_current_that_its_model_senses(servo, read):
+def test_a_servo_without_current_reports_its_load_and_knows_four_modes(load_servo, read, write):
+    """XL430 and XC430 pages: Present Load(126), "inferred from the internal output value"; modes 1, 3, 4 and 16."""
+    load_servo.shaft.current_a, load_servo.shaft.duty = 0.4, -0.25
+    assert read(load_servo, "present_load") == -250
+    accepted = [mode for mode in range(17) if write(load_servo, "operating_mode", mode) == 0]
+    assert accepted == [1, 3, 4, 16]
+    for address in (38, 102):
+        assert load_servo.write_for_host(address, bytes(2), 0.0).error == StatusError.ACCESS
+
+
+def test_goal_pwm_limits_what_position_control_puts_out(servo, write):
+    """e-manual, Goal PWM(100): "in other control modes, this value is used to limit PWM value"."""
+    write(servo, "operating_mode", 4)
+    write(servo, "torque_enable", 1)
+    write(servo, "goal_pwm", 88)
+    write(servo, "goal_position", 4000)
+    duty = servo.step(0.001, 0.001).duty
+    assert duty == pytest.approx(88 / 885)
+    write(servo, "goal_position", -4000)
+    assert servo.step(0.002, 0.001).duty == pytest.approx(-88 / 885)
+
+
+def test_a_servo_reports_the_current_that_its_model_senses(current_servo, read):
     """Notes of Current Limit(38) in the e-manual: X330 at the power input, where the duty cycle's share of it flows."""
+    servo = current_servo
     servo.shaft.current_a, servo.shaft.duty = 0.4, 0.25
     shown = read(servo, "present_current") * servo.model.motor.current_unit_a
     assert shown == pytest.approx(
@@ -89,7 +129,6 @@ def test_eeprom_is_closed_while_torque_is_on(servo, write):
         ("operating_mode", 2, StatusError.DATA_RANGE),
         ("goal_position", 4096, StatusError.DATA_LIMIT),
         ("goal_position", -1, StatusError.DATA_LIMIT),
-        ("goal_current", 3000, StatusError.DATA_LIMIT),
         ("goal_pwm", 886, StatusError.DATA_LIMIT),
         ("goal_velocity", -1000, StatusError.DATA_LIMIT),
         ("present_position", 0, StatusError.ACCESS),
@@ -98,6 +137,10 @@ def test_eeprom_is_closed_while_torque_is_on(servo, write):
 )
 def test_rules_of_the_table(servo, write, item, value, error):
     assert write(servo, item, value) == error
+
+
+def test_a_goal_current_beyond_its_limit_is_refused(current_servo, write):
+    assert write(current_servo, "goal_current", 3000) == StatusError.DATA_LIMIT
 
 
 def test_too_few_bytes_and_undefined_addresses(servo):
@@ -110,7 +153,8 @@ def test_too_few_bytes_and_undefined_addresses(servo):
     assert servo.read_for_host(132, 0, 0.0).error == StatusError.ACCESS
 
 
-def test_a_refused_write_changes_nothing(servo, read):
+def test_a_refused_write_changes_nothing(current_servo, read):
+    servo = current_servo
     # goal current (fine) and goal velocity (beyond its limit) in one write
     before = read(servo, "goal_current")
     assert servo.write_for_host(102, bytes.fromhex("0100 FFFFFF7F"), 0.0).error == StatusError.DATA_LIMIT
@@ -120,12 +164,17 @@ def test_a_refused_write_changes_nothing(servo, read):
 def test_changing_the_mode_resets_profile_gains_and_goals(servo, read, write):
     for item, value in (("profile_velocity", 50), ("profile_acceleration", 9), ("position_p_gain", 5)):
         assert write(servo, item, value) == 0
-    assert write(servo, "goal_current", 10) == 0
-    assert write(servo, "operating_mode", 5) == 0
+    assert write(servo, "goal_pwm", 80) == 0
+    assert write(servo, "operating_mode", 4) == 0
     assert read(servo, "profile_velocity") == read(servo, "profile_acceleration") == 0
     assert read(servo, "position_p_gain") != 5
-    assert read(servo, "goal_current") == read(servo, "current_limit")
     assert read(servo, "goal_pwm") == 885
+
+
+def test_changing_the_mode_puts_the_goal_current_to_its_limit(current_servo, read, write):
+    assert write(current_servo, "goal_current", 10) == 0
+    assert write(current_servo, "operating_mode", 5) == 0
+    assert read(current_servo, "goal_current") == read(current_servo, "current_limit")
 
 
 def turn(servo, turns):

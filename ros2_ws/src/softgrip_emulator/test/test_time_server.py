@@ -116,6 +116,39 @@ def test_simulated_time_runs_faster_than_the_computers_where_it_can(serve, tmp_p
         assert time.monotonic() - began < 15.0
 
 
+def test_after_a_rest_who_is_behind_is_told_the_time_at_once(serve, tmp_path, monkeypatch):
+    """A follower that is further behind than work allows reports when it hears the time, and not before."""
+    monkeypatch.setattr(TimeServer, "_hold", lambda server, *_: server._wait(0.01))  # which tells after a while, too
+    server, advanced = serve(speed=0.0)
+    clock = SimulatedClock(tmp_path / "time", "driver")
+    follower = Follower(tmp_path / "time", "manager", lag_s=0.04)
+    end = threading.Event()
+
+    def follow():
+        heard = 0
+        while not end.is_set():
+            if len(advanced) > heard:
+                heard = len(advanced)
+                behind_s = 0.1 if server.participants.is_resting else 0.0
+                follower.report(clock.epoch_ns(advanced[heard - 1] - behind_s))
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=follow, daemon=True)
+    thread.start()
+    with clock.stepping():
+        rest_s = clock.now_s() + 3.0
+        while clock.now_s() < rest_s:
+            clock.wait(clock.now_s() + 0.04)
+        assert server.participants.is_resting
+        before, asked_s = len(advanced), clock.now_s()
+        clock.wait(asked_s + 0.01)
+        assert not server.participants.is_resting
+        assert asked_s in advanced[before:]  # told again, though the time had not gone on
+    end.set()
+    thread.join()
+    follower.close()
+
+
 def test_a_wait_ends_when_a_file_can_be_read(serve, tmp_path):
     serve(speed=1.0)
     clock = SimulatedClock(tmp_path / "time", "driver")

@@ -12,12 +12,12 @@ import pytest
 
 from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.finger.closing_samples import ClosingInstant
-from softgrip_model.finger.diagnosis import WATCH, CauseWatch, ClosingConditions
+from softgrip_model.finger.diagnosis import WATCH, WATCHED, CauseWatch, ClosingConditions
 from softgrip_model.finger.hand import Softening, log_odds_of_heat
 from softgrip_model.finger.hypotheses import Cause, OwnClosing, hypotheses
 from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.finger.session import Session
-from softgrip_model.finger.uncertainty import PRIOR, Causes
+from softgrip_model.finger.uncertainty import Causes
 from softgrip_model.finger.wear import WearSettings, WearVerdict
 from softgrip_model.profile import Profile
 
@@ -35,7 +35,7 @@ class TrueFinger:
         self._predicted_n = Kernel([self.believed], self.law).solve(PULLS).tension_n[0, :, 0]
 
     def watch(self) -> CauseWatch:
-        return CauseWatch(Causes(self.believed, self.law, None, PRIOR), WATCH)
+        return CauseWatch(Causes(self.believed, self.law, None, WATCHED), WATCH)
 
     def close(
         self, friction: float = 1.0, stiffness: float = 1.0, middle: float = 1.0, zero: float = 0.0, gain: float = 1.0,
@@ -163,7 +163,7 @@ def test_heat_takes_all_fingers_alike() -> None:
 def test_what_a_closing_reads_is_exact(profiles: dict[str, Profile]) -> None:
     """Gain, camera and mounting by hand, from the finger's own closing; the zero beside the kernel pulled further."""
     finger = TrueFinger(profiles, 9)
-    causes = Causes(finger.believed, finger.law, None, PRIOR)
+    causes = Causes(finger.believed, finger.law, None, WATCHED)
     count = len(PULLS)
     own = OwnClosing(causes, np.zeros(len(causes.names)), PULLS, np.ones(count), np.zeros(3 * count))
     found = {one.cause: one for one in hypotheses(own, Cause.STIFFNESS, 0.0) if one.cause is not Cause.STIFFNESS}

@@ -29,14 +29,14 @@ LENGTH, SIZE = 60.0, (60.0, 2.0, 1.0)
 SOFT = Linear("soft", 10.0, 0.0)
 
 
-def strip(sections_after=-1, *, elements=(40, 2, 2), cables=(), ends=1, surroundings=None, **settings):
+def strip(sections_after=-1, *, elements=(40, 2, 2), cables=(), ends=1, surroundings=None, sections=None, **settings):
     mesh = bar(SIZE, elements)
     held = mesh.nodes[:, 0] < 1e-9
     if ends == 2:
         held |= mesh.nodes[:, 0] > LENGTH - 1e-9
     supports = Supports.none(len(mesh.nodes)).with_prescribed(np.flatnonzero(held))
     method = SolverSettings(sections_after=sections_after, **settings)
-    return Solver(mesh, [SOFT], supports, [make(mesh) for make in cables], method, surroundings)
+    return Solver(mesh, [SOFT], supports, [make(mesh) for make in cables], method, surroundings, sections)
 
 
 def load_at(solver, x, force_n):
@@ -177,6 +177,35 @@ def test_a_body_without_a_free_node_has_none():
     mesh = bar((1.0, 1.0, 1.0), (1, 1, 1))
     held = Supports.none(8).with_prescribed(np.arange(8))
     assert Solver(mesh, [SOFT], held, settings=SolverSettings(sections_after=0)).solve(0.1 * mesh.nodes).converged
+
+
+def test_sections_that_are_given_as_they_would_be_counted_change_no_bit():
+    counted = strip(4)
+    layer = np.round(counted.mesh.nodes[:, 0] / (LENGTH / 40)).astype(np.int32) - 1  # -1: held, not looked at
+    given = strip(4, sections=layer)
+    load = load_at(counted, LENGTH, 5e-4)
+    one, other = (solve(solver, load=load) for solver in (counted, given))
+    assert one.iterations == other.iterations
+    np.testing.assert_array_equal(one.displacement, other.displacement)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda layer: layer[:-1], "expected one for each of 369 nodes, found 368"),
+        (lambda layer: layer + (layer == 20), "expected nodes in each, found an empty one"),
+        (
+            lambda layer: np.where(np.cumsum(layer == 30) == 1, 25, layer),
+            "only neighbours meet in an element",
+        ),
+        (lambda layer: layer - 8, "expected numbers from 0, found -8"),
+    ],
+)
+def test_sections_that_are_none_are_refused(change, expected):
+    nodes = bar(SIZE, (40, 2, 2)).nodes
+    layer = np.round(nodes[:, 0] / (LENGTH / 40)).astype(np.int32) - 1
+    with pytest.raises(GdfeError, match=expected):
+        strip(4, sections=change(layer).astype(np.int32))
 
 
 def test_what_they_do_not_know_is_refused():

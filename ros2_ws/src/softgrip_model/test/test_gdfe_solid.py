@@ -16,7 +16,7 @@ from softgrip_model.finger import Finger
 from softgrip_model.gdfe import GdfeError, Mesh, bar
 from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, mesh_finger
-from softgrip_model.gdfe.solid_mesh import cut_into_hexahedra, mesh_solid, tetrahedra_of
+from softgrip_model.gdfe.solid_mesh import SolidFinger, cut_into_hexahedra, mesh_solid, slices, tetrahedra_of
 from softgrip_model.profile import load, shipped_directory
 
 POWER = load(shipped_directory() / "power.yaml")
@@ -99,6 +99,32 @@ def test_a_solid_closes_as_the_profiles_mesh_of_the_same_shape(gmsh, step):
     assert ours.tension[0] == pytest.approx(theirs.tension[0], rel=0.05)
 
 
+def test_slices_are_thin_and_only_neighbours_meet_in_a_hexahedron():
+    rng = np.random.default_rng(3)
+    mesh = bar((20.0, 2.0, 2.0), (20, 3, 3))
+    nodes, hexes = cut_into_hexahedra(mesh.nodes + rng.uniform(-0.2, 0.2, mesh.nodes.shape), tetrahedra(mesh))
+    found = slices(nodes[:, 0], hexes, 2.0)
+    assert set(found) == set(range(found.max() + 1))
+    assert (found[nodes[:, 0] <= 2.0] == 0).all()
+    assert (np.diff(found[np.argsort(nodes[:, 0])]) >= 0).all()  # one after the other along the body
+    assert (found[hexes].max(axis=1) - found[hexes].min(axis=1)).max() == 1
+    # no slice could end sooner: some hexahedron reaches from the slice before its own to its last node
+    for number in range(1, found.max()):
+        across = (found[hexes].min(axis=1) == number - 1) & (found[hexes].max(axis=1) == number)
+        assert nodes[hexes[across], 0].max() == nodes[found == number, 0].max()
+
+
+def test_a_lip_is_where_its_link_begins_and_a_strip_where_it_is():
+    solid = SolidFinger(FINGER, Path("finger_index.step"))
+    for joint, apex in enumerate(solid.apex):
+        half, slope = 0.5 * FINGER.length_mm[joint], np.tan(0.5 * FINGER.opening_rad[joint])
+        lip = 0.9 * half / slope  # so deep the flank has come within a strip's half length
+        x = apex + half * np.array([-0.95, 0.95, -0.5, 0.5, -1.2, 1.2])
+        y = np.array([-lip, -lip, 1.0, 1.0, 1.0, 1.0])
+        found = solid.along(np.column_stack([x, y, np.zeros(6)]))
+        assert found == pytest.approx([apex - half, apex + half, *x[2:]])
+
+
 def test_links_and_the_held_base_lie_between_the_grooves(gmsh, step):
     solid = mesh_solid(step, FINGER)
     x = solid.mesh.nodes[:, 0]
@@ -118,6 +144,27 @@ def test_the_command_shows_solid_and_own_mesh(gmsh, step, tmp_path, capsys):
         assert state["tip_m"] != state["own_mesh_tip_m"]
         assert np.hypot(*np.subtract(state["tip_m"], state["own_mesh_tip_m"])[:2]) < 2e-3
     assert "profile's mesh" in capsys.readouterr().out
+
+
+def test_a_solid_of_another_finger_is_refused_with_the_strip_that_differs(gmsh, step, tmp_path, capsys):
+    """Links of the three sets are of one length; the mesh is that of the power finger, strip 1 of pinch is 4.27 mm."""
+    case = ["finger_closing", "--finger", "pinch/index", "--solid", str(step), "--out", str(tmp_path)]
+    assert simulate.main(case) == 2
+    assert "thickness of strip 1: expected 4.27 mm, as the profile says, found 3.18 mm" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("case", "finger", "expected"),
+    [
+        ("tension", "pinch/index", "--finger: expected a case that closes a finger, found"),
+        ("finger_closing", "pinch", "--finger: expected PROFILE/FINGER, as power/index, found 'pinch'"),
+        ("finger_closing", "pinsh/index", "expected one of hook, pinch, power, found 'pinsh'"),
+        ("finger_closing", "pinch/toe", "toe"),
+    ],
+)
+def test_a_finger_that_is_none_is_refused(tmp_path, capsys, case, finger, expected):
+    assert simulate.main([case, "--finger", finger, "--out", str(tmp_path)]) == 2
+    assert expected in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

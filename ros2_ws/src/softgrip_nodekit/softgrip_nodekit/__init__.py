@@ -26,6 +26,7 @@ from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import nanoseconds, seconds, to_time_message
+from softgrip_nodekit.standstill import OrderGuard
 from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "HealthMonitor",
     "HealthWatch",
     "NodeIo",
+    "OrderGuard",
     "Parameter",
     "ParameterTable",
     "Rank",

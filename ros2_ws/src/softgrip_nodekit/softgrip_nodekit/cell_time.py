@@ -79,6 +79,11 @@ def is_simulated(node: Node) -> bool:
     return node.has_parameter(USE_SIM_TIME) and bool(node.get_parameter(USE_SIM_TIME).value)
 
 
+def time_waits_for(node: Node) -> bool:
+    """Whether a node lives in the time of an emulated cell, which waits for it."""
+    return bool(_lockstep(node))
+
+
 def cell_clock(node: Node) -> CellClock:
     """Return the clock for what a node's own threads wait for.
 

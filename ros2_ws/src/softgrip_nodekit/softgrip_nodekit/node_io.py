@@ -16,7 +16,7 @@ import secrets
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
-from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -25,6 +25,7 @@ from rclpy.task import Future
 from softgrip_interfaces.msg import NodeTrace, TraceStep
 from softgrip_nodekit.cell_time import duration_clock, duration_timer, steady_timer
 from softgrip_nodekit.stamps import nanoseconds, to_time_message
+from softgrip_nodekit.standstill import OrderGuard
 from softgrip_time.units import to_s
 
 #: [s] between two messages of a trace.
@@ -82,6 +83,7 @@ class NodeIo:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._servers: list[ActionServer] = []
+        self._order_guard: OrderGuard | None = None
 
     def now_ns(self) -> int:
         """Return the node's clock [ns since the epoch]."""
@@ -107,14 +109,48 @@ class NodeIo:
         """Serve requests."""
         self._node.create_service(kind, name, callback)
 
+    def create_order_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Serve requests after which something may move: none that may be older than the process's standstill.
+
+        The response has ``success`` and ``message``.
+        """
+        self._guard_orders()
+
+        def obey(request: Any, response: Any) -> Any:
+            if refusal := self._why_too_old(name):
+                response.success, response.message = False, refusal
+                return response
+            return callback(request, response)
+
+        self._node.create_service(kind, name, obey)
+
     def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Make a timer on the clock of durations."""
         duration_timer(self._node, period_s, callback)
 
     def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
         """Serve goals; both callbacks get rclpy's goal handle, or what has its names."""
-        server = ActionServer(self._node, kind, name, execute_callback=execute, cancel_callback=cancel)
+        self._guard_orders()
+
+        def judge(_goal: Any) -> GoalResponse:
+            return GoalResponse.REJECT if self._why_too_old(name) else GoalResponse.ACCEPT
+
+        server = ActionServer(
+            self._node, kind, name, execute_callback=execute, goal_callback=judge, cancel_callback=cancel
+        )
         self._servers.append(server)
+
+    def _guard_orders(self) -> None:
+        if self._order_guard is None:
+            self._order_guard = OrderGuard(self._node)
+
+    def _why_too_old(self, name: str) -> str:
+        """Return why an order may be too old to be obeyed, and log it; empty when it is not."""
+        assert self._order_guard is not None
+        refusal = self._order_guard.refusal
+        if refusal:
+            self._node.get_logger().warning(f"{name} refused: {refusal}")
+        return refusal
 
     def create_client(self, kind: Any, name: str) -> Any:
         """Return a client of a service."""
@@ -250,6 +286,13 @@ class RecordingIo(NodeIo):
 
     def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Serve requests."""
+        self._io.create_service(kind, name, self._recorded(name, callback))
+
+    def create_order_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Serve requests after which something may move; one that is too old is no step of the node."""
+        self._io.create_order_service(kind, name, self._recorded(name, callback))
+
+    def _recorded(self, name: str, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         full = self._resolve(name)
 
         def requested(request: Any, response: Any) -> Any:
@@ -258,7 +301,7 @@ class RecordingIo(NodeIo):
             self._log.say(f"answered {full}", response)
             return response
 
-        self._io.create_service(kind, name, requested)
+        return requested
 
     def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Make a timer; the log does not tell several apart."""

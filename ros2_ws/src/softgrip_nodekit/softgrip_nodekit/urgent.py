@@ -9,7 +9,9 @@ from typing import Any
 from rclpy.node import Node
 
 from softgrip_nodekit.callback_errors import callback_errors
+from softgrip_nodekit.cell_time import steady_timer, time_waits_for
 from softgrip_nodekit.isolated import IsolatedNode
+from softgrip_nodekit.standstill import LOOK_PERIOD_S, Standstill
 
 
 class UrgentServer:
@@ -27,14 +29,27 @@ class UrgentServer:
         name: of the service.
         callback: of (request, response), returns the response. It runs on the server's own thread, beside the node's
             callbacks: what both touch needs a lock.
+        on_standstill: called on that thread, with the time [s], when the server itself has stood still (the process was
+            stopped, swapped out, or suspended): what was asked meanwhile may be lost. Not in an emulated cell, whose
+            time waits.
     """
 
-    def __init__(self, node: Node, srv_type: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        srv_type: Any,
+        name: str,
+        callback: Callable[[Any, Any], Any],
+        on_standstill: Callable[[float], None] = lambda _: None,
+    ) -> None:
+        self._node = node
         self._callback = callback
         self._errors = callback_errors(node)
         self._isolated = IsolatedNode(node, "urgent", self._errors.report)
         self.service_name = node.resolve_service_name(name)
         self._isolated.node.create_service(srv_type, self.service_name, self._serve)
+        self._standstill, self._on_standstill = Standstill(), on_standstill
+        steady_timer(self._isolated.node, LOOK_PERIOD_S, self._look)
         self._isolated.start()
 
     def _serve(self, request: Any, response: Any) -> Any:
@@ -47,6 +62,11 @@ class UrgentServer:
             if hasattr(response, "message"):
                 response.message = f"{type(error).__name__}: {error}"
             return response
+
+    def _look(self) -> None:
+        stood_s = self._standstill.look()
+        if stood_s and not time_waits_for(self._node):
+            self._on_standstill(stood_s)
 
     def close(self) -> None:
         """Answer what is being answered, then leave."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -14,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from softgrip_nodekit import UrgentServer
+from softgrip_nodekit import UrgentServer, standstill
 from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 
 Serve = Callable[[Any, Any], Any]
@@ -30,11 +31,13 @@ def _answer(_: Any, response: Any) -> Any:
 def make() -> Iterator[Make]:
     made: list[tuple[Context, Node, UrgentServer]] = []
 
-    def build(*arguments: str, callback: Serve = _answer, name: str = "estop", kind: Any = Trigger) -> Any:
+    def build(
+        *arguments: str, callback: Serve = _answer, name: str = "estop", kind: Any = Trigger, **options: Any
+    ) -> Any:
         context = Context()
         rclpy.init(args=["--ros-args", *arguments] if arguments else [], context=context)
         node = Node("driver", context=context)
-        server = UrgentServer(node, kind, name, callback)
+        server = UrgentServer(node, kind, name, callback, **options)
         made.append((context, node, server))
         return node, server
 
@@ -70,6 +73,23 @@ def call() -> Iterator[Callable[..., Any]]:
 def test_it_answers_while_nobody_spins_its_node(make: Make, call: Callable[..., Any]) -> None:
     make()
     assert call("/estop").message == "stopped"
+
+
+def test_it_says_for_how_long_it_has_stood_still(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    suspended_s = 0.0
+    asked: list[float] = []
+
+    def now_s() -> float:
+        asked.append(suspended_s)
+        return time.monotonic() + suspended_s
+
+    monkeypatch.setattr(standstill, "boot_time_s", now_s)
+    stood: list[float] = []
+    make(on_standstill=stood.append)
+    wait_until(lambda: len(asked) >= 2)
+    suspended_s = 3600.0
+    wait_until(lambda: bool(stood))
+    assert stood[-1] == pytest.approx(3600.0, abs=60.0)
 
 
 def test_it_answers_while_the_nodes_executor_stands_in_a_callback(make: Make, call: Callable[..., Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import sys
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,13 @@ from softgrip_sweep import ResultsStore, SweepError, SweepTask, dask_pool, run_s
 from softgrip_sweep.commands import sweep
 from softgrip_sweep.intervals import wilson
 from softgrip_sweep.studies import bags, designs, grasps
+from softgrip_testing.dask_computers import dask_computers
 from softgrip_testing.virtual_grasps import ProductSet
+from softgrip_testing.waiting import wait_until
 
 HERE = Path(__file__).parent
 BAGS = HERE.parents[3] / "tests/replay/bags"
+SMALL = designs.DesignSpace(motions=("power",), profiles=("power",), samples=20)
 SPACE = designs.DesignSpace(motions=("power",), profiles=("power",), samples=700)
 
 
@@ -136,6 +139,33 @@ def test_a_killed_worker_changes_nothing(tmp_path):
     assert [store.load(task)["square"] for task in tasks] == [number**2 for number in range(8)]
     assert (tmp_path / "died-6").exists()
     assert (tmp_path / "died-7").exists()
+
+
+def test_a_computer_of_a_cluster_is_switched_off_in_the_middle(tmp_path):
+    # two workers with folders of their own behind a scheduler, by Dask's own command
+    tasks = [SweepTask("sweep_work:square_once_released", {"number": k, "folder": str(tmp_path)}) for k in range(6)]
+    store = ResultsStore(tmp_path / "results")
+    with dask_computers(tmp_path / "network") as computers, ThreadPoolExecutor(1) as thread:
+        with dask_pool(scheduler=computers.scheduler) as pool:
+            sweeping = thread.submit(run_sweep, tasks, store, pool)
+            first, second = computers.workers
+            wait_until(lambda: all([*tmp_path.glob(f"begun-*-{one.pid}")] for one in computers.workers), "both at work")
+            first.kill()
+            first.wait()
+            (tmp_path / "go").touch()
+            assert sweeping.result().failed == ()
+        (lost,) = tmp_path.glob(f"begun-*-{first.pid}")
+        again = tmp_path / lost.name.replace(str(first.pid), str(second.pid))
+        assert (lost.read_text(), again.read_text()) == tuple(
+            str(tmp_path / "network" / f"computer_{k}") for k in (1, 2)
+        )
+        assert [store.load(task)["square"] for task in tasks] == [k**2 for k in range(6)]
+        # the one that is left does real work, with the same results to the bit as this process
+        here, there = ResultsStore(tmp_path / "here"), tmp_path / "there"
+        run_sweep(designs.tasks(SMALL), here, Inline())
+        arguments = ["designs", "--motions", "power", "--profiles", "power", "--samples", "20", "--results", str(there)]
+        assert sweep.main([*arguments, "--scheduler", computers.scheduler]) == 0
+    assert contents(here) == contents(ResultsStore(there))
 
 
 def test_wilson_interval_of_a_textbook():

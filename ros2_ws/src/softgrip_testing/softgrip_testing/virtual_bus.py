@@ -9,6 +9,7 @@ from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.registers import ControlItem
 from softgrip_emulator.dynamixel.packets import Instruction, Packet
 from softgrip_emulator.dynamixel.servo import EmulatedServo
+from softgrip_time import Clock
 
 
 class VirtualBus(Bus):
@@ -17,10 +18,11 @@ class VirtualBus(Bus):
     Args:
         servos: on the bus.
         now_s: the time of their world [s].
+        clock: of the driver; the computer's where none is given.
     """
 
-    def __init__(self, servos: Iterable[EmulatedServo], now_s: Callable[[], float]) -> None:
-        super().__init__("virtual", 1_000_000)
+    def __init__(self, servos: Iterable[EmulatedServo], now_s: Callable[[], float], clock: Clock | None = None) -> None:
+        super().__init__("virtual", 1_000_000, clock=clock)
         self._servos = {servo.device_id: servo for servo in servos}
         self._now_s = now_s
 

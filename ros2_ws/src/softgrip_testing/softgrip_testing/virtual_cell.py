@@ -108,6 +108,8 @@ class VirtualCell:
         copy: number of the mounted fingers among those of their set.
         lateness: of the driver's loop.
         limits: which current the servos limit, and the driver knows that they do.
+        believed: what the driver takes the current that they report, and the one that they limit, for; None: what they
+            are.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class VirtualCell:
         copy: int = 1,
         lateness: Lateness = PUNCTUAL,
         limits: CurrentSensing = CurrentSensing.SUPPLY,
+        believed: CurrentSensing | None = None,
     ) -> None:
         self.profiles: Mapping[str, Profile] = load_directory(shipped_directory())
         limits_winding = limits is CurrentSensing.WINDING
@@ -131,9 +134,10 @@ class VirtualCell:
         self._read_s = self.plant.now_s
         tendon_limits = TendonLimits(break_confirm=0.25)
         model = MODELS["XL330-M288"]
+        model = replace(model, senses=believed or model.senses)
         torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
         servos = [
-            ServoConfiguration(s, i, model, Spool(0.010, 1), torque, limits=limits)
+            ServoConfiguration(s, i, model, Spool(0.010, 1), torque, limits=believed or limits)
             for i, s in enumerate(SLOTS, start=1)
         ]
         # The servos' watchdog looks at the wall's clock on the driver's side: no business of virtual time.
@@ -147,8 +151,20 @@ class VirtualCell:
         self._backend.connect()
         self.mount(finger_set, copy)
         self.cycle()
+        self.switch_on()
+
+    def switch_on(self) -> None:
+        """Take hold with every drive that has no power."""
         for drive in self.controller.drives.values():
-            self._act({drive.tendon: drive.switch_on()})
+            if not drive.powered:
+                self._act({drive.tendon: drive.switch_on()})
+
+    def set_true_zeros(self) -> None:
+        """Give the driver the true zeros, as after a homing without error."""
+        taut_m = self.plant.wound_m() - self.plant.bank.slack_m
+        for drive, length_m in zip(self.controller.drives.values(), taut_m.tolist(), strict=True):
+            self._backend.mark_session(drive.tendon, 1)
+            drive.set_zero(drive.position - length_m, 1)
 
     def mount(self, finger_set: str, copy: int = 1, said: str | None = None) -> None:
         """Put a set into the slots; the predictor is told ``said`` (the same set when None)."""
@@ -221,6 +237,10 @@ class VirtualCell:
         """What tendon/state would carry now."""
         return tuple(ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots())
 
+    def pulled_m(self) -> Mapping[str, float]:
+        """How far each tendon is pulled now [m], as a movement's result says it."""
+        return {drive.tendon: drive.length for drive in self.controller.snapshots()}
+
     def cycle(self) -> None:
         """Live one driver period."""
         self.plant.advance_to(self._begin_s())
@@ -278,6 +298,7 @@ class VirtualCell:
         ticket = self.move(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
         while self.controller.result(ticket)[0] is None:
             closing.observe(self.observe())
+        closing.end(self.pulled_m())
         self.open()
         return closing.judge()
 
@@ -317,6 +338,10 @@ class VirtualCell:
         assert self.plant.bank.fingers[0] is not None, "the index slot is empty"
         return np.array(self.plant.points_m(0)[0][-1][:2])
 
+    def tip_heading_rad(self) -> float:
+        """Direction of the index finger's last link, from the base's towards the closing side [rad]."""
+        return float(self.plant.points_m(0)[1][-1])
+
     def see_tip(self, rng: Random) -> SeenTip:
         """The index finger's tip as the camera sees it now; the tracker follows this finger only."""
         x, y = self.tip_m().tolist()
@@ -352,9 +377,7 @@ class VirtualCell:
     def recover(self) -> None:
         """What a person does after a fault: reset, home, open."""
         self.controller.reset()
-        for drive in self.controller.drives.values():
-            if not drive.powered:
-                self._act({drive.tendon: drive.switch_on()})
+        self.switch_on()
         if not all(drive.homed for drive in self.controller.drives.values()):
             self.home()
 

@@ -77,6 +77,26 @@ def decode(data: bytes | bytearray | memoryview) -> Image:
     Raises:
         FrameError: when the bytes are no JPEG or PNG, or claim more than MAX_PIXELS.
     """
+    return _decoded(data, cv2.IMREAD_COLOR)
+
+
+def thumbnail(data: bytes) -> Image:
+    """Return the (h / 8, w / 8) grey image of a JPEG or PNG; of a JPEG without computing the other pixels.
+
+    Raises:
+        FrameError: as `decode`.
+    """
+    return _decoded(data, cv2.IMREAD_REDUCED_GRAYSCALE_8)
+
+
+def thumbnail_of(image: Image) -> Image:
+    """Return the (h / 8, w / 8) grey image of an (h, w, 3) BGR one."""
+    height, width = image.shape[:2]
+    small = cv2.resize(image, (max(1, width // 8), max(1, height // 8)), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def _decoded(data: bytes | bytearray | memoryview, mode: int) -> Image:
     raw = np.frombuffer(data, dtype=np.uint8)
     claimed = image_size(raw.tobytes())
     if claimed[0] * claimed[1] > MAX_PIXELS:
@@ -84,7 +104,7 @@ def decode(data: bytes | bytearray | memoryview) -> Image:
     image = None
     if raw.size:
         try:
-            image = cv2.imdecode(raw, cv2.IMREAD_COLOR)
+            image = cv2.imdecode(raw, mode)
         except cv2.error as error:
             raise FrameError(f"expected a compressed image, found {raw.size} bytes: {error.err}") from error
     if image is None:

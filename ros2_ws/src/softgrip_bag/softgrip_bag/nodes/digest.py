@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import message_class, stamp_of, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
-from softgrip_bag.nodes.trace import TraceStep, runs
+from softgrip_bag.nodes.trace import TraceStep, stretches
 from softgrip_bag.reader import RawMessage
 from softgrip_bag.story import (
     RecordedClosing,
@@ -190,9 +190,10 @@ def _closings(reader: _Reader) -> list[RecordedClosing]:
 
 
 def _grasps(bag: RecordedBag) -> list[RecordedGrasp]:
+    """Return the grasps that ended in the bag; the product is empty where the bag began after the order."""
     found = []
     try:
-        for steps in runs(bag, bag.cell + _TRACE):
+        for steps in stretches(bag, bag.cell + _TRACE):
             product = ""
             for step in steps:
                 if step.name == f"goal {bag.cell}/cell/grasp":
@@ -200,7 +201,7 @@ def _grasps(bag: RecordedBag) -> list[RecordedGrasp]:
                 elif step.name == f"finished {bag.cell}/cell/grasp":
                     found.append(grasp_result(step, product))
     except BagError:
-        return found  # what is there of a trace with a gap
+        return found  # what is there before a step that nobody can read
     return found
 
 

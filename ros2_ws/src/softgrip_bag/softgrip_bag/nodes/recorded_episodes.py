@@ -17,11 +17,10 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.episode import Episode, StampedSeries, TendonCommand, commanded
-from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.digest import grasp_result
 from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
-from softgrip_bag.nodes.trace import TraceStep, runs
+from softgrip_bag.nodes.trace import TraceStep, stretches
 from softgrip_interfaces.action import Grasp as GraspAction
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TeleoperationState
@@ -83,14 +82,11 @@ def recorded_episodes(path: Path, rate_hz: int) -> list[Episode]:
         rate_hz: of the frames.
 
     Raises:
-        BagError: no bag, or one without tendon/state, or with neither the manager's trace nor teleoperation/state.
+        BagError: no bag.
     """
     bag = RecordedBag(path)
-    found = ", ".join(sorted(bag.types))
     if bag.cell + _STATE not in bag.types:
-        raise BagError(f"{path}: expected {_STATE}, found only {found}")
-    if not {bag.cell + _TRACE, bag.cell + _TELEOPERATION} & set(bag.types):
-        raise BagError(f"{path}: expected {_TRACE} or {_TELEOPERATION}, found only {found}")
+        return []
     topics = _read(bag)
     spans = [*_grasps(bag, topics), *_demonstrations(bag, topics)]
     return [_episode(path, span, topics, rate_hz) for span in spans if span.commands and topics.states]
@@ -118,7 +114,7 @@ def _read(bag: RecordedBag) -> _Topics:
 
 def _grasps(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
     if bag.cell + _TRACE in bag.types:
-        for steps in runs(bag, bag.cell + _TRACE):
+        for steps in stretches(bag, bag.cell + _TRACE):
             yield from _grasps_of(bag, steps, topics)
 
 
@@ -132,7 +128,7 @@ def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep], topics: _Topics) ->
             moves = []
         elif name == "sent /tendon/move":
             moves.append((step.time_ns, deserialize_message(step.data, MoveTendon.Goal)))
-        elif name == "finished /cell/grasp":
+        elif name == "finished /cell/grasp" and begun_ns:  # else the bag began in the middle of the grasp
             result = grasp_result(step, product)
             fingers = topics.finger_set(step.time_ns) or "mounted"
             task = f"Grasp the {product.replace('_', ' ')} with the {fingers} fingers and lift it"

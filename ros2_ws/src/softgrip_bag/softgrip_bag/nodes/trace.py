@@ -51,19 +51,37 @@ def runs(bag: RecordedBag, topic: str) -> Iterator[list[TraceStep]]:
     Raises:
         BagError: when the beginning or a part is missing.
     """
+    before: list[TraceStep] = []
+    for steps in stretches(bag, topic):
+        if steps[0].number > 0:
+            raise BagError(
+                f"{bag.path}: expected step {len(before)} of {topic}, found {steps[0].number}: "
+                + ("messages are missing" if before else "the recording began too long after the node did")
+            )
+        if before:
+            yield before
+        before = steps
+    if before:
+        yield before
+
+
+def stretches(bag: RecordedBag, topic: str) -> Iterator[list[TraceStep]]:
+    """Yield the steps that the bag has without a gap, for who does not replay them: a run of the node, or parts of it.
+
+    A recording that began long after the node has the last part of its run.
+
+    Raises:
+        BagError: a step that cannot be read.
+    """
     steps: list[TraceStep] = []
     for raw in bag.read({topic}):
         batch = deserialize_message(raw.data, message_class(raw.type_name))
-        if batch.first == 0 and steps:
+        following = steps[-1].number + 1 if steps else batch.first
+        if 0 < batch.first < following:
+            continue  # a latched message that was recorded twice
+        if steps and batch.first != following:
             yield steps
             steps = []
-        if batch.first < len(steps):
-            continue  # a latched message that was recorded twice
-        if batch.first > len(steps):
-            raise BagError(
-                f"{bag.path}: expected step {len(steps)} of {topic}, found {batch.first}: "
-                + ("messages are missing" if steps else "the recording began too long after the node did")
-            )
         steps += _steps(batch, bag, topic)
     if steps:
         yield steps

@@ -166,6 +166,10 @@ class ReplayIo(NodeIo):
 
         self._entries[f"request {self._node.resolve_service_name(name)}"] = requested
 
+    def create_order_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Note who answers requests; those that were too old are in no trace."""
+        self.create_service(kind, name, callback)
+
     def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:  # noqa: ARG002  the steps say when
         """Note who is called by time."""
         self._entries["timer"] = lambda _: callback()

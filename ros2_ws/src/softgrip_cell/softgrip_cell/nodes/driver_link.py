@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -15,8 +15,24 @@ from softgrip_interfaces.action import MoveTendon
 from softgrip_nodekit import NodeIo, to_time_message
 from softgrip_time.units import to_ns
 
-Ended = Callable[[int, str], None]
 Answered = Callable[[bool, str], None]
+
+
+@dataclass(frozen=True)
+class MoveEnd:
+    """How a movement ended: MoveTendon's outcome and reason, and by tendon how far it was pulled then [m]."""
+
+    outcome: int
+    reason: str
+    pulled_m: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the tendons went where they were sent, or to the tension limit."""
+        return self.outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT)
+
+
+Ended = Callable[[MoveEnd], None]
 
 
 @dataclass
@@ -83,7 +99,7 @@ class DriverLink:
 
         Args:
             command: open, close, press or stop.
-            ended: called with MoveTendon's outcome and reason when a movement ends by itself.
+            ended: called when a movement ends by itself.
         """
         if isinstance(command, Close):
             tendons = [self.slots[slot] for slot in command.slots]
@@ -140,12 +156,14 @@ class DriverLink:
 
         def on_result(future: Any) -> None:
             result = future.result().result
-            self._finish(movement, result.outcome, result.reason)
+            pulled_m = dict(zip(result.tendons, result.pulled_lengths, strict=False))
+            self._finish(movement, MoveEnd(result.outcome, result.reason, pulled_m))
 
         def on_goal(future: Any) -> None:
             handle = future.result()
             if not handle.accepted:
-                self._finish(movement, MoveTendon.Result.REFUSED, "tendon/move rejected the goal; see the driver's log")
+                why = "tendon/move rejected the goal; see the driver's log"
+                self._finish(movement, MoveEnd(MoveTendon.Result.REFUSED, why))
             elif movement.stopped:
                 handle.cancel_goal_async()
             else:
@@ -154,11 +172,11 @@ class DriverLink:
 
         self._move.send_goal_async(goal).add_done_callback(on_goal)
 
-    def _finish(self, movement: _Movement, outcome: int, reason: str) -> None:
+    def _finish(self, movement: _Movement, end: MoveEnd) -> None:
         if movement in self._movements:
             self._movements.remove(movement)
         if not movement.stopped and not movement.replaced:
-            movement.ended(outcome, reason)
+            movement.ended(end)
 
     def hold(self) -> None:
         """Stop every running movement; the driver keeps holding where the tendons are."""

@@ -15,7 +15,7 @@ from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspVerdict
 from softgrip_cell.nodes import convert
-from softgrip_cell.nodes.driver_link import DriverLink
+from softgrip_cell.nodes.driver_link import DriverLink, MoveEnd
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_interfaces.action import Grasp, MoveTendon
 from softgrip_nodekit import GoalHandle, NodeIo
@@ -139,17 +139,17 @@ class GraspServer:
             done, self._sequence, self._goal, self._done = self._done, None, None, None
             done.set_result(step.verdict)
 
-    def _closing_ended(self, outcome: int, reason: str) -> None:
-        if self._sequence is not None and outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
+    def _closing_ended(self, end: MoveEnd) -> None:
+        if self._sequence is not None and end.is_good:
             self._sequence.closing_ended()
         else:
-            self._movement_ended(outcome, reason)
+            self._movement_ended(end)
 
-    def _movement_ended(self, outcome: int, reason: str) -> None:
-        if self._sequence is None or outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
+    def _movement_ended(self, end: MoveEnd) -> None:
+        if self._sequence is None or end.is_good:
             return
-        if outcome == MoveTendon.Result.FAULT:
+        if end.outcome == MoveTendon.Result.FAULT:
             stamp_ns = self._sample.stamp_ns if self._sample else 0
-            self._do(self._sequence.fault(TendonFault("(see reason)", "movement failed", reason), stamp_ns))
+            self._do(self._sequence.fault(TendonFault("(see reason)", "movement failed", end.reason), stamp_ns))
         else:
-            self._do(self._sequence.abort(f"the driver did not move: {reason}"))
+            self._do(self._sequence.abort(f"the driver did not move: {end.reason}"))

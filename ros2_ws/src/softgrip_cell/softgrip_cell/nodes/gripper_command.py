@@ -20,16 +20,16 @@ from std_msgs.msg import Header
 
 from softgrip_cell.cell import CellMode
 from softgrip_cell.errors import RefusedError
+from softgrip_cell.gripper.command_stream import CommandStream
 from softgrip_cell.gripper.goal_monitor import GoalEnd, GoalSettings
 from softgrip_cell.gripper.orders import GripperGoal, GripperLimits, TendonOrder, parallel_goal, tendon_order
 from softgrip_cell.nodes import convert
-from softgrip_cell.nodes.driver_link import DriverLink, MotionLimits
+from softgrip_cell.nodes.driver_link import DriverLink, MotionLimits, MoveEnd
 from softgrip_cell.nodes.gripper_server import GoalOutcome, GripperSample, GripperServer
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_cell.observation import StreamSilence
 from softgrip_description import Hand, HandError, load_hand, shipped_hand
 from softgrip_description.opening import GripperOpening, gripper_opening
-from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, SafetyState, TendonOwners
 from softgrip_model.profile import Profile, ProfileError, load_profiles
 from softgrip_nodekit import (
@@ -41,6 +41,7 @@ from softgrip_nodekit import (
     GoalHandle,
     Health,
     NodeIo,
+    OrderGuard,
     Parameter,
     ParameterTable,
     StartupError,
@@ -54,8 +55,6 @@ from softgrip_time.units import to_s
 WHO = "gripper_command"
 #: How often heartbeats go out and silence is looked for [s].
 LOOK_S = 0.1
-#: A stream of positions becomes an order at most so often [s], and after so much change [m].
-STREAM_PERIOD_S, STREAM_STEP_M = 0.05, 0.0005
 #: Feedback of a goal goes out so often [s]; ros2_controllers' action_monitor_rate is 20 Hz.
 FEEDBACK_S = 0.05
 #: All tendons pulled by less: the hand holds nothing and the tendons need no owner [m].
@@ -126,7 +125,7 @@ class GripperCommandNode(CellNode):
         self._safety: SafetyState | None = None
         self._silence = StreamSilence(round(values["silence_s"] / LOOK_S))
         self._pulled_m: dict[str, float] = {}
-        self._streamed = _Stream()
+        self._stream = CommandStream(values["goal_tolerance_m"])
         io = NodeIo(self)
         self._io = io
         heartbeats = self.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
@@ -143,6 +142,7 @@ class GripperCommandNode(CellNode):
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
         self.create_subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
         self._feedback_at_s = 0.0
+        self._order_guard = OrderGuard(self)
         self._handles: list[Any] = []
         ActionServer(
             self,
@@ -247,9 +247,9 @@ class GripperCommandNode(CellNode):
         """Accept a goal that can be done; the log says what was wrong with another one."""
         try:
             goal = read()
-            stopped = self._is_stopped()
-            if stopped:
-                raise RefusedError(stopped)
+            why_not = self._is_stopped() or self._order_guard.refusal
+            if why_not:
+                raise RefusedError(why_not)
             if self._silence.reached or self._server.sample is None:
                 raise RefusedError("expected tendon/state, found none; start or check tendon_driver")
             self._order_of(goal)
@@ -332,17 +332,27 @@ class GripperCommandNode(CellNode):
         if at < 0 or len(message.position) <= at or not math.isfinite(message.position[at]):
             return  # a hardware interface whose command nobody has set yet sends NaN
         effort_n = message.effort[at] if len(message.effort) > at and math.isfinite(message.effort[at]) else 0.0
-        goal, now_s = GripperGoal(message.position[at], effort_n), self._io.monotonic_s()
-        if self._server.is_active or not self._streamed.is_due(goal, now_s):
-            return
-        self._streamed = _Stream(goal, now_s)
-        stopped = self._is_stopped()
-        if stopped:
-            self._diagnostics.set("joint command", Health.WARN, f"refused: {stopped}")
-            return
-        self._lease.acquire(lambda why_not: self._stream(goal, why_not))
+        goal = GripperGoal(message.position[at], effort_n)
+        try:
+            if self._is_order(goal):
+                why_not = self._is_stopped() or self._order_guard.refusal
+                if why_not:
+                    raise RefusedError(why_not)
+                self._lease.acquire(lambda why_not: self._follow(goal, why_not))
+        except RefusedError as error:
+            self._diagnostics.set("joint command", Health.WARN, f"refused: {error}")
 
-    def _stream(self, goal: GripperGoal, why_not: str) -> None:
+    def _is_order(self, goal: GripperGoal) -> bool:
+        sample = self._server.sample
+        return sample is not None and self._stream.is_order(
+            goal,
+            sample.position_m,
+            owned=bool(self._lease.token),
+            busy=self._server.is_active,
+            now_s=self._io.monotonic_s(),
+        )
+
+    def _follow(self, goal: GripperGoal, why_not: str) -> None:
         try:
             if why_not:
                 raise RefusedError(why_not)
@@ -353,9 +363,9 @@ class GripperCommandNode(CellNode):
         self._diagnostics.set("joint command", Health.OK, "the last one was carried out")
         self._server.move(order, self._stream_ended)
 
-    def _stream_ended(self, outcome: int, reason: str) -> None:
-        if outcome not in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
-            self._diagnostics.set("joint command", Health.WARN, f"the driver did not move: {reason}")
+    def _stream_ended(self, end: MoveEnd) -> None:
+        if not end.is_good:
+            self._diagnostics.set("joint command", Health.WARN, f"the driver did not move: {end.reason}")
 
     def _watch(self) -> None:
         """Heartbeats, silence, and the tendons that nobody needs any more."""
@@ -368,25 +378,8 @@ class GripperCommandNode(CellNode):
         is_open = all(abs(pulled_m) < OPEN_M for pulled_m in self._pulled_m.values())
         if self._lease.is_requested:
             self._lease.hand_over()
-        elif is_open and self._io.monotonic_s() - self._streamed.sent_s > self._values["lease_s"]:
+        elif is_open and self._io.monotonic_s() - self._stream.changed_s > self._values["lease_s"]:
             self._lease.release()
-
-
-class _Stream:
-    """The last position that a stream of joint commands was obeyed with."""
-
-    def __init__(self, goal: GripperGoal | None = None, sent_s: float = -math.inf) -> None:
-        self.goal = goal
-        self.sent_s = sent_s
-
-    def is_due(self, goal: GripperGoal, now_s: float) -> bool:
-        """Return whether a command asks for something else than the last one."""
-        if self.goal is None:
-            return True
-        is_other = (
-            abs(goal.position_m - self.goal.position_m) >= STREAM_STEP_M or goal.max_effort_n != self.goal.max_effort_n
-        )
-        return is_other and now_s - self.sent_s >= STREAM_PERIOD_S
 
 
 def _goal_of(request: Any) -> GripperGoal:

@@ -12,12 +12,11 @@ from rclpy.task import Future
 from softgrip_cell.errors import RefusedError
 from softgrip_cell.gripper.goal_monitor import GoalEnd, GoalMonitor, GoalSettings
 from softgrip_cell.gripper.orders import GripperGoal, TendonOrder
-from softgrip_cell.nodes.driver_link import DriverLink
-from softgrip_interfaces.action import Grasp, MoveTendon
+from softgrip_cell.nodes.driver_link import DriverLink, Ended, MoveEnd
+from softgrip_interfaces.action import Grasp
 from softgrip_nodekit import NodeIo
 
 #: The driver's movement is over, and not because of anything that the goal has to know.
-_ENDED_WELL: Final = (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT)
 _GRASP_ENDS: Final = {Grasp.Result.GRIPPED: GoalEnd.STALLED, Grasp.Result.EMPTY: GoalEnd.REACHED}
 
 
@@ -121,7 +120,7 @@ class GripperServer:
         if end is not None:
             running.finish(GoalOutcome(end, "", sample))
 
-    def move(self, order: TendonOrder, ended: Callable[[int, str], None]) -> None:
+    def move(self, order: TendonOrder, ended: Ended) -> None:
         """Send an order to the tendons, which have to be owned."""
         slots = self._driver.slots
         targets = [order.pulled_length_m] * len(slots)
@@ -141,13 +140,13 @@ class GripperServer:
                 return
             start_s = self.sample.time_s if self.sample is not None else 0.0
             running.monitor = GoalMonitor(self._settings, running.goal.position_m, start_s)
-            self.move(order, lambda outcome, reason: self._movement_ended(running, outcome, reason))
+            self.move(order, lambda end: self._movement_ended(running, end))
 
         self._driver.lease.acquire(owned)
 
-    def _movement_ended(self, running: _RunningGoal, outcome: int, reason: str) -> None:
-        if outcome not in _ENDED_WELL:  # else the monitor sees that it reached or stalled
-            self._fail(running, f"the driver did not move: {reason}")
+    def _movement_ended(self, running: _RunningGoal, end: MoveEnd) -> None:
+        if not end.is_good:  # else the monitor sees that it reached or stalled
+            self._fail(running, f"the driver did not move: {end.reason}")
 
     def _start_grasp(self, running: _RunningGoal, product: str) -> None:
         def ended(future: Any) -> None:

@@ -19,12 +19,12 @@ from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.gates import SafetyFacts
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
-from softgrip_cell.nodes.driver_link import DriverLink
+from softgrip_cell.nodes.driver_link import DriverLink, MoveEnd
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import HeldLock, SwapOutcome
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
-from softgrip_interfaces.action import MoveTendon, SwapFingers
+from softgrip_interfaces.action import SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
 from softgrip_nodekit import GoalHandle, NodeIo, answer
 
@@ -95,7 +95,7 @@ class SwapServer:
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
         node_io.create_action_server(SwapFingers, "cell/swap", self._execute, self._cancel)
-        node_io.create_service(ConfirmStep, "cell/confirm_step", self._on_confirm)
+        node_io.create_order_service(ConfirmStep, "cell/confirm_step", self._on_confirm)
 
     @property
     def active(self) -> bool:
@@ -241,23 +241,26 @@ class SwapServer:
         self._tell(turn)
         self._closing = EmptyClosing(self._slots, self._settings, self._cell.earlier_references(sequence))
         settings = self._settings
-        await self._moved(settings.length_m, settings.speed_m_per_s)
+        ended_m = await self._moved(settings.length_m, settings.speed_m_per_s)
         closing, self._closing = self._closing, None
+        closing.end(ended_m)
         await self._moved(0.0, 2.0 * settings.speed_m_per_s)
         return closing.judge()
 
-    async def _moved(self, target_m: float, speed_m_per_s: float) -> None:
+    async def _moved(self, target_m: float, speed_m_per_s: float) -> Mapping[str, float]:
+        """Move all tendons; return where each was in the end [m]."""
         done = Future()
 
-        def ended(outcome: int, reason: str) -> None:
-            if outcome in (MoveTendon.Result.REACHED, MoveTendon.Result.TENSION_LIMIT):
-                _resolve(done)
+        def ended(end: MoveEnd) -> None:
+            if end.is_good:
+                _resolve(done, end.pulled_m)
             else:
-                self._interrupt(SwapOutcome.FAILED, f"tendon/move to {target_m * 1e3:.1f} mm: {reason}")
+                self._interrupt(SwapOutcome.FAILED, f"tendon/move to {target_m * 1e3:.1f} mm: {end.reason}")
 
         targets_m = [target_m] * len(self._slots)
         self._driver.move(self._slots, targets_m, speed_m_per_s, self._settings.tension_limit_n, ended)
-        await self._wait(done)
+        pulled_m: Mapping[str, float] = await self._wait(done)
+        return pulled_m
 
     async def _owned(self) -> None:
         """Become the owner of the tendons; the driver's words say whose they are."""

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self
 
+from sqlalchemy import __version__ as sqlalchemy_version
 from sqlalchemy import create_engine, delete, event, insert, inspect, select, text, update
 from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
@@ -26,6 +27,9 @@ SHIPPED_URL: Final = "sqlite:///~/.local/state/softgrip/cell.db"
 
 #: How long a statement waits for another writer [s].
 LOCK_WAIT_S: Final = 2.0
+
+#: SQLAlchemy 1.4, which Ubuntu 24.04 has, does not know version 3.
+POSTGRES_DRIVER: Final = "psycopg2" if sqlalchemy_version.startswith("1.") else "psycopg"
 
 #: Key of PostgreSQL's advisory lock that the manager of a cell holds ("softgrip" read as a number).
 POSTGRES_LOCK: Final = 0x736F6674
@@ -134,8 +138,13 @@ class Database:
 
     def _make_engine(self) -> Engine:
         if self.url.get_backend_name() != "sqlite":
-            with self._translated():
+            try:
                 return create_engine(self.url, future=True, pool_pre_ping=True, connect_args={"connect_timeout": 5})
+            except ModuleNotFoundError as error:
+                raise StorageError(
+                    f"database_url: PostgreSQL expects the module {POSTGRES_DRIVER}, found none; install it, as "
+                    f"python3-{POSTGRES_DRIVER} or with pip, or name a file: sqlite:///path"
+                ) from error
         # future: SQLAlchemy 1.4, which Ubuntu 24.04 has, behaves as 2 then
         engine = create_engine(self.url, future=True, connect_args={"timeout": LOCK_WAIT_S, "check_same_thread": False})
 
@@ -228,7 +237,7 @@ def _parse(url: str) -> URL:
             "read as a parameter; put it into ~/.pgpass (mode 600) or into PGPASSWORD in the manager's environment"
         )
     if backend == "postgresql":
-        return parsed.set(drivername="postgresql+psycopg")
+        return parsed.set(drivername=f"postgresql+{POSTGRES_DRIVER}")
     if backend != "sqlite":
         raise StorageError(f"database_url: expected sqlite or postgresql, found {backend!r}")
     if parsed.database and parsed.database != ":memory:":

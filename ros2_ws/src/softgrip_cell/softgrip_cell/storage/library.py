@@ -50,6 +50,7 @@ class Library:
     def __init__(self, database: Database, now_ns: Callable[[], int]) -> None:
         self._database = database
         self._now_ns = now_ns
+        self._last_ns = 0
 
     def catalogue(self) -> Catalogue:
         """Return the version in force of every product and finger set."""
@@ -210,7 +211,7 @@ class Library:
                 )
             version = row.version + 1
         document = {**document, "version": version} if kind == "product" else document
-        at_ns = self._now_ns()
+        at_ns = self._next_stamp_ns()
         connection.execute(
             insert(ENTRY).values(
                 kind=kind, id=key, version=version, document=json.dumps(document), who=who, at_ns=at_ns
@@ -218,6 +219,11 @@ class Library:
         )
         self._database.audit(connection, at_ns, who, f"save {kind}", key, {"version": version})
         return version
+
+    def _next_stamp_ns(self) -> int:
+        """Return the time, but later than the one before: entries are ordered by it, and simulated time stands."""
+        self._last_ns = max(self._now_ns(), self._last_ns + 1)
+        return self._last_ns
 
     def _save_finger_record(self, connection: Connection, finger_record: FingerRecord, who: str) -> FingerRecord:
         values = _finger_record_values(finger_record)

@@ -19,7 +19,7 @@ from softgrip_time.units import to_ns
 
 #: Fewer comparable samples than this prove nothing.
 MIN_SAMPLES: Final = 20
-#: [m] of pulled length that one value of a course stands for.
+#: [m] of pulled length that one value of a course stands for; samples that end farther from the closing's end are lost.
 SMOOTH_M: Final = 2.0e-3
 #: A groove closes where the prediction rises so many times as steeply as it mostly does. From so far before that place
 #: [m] on nothing is compared: nobody knows better where a printed groove closes, and at what length of a worn-in
@@ -151,6 +151,7 @@ class EmptyClosing:
         self._earlier = dict(earlier or {})
         self._pairs: list[ObservedPair] = []
         self._tips: list[SeenTip] = []
+        self._ended_m: Mapping[str, float] = {}
 
     def observe(self, pair: ObservedPair) -> None:
         """Take one tendon sample with its prediction, in the order of their stamps."""
@@ -161,6 +162,10 @@ class EmptyClosing:
         """Take what the camera saw."""
         self._tips.append(tip)
 
+    def end(self, pulled_m: Mapping[str, float]) -> None:
+        """Take where each slot was when the closing ended, by the driver [m]: samples have to reach there."""
+        self._ended_m = dict(pulled_m)
+
     def judge(self) -> Mapping[str, FingerCheck]:
         """Return what was found, per slot."""
         return {name: self._judge_slot(index, name) for index, name in enumerate(self._slots)}
@@ -169,7 +174,7 @@ class EmptyClosing:
         objections = {pair.free.objection for pair in self._pairs if pair.free.objection}
         if objections:
             return _unseen(name, f"the free motion cannot be predicted: {'; '.join(sorted(objections))}")
-        trace, missing = self._trace(index)
+        trace, missing = self._trace(index, self._ended_m.get(name, 0.0))
         if missing:
             return _unseen(name, missing)
         tip_m, tip_allowed_m = self._tip_error(index, name)
@@ -186,7 +191,7 @@ class EmptyClosing:
             return _unseen(name, str(error))
         return FingerCheck(name, finding, reason, course.ratio, tip_m, reference)
 
-    def _trace(self, index: int) -> tuple[_Trace, str]:
+    def _trace(self, index: int, ended_m: float) -> tuple[_Trace, str]:
         """Return a slot's comparable samples, and what is missing for a judgement (empty for nothing)."""
         settings = self._settings
         pulled = np.array([pair.sample.pulled_m[index] for pair in self._pairs])
@@ -196,9 +201,13 @@ class EmptyClosing:
         # stands or goes back a little: friction turns round, and the prediction is of a finger that closes.
         closes = np.diff(np.maximum.accumulate(pulled), prepend=-math.inf) > 0.0
         compared = closes & (pulled >= settings.from_m) & (predicted > 0.0) & (predicted < settings.tension_limit_n)
+        seen_m = float(pulled.max(initial=0.0))
         samples = int(compared.sum())
         trace = _Trace(pulled[compared], measured[compared], predicted[compared])
         reach_m = float(trace.pulled_m.max(initial=0.0))
+        if seen_m < ended_m - SMOOTH_M:
+            expected = f"expected samples of the whole closing, to {ended_m * 1e3:.1f} mm"
+            return trace, f"{expected}, found none beyond {seen_m * 1e3:.1f} mm: they were lost on their way"
         if samples >= MIN_SAMPLES and reach_m >= settings.reach_m:
             return trace, ""
         reasons = sorted({pair.free.objections[index] for pair in self._pairs} - {""})

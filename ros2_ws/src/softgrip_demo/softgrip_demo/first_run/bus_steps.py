@@ -22,7 +22,8 @@ from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import HardwareError
 from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
 from softgrip_driver.wizard.naming import SUPPLY_REMEDY
-from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan
+from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
+from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_time import Clock
 
 #: [s] of latency timer that `make udev` sets
@@ -220,11 +221,18 @@ class ZeroStep:
                 backend.connect()
             loop = make_loop(backend, controller, chain_rate(chain))
             zeros = Tensioner(loop, controller, plan, self.bench.say).settle()
+            # a finger that is left taut is bent: the camera's steps want it straight
+            slack = {servo.tendon: servo.slack_m or WizardSettings.slack_m for servo in chain.chain}
+            with backend.bus.clock.stepping():
+                release(backend, {name: zero.zero_m - slack[name] for name, zero in zeros.items()}, plan)
         finally:
             backend.disconnect()
         for name, zero in zeros.items():
             shift = abs(zero.shift_m) * 1e3
-            remedy = "look for a knot that slips, a turn on a turn, a finger that sticks; then tension it again"
+            remedy = (
+                "look for a knot that slips, a turn on a turn, a finger that sticks; then take slack_m of this tendon "
+                "out of the cell file and run the wizard"
+            )
             yield at_most(f"{name}: zero moved by", shift, MAX_ZERO_SHIFT_M * 1e3, "mm", remedy)
 
 

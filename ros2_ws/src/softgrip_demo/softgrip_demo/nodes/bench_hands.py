@@ -68,10 +68,11 @@ class EmulatorHands:
 
     Args:
         finger_set: that is to be mounted; slots: of the gripper.
+        namespace: of the cell.
     """
 
-    def __init__(self, finger_set: str, slots: Sequence[str]) -> None:
-        self._hands = Hands()
+    def __init__(self, finger_set: str, slots: Sequence[str], namespace: str) -> None:
+        self._hands = Hands(namespace)
         self._set, self._slots = finger_set, list(slots)
         self._serials = serials_of(finger_set, slots)
 

@@ -99,7 +99,11 @@ def work(options: argparse.Namespace, person: Terminal) -> int:
     session.before_start = lambda: add_test_cube(_database(cell, out), "first_run")
     slots = [servo.tendon for servo in cell.servos.chain] if cell.servos else []
     emulated = options.hands == "emulator"
-    hands = EmulatorHands(options.finger_set, slots) if emulated else PersonHands(person, options.finger_set, slots)
+    hands = (
+        EmulatorHands(options.finger_set, slots, cell.name)
+        if emulated
+        else PersonHands(person, options.finger_set, slots)
+    )
     camera = BenchCamera(cell.camera or CellCamera("none"), options.finger, options.finger_set, cell.folders.profiles)
     steps = [
         *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, clock_of(options), person.say)),

@@ -20,10 +20,14 @@ TIMEOUT = 10.0  # [s] for one movement of the hands
 
 
 class Hands:
-    """What a person does beside the cell; every call is one service of the emulated cell, done when it returns."""
+    """What a person does beside the cell; every call is one service of the emulated cell, done when it returns.
 
-    def __init__(self) -> None:
-        self._node = Node("operator", use_global_arguments=False)
+    Args:
+        namespace: of the cell; the process's own arguments are for another node.
+    """
+
+    def __init__(self, namespace: str = "/") -> None:
+        self._node = Node("operator", namespace=namespace, use_global_arguments=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._rig = self._node.create_client(SetRig, "emulator/set_rig")

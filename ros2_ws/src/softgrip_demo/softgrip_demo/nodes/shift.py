@@ -230,7 +230,7 @@ def main(args: Sequence[str] | None = None) -> int:
     join_cell_time(node)
     executor = make_executor(node)
     executor.add_node(node)
-    hands = Hands()
+    hands = Hands(node.get_namespace())
     try:
         Shift(node, executor, hands).run()
     except (ShiftError, CellError, StartupError) as error:

@@ -57,7 +57,8 @@ def summary(cell: CellFile) -> str:
     tendons = ", ".join(servo.tendon for servo in cell.servos.chain) if cell.servos else "none"
     rig = f"{cell.rig.stage.kind} and {cell.rig.gauge.kind}" if cell.rig else "none"
     camera = cell.camera.source if cell.camera else "none"
-    return f"{cell.hardware} cell {cell.name!r}: tendons {tendons}; rig {rig}; camera {camera}"
+    name = f" {cell.name!r}" if cell.name else ""
+    return f"{cell.hardware} cell{name}: tendons {tendons}; rig {rig}; camera {camera}"
 
 
 def write_launch_files(cell: CellFile, known: Path, folder: Path) -> None:

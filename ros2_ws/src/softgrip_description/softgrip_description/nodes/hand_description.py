@@ -15,10 +15,12 @@ from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from softgrip_description.errors import HandError
 from softgrip_description.geometry import Array, quaternion_of
 from softgrip_description.hand import Hand, load_hand, shipped_hand
+from softgrip_description.nodes.markers import HandMarkers
 from softgrip_description.opening import gripper_opening
 from softgrip_description.pose_feed import HandPose
 from softgrip_description.ros2_control import GripperJoint, with_gripper_joint
@@ -54,6 +56,7 @@ PARAMETERS = ParameterTable(
     Parameter(
         "publish_tf", True, "false where robot_state_publisher, in the same namespace, computes tf from the description"
     ),
+    Parameter("marker_rate_hz", 5.0, "of hand/markers at most; 0 = none", "Hz", 0.0, 60.0),
 )
 
 
@@ -121,10 +124,16 @@ class HandDescription(CellNode):
         with startup_errors(HandError, ProfileError):
             self._pose.set_mounted(mounting_of(values["fingers"], values["profiles"]))
         self._publish_description()
+        self._source: str = values["joint_source"]
+        self._markers = HandMarkers(self._pose, self._prefix)
+        self._marker_arrays = self.create_publisher(MarkerArray, "hand/markers", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
-        source = f"finger/{values['joint_source']}"
-        self.create_subscription(FingerStates, source, self._on_fingers, SENSOR)
-        self.get_logger().info(f"describing {self._mounted()}; joints from {source}")
+        self.create_subscription(FingerStates, "finger/predicted", self._on_predicted, SENSOR)
+        self.create_subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self.create_subscription(JointState, "tendon/state", self._on_tendons, SENSOR)
+        if values["marker_rate_hz"] > 0.0:
+            steady_timer(self, 1.0 / values["marker_rate_hz"], self._publish_markers)
+        self.get_logger().info(f"describing {self._mounted()}; joints from finger/{self._source}")
 
     def _on_cell(self, message: CellState) -> None:
         mounted = {
@@ -138,7 +147,24 @@ class HandDescription(CellNode):
             self._diagnostics.set("hand", Health.WARN, f"{error}; still describing {self._mounted()}")
             return
         if changed:
+            self._markers.clear()
             self._publish_description()
+
+    def _on_predicted(self, message: FingerStates) -> None:
+        self._markers.set_predicted(message.fingers)
+        if self._source == "predicted":
+            self._on_fingers(message)
+
+    def _on_measured(self, message: FingerStates) -> None:
+        self._markers.set_measured(message.fingers)
+        if self._source == "measured":
+            self._on_fingers(message)
+
+    def _on_tendons(self, message: JointState) -> None:
+        self._markers.set_tensions(dict(zip(message.name, message.effort, strict=False)))
+
+    def _publish_markers(self) -> None:
+        self._marker_arrays.publish(self._markers.message(self.get_clock().now().to_msg()))
 
     def _on_fingers(self, message: FingerStates) -> None:
         taken = [

@@ -79,7 +79,9 @@ def bought_rows(kit: Kit, spool_radius_mm: float, face: ServoFace = FACES[0]) ->
         BoughtRow("PTFE tube 2 x 3 mm", f"{fingers * SHEATH_M:.2f} m", "sheaths, foot to servo plate"),
         BoughtRow("crimp bead 2 mm", f"{fingers}", "holds a cable in its tip"),
         BoughtRow("screw M3 x 25", f"{fingers}", "cross pin of a foot"),
-        BoughtRow("dot 5 mm, green", f"{sum(len(f.grooves) + 1 for f in kit.fingers.values())}", "markers"),
+        BoughtRow(
+            "dot 5 mm, green", f"{sum(len(f.grooves) + 2 for f in kit.fingers.values())}", "markers: base, joints, tip"
+        ),
     ]
     if kit.others:
         rows += [

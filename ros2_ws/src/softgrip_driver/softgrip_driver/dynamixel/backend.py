@@ -13,7 +13,7 @@ from softgrip_driver.dynamixel.bringup import ServoConfiguration, examine, ident
 from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
 from softgrip_driver.dynamixel.restart import REBOOT_TIMEOUT, restart
-from softgrip_driver.dynamixel.servo_state import ERRORS, MARK, ROUND, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
+from softgrip_driver.dynamixel.servo_state import ERRORS, SUPPLY, TORQUE, WATCHDOG, ServoState, SlowRead
 from softgrip_driver.errors import CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
 from softgrip_driver.tendon.bus_backend import BusBackend, announce
@@ -179,9 +179,9 @@ class DynamixelBackend(BusBackend[ServoState]):
     def _after_set_up(self, live: ServoState, attempts: int = 3) -> None:
         servo_id = live.servo.servo_id
         live.pwm_limit = self.bus.read(servo_id, reg.PWM_LIMIT, attempts)
-        live.mark = live.pwm_limit - self.bus.read(servo_id, reg.GOAL_PWM, attempts)
+        live.mark = live.servo.mark_units(self.bus.read(servo_id, live.servo.mark_item, attempts), live.pwm_limit)
         live.powered = live.armed = False
-        live.current_units = live.anchor = None
+        live.limit_units = live.anchor = None
         live.goal = math.nan
         # Before the first limit is written: it depends on the voltage.
         self._take(live, SUPPLY, self.bus.read_bytes(servo_id, SUPPLY.address, SUPPLY.size, attempts).data)
@@ -218,29 +218,34 @@ class DynamixelBackend(BusBackend[ServoState]):
         return readings
 
     def write(self, setpoints: Mapping[str, Setpoint]) -> None:
-        """Write goal positions, and goal currents where they changed."""
+        """Write goal positions, and before them the tension limits where they changed."""
         positions: dict[int, int] = {}
-        currents: dict[int, int] = {}
+        limits: dict[ControlItem, dict[int, int]] = {reg.GOAL_CURRENT: {}, reg.GOAL_PWM: {}}
         for tendon, setpoint in setpoints.items():
             live = self._live[tendon]
             if live.absent:
                 continue
             servo = live.servo
-            if servo.has_current_limit:
-                units = servo.current_units(setpoint.tension_limit, live.motor)
+            if servo.limit_item is not None:
+                units = servo.limit_units(setpoint.tension_limit, live.motor)
                 if self._is_other_limit(live, units):
-                    currents[servo.servo_id] = live.current_units = units
+                    limits[servo.limit_item][servo.servo_id] = live.limit_units = units
             if setpoint.position is not None:
                 positions[servo.servo_id] = servo.pulses(setpoint.position)
                 self._watch_motion(live, positions[servo.servo_id])
         # The tension limit first: a raised position must never meet yesterday's higher limit.
-        self.bus.sync_write(reg.GOAL_CURRENT, currents)
+        for item, values in limits.items():
+            self.bus.sync_write(item, values)
         self.bus.sync_write(reg.GOAL_POSITION, positions)
 
     def _is_other_limit(self, live: ServoState, units: int) -> bool:
-        """Whether a goal current is worth a packet: a limit of the supply follows the motor's speed all the time."""
-        known = live.current_units
-        return known is None or abs(units - known) > self.LIMIT_SHARE * known
+        """Whether a limit is worth a packet: one of the supply or the duty cycle always follows the motor's speed.
+
+        Group writes are not acknowledged. A goal current is read back in turn; a goal PWM is not, so it is written in
+        every cycle.
+        """
+        known = live.limit_units
+        return known is None or not live.servo.has_current_goal or abs(units - known) > self.LIMIT_SHARE * known
 
     def _watch_motion(self, live: ServoState, goal: int) -> None:
         """Let the bus watchdog run while a servo moves; where holds are to outlive this process, only then."""
@@ -271,7 +276,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         # Written with torque on: some firmware copies the present position at that moment, and the last word is ours.
         self.bus.write(servo_id, reg.GOAL_POSITION, position, attempts=2)
         self.bus.write(servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
-        live.current_units = live.anchor = None
+        live.limit_units = live.anchor = None
         live.armed = True
 
     def motor(self, tendon: str) -> MotorReading:
@@ -285,12 +290,13 @@ class DynamixelBackend(BusBackend[ServoState]):
     def goal_current(self, tendon: str) -> float:
         """Return the goal current [A] that was written last; NaN where none was."""
         live = self._live[tendon]
-        return math.nan if live.current_units is None else live.current_units * live.servo.model.ampere_per_unit
+        return math.nan if live.limit_units is None else live.limit_units * live.servo.model.ampere_per_unit
 
     def mark_session(self, tendon: str, mark: int) -> None:
-        """Keep the mark in the goal PWM, up to 15 units (1.7 %) below its limit, where a restart puts it back."""
+        """Keep the mark in the servo's `mark_item`, where a restart puts it back."""
         live = self._live[tendon]
-        self.bus.write(live.servo.servo_id, reg.GOAL_PWM, live.pwm_limit - mark, attempts=2)
+        servo = live.servo
+        self.bus.write(servo.servo_id, servo.mark_item, servo.mark_units(mark, live.pwm_limit), attempts=2)
         live.mark = mark
 
     # --- helpers ---------------------------------------------------------------------------------------------------
@@ -320,7 +326,10 @@ class DynamixelBackend(BusBackend[ServoState]):
         )
         position = servo.length(reg.PRESENT_POSITION.decode(reply.data[8:12]))
         velocity = live.motor.speed * servo.spool.radius
-        current, pull, stddev = servo.pull(live.motor)
+        now = self.bus.clock.now_s()
+        if servo.shows_warmth:
+            live.warmth.observe(servo.motor, live.motor, now)
+        current, pull, stddev = servo.pull(live.motor, live.warmth)
         faults = tuple(name for bit, name in _FAULT_NAMES.items() if live.hardware_error & bit)
         if live.watchdog_tripped:
             faults += ("bus_watchdog",)
@@ -328,7 +337,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         # A servo that is in error has a reason for being without torque; until it is known, nobody says "restarted".
         powered = None if live.alert and not live.hardware_error else live.powered
         return DriveReading(
-            self.bus.clock.now_s(), position, velocity, max(0.0, pull), stddev, pull, current,
+            now, position, velocity, max(0.0, pull), stddev, pull, current,
             live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
             powered, live.mark, faults, "", live.hardware_error,
         )  # fmt: skip
@@ -353,7 +362,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         if not live.suspect:
             return True
         try:
-            for block in (MARK, TORQUE, WATCHDOG, ERRORS):
+            for block in (live.mark_block, TORQUE, WATCHDOG, ERRORS):
                 self._take(live, block, self.bus.read_bytes(live.servo.servo_id, block.address, block.size).data)
         except PortLostError:
             raise
@@ -377,7 +386,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         else:
             self._turn += 1
             live = answering[self._turn % len(answering)]
-            block = ROUND[self._turn // len(answering) % len(ROUND)]
+            block = live.round[self._turn // len(answering) % len(live.round)]
         try:
             data = self.bus.read_bytes(live.servo.servo_id, block.address, block.size).data
         except PortLostError:
@@ -399,13 +408,13 @@ class DynamixelBackend(BusBackend[ServoState]):
         elif block is SUPPLY:
             live.values["voltage"] = value(reg.PRESENT_VOLTAGE) * reg.VOLT_PER_UNIT
             live.values["temperature"] = float(value(reg.PRESENT_TEMPERATURE))
-        elif block is MARK:
-            live.mark = live.pwm_limit - value(reg.GOAL_PWM)
-            if live.servo.has_current_goal and value(reg.GOAL_CURRENT) != live.current_units:
+        elif block is live.mark_block:
+            live.mark = live.servo.mark_units(value(live.servo.mark_item), live.pwm_limit)
+            if live.servo.has_current_goal and value(reg.GOAL_CURRENT) != live.limit_units:
                 # Group writes are not acknowledged; this one was lost, so it is sent again.
-                live.current_units = None
+                live.limit_units = None
         elif block is WATCHDOG and value(reg.BUS_WATCHDOG) == -1:
             live.watchdog_tripped = True
             self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, 0, attempts=2)
             self.bus.write(live.servo.servo_id, reg.BUS_WATCHDOG, self._watchdog_units, attempts=2)
-            live.current_units, live.armed = None, True
+            live.limit_units, live.armed = None, True

@@ -25,7 +25,7 @@ from softgrip_driver.errors import (
 )
 from softgrip_driver.tendon.bus_backend import refuse
 from softgrip_driver.tendon.units import Spool, TorqueModel
-from softgrip_driver.tendon.winding import RATED_DEGC, MotorReading, Winding
+from softgrip_driver.tendon.winding import RATED_DEGC, MotorReading, Winding, WindingWarmth
 
 _ATTEMPTS = 4
 #: [1/s] as a servo comes (e-manual, Baud Rate(8))
@@ -47,7 +47,8 @@ class ServoConfiguration:
         servo_id: 0 .. 252.
         model: its control table.
         spool, torque: between shaft and tendon.
-        mode: current-based position (5), or extended position (4), where only the software limits the tension.
+        mode: current-based position (5), or extended position (4), where the software limits the tension; a model that
+            knows no current limits it there by its duty cycle.
         tension_hard: [N] the servo's own current limit is set a tenth above it.
         speed: [m/s] the servo's own profile velocity; a last limit above that of the setpoint.
         winding: resistance and back-EMF where measured; None = the data sheet's.
@@ -87,6 +88,32 @@ class ServoConfiguration:
         """Whether the model has a goal current and a current limit at all."""
         return self.model.senses is not CurrentSensing.NONE
 
+    @property
+    def limit_item(self) -> ControlItem | None:
+        """The item by which the servo itself limits the tension; None where it does not.
+
+        "In other control modes, this value is used to limit PWM value": e-manual, Goal PWM(100).
+        """
+        if not self.has_current_goal:
+            return reg.GOAL_PWM
+        return reg.GOAL_CURRENT if self.has_current_limit else None
+
+    def limit_units(self, tension: float, seen: MotorReading | None = None) -> int:
+        """Return what to write into `limit_item` for a tension limit [N] in a state of the motor (None: at rest)."""
+        return self.current_units(tension, seen) if self.has_current_goal else self.duty_units(tension, seen)
+
+    @property
+    def mark_item(self) -> ControlItem:
+        """The item that keeps the session mark: a restart puts it back, and position control does without it."""
+        return reg.GOAL_PWM if self.has_current_goal else reg.GOAL_VELOCITY
+
+    def mark_units(self, mark: int, pwm_limit: int) -> int:
+        """Return what stands in `mark_item` for a mark; the other way round it is the same.
+
+        The goal PWM keeps it up to 15 units (1.7 %) below its limit.
+        """
+        return pwm_limit - mark if self.has_current_goal else mark
+
     def length(self, pulses: int) -> float:
         """Return the tendon wound in [m] at a position [pulses]."""
         return self.spool.length(pulses * reg.RAD_PER_PULSE)
@@ -120,6 +147,19 @@ class ServoConfiguration:
         """
         return max(1, min(self.current_limit_units, self._units(tension, seen or self.standing())))
 
+    def duty_units(self, tension: float, seen: MotorReading | None = None) -> int:
+        """Return the goal PWM for a tension limit [N]: the duty cycle that makes the current, at the shaft's speed.
+
+        It bounds both directions, so it must leave room for paying out, too; a motor that is stopped needs less, which
+        is known after one cycle.
+        """
+        seen = seen or self.standing()
+        speed = min(abs(seen.speed), self.speed / self.spool.radius)
+        voltage = max(seen.voltage, self.model.voltage_range[0])
+        current = self.torque.current(tension, self.spool.radius)
+        volts = self.motor.resistance_at(seen.temperature) * current + self.motor.back_emf * speed
+        return max(1, min(reg.PWM_FULL_SCALE, round(reg.PWM_FULL_SCALE * volts / voltage)))
+
     def _units(self, tension: float, seen: MotorReading) -> int:
         current = self.torque.current(tension, self.spool.radius)
         if self.limits_supply:
@@ -132,11 +172,16 @@ class ServoConfiguration:
         """Return what is assumed of a motor until it has been read: at rest, on its rated supply, cool."""
         return MotorReading(0.0, 0.0, 0.0, self.model.rated_voltage, RATED_DEGC)
 
-    def pull(self, seen: MotorReading) -> tuple[float, float, float]:
+    @property
+    def shows_warmth(self) -> bool:
+        """Whether its currents show how warm the winding is: a calibration has held them against each other."""
+        return self.model.senses is CurrentSensing.SUPPLY and self.winding is not None
+
+    def pull(self, seen: MotorReading, warmth: WindingWarmth | None = None) -> tuple[float, float, float]:
         """Return the winding's current [A], and the force [N] on the tendon with its standard deviation [N]."""
         current, stddev = seen.current, 0.0
         if self.model.senses is not CurrentSensing.WINDING:
-            current, stddev = self.motor.current(seen)
+            current, stddev = self.motor.current(seen, warmth)
         radius = self.spool.radius
         return current, *self.torque.pull(current, seen.speed * radius, radius, stddev)
 
@@ -285,7 +330,8 @@ def set_up(bus: Bus, servo: ServoConfiguration, *, write_eeprom: bool, attempts:
             raise WrongDeviceError(f"{difference}; it was written, but not kept")
         yield str(difference)
     # After the mode: a change of mode resets these.
-    volatile = _profile(servo) | ({reg.GOAL_CURRENT: servo.current_units(0.0)} if servo.has_current_goal else {})
+    limit = reg.GOAL_CURRENT if servo.has_current_goal else reg.GOAL_PWM
+    volatile = _profile(servo) | {limit: servo.limit_units(0.0)}
     for item, value in volatile.items():
         bus.write(servo_id, item, value, attempts)
         yield ""
@@ -307,6 +353,11 @@ def is_left_holding(bus: Bus, servo: ServoConfiguration) -> bool:
 
 
 def _profile(servo: ServoConfiguration) -> dict[ControlItem, int]:
-    """Return the servo's own profile, a last limit above the setpoint's speed."""
+    """Return the servo's own profile, a last limit above the setpoint's speed, and the gain for goals in steps.
+
+    An XL430 comes with a D gain, others without. It would push and brake with each goal, and as Present PWM is read
+    just before the next one, its braking would pass for less tension.
+    """
     speed_units = abs(servo.spool.angle(servo.speed)) / reg.RAD_PER_S_PER_UNIT
-    return {reg.PROFILE_ACCELERATION: 0, reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units)))}
+    profile = {reg.PROFILE_ACCELERATION: 0, reg.PROFILE_VELOCITY: min(32767, max(1, round(2.0 * speed_units)))}
+    return profile if servo.has_current_goal else profile | {reg.POSITION_D_GAIN: 0}

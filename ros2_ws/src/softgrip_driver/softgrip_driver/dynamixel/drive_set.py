@@ -17,14 +17,13 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.backend import TendonBackend
 from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.needs import LASTING_SHARE, check_motor
+from softgrip_driver.tendon.rest import WATCHDOG_PERIODS
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.tendon.winding import Winding
 from softgrip_time import Clock
 
 #: [Hz] of the control loop, where nothing else is said
 SHIPPED_LOOP_RATE = 100.0
-#: periods of the loop that the servos' bus watchdog lasts at least
-WATCHDOG_PERIODS = 2.0
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ def _servo(request: DriveRequest, tendon: str, servo_id: int) -> ServoConfigurat
     if model.senses is CurrentSensing.NONE and mode is OperatingMode.CURRENT_BASED_POSITION:
         raise ConfigurationError(
             f"parameter operating_mode: expected 4 with a {model.name}, which knows no current, found "
-            f"{mode.value}; then the driver alone limits the tension"
+            f"{mode.value}; there its Goal PWM limits the tension"
         )
     return ServoConfiguration(
         tendon,

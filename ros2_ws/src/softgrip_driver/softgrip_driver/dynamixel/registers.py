@@ -63,9 +63,11 @@ SHUTDOWN = ControlItem("shutdown", 63, 1)
 TORQUE_ENABLE = ControlItem("torque enable", 64, 1)
 STATUS_RETURN_LEVEL = ControlItem("status return level", 68, 1)
 HARDWARE_ERROR = ControlItem("hardware error status", 70, 1)
+POSITION_D_GAIN = ControlItem("position D gain", 80, 2)
 BUS_WATCHDOG = ControlItem("bus watchdog", 98, 1, signed=True)
 GOAL_PWM = ControlItem("goal PWM", 100, 2, signed=True)
 GOAL_CURRENT = ControlItem("goal current", 102, 2, signed=True)
+GOAL_VELOCITY = ControlItem("goal velocity", 104, 4, signed=True)
 PROFILE_ACCELERATION = ControlItem("profile acceleration", 108, 4)
 PROFILE_VELOCITY = ControlItem("profile velocity", 112, 4)
 GOAL_POSITION = ControlItem("goal position", 116, 4, signed=True)
@@ -138,8 +140,8 @@ class ServoModel(RatedMotor):
         fast_sync_read_firmware: first firmware version with Fast Sync Read.
         temperature_limit: [degC] factory value of item 31.
         voltage_range: [V] of normal operation.
-        needs: limits of a tendon on it. Those of XL330, XC330 and XM430 home and close the emulated fingers on a spool
-            of 10 mm (softgrip_driver/test/test_model_needs.py); the others are estimates from their gears.
+        needs: limits of a tendon on it. With them it homes and closes the emulated fingers on a spool of 10 mm, an
+            XM540 a stronger tendon on 25 mm (softgrip_driver/test/test_model_needs.py).
     """
 
     name: str
@@ -189,7 +191,7 @@ def _430(
     return ServoModel(
         name=name, number=number, ampere_per_unit=0.0, current_limit_units=0, senses=CurrentSensing.NONE,
         rated_voltage=volt, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=0.05,
-        fast_sync_read_firmware=45, temperature_limit=hot, voltage_range=volts, needs=TendonNeeds(0.03, 3.0, 20.0),
+        fast_sync_read_firmware=45, temperature_limit=hot, voltage_range=volts, needs=TendonNeeds(0.03, 3.0, 10.0),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.tendon.bus_backend import BusDevice
-from softgrip_driver.tendon.winding import MotorReading
+from softgrip_driver.tendon.winding import MotorReading, WindingWarmth
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,9 @@ TORQUE = SlowRead("torque enable, LED", 64, 2)
 ERRORS = SlowRead("status return level .. hardware error status", 68, 3)
 WATCHDOG = SlowRead("bus watchdog", 98, 1)
 MARK = SlowRead("goal PWM, goal current", 100, 4)
+#: of a servo without a goal current
+VELOCITY_MARK = SlowRead("goal velocity", 104, 4)
 SUPPLY = SlowRead("position trajectory, voltage, temperature", 140, 7)
-ROUND = (ERRORS, SUPPLY, TORQUE, MARK, WATCHDOG)
 
 
 @dataclass
@@ -35,7 +36,9 @@ class ServoState(BusDevice):
     Attributes (those that do not speak for themselves):
         anchor: [pulses] goal position that it has rested at; moved_at: [s] when it last left one.
         armed: its bus watchdog runs.
+        limit_units: what stands in the servo's `limit_item`; None where it has to be written.
         motor: the last reading of its motor; at rest on the rated supply until there was one.
+        warmth: of its winding.
     """
 
     servo: ServoConfiguration
@@ -45,16 +48,27 @@ class ServoState(BusDevice):
     hardware_error: int = 0
     watchdog_tripped: bool = False
     pwm_limit: int = 885
-    current_units: int | None = None
+    limit_units: int | None = None
     anchor: int | None = None
     moved_at: float = -math.inf
     armed: bool = False
     values: dict[str, float] = field(default_factory=dict)
     urgent: list[SlowRead] = field(default_factory=list)
     motor: MotorReading = field(init=False)
+    warmth: WindingWarmth = field(default_factory=WindingWarmth)
 
     def __post_init__(self) -> None:
         self.motor = self.servo.standing()
+
+    @property
+    def mark_block(self) -> SlowRead:
+        """The block with the session mark."""
+        return MARK if self.servo.has_current_goal else VELOCITY_MARK
+
+    @property
+    def round(self) -> tuple[SlowRead, ...]:
+        """The blocks that are read in turn."""
+        return (ERRORS, SUPPLY, TORQUE, self.mark_block, WATCHDOG)
 
     @property
     def tendon(self) -> str:

@@ -52,6 +52,7 @@ from softgrip_nodekit import (
     GoalHandle,
     HardwareNode,
     Health,
+    OrderGuard,
     StartupError,
     cell_clock,
     run,
@@ -105,15 +106,16 @@ class FrictionRig(HardwareNode):
             callback_group=ReentrantCallbackGroup(),
         )
         self.create_timer(_IDLE_PERIOD, self._look, callback_group=MutuallyExclusiveCallbackGroup())
-        self._safety = self._make_safety(MutuallyExclusiveCallbackGroup())
+        self._order_guard = OrderGuard(self)
+        self._safety = self._make_safety(self._order_guard, MutuallyExclusiveCallbackGroup())
         self._open_store()
 
-    def _make_safety(self, group: MutuallyExclusiveCallbackGroup) -> RigSafety:
+    def _make_safety(self, order_guard: OrderGuard, group: MutuallyExclusiveCallbackGroup) -> RigSafety:
         if self._values["safety_source"] == "topic":
             return FollowedSafety(self, group, self._stop_now)
         text = "no tendon_driver here (safety_source: none): its emergency stop does not reach this rig; rig/stop does"
         self._diagnostics.set("safety", Health.WARN, text)
-        return OwnSafety(self, self._folder, group, self._stop_now)
+        return OwnSafety(self, self._folder, group, self._stop_now, lambda: order_guard.refusal)
 
     def _stop_now(self, reason: str) -> None:
         """End a running pull: the stand stands still and holds by its screw, since letting down is a motion, too."""
@@ -225,7 +227,7 @@ class FrictionRig(HardwareNode):
         bench = self._bench
         if bench is None or not self._active:
             raise DriverError("expected friction_rig to be active, found it is not; configure and activate it first")
-        refusal = self._safety.refusal
+        refusal = self._safety.refusal or self._order_guard.refusal
         if refusal:
             raise DriverError(refusal)
         pulley = read_pulley(self._folder) or Pulley(1.0, self._values["pulley_stddev"])
@@ -265,6 +267,9 @@ class FrictionRig(HardwareNode):
         return CancelResponse.ACCEPT
 
     def _on_confirm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._order_guard.refusal
+        if response.message:
+            return response
         with self._session_lock:
             session = self._session
         response.success = session is not None and session.confirm()

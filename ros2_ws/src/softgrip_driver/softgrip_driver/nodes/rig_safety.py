@@ -73,11 +73,14 @@ class OwnSafety:
     The stop has a session and thread of its own, and is on disk before it is answered.
     """
 
-    def __init__(self, node: Node, folder: Path, group: Any, on_stop: Callable[[str], None]) -> None:
+    def __init__(
+        self, node: Node, folder: Path, group: Any, on_stop: Callable[[str], None], age_refusal: Callable[[], str]
+    ) -> None:
         self._on_stop = on_stop
+        self._age_refusal = age_refusal
         self._safety = Safety(SafetyStore(folder / "rig_safety.yaml"))
         node.create_service(Trigger, "rig/stop_reset", self._on_reset, callback_group=group)
-        self._urgent = UrgentServer(node, Trigger, "rig/stop", self._serve_stop)
+        self._urgent = UrgentServer(node, Trigger, "rig/stop", self._serve_stop, self._on_standstill)
 
     @property
     def refusal(self) -> str:
@@ -97,8 +100,17 @@ class OwnSafety:
         response.message = f"stopped; {problem or 'rig/stop_reset returns'}"
         return response
 
+    def _on_standstill(self, stood_s: float) -> None:
+        if self._safety.latch_standstill(stood_s):
+            self._on_stop(self.refusal)
+            self._safety.persist()
+
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request
+        # It may have been sent before the stop that it would end.
+        if refusal := self._age_refusal():
+            response.success, response.message = False, refusal
+            return response
         try:
             self._safety.reset_stop()
             response.success, response.message = True, "reset; resume the plan to go on"

@@ -43,6 +43,7 @@ from softgrip_nodekit import (
     FatalError,
     HardwareNode,
     HealthMonitor,
+    OrderGuard,
     StartupError,
     callback_errors,
     cell_clock,
@@ -63,6 +64,8 @@ FIRST_READING = 2.0
 FEEDBACK_PERIOD = 0.1
 #: [s] between looks at the health
 HEALTH_PERIOD = 0.5
+#: [s] between messages of tendon/status at rest
+REST_STATUS_PERIOD = 0.2
 #: [s] a move may take beyond the time its way needs
 MOVE_GRACE = 10.0
 #: [s] after which an order that came without a deadline is not obeyed any more
@@ -93,8 +96,9 @@ class TendonDriver(HardwareNode):
         self._begun: dict[bytes, Ticket | str] = {}
         self._health_nodes: list[str] = [name for name in values["health_nodes"] if name]
         self._monitor: HealthMonitor | None = None
+        self._order_guard = OrderGuard(self)
         diagnostics = Diagnostics(self, hardware_id=self._configuration.port)
-        self._health = HealthReport(diagnostics, self._configuration.loop_rate)
+        self._health = HealthReport(diagnostics)
         self._state_publisher = self.create_publisher(JointState, "tendon/state", SENSOR)
         self._status_publisher = self.create_publisher(TendonStatusArray, "tendon/status", SENSOR)
         self._make_servers()
@@ -107,7 +111,7 @@ class TendonDriver(HardwareNode):
         self.create_service(Trigger, "tendon/home", self._on_home, callback_group=waiting)
         self.create_service(Trigger, "tendon/release", self._on_release, callback_group=waiting)
         configuration = self._configuration
-        drives = Drives(loop=lambda: self._loop, may_power=lambda: self._active)
+        drives = Drives(lambda: self._loop, lambda: self._active, lambda: self._order_guard.refusal)
         store = SafetyStore(configuration.safety_file)
         self._safety_server = SafetyServer(self, store, configuration.policies, drives, waiting)
         self._safety = self._safety_server.safety
@@ -159,7 +163,7 @@ class TendonDriver(HardwareNode):
         controller = configuration.controller(lambda: block_of(self._safety, configuration.policies))
         for tendon in backend.tendons:
             controller.drives[tendon].is_left_holding = backend.is_powered(tendon)
-        loop = BusLoop(backend, controller, configuration.loop_rate, clock=clock)
+        loop = BusLoop(backend, controller, configuration.loop_rate, clock=clock, rest_stride=configuration.rest_stride)
         loop.start()
         self._backend, self._loop = backend, loop
         self._keeper = ZeroKeeper(ZeroStore(configuration.zero_file), identities, configuration.spools)
@@ -279,7 +283,7 @@ class TendonDriver(HardwareNode):
 
     def _publish_cycles(self, loop: BusLoop) -> None:
         """Publish every cycle from a thread of its own, so that middleware never delays the bus."""
-        sequence, status_due, health_due = 0, 0.0, 0.0
+        sequence, status_due, health_due, was_resting = 0, 0.0, 0.0, False
         while loop.running:
             for snapshot in loop.since(sequence, 0.5):
                 sequence = snapshot.sequence
@@ -288,10 +292,12 @@ class TendonDriver(HardwareNode):
                     return
                 if not snapshot.port_lost:
                     self._publish(self._state_publisher, convert.to_joint_state(snapshot.drives, stamp))
-                if snapshot.time >= status_due:
-                    status_due = snapshot.time + self._status_period
+                if snapshot.time >= status_due or (was_resting and not snapshot.is_resting):
+                    rest_s = REST_STATUS_PERIOD if snapshot.is_resting else 0.0
+                    status_due = snapshot.time + max(self._status_period, rest_s)
                     self._publish(self._status_publisher, convert.to_status(snapshot, stamp))
                     self._guarded(self._leases.publish_owners, loop.owners)
+                was_resting = snapshot.is_resting
                 if snapshot.time >= health_due:
                     health_due = snapshot.time + HEALTH_PERIOD
                     self._guarded(self._report, snapshot)
@@ -371,6 +377,8 @@ class TendonDriver(HardwareNode):
     def _ticket_or_refusal(self, goal: MoveTendon.Goal) -> Ticket | str:
         if self._loop is None or not self._active:
             return "the driver is not active"
+        if refusal := self._order_guard.refusal:
+            return refusal
         try:
             request = convert.from_move_goal(goal, self._deadline_s(goal.deadline))
             return self._loop.order(lambda controller, now: controller.move(request, now), power=self._active)
@@ -446,6 +454,8 @@ class TendonDriver(HardwareNode):
         loop = self._loop
         if loop is None:
             return False, "not connected; configure and activate the driver"
+        if refusal := self._order_guard.refusal:
+            return False, refusal
         try:
             success, message = action(loop)
         except (DriverError, TimeoutError) as error:

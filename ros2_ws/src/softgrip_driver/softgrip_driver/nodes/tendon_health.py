@@ -22,12 +22,10 @@ class HealthReport:
 
     Args:
         diagnostics: of the node.
-        nominal_rate: [Hz] of the loop.
     """
 
-    def __init__(self, diagnostics: Diagnostics, nominal_rate: float) -> None:
+    def __init__(self, diagnostics: Diagnostics) -> None:
         self._diagnostics = diagnostics
-        self._nominal_rate = nominal_rate
         self._before = Counters()
 
     def tell(self, snapshot: LoopSnapshot, counters: Counters) -> None:
@@ -43,11 +41,11 @@ class HealthReport:
         if snapshot.port_lost:
             return Health.ERROR, snapshot.port_lost
         advice = "run `ros2 run softgrip_driver selftest` for the cause"
-        if 0.0 < snapshot.rate < SLOW * self._nominal_rate:
-            return Health.WARN, f"{snapshot.rate:.0f} of {self._nominal_rate:.0f} Hz; {advice}"
+        if 0.0 < snapshot.rate < SLOW * snapshot.asked_rate:
+            return Health.WARN, f"{snapshot.rate:.0f} of {snapshot.asked_rate:.0f} Hz; {advice}"
         if bad > BAD * asked:
             return Health.WARN, f"{bad} of {asked} replies lost or damaged; {advice}"
-        return Health.OK, "running"
+        return Health.OK, "at rest" if snapshot.is_resting else "running"
 
 
 def _bus_values(snapshot: LoopSnapshot, counters: Counters) -> dict[str, object]:

@@ -90,5 +90,6 @@ class LeaseServer:
 
     def _on_heartbeat(self, message: LeaseHeartbeat) -> None:
         loop = self._loop()
-        if loop is not None and loop.running:
+        # A stranger's heartbeats do not keep the bus thread busy.
+        if loop is not None and loop.running and loop.is_owner(message.token):
             loop.post(lambda controller, now: controller.ownership.renew(message.token, now))

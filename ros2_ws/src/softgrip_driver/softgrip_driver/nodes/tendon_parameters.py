@@ -67,6 +67,15 @@ PARAMETERS = ParameterTable(
         50.0,
     ),
     Parameter("loop_rate", 100.0, "of the control loop; a stage takes 10 to 20", "Hz", 2.0, 500.0),
+    Parameter(
+        "rest_rate",
+        20.0,
+        "of the loop while nobody owns a tendon, none is pulled and nothing changes; raised to two cycles in "
+        "bus_watchdog_s; 0 = always loop_rate",
+        "Hz",
+        0.0,
+        500.0,
+    ),
     realtime_parameter(Rank.DRIVES),
     Parameter("bus_watchdog_s", 0.08, "silence after which a servo stops by itself; 0 = off", "s", 0.0, 2.54),
     Parameter("write_eeprom", True, "correct persistent settings of the servos that differ; false = refuse to start"),

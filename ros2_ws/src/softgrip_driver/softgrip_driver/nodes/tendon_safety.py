@@ -30,10 +30,12 @@ class Drives:
     Attributes:
         loop: gives the bus loop, None while the drives are not connected.
         may_power: says whether the driver is active, so that a reset may switch torque on.
+        age_refusal: says why a request may be older than it looks; empty when it is not.
     """
 
     loop: Callable[[], BusLoop | None]
     may_power: Callable[[], bool]
+    age_refusal: Callable[[], str]
 
 
 class SafetyServer:
@@ -52,7 +54,7 @@ class SafetyServer:
         node.create_service(Trigger, "estop_reset", self._on_reset, callback_group=group)
         node.create_service(AcquireLock, "tendon/lock", self._on_lock, callback_group=group)
         node.create_service(ReleaseLock, "tendon/unlock", self._on_unlock, callback_group=group)
-        self._urgent = UrgentServer(node, Trigger, "estop", self._on_stop)
+        self._urgent = UrgentServer(node, Trigger, "estop", self._on_stop, self._on_standstill)
 
     def close(self) -> None:
         """Stop serving."""
@@ -69,15 +71,27 @@ class SafetyServer:
         """Stop first, then tell the other nodes, put it on disk, answer: middleware and disk may take their time."""
         del request
         self.safety.latch_stop("asked for through the service estop")
-        undone = self._enforce()
-        self.safety.announce()
-        unwritten = self.safety.persist()
+        problems = self._stop()
         policy = self._policies.estop.name.lower()
-        problems = [problem for problem in (undone, unwritten and f"{unwritten}; it holds in memory") if problem]
         response.success = not problems
         response.message = f"stopped ({policy}); {'; '.join(problems) or 'estop_reset returns'}"
         self._node.get_logger().warning(f"emergency stop: {response.message}")
         return response
+
+    def _on_standstill(self, stood_s: float) -> None:
+        """Stop where a stop may have been asked for in vain: its request ends with the link to a silent process."""
+        reason = self.safety.latch_standstill(stood_s)
+        if not reason:
+            return
+        problems = "".join(f"; {problem}" for problem in self._stop())
+        self._node.get_logger().error(f"emergency stop: {reason}; estop_reset returns{problems}")
+
+    def _stop(self) -> list[str]:
+        """Do what a latched stop asks for, tell the others, put it on disk; return what could not be done."""
+        undone = self._enforce()
+        self.safety.announce()
+        unwritten = self.safety.persist()
+        return [problem for problem in (undone, unwritten and f"{unwritten}; it holds in memory") if problem]
 
     def _enforce(self) -> str:
         """Do what the state asks for; return what could not be done, empty when all was."""
@@ -93,6 +107,10 @@ class SafetyServer:
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request
+        # It may have been sent before the stop that it would end.
+        if refusal := self._drives.age_refusal():
+            response.success, response.message = False, refusal
+            return response
         try:
             self.safety.reset_stop()
             loop = self._drives.loop()
@@ -120,6 +138,9 @@ class SafetyServer:
         return response
 
     def _on_unlock(self, request: ReleaseLock.Request, response: ReleaseLock.Response) -> ReleaseLock.Response:
+        if refusal := self._drives.age_refusal():
+            response.success, response.message = False, refusal
+            return response
         try:
             response.message = self.safety.release_lock(
                 request.token, override_owner=request.override_owner, reason=request.reason

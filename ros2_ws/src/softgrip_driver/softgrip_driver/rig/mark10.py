@@ -15,7 +15,7 @@ from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, Satura
 BAUD = 115200
 
 # -- stand --
-UP, DOWN, STOP = b"u", b"d", b"s"
+UP, DOWN, STOP, MAX_SPEED = b"u", b"d", b"s", b"j"
 MILLIMETRES, LIMIT_MODE, ZERO_TRAVEL = b"i", b"l", b"z"
 REQUEST_TRAVEL, REQUEST_STATUS, REQUEST_SPEED = b"x", b"p", b"a"
 REQUEST_UPPER, REQUEST_LOWER = b"v", b"w"

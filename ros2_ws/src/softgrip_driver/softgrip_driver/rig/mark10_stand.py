@@ -13,6 +13,9 @@ from softgrip_driver.rig.line_port import LinePort
 #: [m] read-back tolerance of a limit: the stand keeps hundredths of a millimetre.
 _LIMIT_TOLERANCE = 0.02e-3
 _M_PER_S_TO_MM_PER_MIN = 60e3
+_NO_PC_CONTROL = (
+    "PC control is off (Auto Return or Cycling pressed at the panel, or CONTROL not set to PC): switch it on again"
+)
 
 
 class Mark10Stand:
@@ -62,7 +65,7 @@ class Mark10Stand:
             raise self._refused(f"take a limit of {target * 1e3:.2f} mm", f"{limit * 1e3:.2f} mm")
         taken = mark10.parse_number(self._ask(mark10.REQUEST_SPEED))
         if abs(taken - speed_mm_min) > 0.05:
-            raise self._refused(f"take a speed of {speed_mm_min:.1f} mm/min", f"{taken:.1f} mm/min")
+            raise self._refused_speed(speed_mm_min, taken)
         self._port.write(mark10.LIMIT_MODE + (mark10.UP if up else mark10.DOWN))
 
     def travel(self) -> float:
@@ -91,10 +94,24 @@ class Mark10Stand:
         except NoReplyError as error:
             raise NoReplyError(f"stand: asked '{request.decode()}': {error}") from error
 
-    @staticmethod
-    def _refused(what: str, found: str) -> DeviceRefusedError:
+    def _refused_speed(self, asked_mm_min: float, taken_mm_min: float) -> DeviceRefusedError:
+        """Return why a speed was not taken: beyond the stand's own, or it is not under control.
+
+        It is asked for its fastest, which it takes where it is under control; a motion sets its own speed before.
+        """
+        what, found = f"take a speed of {asked_mm_min:.1f} mm/min", f"{taken_mm_min:.1f} mm/min"
+        self._port.write(mark10.MAX_SPEED)
+        fastest = mark10.parse_number(self._ask(mark10.REQUEST_SPEED))
+        if fastest >= asked_mm_min:
+            return self._refused(what, found)
+        unheard = f"; or {_NO_PC_CONTROL}" if fastest == taken_mm_min else ""
         return DeviceRefusedError(
-            f"stand: expected it to {what}, found {found}; PC control is off (Auto Return or Cycling pressed at the "
-            "panel, or CONTROL not set to PC): switch it on again",
+            f"stand: expected it to {what}, found {found}: its fastest is {fastest:.1f} mm/min; ask for at most "
+            f"{fastest / _M_PER_S_TO_MM_PER_MIN:.4f} m/s (friction_rig: speed, return_speed; a tendon on it: "
+            f"speed_m_s, release_speed_m_s){unheard}",
             0,
         )
+
+    @staticmethod
+    def _refused(what: str, found: str) -> DeviceRefusedError:
+        return DeviceRefusedError(f"stand: expected it to {what}, found {found}; {_NO_PC_CONTROL}", 0)

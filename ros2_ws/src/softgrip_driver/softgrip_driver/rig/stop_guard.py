@@ -24,8 +24,8 @@ class HeardState:
 class StopGuard:
     """What the stand has heard, and what follows from it.
 
-    It does not move before it has heard a state, and stops when nobody is left who would publish a change: a stop that
-    can not arrive is as good as one that did.
+    It does not move before it has heard a state, and stops when nobody is left who would publish a change, or when
+    several publish, of whom each would undo another one's stop: a stop that can not arrive is as good as one that did.
 
     Args:
         max_absence_s: [s] without a publisher after which the stand stops.
@@ -35,6 +35,7 @@ class StopGuard:
         self._max_absence_s = max_absence_s
         self._heard: HeardState | None = None
         self._absent_since: float | None = None
+        self._publishers = 1
 
     def take_state(self, state: HeardState) -> None:
         """Take a published state."""
@@ -42,6 +43,7 @@ class StopGuard:
 
     def take_publishers(self, count: int, now: float) -> None:
         """Take how many nodes publish the state at a steady time [s]."""
+        self._publishers = count
         if count:
             self._absent_since = None
         elif self._absent_since is None:
@@ -59,6 +61,8 @@ class StopGuard:
             return f"the emergency stop is on ({heard.stop_reason}); make the cell safe, then call estop_reset"
         if heard.is_locked:
             return f"the cell is locked by {heard.lock_owner}; wait until the same owner calls tendon/unlock"
+        if self._publishers > 1:
+            return f"{self._publishers} nodes publish safety/state, expected one: each would undo another one's stop"
         if self._absent_since is not None and now - self._absent_since > self._max_absence_s:
             return "nobody publishes safety/state any more, so a stop could not arrive; see why tendon_driver has gone"
         return ""

@@ -23,4 +23,5 @@ def keeps_torque(record: SafetyRecord, policies: Policies) -> bool:
 
 
 def _stop_policy(record: SafetyRecord, policies: Policies) -> StopPolicy:
-    return policies.unclean_end if record.cause is StopCause.UNCLEAN_END else policies.estop
+    is_by_driver = record.cause in {StopCause.UNCLEAN_END, StopCause.STANDSTILL}
+    return policies.unclean_end if is_by_driver else policies.estop

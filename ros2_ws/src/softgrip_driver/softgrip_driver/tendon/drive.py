@@ -103,6 +103,12 @@ class Drive:
         return isinstance(self._motion, Follow)
 
     @property
+    def is_calm(self) -> bool:
+        """Whether it has let go, or holds a slack tendon, and nothing is wrong with it."""
+        is_slack = self.state is DriveState.HOLDING and not self.holds_tension
+        return not self._fault and (is_slack or self.state is DriveState.IDENTIFIED)
+
+    @property
     def tension(self) -> float:
         """[N] of the tendon, median of three."""
         return self._tension

@@ -198,6 +198,12 @@ class GripperController:
         block = self._block()
         return block is not None and block.lets_go
 
+    @property
+    def is_calm(self) -> bool:
+        """Whether nobody owns a tendon, nothing is blocked, and no drive pulls, moves or is at fault."""
+        is_owned = any(row.owner for row in self.ownership.rows())
+        return not is_owned and not self.is_blocked and all(drive.is_calm for drive in self.drives.values())
+
     def hold_all(self, reason: str) -> None:
         """Stop what moves and hold, as a fault that the next order ends."""
         for drive in self.drives.values():

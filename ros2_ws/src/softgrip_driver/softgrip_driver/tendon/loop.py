@@ -17,6 +17,7 @@ from softgrip_driver.errors import DriverError, PortLostError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint, TendonBackend
 from softgrip_driver.tendon.gripper import GripperController, StopPolicy
 from softgrip_driver.tendon.ownership import OwnerRow
+from softgrip_driver.tendon.rest import RestWatch
 from softgrip_driver.tendon.status import DriveActions, DriveSnapshot
 from softgrip_time import Clock, WallClock
 
@@ -40,6 +41,8 @@ class LoopSnapshot:
         rate: [Hz] over the last second; jitter_p99: [s] 99th percentile of |period - nominal|.
         missed_cycles: cycles left out because the one before took too long.
         port_lost: why the port is gone, empty when it is there.
+        asked_rate: [Hz] that the rate is to be compared with: less than the loop's own while the drives rest.
+        is_resting: the next cycle comes later than after a period, unless somebody asks for something.
     """
 
     sequence: int
@@ -50,41 +53,75 @@ class LoopSnapshot:
     jitter_p99: float
     missed_cycles: int
     port_lost: str = ""
+    asked_rate: float = math.nan
+    is_resting: bool = False
+
+
+@dataclass(frozen=True)
+class _Statistics:
+    """Of the last second: rate [Hz], 99th percentile of the period's error [s], rate that was asked for [Hz]."""
+
+    rate: float
+    jitter_p99: float
+    asked_rate: float
 
 
 class _Pace:
-    """Keeps the period and its statistics; cycles begin at whole periods of the clock, whenever the first one came."""
+    """Keeps the period and its statistics; cycles begin at whole periods of the clock, whenever the first one came.
+
+    At rest only every so many periods have a cycle.
+    """
 
     def __init__(self, rate: float, now: float) -> None:
         self.period = 1.0 / rate
         self.missed = 0
+        self._stride = 1
         self._due = math.floor(now / self.period) * self.period
         self._starts: deque[float] = deque(maxlen=max(16, round(rate)))
         self._errors: deque[float] = deque(maxlen=max(16, round(rate)))
 
+    @property
+    def interval(self) -> float:
+        """[s] between the cycles asked for."""
+        return self._stride * self.period
+
+    def set_stride(self, stride: int) -> None:
+        """From now on let a cycle come after so many periods."""
+        if stride != self._stride:
+            self._stride = stride
+            self._starts.clear()
+            self._errors.clear()
+
     def next_due(self, now: float) -> float:
         """Return when the next cycle shall begin; cycles that cannot be caught up are counted and left out."""
-        self._due += self.period
+        self._due += self.interval
         late = now - self._due
-        if late > self.period:
-            skipped = int(late / self.period)
+        if late > self.interval:
+            skipped = int(late / self.interval)
             self.missed += skipped
-            self._due += skipped * self.period
+            self._due += skipped * self.interval
+        return self._due
+
+    def resume(self, now: float) -> float:
+        """End a rest in the middle of a wait; return when the next cycle shall begin."""
+        if self._stride > 1:
+            self.set_stride(1)
+            self._due = (math.floor(now / self.period) + 1) * self.period
         return self._due
 
     def begin(self, now: float) -> None:
         """Take note that a cycle begins."""
         if self._starts:
-            self._errors.append(abs(now - self._starts[-1] - self.period))
+            self._errors.append(abs(now - self._starts[-1] - self.interval))
         self._starts.append(now)
 
-    def statistics(self) -> tuple[float, float]:
-        """Return (rate [Hz], 99th percentile of the period's error [s])."""
+    def statistics(self) -> _Statistics | None:
+        """Return those of the cycles since the last change between work and rest; None before there are two."""
         if len(self._starts) < 2:
-            return 0.0, 0.0
+            return None
         rate = (len(self._starts) - 1) / (self._starts[-1] - self._starts[0])
         ordered = sorted(self._errors)
-        return rate, ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))]
+        return _Statistics(rate, ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))], 1.0 / self.interval)
 
 
 class BusLoop:
@@ -96,6 +133,7 @@ class BusLoop:
         rate: [Hz]
         history: cycles kept for `since`.
         clock: that the cycles follow; the computer's where none is given.
+        rest_stride: periods between two cycles while the drives rest; 1 = they never do.
     """
 
     #: [s] between attempts to reopen a lost port
@@ -103,6 +141,8 @@ class BusLoop:
     STATISTICS_EVERY = 10
     #: [s] of the computer's time between looks at the loop's clock
     MIN_WAIT_S = 0.005
+    #: requests that are served before a cycle that is due
+    MAX_LATE_REQUESTS = 16
 
     def __init__(
         self,
@@ -111,11 +151,14 @@ class BusLoop:
         rate: float,
         history: int = 256,
         clock: Clock | None = None,
+        rest_stride: int = 1,
     ) -> None:
         self.clock = clock or WallClock()
         self._backend = backend
         self._controller = controller
         self._rate = rate
+        self._rest_stride = rest_stride
+        self._rest = RestWatch()
         # Requests wake the loop by `_wake`, cycles wake those who watch.
         self._changed = threading.Condition()
         self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
@@ -224,6 +267,10 @@ class BusLoop:
                 self._requests.append((lambda: request(self._controller, self.clock.now_s()), Future()))
                 self._wake_up()
 
+    def is_owner(self, token: str) -> bool:
+        """Whether a token is that of a lease in force."""
+        return self._controller.ownership.is_known(token)
+
     @property
     def owners(self) -> tuple[OwnerRow, ...]:
         """Who owns which tendon."""
@@ -297,34 +344,52 @@ class BusLoop:
 
     def _run_cycles(self) -> None:
         pace = _Pace(self._rate, self.clock.now_s())
-        statistics = (0.0, 0.0)
+        statistics = _Statistics(0.0, 0.0, self._rate)
         sequence = 0
         try:
             while not self._stopping:
-                self._serve_until(pace.next_due(self.clock.now_s()))
+                self._serve_until(pace.next_due(self.clock.now_s()), pace)
                 now = self.clock.now_s()
                 pace.begin(now)
                 self._cycle(now)
                 sequence += 1
+                drives = self._controller.snapshots()
+                is_resting = self._is_resting(now, drives)
                 if sequence % self.STATISTICS_EVERY == 0:
-                    statistics = pace.statistics()
+                    statistics = pace.statistics() or statistics
+                pace.set_stride(self._rest_stride if is_resting else 1)
                 self._publish(LoopSnapshot(
-                    sequence, now, self._controller.snapshots(), self._controller.estop, *statistics, pace.missed,
-                    self._port_lost,
+                    sequence, now, drives, self._controller.estop, statistics.rate, statistics.jitter_p99, pace.missed,
+                    self._port_lost, statistics.asked_rate, is_resting,
                 ))  # fmt: skip
         except BaseException as error:  # noqa: BLE001  whatever it is, the tendons are let go and the node is told
             self.failure = error
         finally:
             self._leave()
 
-    def _serve_until(self, due: float) -> None:
-        """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait."""
+    def _is_resting(self, now: float, drives: tuple[DriveSnapshot, ...]) -> bool:
+        if self._rest_stride == 1:
+            return False
+        is_calm = not self._port_lost and not self._restores and self._controller.is_calm
+        return self._rest.is_at_rest(now, drives, is_calm=is_calm)
+
+    def _serve_until(self, due: float, pace: _Pace) -> None:
+        """Serve requests until the next cycle is due; a request is served at once, also in the middle of the wait.
+
+        Who asks for something ends a rest: the next cycle comes within a period. A flood of requests delays no cycle by
+        more than `MAX_LATE_REQUESTS` of them.
+        """
         assert self._wake is not None
-        while True:
+        late = 0
+        while late < self.MAX_LATE_REQUESTS:
             with self._changed:
                 request = self._requests.popleft() if self._requests else None
             if request is not None:
                 self._serve(*request)
+                self._rest.disturb()
+                now = self.clock.now_s()
+                due = pace.resume(now)
+                late += now >= due
             elif self._stopping or self.clock.now_s() >= due:
                 return
             elif self.clock.wait_readable((self._wake,), due):

@@ -129,6 +129,10 @@ class Ownership:
             lease.renewed_at = now
         return kept
 
+    def is_known(self, token: str) -> bool:
+        """Whether a lease has this token, lapsed or not."""
+        return any(_is_token(lease, token) for lease in list(self._leases.values()))
+
     def release(self, token: str, now: float) -> tuple[str, ...]:
         """End a lease; return its tendons, none for a token that is not in force."""
         ended = tuple(name for name in self._leases if self._is_owned_with(name, token, now))
@@ -180,6 +184,8 @@ class Ownership:
 
     def _is_owned_with(self, tendon: str, token: str, now: float) -> bool:
         lease = self._leases[tendon]
-        if lease is None or lease.has_lapsed(now):
-            return False
-        return hmac.compare_digest(lease.token.encode(), token.encode())
+        return lease is not None and not lease.has_lapsed(now) and _is_token(lease, token)
+
+
+def _is_token(lease: Lease | None, token: str) -> bool:
+    return lease is not None and hmac.compare_digest(lease.token.encode(), token.encode())

@@ -18,6 +18,8 @@ from softgrip_driver.tendon.safety_store import (
     token_digest,
 )
 
+#: [s] A driver that stood still for longer counts as killed: its links may have ended, and a stop with them
+MAX_DEAF_S = 2.0
 ESTOP_IS_ON = "emergency stop is on; make the cell safe, then call estop_reset"
 
 
@@ -84,6 +86,14 @@ class Safety:
             self._stops += 1
             if self._record.cause is not StopCause.REQUESTED:
                 self._record = _next(self._record, cause=cause, stop_reason=reason)
+
+    def latch_standstill(self, stood_s: float) -> str:
+        """Latch a stop where the process stood still for so long [s] that one may be lost; return why, else nothing."""
+        if stood_s < MAX_DEAF_S:
+            return ""
+        reason = f"the driver stood still for {stood_s:.1f} s, and a stop that was asked for meanwhile may be lost"
+        self.latch_stop(reason, StopCause.STANDSTILL)
+        return reason
 
     def announce(self) -> None:
         """Call `on_change` with the present record."""

@@ -20,6 +20,9 @@ from softgrip_driver.errors import DriverError
 from softgrip_model.durable import write_durably
 
 SCHEMA = 1
+#: Files of drivers on devices of this computer, which may be one and the same by several names: /dev/ttyUSB0 and
+#: /dev/serial/by-id/...
+DEVICE_FILES = "tendon_safety-dev-*.yaml"
 
 
 class StopCause(StrEnum):
@@ -29,6 +32,8 @@ class StopCause(StrEnum):
     REQUESTED = "requested"
     #: the process before ended without letting go of its drives: killed, crashed, or without power
     UNCLEAN_END = "unclean_end"
+    #: the driver stood still for so long that a stop may have been lost
+    STANDSTILL = "standstill"
     #: nobody knows what the file said
     UNREADABLE = "unreadable"
 
@@ -70,6 +75,11 @@ class SafetyRecord:
         """Whether hands are in the cell."""
         return bool(self.lock_digest)
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing keeps the drives from moving, and nobody has torque on."""
+        return not (self.is_stopped or self.is_locked or self.is_armed)
+
 
 class SafetyStore:
     """The file.
@@ -84,12 +94,14 @@ class SafetyStore:
     def load(self) -> SafetyRecord:
         """Return what is on disk; a cell that never ran has nothing there and is not stopped.
 
-        A file that can not be read, was edited, or is of another schema gives a latched stop with the cause UNREADABLE.
+        A device without a file is stopped where the driver of another one is not at rest: it may be that one by another
+        name. A file that can not be read, was edited, or is of another schema gives a latched stop, too. The cause is
+        UNREADABLE then.
         """
         try:
             text = self.path.read_text(encoding="utf-8")
         except FileNotFoundError:
-            return SafetyRecord()
+            return self._load_first()
         except (OSError, UnicodeDecodeError) as error:
             return self._unreadable(str(error))
         try:
@@ -100,6 +112,19 @@ class SafetyStore:
             return _record_of(body)
         except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
             return self._unreadable(repr(error))
+
+    def _load_first(self) -> SafetyRecord:
+        """Return the state of a port that has no file yet."""
+        if not self.path.match(DEVICE_FILES):
+            return SafetyRecord()
+        others = [SafetyStore(path) for path in sorted(self.path.parent.glob(DEVICE_FILES))]
+        restless = [other.path for other in others if not other.load().is_at_rest]
+        if not restless:
+            return SafetyRecord()
+        return _stopped(
+            f"{self.path}: none there yet, and {restless[0]} says that a driver is stopped, locked or ended without "
+            "letting go: it may be this one by another name of its port"
+        )
 
     def save(self, record: SafetyRecord) -> None:
         """Replace the file; file and folder are on disk when this returns.
@@ -116,10 +141,11 @@ class SafetyStore:
             raise SafetyStoreError(f"{self.path}: expected a writable file, found: {error}") from error
 
     def _unreadable(self, found: str) -> SafetyRecord:
-        return SafetyRecord(
-            cause=StopCause.UNREADABLE,
-            stop_reason=f"{self.path}: expected the safety state (schema {SCHEMA}), found none readable: {found}",
-        )
+        return _stopped(f"{self.path}: expected the safety state (schema {SCHEMA}), found none readable: {found}")
+
+
+def _stopped(reason: str) -> SafetyRecord:
+    return SafetyRecord(cause=StopCause.UNREADABLE, stop_reason=reason)
 
 
 def token_digest(token: str) -> str:

@@ -19,8 +19,20 @@ from softgrip_driver.errors import ConfigurationError
 #: copper: share of its resistance at 25 degC that a kelvin adds (IEC 60028)
 COPPER_PER_K = 0.00393
 RATED_DEGC = 25.0
-#: [K] by which nobody knows how much warmer the winding is than the servo's sensor
+#: [K] by which the winding may be warmer than the servo's sensor where its currents do not show it
 WINDING_ABOVE_SENSOR_STDDEV_K = 10.0
+#: [K] of it that are believed at most
+MIN_ABOVE_SENSOR_K, MAX_ABOVE_SENSOR_K = -10.0, 80.0
+#: [s] after which what was seen of it is forgotten: small motors warm and cool within ten seconds or so
+WARMTH_TIME_S = 20.0
+#: [s] for which errors of voltage, speed and current stay the same: readings in between are one
+WARMTH_CORRELATION_S = 5.0
+#: [A] of the supply's current: a count, and a zero that may be off
+SUPPLY_CURRENT_STDDEV = 0.002
+#: resistances of no copper that works, by that at 25 degC: such a reading is of something else
+MIN_RESISTANCE_RATIO, MAX_RESISTANCE_RATIO = 0.5, 2.0
+#: share of its duty cycle by which a reading may differ from the one before to be a steady one
+MAX_DUTY_CHANGE = 0.1
 #: [V] a count of Present Input Voltage, and what the supply may have sagged since it was read
 VOLTAGE_STDDEV = 0.05
 #: [rad/s] a count of a Dynamixel's Present Velocity: a uniform distribution of that width
@@ -104,16 +116,21 @@ class Winding:
         """Return the resistance [ohm] at a temperature [degC]."""
         return self.resistance * (1.0 + COPPER_PER_K * (temperature - RATED_DEGC))
 
-    def current(self, seen: MotorReading) -> tuple[float, float]:
-        """Return the winding's current [A] and its standard deviation; none where the power stage is off."""
+    def current(self, seen: MotorReading, warmth: WindingWarmth | None = None) -> tuple[float, float]:
+        """Return the winding's current [A] and its standard deviation; none where the power stage is off.
+
+        Args:
+            seen: of the motor.
+            warmth: what is known of how much warmer the winding is than the sensor; None: nothing.
+        """
         if seen.duty == 0.0:
             return 0.0, 0.0
-        ohm = self.resistance_at(seen.temperature)
+        warmth = warmth or WindingWarmth()
+        ohm = self.resistance_at(seen.temperature + warmth.above_sensor_k)
         emf = self.back_emf * seen.speed
         current = (seen.duty * seen.voltage - emf) / ohm
-        warmth = COPPER_PER_K * WINDING_ABOVE_SENSOR_STDDEV_K
         stddev = math.hypot(
-            math.hypot(warmth, self.relative_stddev) * current,
+            math.hypot(COPPER_PER_K * warmth.stddev_k, self.relative_stddev) * current,
             self.relative_stddev * emf / ohm,
             seen.duty * VOLTAGE_STDDEV / ohm,
             self.back_emf * self.speed_stddev / ohm,
@@ -123,6 +140,80 @@ class Winding:
     def supply_current(self, current: float, speed: float, voltage: float, temperature: float) -> float:
         """Return the supply's current [A] while the winding carries ``current`` [A] at a shaft speed [rad/s]."""
         return current * (self.resistance_at(temperature) * current + self.back_emf * speed) / voltage
+
+
+class WindingWarmth:
+    """How much warmer the winding is than the servo's sensor, from the current of its supply.
+
+    duty i = i_supply holds whatever the winding resists, so R = duty (duty V - k_e w) / i_supply is its resistance now,
+    and copper tells its temperature by it. A Kalman filter of one state that goes back to nothing known: a small pull
+    shows little, a large one, where it matters, much. A gain that the servo's current sensor is off by is in the
+    calibrated resistance, too (`fit_winding`), and cancels.
+
+    Attributes:
+        above_sensor_k: [K] of the winding above the sensor.
+    """
+
+    def __init__(self) -> None:
+        self.above_sensor_k = 0.0
+        self._variance = WINDING_ABOVE_SENSOR_STDDEV_K**2
+        self._seen_at_s = math.nan
+        self._duty = 0.0
+
+    @property
+    def stddev_k(self) -> float:
+        """Standard deviation of it [K]."""
+        return math.sqrt(self._variance)
+
+    def observe(self, winding: Winding, seen: MotorReading, now_s: float) -> None:
+        """Take in a reading.
+
+        Args:
+            winding: calibrated.
+            seen: of a servo that senses its supply.
+            now_s: when.
+        """
+        passed_s = 0.0 if math.isnan(self._seen_at_s) else min(max(now_s - self._seen_at_s, 0.0), WARMTH_TIME_S)
+        self._seen_at_s = now_s
+        kept = math.exp(-passed_s / WARMTH_TIME_S)
+        self.above_sensor_k *= kept
+        self._variance = WINDING_ABOVE_SENSOR_STDDEV_K**2 + kept**2 * (
+            self._variance - WINDING_ABOVE_SENSOR_STDDEV_K**2
+        )
+        is_steady = abs(seen.duty - self._duty) <= MAX_DUTY_CHANGE * abs(seen.duty)
+        self._duty = seen.duty
+        measured = _measured_warmth(winding, seen) if is_steady and passed_s > 0.0 else None
+        if measured is None:
+            return
+        above_sensor_k, stddev_k = measured
+        gain = self._variance / (self._variance + stddev_k**2 * max(1.0, WARMTH_CORRELATION_S / passed_s))
+        moved = self.above_sensor_k + gain * (above_sensor_k - self.above_sensor_k)
+        self.above_sensor_k = min(max(moved, MIN_ABOVE_SENSOR_K), MAX_ABOVE_SENSOR_K)
+        self._variance *= 1.0 - gain
+
+
+def _measured_warmth(winding: Winding, seen: MotorReading) -> tuple[float, float] | None:
+    """Return what one reading shows of the winding above the sensor [K], and its standard deviation [K]; None: nothing.
+
+    It shows nothing unless the supply drives the motor.
+    """
+    sign = math.copysign(1.0, seen.duty)
+    duty, supply = abs(seen.duty), sign * seen.current
+    emf = sign * winding.back_emf * seen.speed
+    drop = duty * seen.voltage - emf
+    if supply <= SUPPLY_CURRENT_STDDEV or drop <= 0.0:
+        return None
+    ratio = duty * drop / supply / winding.resistance
+    if not MIN_RESISTANCE_RATIO <= ratio <= MAX_RESISTANCE_RATIO:
+        return None
+    relative = math.hypot(
+        SUPPLY_CURRENT_STDDEV / supply,
+        duty * VOLTAGE_STDDEV / drop,
+        winding.back_emf * winding.speed_stddev / drop,
+        winding.relative_stddev * emf / drop,
+        winding.relative_stddev,
+    )
+    return (ratio - 1.0) / COPPER_PER_K + RATED_DEGC - seen.temperature, relative * ratio / COPPER_PER_K
 
 
 def fit_winding(readings: Sequence[MotorReading], nominal: Winding) -> Winding:

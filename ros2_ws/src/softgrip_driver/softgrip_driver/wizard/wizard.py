@@ -201,7 +201,10 @@ class SetupWizard:
             zero, slack_m = zeros[servo.tendon], zeros[servo.tendon].zero_m - rest[servo.tendon]
             self._keep(replace(servo, slack_m=round(slack_m, 5)))
             settled = (
-                "" if zero.has_settled else "; it has not settled: look for a knot that slips, then tension it again"
+                ""
+                if zero.has_settled
+                else "; it has not settled: look for a knot that slips, take the tendon's slack_m out of "
+                f"{self._settings.file} and run the wizard again"
             )
             self._person.say(
                 f"{servo.tendon}: slack {slack_m * 1e3:.1f} mm, zero within {abs(zero.shift_m) * 1e3:.2f} mm{settled}"

@@ -3,6 +3,7 @@
 
 import signal
 import threading
+import time
 
 import pytest
 from builtin_interfaces.msg import Duration
@@ -10,6 +11,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from softgrip_driver.tendon.gripper import MoveMode
@@ -22,6 +24,8 @@ from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Goal, Result = MoveTendon.Goal, MoveTendon.Result
+#: [s] a driver's process is frozen for, longer than `softgrip_driver.tendon.safety.MAX_DEAF_S`
+STANDSTILL_S = 2.5
 
 
 @pytest.fixture
@@ -162,6 +166,29 @@ def test_a_reset_of_a_deactivated_driver_powers_nothing(driver):
     assert driver.peer.trigger("estop_reset").success
     driver.wait_for_states(TendonStatus.IDENTIFIED)
     assert driver.torque() == [0, 0, 0]
+
+
+def test_a_driver_that_stood_still_obeys_nothing_of_that_time_and_is_stopped_until_the_reset(driver):
+    """Whoever asked meanwhile has given up; and a stop that was asked for may be among what was lost."""
+    driver.start().home()
+    driver.wait_for_states(TendonStatus.HOLDING)
+    clients = [driver.peer.node.create_client(Trigger, name) for name in ("tendon/home", "estop_reset")]
+    assert all(client.wait_for_service(timeout_sec=TEST_TIMEOUT_S) for client in clients)
+    goals = driver.goals()
+    driver.process.send_signal(signal.SIGSTOP)
+    asked = [client.call_async(Trigger.Request()) for client in clients]
+    time.sleep(STANDSTILL_S)
+    driver.process.send_signal(signal.SIGCONT)
+    driver.peer.spin_until(lambda: driver.safety[-1].estop)
+    assert "stood still for" in driver.safety[-1].estop_reason
+    heard = len(driver.statuses)
+    driver.peer.spin_until(lambda: len(driver.statuses) > heard + 10)
+    assert driver.safety[-1].estop, "a reset of that time does not end it"
+    assert not any(future.done() and future.result().success for future in asked)
+    assert driver.goals() == pytest.approx(goals, abs=65), "homing winds out by millimetres, which are 65 pulses each"
+    driver.peer.spin_until(lambda: driver.peer.trigger("estop_reset").success)
+    driver.wait_for_states(TendonStatus.HOLDING)
+    assert driver.move(0.004).outcome == Result.REACHED
 
 
 def test_deactivation_leaves_torque_off_and_ends_a_running_move(driver):

@@ -76,7 +76,8 @@ class _Settings(NamedTuple):
 
     @classmethod
     def decoded(cls, registers: Registers) -> _Settings:
-        get, unit_a = registers.get, registers.model.motor.current_unit_a
+        get, unit_a, has_current = registers.get, registers.model.motor.current_unit_a, registers.has("goal_current")
+        goal_current = get("goal_current") if has_current else 0
         pwm_limit = get("pwm_limit") / PWM_FULL_SCALE
         goal_duty = get("goal_pwm") / PWM_FULL_SCALE
         time_based = bool(get("drive_mode") & _TIME_BASED)
@@ -86,11 +87,11 @@ class _Settings(NamedTuple):
             mode=get("operating_mode"),
             pwm_limit=pwm_limit,
             duty_limit=min(pwm_limit, abs(goal_duty)),
-            current_limit_a=get("current_limit") * unit_a,
+            current_limit_a=get("current_limit") * unit_a if has_current else math.inf,
             goal_position=float(get("goal_position")),
             goal_velocity=get("goal_velocity"),
-            goal_current=get("goal_current"),
-            goal_current_a=abs(get("goal_current")) * unit_a,
+            goal_current=goal_current,
+            goal_current_a=abs(goal_current) * unit_a,
             goal_duty=goal_duty,
             position_p=get("position_p_gain") * _P_SCALE,
             position_i=get("position_i_gain") * _I_SCALE,

@@ -31,7 +31,7 @@ GAIN_ITEMS: Final = (
 
 
 class PresentValues(NamedTuple):
-    """The read-only items from address 120 to 146, in their order, raw units."""
+    """The read-only items from address 120 to 146, in order, raw units; `current` is the load where there is none."""
 
     realtime_tick: int
     moving: int
@@ -108,8 +108,13 @@ class Registers:
         for item in self.model.items:
             if item.address >= EEPROM_END:
                 self.put(item.name, item.default)
+        self.put_goals_to_limits()
+
+    def put_goals_to_limits(self) -> None:
+        """Goal PWM, and Goal Current where there is one, start at their limits (e-manual, items 100 and 102)."""
         self.put("goal_pwm", self.get("pwm_limit"))
-        self.put("goal_current", self.get("current_limit"))
+        if self.has("goal_current"):
+            self.put("goal_current", self.get("current_limit"))
 
     def factory_reset(self, keep: frozenset[str]) -> None:
         """Every writable item returns to its default, but those named."""

@@ -288,8 +288,7 @@ class EmulatedServo:
         for item in self.model.items:
             if item.name in GAIN_ITEMS:
                 self.registers.put(item.name, item.default)
-        self.registers.put("goal_pwm", self.registers.get("pwm_limit"))
-        self.registers.put("goal_current", self.registers.get("current_limit"))
+        self.registers.put_goals_to_limits()
         self.registers.put("goal_velocity", 0)
         if self.registers.get("operating_mode") == ServoMode.POSITION:
             self.fold()
@@ -371,10 +370,16 @@ class EmulatedServo:
         speed_rpm = abs(self.shaft.velocity_rad_s) * 60.0 / (2.0 * math.pi)
         return speed_rpm > self.registers.get("moving_threshold") * VELOCITY_UNIT_RPM
 
+    def _effort(self) -> float:
+        """Present Current, or Present Load: "an inferred value based on the internal output value", 0.1 % a unit."""
+        if not self.model.has_current:
+            return 1000.0 * self.shaft.duty
+        current_a = self.shaft.supply_current_a if self.model.senses_supply_current else self.shaft.current_a
+        return current_a / self.model.motor.current_unit_a
+
     def _refresh(self, now_s: float) -> None:
         """Bring the read-only items up to date."""
         registers, shaft, sign = self.registers, self.shaft, self._settings.direction
-        current_a = shaft.supply_current_a if self.model.senses_supply_current else shaft.current_a
         position = math.floor(self._present_pulses() + 0.5) + self.position_glitch_pulses
         in_position = registers.get("operating_mode") in POSITION_MODES and (
             abs(registers.get("goal_position") - position) <= registers.get("moving_threshold")
@@ -387,7 +392,7 @@ class EmulatedServo:
                 moving=int(self.moving()),
                 moving_status=int(in_position) | (profile if self._motion.profile_active else 0),
                 pwm=_within(round(sign * shaft.duty * PWM_FULL_SCALE), 16),
-                current=_within(round(sign * current_a / self.model.motor.current_unit_a), 16),
+                current=_within(round(sign * self._effort()), 16),
                 velocity=_within(velocity, 32),
                 position=_within(position, 32),
                 velocity_trajectory=_within(round(self._motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT), 32),

@@ -32,6 +32,7 @@ PULSES_PER_TURN: Final = 4096
 VELOCITY_UNIT_RPM: Final = 0.229
 ACCELERATION_UNIT_REV_PER_MIN2: Final = 214.577
 PWM_FULL_SCALE: Final = 885
+_CURRENT_ITEMS: Final = {"current_limit", "goal_current", "present_current"}
 LIMITED_BY: Final = {
     "goal_pwm": "pwm_limit",
     "goal_current": "current_limit",
@@ -109,7 +110,8 @@ class MotorRatings:
 class EmulatedServoModel:
     """A servo model: its control table and its motor.
 
-    `senses_supply_current`: Present Current is that of the power input, not of the winding.
+    `senses`: whose current Present Current (126) is, the power input's ("supply") or the winding's ("winding"); with
+    "none" Present Load is in its place, and neither Current Limit nor Goal Current is there.
     """
 
     name: str
@@ -120,13 +122,23 @@ class EmulatedServoModel:
     indirect: tuple[IndirectBlock, ...]
     operating_modes: frozenset[int]
     motor: MotorRatings
-    senses_supply_current: bool
+    senses: str
     size: int = field(init=False)
     """First address behind the table; every access asks for it."""
 
     def __post_init__(self) -> None:
         ends = [item.end for item in self.items] + [block.data + block.count for block in self.indirect]
         object.__setattr__(self, "size", max(ends))
+
+    @property
+    def senses_supply_current(self) -> bool:
+        """Whether Present Current is that of the power input."""
+        return self.senses == "supply"
+
+    @property
+    def has_current(self) -> bool:
+        """Whether it knows a current at all."""
+        return self.senses != "none"
 
     @property
     def has_fast_sync_read(self) -> bool:
@@ -153,8 +165,8 @@ def load_model(name: str, firmware: int | None = None) -> EmulatedServoModel:
     defaults.setdefault("status_return_level", 2)
     # Goals start at their limits (e-manual, "Goal PWM(100)", "Goal Current(102)").
     defaults["goal_pwm"] = own["defaults"]["pwm_limit"]
-    defaults["goal_current"] = own["defaults"]["current_limit"]
-    absent = set(own.get("absent", []))
+    defaults["goal_current"] = own["defaults"].get("current_limit", 0)
+    absent = set(own.get("absent", [])) | (_CURRENT_ITEMS if own["senses"] == "none" else {"present_load"})
     items = [_item(row, defaults, own.get("ranges", {})) for row in series["items"] if row[2] not in absent]
     blocks = tuple(_indirect_blocks(own["indirect"], firmware))
     items += [_indirect_address(block, index) for block in blocks for index in range(block.count)]
@@ -167,7 +179,7 @@ def load_model(name: str, firmware: int | None = None) -> EmulatedServoModel:
         indirect=blocks,
         operating_modes=frozenset(own["operating_modes"]),
         motor=MotorRatings(**own["motor"]),
-        senses_supply_current=own["senses_supply_current"],
+        senses=own["senses"],
     )
 
 

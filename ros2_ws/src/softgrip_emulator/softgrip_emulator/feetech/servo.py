@@ -202,7 +202,9 @@ class EmulatedFeetechServo:
         self._setpoint = self._present_steps()
 
     def _present_steps(self) -> float:
-        return self.shaft.angle_rad / _RAD_PER_STEP - self._fold_steps
+        """Where it says it is: "Present_Position = Actual_Position - Homing_Offset" (LeRobot, feetech.py)."""
+        offset = _signed(self.registers.get("position_offset"), 11)
+        return self.shaft.angle_rad / _RAD_PER_STEP - self._fold_steps - offset
 
     def _refresh(self) -> None:
         shaft, put, get = self.shaft, self.registers.put, self.registers.get

@@ -108,6 +108,8 @@ PARAMETERS = ParameterTable(
 
 _CLOCK_PERIOD_S: Final = 0.02
 """Least time of the cell between two messages on /clock."""
+_CLOCK_REST_PERIOD_S: Final = 0.06
+"""The same while no driver works: half of the lag that followers have then."""
 _CLOCK_REPEATED_S: Final = 0.1
 """A time that stands is published again after this, by the computer's clock, for nodes that have just started."""
 _SWITCH_INTERVAL_S: Final = 0.0005
@@ -183,7 +185,8 @@ class EmulatedCellNode(CellNode):
         if cell is None or not self.context.ok():
             return
         now_s, computer_s = cell.clock.now_s(), time.monotonic()
-        if now_s - self._published_s > 0.999 * _CLOCK_PERIOD_S or computer_s - self._published_at > _CLOCK_REPEATED_S:
+        period_s = _CLOCK_REST_PERIOD_S if cell.time_server.participants.is_resting else _CLOCK_PERIOD_S
+        if now_s - self._published_s > 0.999 * period_s or computer_s - self._published_at > _CLOCK_REPEATED_S:
             self._published_s, self._published_at = now_s, computer_s
             self._clock_publisher.publish(Clock(clock=self._stamp()))
         if now_s >= self._truth_due_s:

@@ -118,6 +118,9 @@ class EmulatedMark10Stand:
             self._limit_mode = letter == b"l"
         elif letter in b"bi":
             self._inch = letter == b"b"
+        elif letter in b"jk":
+            # "Set crosshead speed to maximum, minimum speed" (ESM301 user's guide, 6.2).
+            self._speed_mm_min = _MAX_SPEED_MM_MIN if letter == b"j" else _MIN_SPEED_MM_MIN
         elif letter == b"z":
             self._zero = self._plant.travel
         replies: dict[bytes, Callable[[], bytes]] = {

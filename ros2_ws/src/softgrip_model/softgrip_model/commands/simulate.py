@@ -52,7 +52,8 @@ examples:
   simulate tension --law rigorous --json tension.json
   simulate my_case.yaml --refine 2 --out results
   simulate finger_closing
-  simulate finger_closing --solid out/parts/power/finger_index.step --steps 5
+  simulate finger_closing --finger pinch/thumb
+  simulate finger_closing --finger power/index --solid out/parts/power/finger_index.step --steps 5
 """
 
 
@@ -81,6 +82,7 @@ def parser() -> argparse.ArgumentParser:
         prog="simulate", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     made.add_argument("case", help=f"case file (YAML), or one that is shipped: {', '.join(shipped_cases())}")
+    made.add_argument("--finger", metavar="PROFILE/FINGER", help="close this one instead of the case's")
     made.add_argument("--law", choices=[str(law) for law in ConstitutiveLaw], help="instead of the case's own")
     made.add_argument("--mesh", type=Path, metavar="FILE", help="hexahedra to use instead of the case's mesh (meshio)")
     made.add_argument("--refine", type=int, default=1, metavar="N", help="N times as many elements each way of a bar")
@@ -102,6 +104,8 @@ def main(args: Sequence[str] | None = None) -> int:
     console = Console()
     try:
         case = load_case(path, mesh_file=options.mesh, refine=options.refine)
+        if options.finger:
+            case = _of_finger(case, options.finger)
         if isinstance(case, FingerCase):
             result = _finger(case, options)
         else:
@@ -123,6 +127,17 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.json:
         options.json.write_text(json.dumps(result.data, indent=1), encoding="utf-8")
     return 0 if result.completed else 1
+
+
+def _of_finger(case: Case | FingerCase, name: str) -> FingerCase:
+    """Return the case with the finger of this name, PROFILE/FINGER."""
+    if not isinstance(case, FingerCase):
+        raise GdfeError(f"--finger: expected a case that closes a finger, found {case.title!r}; try finger_closing")
+    chosen, slash, finger = name.partition("/")
+    if not (chosen and slash and finger):
+        raise GdfeError(f"--finger: expected PROFILE/FINGER, as power/index, found {name!r}")
+    title = f"{finger} finger of {chosen}, closed by its tendon"
+    return replace(case, profile=chosen, finger=finger, title=title)
 
 
 def _solid(case: Case, console: Console) -> SimulationResult:

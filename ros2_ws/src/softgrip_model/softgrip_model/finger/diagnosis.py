@@ -10,6 +10,7 @@ large, or both are named. Only a cause that is wear calls a finger worn.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInsta
 from softgrip_model.finger.hand import Softening, log_odds_of_heat
 from softgrip_model.finger.hypotheses import Cause, OwnClosing, Weighed, hypotheses, proportional, weigh
 from softgrip_model.finger.learning import SAMPLING, Expectation, Knowledge, measured
-from softgrip_model.finger.uncertainty import Causes
+from softgrip_model.finger.uncertainty import STATED, Causes
 from softgrip_model.finger.wear import WearVerdict
 from softgrip_time.units import to_s
 
@@ -50,6 +51,10 @@ TO_CALIBRATE = {Cause.FRICTION, Cause.ZERO, Cause.TENSION_GAIN, Cause.CAMERA, Ca
 
 #: What a common change of the moduli may be.
 _SOFTENINGS = {Cause.STIFFNESS, Cause.TEMPERATURE, Cause.CONDITIONS, Cause.RUNNING_IN}
+
+#: What the finger that a watch compares with may differ in: as stated, for other printers and cables than those that
+#: tolerances were corrected by, too. Its first closings tell where the cable lies.
+WATCHED = dataclasses.replace(STATED, room_mm=0.0, room_share=0.0, scatter_mm=0.05)
 
 #: Calm closings that scatter can be estimated from.
 _MIN_CALM = 4

@@ -243,7 +243,7 @@ def _narrower(own: OwnClosing, joint: int) -> Callable[[float], Array | None]:
     def effect(share: float) -> Array | None:
         factor = np.where(np.arange(len(widths)) == joint, max(1.0 + share, _MIN_SHARE), 1.0)
         finger = dataclasses.replace(causes.finger, strip_width_mm=tuple(float(w) for w in widths * factor))
-        return _less(own.at(own.pulled_mm, Causes(finger, causes.law, causes.covariance, causes.prior)), own)
+        return _less(own.at(own.pulled_mm, dataclasses.replace(causes, finger=finger)), own)
 
     return effect
 

@@ -79,7 +79,7 @@ class ChangedFinger:
         # a stretch takes its pulled length from all that the finger does, whatever it gives already
         slope[..., causes.stretch] = -causes.prior.stretch_mm_per_n * rate * solution.tension_n[0, :, :1]
         weights = causes.model_weights(pulled_mm)
-        model = causes.stretch + 1
+        model = causes.room + 1
         knots = len(MODEL_KNOTS_MM)
         for axis in (0, 1):
             slope[:, n + axis, model + axis * knots : model + (axis + 1) * knots] = weights
@@ -109,6 +109,7 @@ class ChangedFinger:
         slope[..., count + 1] = prior.stiffness / factor * stiffness
         slope[..., count + 2 : count + 2 + n] = prior.thickness_mm * thickness
         slope[..., count + 2 + n : count + 2 + 3 * n] = prior.routing_mm * routing
+        slope[..., causes.room] = prior.room_mm * routing.sum(axis=-1)
         slope[..., causes.zero] = prior.zero_mm * target
         slope[..., causes.zero + 1] = prior.spool * pulled_mm[:, None] * target
         return slope, target

@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 #: [m/s] A cable that is let out faster than this is not being pulled: the prediction says so.
 PAYING_OUT = 5e-4
 
+#: [m] Radius of the cable's holes as `parts` draws them at the narrowest (docs/parts.md), where a profile does not say.
+DRAWN_HOLE_M = 0.6e-3
+
 #: Plain numbers: bit operations on an enum's members are slow, and every reading needs some.
 _FAILURE, _SLACK = int(Status.FAILURE), int(Status.SLACK)
 _DOUBTFUL = int(Status.EXTRAPOLATED | Status.REVERSING)
@@ -111,6 +114,20 @@ def assumed_friction(profile: Profile) -> ActiveFriction:
     return ActiveFriction(model.id, model.law, model.covariance, digest)
 
 
+def room_mm(profile: Profile, slot: str) -> tuple[float, ...]:
+    """Return how far the holes of a profile's finger let its cable go along the flanks [mm], (2 n).
+
+    A round hole across the cable is cut by a flank at half its groove's opening (thesis 3.2.2, "Cable contact").
+
+    Raises:
+        ProfileError: the profile has none for that slot.
+    """
+    design, cable = profile.finger(slot), profile.cable
+    hole_m = DRAWN_HOLE_M if cable.hole_radius_m is None else cable.hole_radius_m
+    rooms = [1e3 * max(0.0, hole_m / math.cos(0.5 * opening) - cable.radius_m) for opening in design.openings_rad]
+    return tuple(room for room in rooms for _ in range(2))
+
+
 class Configuration:
     """Which finger of which profile sits in which slot, under which friction; immutable once made."""
 
@@ -138,6 +155,7 @@ class Configuration:
         self.joint_model = joint_model
         self.fingers: dict[str, Finger] = {}
         self._own: dict[str, ActiveFriction] = {}
+        self._room_mm: dict[str, tuple[float, ...]] = {}
         # what was recorded before there was a choice names hinges by saying nothing
         parts = [] if joint_model is JointModel.HINGE else [f"joint_model={joint_model}:{FLEXURE_STUDY}"]
         for slot, profile_id in sorted(mounted.items()):
@@ -147,6 +165,7 @@ class Configuration:
                 raise FingerError(f"slot {slot!r}: unknown profile {profile_id!r}; loaded: {known}")
             self.fingers[slot] = Finger.from_profile(profile, slot, joint_model)
             self._own[slot] = assumed_friction(profile)
+            self._room_mm[slot] = room_mm(profile, slot)
             parts.append(f"{slot}={profile_id}:{digest(profile)}")
         self.digest = text_digest(";".join(parts))
         """Changes when anything but the friction does."""
@@ -215,7 +234,7 @@ class Configuration:
     def causes(self, slot: str, prior: Uncertainty) -> Causes:
         """Return what a mounted finger may differ in."""
         friction = self.friction_of(slot)
-        return Causes(self.fingers[slot], friction.law, friction.covariance, prior)
+        return Causes(self.fingers[slot], friction.law, friction.covariance, prior, self._room_mm[slot])
 
     def solve(self, slot: str, pulled_length: float) -> Solution:
         """Return the kernel's own answer (mm) for one finger at one pulled length [m]."""

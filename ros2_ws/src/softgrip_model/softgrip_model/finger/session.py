@@ -12,7 +12,7 @@ import numpy as np
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
 from softgrip_model.finger.closing_samples import ClosingInstant
 from softgrip_model.finger.design import JointModel
-from softgrip_model.finger.diagnosis import WATCH, CauseWatch, WatchSettings
+from softgrip_model.finger.diagnosis import WATCH, WATCHED, CauseWatch, WatchSettings
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.matching import Matcher, TendonInput
@@ -224,7 +224,7 @@ class Session:
     def _monitor(self, slot: str) -> WearMonitor | CauseWatch:
         if self._watch is None:
             return WearMonitor(self.configuration.fingers[slot], self.configuration.friction_of(slot).law, self._wear)
-        return CauseWatch(self.configuration.causes(slot, self._uncertainty or PRIOR), self._watch)
+        return CauseWatch(self.configuration.causes(slot, WATCHED), self._watch)
 
     def _matcher(self, slot: str) -> Matcher[MeasuredFinger]:
         return self._matchers.setdefault(slot, Matcher())

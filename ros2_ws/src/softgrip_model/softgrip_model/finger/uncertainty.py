@@ -37,7 +37,7 @@ _HARDLY_GIVES_PER_N = 1e-9
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard deviations.
+    """Standard deviations; by default those that sources state.
 
     Attributes:
         friction: factor on ln Rf, of a finger's channel beside the rig's strip; the fit's covariance comes on top.
@@ -49,6 +49,8 @@ class Uncertainty:
         camera_mm, camera_scale, camera_turn_rad: of the plane that tips are measured in.
         stretch_mm_per_n: pulled length that the cable's own stretch takes beside the profile's, per tension at the
             actuator; in all it is never less than nothing.
+        room_mm: of how far a pulled cable lies outside its routing points, beside what is expected.
+        room_share: of the room that its holes leave a cable, which a pulled one is expected to take.
         model: error of the tip at full closing, as a share of the finger's length, along x and y.
         scatter_mm: pulled length by which one closing differs from the next.
         tip_noise_mm: of one measured tip.
@@ -69,8 +71,10 @@ class Uncertainty:
     camera_scale: float = 0.002
     camera_turn_rad: float = 0.003
     stretch_mm_per_n: float = 0.06
+    room_mm: float = 0.15
+    room_share: float = 1.0
     model: float = 0.015
-    scatter_mm: float = 0.05
+    scatter_mm: float = 0.03
     tip_noise_mm: float = 0.5
     tension_error_n: float = 0.4
     tension_noise: float = 0.05
@@ -78,8 +82,21 @@ class Uncertainty:
     memory: float = 0.99
 
 
-#: What nobody has measured better.
-PRIOR = Uncertainty()
+#: What sources say (docs/finger.md).
+STATED = Uncertainty()
+
+#: The same as the first closings of 31 fingers of the emulated cell corrected it (benchmarks/finger/tip_tolerances.py).
+PRIOR = Uncertainty(
+    friction=0.07,
+    stiffness=0.09,
+    thickness_mm=0.065,
+    routing_mm=0.065,
+    zero_mm=0.15,
+    stretch_mm_per_n=0.03,
+    room_mm=0.07,
+    room_share=0.94,
+    model=0.0065,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +104,16 @@ class Causes:
     """Everything that may differ from what is believed of a finger, in standard deviations of `Uncertainty`.
 
     The vector runs over the friction's coefficients (along the axes of their covariance), the friction factor, the
-    moduli, thicknesses, routing points, zero, spool, tension gain, camera (x, y, scale, turn), the cable's stretch, the
-    model's error at its knots (x, then y), and the tension's error at its knots.
+    moduli, thicknesses, routing points, zero, spool, tension gain, camera (x, y, scale, turn), the cable's stretch, its
+    room in the holes, the model's error at its knots (x, then y), and the tension's error at its knots.
     """
 
     finger: Finger
     law: FrictionLaw
     covariance: Array | None
     prior: Uncertainty
+    room_mm: tuple[float, ...] = ()
+    """(2 n): how far from each routing point its hole lets the cable go; empty: nowhere."""
     coefficients: Array = field(init=False)
     """(p, p): coefficients per standard deviation, column by column."""
 
@@ -124,6 +143,7 @@ class Causes:
             "camera scale",
             "camera turn",
             "cable's stretch",
+            "cable's room",
             *(f"model x at {knot}" for knot in knots),
             *(f"model y at {knot}" for knot in knots),
             *(f"tension at {knot:g} mm" for knot in TENSION_KNOTS_MM),
@@ -137,12 +157,17 @@ class Causes:
     @property
     def tension(self) -> slice:
         """Where the tension's errors stand."""
-        return slice(self.stretch + 1 + 2 * len(MODEL_KNOTS_MM), len(self.names))
+        return slice(self.room + 1 + 2 * len(MODEL_KNOTS_MM), len(self.names))
 
     @property
     def stretch(self) -> int:
-        """Where the cable's stretch stands; the model's errors follow."""
+        """Where the cable's stretch stands; its room follows."""
         return self.zero + 7
+
+    @property
+    def room(self) -> int:
+        """Where the cable's room stands; the model's errors follow."""
+        return self.stretch + 1
 
     def changed_finger(self, z: Array) -> Finger:
         """Return the finger with the deviations z."""
@@ -151,6 +176,8 @@ class Causes:
         a, b, c = (factor * modulus for modulus in finger.strip.modulus_mpa)
         thickness = np.array(finger.thickness_mm) + prior.thickness_mm * z[start + 1 : start + 1 + n]
         routing = np.array(finger.routing_mm) + prior.routing_mm * z[start + 1 + n : start + 1 + 3 * n]
+        # a pulled cable takes the shortest way: it lies on the side of its holes that a closing finger bends towards
+        routing += prior.room_share * np.array(self.room_mm or 0.0) + prior.room_mm * z[self.room]
         changed = dataclasses.replace(finger, strip=dataclasses.replace(finger.strip, modulus_mpa=(a, b, c)))
         stretch = prior.stretch_mm_per_n * max(z[self.stretch], self._min_stretch)
         if stretch:

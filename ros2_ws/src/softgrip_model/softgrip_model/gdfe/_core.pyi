@@ -120,6 +120,7 @@ class Problem:
         cables: Sequence[Cable] = ...,
         ogden: Sequence[OgdenMaterial] = ...,
         surroundings: Surroundings = ...,
+        sections: _Index = ...,
     ) -> None: ...
 
 class CableDrive:

@@ -156,7 +156,8 @@ class Body:
         method = SolverSettings(
             law=law, method=Method.DIRECT, step_limit=limit, window=WINDOW, sections_after=SECTIONS_AFTER
         )
-        self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method)
+        sections = self.finger_mesh.sections
+        self._make_solver = partial(Solver, mesh, [self.material], supports, [cable], method, sections=sections)
         self.faces: Index = mesh.surface().astype(np.uint32)
         self.changes = "" if material is None and law is ConstitutiveLaw.CALIBRATED else f":{material}:{law}"
 

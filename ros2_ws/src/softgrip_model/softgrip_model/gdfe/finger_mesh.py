@@ -58,6 +58,7 @@ class FingerMesh:
         routing: cable points from the base to the anchor at the tip.
         tip: the point at the end of the last link on the line of the apexes.
         link_nodes: per link, nodes of its body.
+        sections: (n,) cross-section of each node, as `Solver` takes it; None: counted in elements from the base.
     """
 
     mesh: Mesh
@@ -65,6 +66,7 @@ class FingerMesh:
     routing: tuple[RoutingPoint, ...]
     tip: RoutingPoint
     link_nodes: tuple[Index, ...]
+    sections: Index | None = None
 
 
 def mesh_finger(

@@ -32,8 +32,8 @@ Index = NDArray[np.int32]
 MOUTH_REACHES_MM = (2.5, 4.0, 6.0)
 #: The end of the last link, that the anchor and the tip move with.
 TIP_REACH_MM = 4.0
-#: A solid may be longer or shorter than its profile by this much.
-LENGTH_TOLERANCE_MM = 0.1
+#: A solid may be longer or shorter, its strips thicker or thinner than the profile says by this much.
+SIZE_TOLERANCE_MM = 0.1
 #: Nodes so near to a flank lie on it.
 ON_THE_FLANK_MM = 1e-3
 TIME_LIMIT_S = 900.0
@@ -150,12 +150,17 @@ class SolidFinger:
 
     def cut(self, nodes: Array, hexes: Index) -> FingerMesh:
         """Return the finger of hexahedra of the whole solid."""
-        self._check_length(nodes)
+        self._check_sizes(nodes)
         kept = hexes[~(self.side_of(nodes, 0) < 0.0)[hexes].all(axis=1)]
         used, renumbered = np.unique(kept, return_inverse=True)
         mesh = Mesh(nodes[used], renumbered.reshape(-1, 8).astype(np.int32), np.zeros(len(kept), dtype=np.int32))
         return FingerMesh(
-            mesh, self.clamped(mesh.nodes), self.routing(mesh.nodes), self.tip(mesh.nodes), self.links(mesh.nodes)
+            mesh,
+            self.clamped(mesh.nodes),
+            self.routing(mesh.nodes),
+            self.tip(mesh.nodes),
+            self.links(mesh.nodes),
+            self.sections(mesh),
         )
 
     def clamped(self, nodes: Array) -> Index:
@@ -189,16 +194,38 @@ class SolidFinger:
         before = [*(side < 0.0 for side in sides[1:]), np.ones(len(nodes), dtype=bool)]
         return tuple(_numbers((side > 0.0) & end) for side, end in zip(sides, before, strict=True))
 
+    def sections(self, mesh: Mesh) -> Index:
+        """Return the cross-section of each node: slices as thin as the elements allow.
+
+        Elements of a solid lie in no layers: what is equally far from the base, counted in them, is no cross-section.
+        """
+        return slices(self.along(mesh.nodes), mesh.hexes, float(self.apex[0] - 0.5 * self.finger.length_mm[0]))
+
+    def along(self, nodes: Array) -> Array:
+        """Return where along the finger the nodes are: a lip is where its link begins, as the strip bends beside it."""
+        along = nodes[:, 0].copy()
+        for joint, half in enumerate(0.5 * np.asarray(self.finger.length_mm)):
+            side, apex = self.side_of(nodes, joint), self.apex[joint]
+            in_lip = (np.abs(nodes[:, 0] - apex) < half) & (side != 0.0)
+            along[in_lip] = apex + side[in_lip] * half
+        return along
+
     def _at_tip(self, nodes: Array) -> Index:
         return _numbers(nodes[:, 0] > self.end - TIP_REACH_MM)
 
-    def _check_length(self, nodes: Array) -> None:
-        found = float(nodes[:, 0].max())
-        if abs(found - self.end) > LENGTH_TOLERANCE_MM:
-            raise GdfeError(
-                f"{self.step}: expected the solid to end {self.end - self.apex[0]:.2f} mm from its first joint, as the "
-                f"profile says, found {found - self.apex[0]:.2f} mm; make the parts of this profile and finger"
-            )
+    def _check_sizes(self, nodes: Array) -> None:
+        expected = {"end of the finger, from its first joint": self.end - self.apex[0]}
+        found = {next(iter(expected)): nodes[:, 0].max() - self.apex[0]}
+        for joint, thickness in enumerate(self.finger.thickness_mm):
+            name = f"thickness of strip {joint}"
+            beside = np.abs(nodes[:, 0] - self.apex[joint]) < 0.5 * self.finger.length_mm[joint]
+            expected[name], found[name] = thickness, nodes[beside, 1].max(initial=0.0)
+        for name, size in expected.items():
+            if abs(found[name] - size) > SIZE_TOLERANCE_MM:
+                raise GdfeError(
+                    f"{self.step}: {name}: expected {size:.2f} mm, as the profile says, found {found[name]:.2f} mm; "
+                    "make the parts of this profile and finger, or name the solid's own (--finger PROFILE/FINGER)"
+                )
 
     def _tab(
         self, nodes: Array, position: tuple[float, float, float], name: str, choices: Sequence[Index]
@@ -214,6 +241,23 @@ class SolidFinger:
             f"{self.step}: expected material around {name} at {tuple(round(p, 2) for p in position)} mm, found "
             f"{len(choices[-1])} nodes; make the parts of this profile and finger, or ask for smaller elements"
         )
+
+
+def slices(along: Array, hexes: Index, start: float) -> Index:
+    """Return the slice of each node, from 0: as thin ones as leave only neighbours in a hexahedron.
+
+    Args:
+        along: (n,) where the nodes are, of hexahedra that hang together.
+        hexes: (m, 8)
+        start: nodes up to here are in the first slice.
+    """
+    first, last = along[hexes].min(axis=1), along[hexes].max(axis=1)
+    cuts: list[float] = []
+    cut = start
+    while cut < last.max():
+        cut = float(last[first <= cut].max())
+        cuts.append(cut)
+    return np.searchsorted(np.array(cuts), along, side="left").astype(np.int32)
 
 
 def _numbers(chosen: NDArray[np.bool_]) -> Index:

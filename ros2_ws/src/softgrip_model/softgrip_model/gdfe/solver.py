@@ -228,8 +228,19 @@ class Solver:
         cables: Sequence[RoutedCable] = (),
         settings: SolverSettings | None = None,
         surroundings: Surroundings | None = None,
+        sections: Index | None = None,
     ) -> None:
         """Prepare.
+
+        Args:
+            mesh: hexahedra.
+            materials: that the mesh's elements name.
+            supports: which unknowns are not free.
+            cables: through the mesh.
+            settings: numbers of the method.
+            surroundings: what acts from outside.
+            sections: (n,) of each node, from 0, where `sections_after` asks for them: only neighbours meet in an
+                element. None = counted in elements from the support, for layers across the body.
 
         Raises:
             GdfeError: a mesh that names unknown materials or is not held.
@@ -237,6 +248,7 @@ class Solver:
         self.mesh, self.supports, self.cables = mesh, supports, tuple(cables)
         self.settings = settings or SolverSettings()
         self.surroundings = surroundings or Surroundings()
+        self._sections = np.zeros(0, dtype=np.int32) if sections is None else sections
         if mesh.materials.min() < 0 or mesh.materials.max() >= len(materials):
             element = int(np.argmax((mesh.materials < 0) | (mesh.materials >= len(materials))))
             raise GdfeError(
@@ -292,6 +304,7 @@ class Solver:
             maps=self.supports.maps(),
             cables=[cable.core() for cable in self.cables],
             surroundings=self.surroundings.core(),
+            sections=self._sections,
         )
 
     def _matrix_weights(self, tables: Array, lame_per_mu: Sequence[float]) -> Array:

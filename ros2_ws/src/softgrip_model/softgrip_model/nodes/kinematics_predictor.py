@@ -9,6 +9,7 @@ bag replays to the same numbers.
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -73,6 +74,7 @@ PARAMETERS = ParameterTable(
         1e-7,
         0.001,
     ),
+    Parameter("room_stddev_m", 1e-3 * _PRIOR.room_mm, "of where a pulled cable lies in its holes", "m", 0.0, 0.002),
     Parameter("print_stddev_m", 1e-3 * _PRIOR.thickness_mm, "of printed strips and routing", "m", 0.0, 0.002),
     Parameter("camera_stddev_m", 1e-3 * _PRIOR.camera_mm, "of the camera's plane", "m", 0.0, 0.01),
     Parameter("model_stddev", _PRIOR.model, "error of the kernel at full closing, share of the length", "", 0.0, 0.2),
@@ -108,13 +110,15 @@ _HEALTH = {
 def _uncertainty(values: dict[str, Any]) -> Uncertainty | None:
     if values["intervals"] == "friction":
         return None
-    return Uncertainty(
+    return dataclasses.replace(
+        _PRIOR,
         friction=values["friction_stddev"],
         stiffness=values["stiffness_stddev"],
         thickness_mm=1e3 * values["print_stddev_m"],
         routing_mm=1e3 * values["print_stddev_m"],
         zero_mm=1e3 * values["zero_stddev_m"],
         stretch_mm_per_n=1e3 * values["stretch_stddev_m_per_n"],
+        room_mm=1e3 * values["room_stddev_m"],
         camera_mm=1e3 * values["camera_stddev_m"],
         model=values["model_stddev"],
     )

@@ -195,6 +195,9 @@ PYBIND11_MODULE(_core, module) {
       .def_property(
           "matrix_weight", nullptr,
           [](gdfe::Problem& problem, const Array<double>& weight) { problem.matrix_weight = as_vector(weight); })
+      .def_property(
+          "sections", nullptr,
+          [](gdfe::Problem& problem, const Array<std::int32_t>& sections) { problem.sections = as_vector(sections); })
       .def_property("maps", nullptr, [](gdfe::Problem& problem, const std::array<Array<std::int32_t>, 3>& maps) {
         for (std::size_t axis = 0; axis < 3; ++axis) problem.maps[axis] = as_vector(maps[axis]);
       });

@@ -25,7 +25,7 @@ SectionLevel::SectionLevel(const Problem& problem, const Unknowns& unknowns, For
     : unknowns_(unknowns),
       forces_(forces),
       cables_(cables),
-      sections_(problem.hexes, static_cast<std::size_t>(problem.rest.rows()), unknowns.axes[0].nodes),
+      sections_(problem.hexes, static_cast<std::size_t>(problem.rest.rows()), unknowns.axes[0].nodes, problem.sections),
       first_iteration_(first_iteration),
       difference_(kDifference * diagonal_of(problem.rest)) {}
 

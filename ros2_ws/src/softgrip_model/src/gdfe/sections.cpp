@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <array>
+#include <stdexcept>
+#include <string>
 
 namespace softgrip::gdfe {
 namespace {
@@ -30,13 +32,53 @@ void spread(const Hexes& hexes, std::vector<std::int32_t>& level) {
   }
 }
 
+// level: 0 on the support, elsewhere -1 -> what was given, from 1.
+void take(const Hexes& hexes, const std::vector<std::int32_t>& given, std::vector<std::int32_t>& level) {
+  if (given.size() != level.size()) {
+    throw std::invalid_argument("sections: expected one for each of " + std::to_string(level.size()) +
+                                " nodes, found " + std::to_string(given.size()));
+  }
+  for (std::size_t i = 0; i < level.size(); ++i) {
+    if (level[i] >= 0) continue;
+    if (given[i] < 0) {
+      throw std::invalid_argument("sections: expected numbers from 0, found " + std::to_string(given[i]));
+    }
+    level[i] = given[i] + 1;
+  }
+  const std::int32_t last = *std::max_element(level.begin(), level.end());
+  std::vector<char> has_node(static_cast<std::size_t>(std::max(last, 0)), 0);
+  for (std::size_t i = 0; i < level.size(); ++i) {
+    if (level[i] > 0) has_node[static_cast<std::size_t>(level[i] - 1)] = 1;
+  }
+  if (std::find(has_node.begin(), has_node.end(), 0) != has_node.end()) {
+    throw std::invalid_argument("sections: expected nodes in each, found an empty one");
+  }
+  for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
+    std::int32_t least = last, most = 0;
+    for (int c = 0; c < 8; ++c) {
+      const std::int32_t own = level[static_cast<std::size_t>(hexes(e, c))];
+      if (own > 0) least = std::min(least, own), most = std::max(most, own);
+    }
+    if (most > least + 1) {
+      throw std::invalid_argument("sections: expected that only neighbours meet in an element, found " +
+                                  std::to_string(least - 1) + " and " + std::to_string(most - 1) + " in element " +
+                                  std::to_string(e));
+    }
+  }
+}
+
 }  // namespace
 
-Sections::Sections(const Hexes& hexes, std::size_t nodes, std::vector<std::int32_t> node_of)
+Sections::Sections(const Hexes& hexes, std::size_t nodes, std::vector<std::int32_t> node_of,
+                   const std::vector<std::int32_t>& section_of)
     : node_of_(std::move(node_of)) {
   std::vector<std::int32_t> level(nodes, 0);
   for (const std::int32_t node : node_of_) level[static_cast<std::size_t>(node)] = -1;
-  spread(hexes, level);
+  if (section_of.empty()) {
+    spread(hexes, level);
+  } else {
+    take(hexes, section_of, level);
+  }
   for (const std::int32_t node : node_of_) section_.push_back(level[static_cast<std::size_t>(node)] - 1);
   count_ = static_cast<std::size_t>(*std::max_element(level.begin(), level.end()));
 }

@@ -61,6 +61,7 @@ class Act:
         subject: what it is about, for the record.
         timeout_s: longest wait for the answer [s].
         is_secret: its request holds a token, which no page and no record shows.
+        is_repeated: asked again while no answer comes; for what is the same when it is done twice.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Act:
     subject: str = ""
     timeout_s: float = 10.0
     is_secret: bool = False
+    is_repeated: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,9 @@ _LENGTH, _TENSION = 1, 2
 
 
 def estop() -> Act:
-    """Stop: whoever sees the page may."""
-    return Act("estop", _service("estop", _TRIGGER), Role.LOOK, needs_control=False, timeout_s=5.0)
+    """Stop: whoever sees the page may. A request is lost where its link ends, so it is repeated."""
+    call = _service("estop", _TRIGGER)
+    return Act("estop", call, Role.LOOK, needs_control=False, timeout_s=5.0, is_repeated=True)
 
 
 def estop_reset() -> Act:

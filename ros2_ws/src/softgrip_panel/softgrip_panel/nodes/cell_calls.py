@@ -18,6 +18,8 @@ from softgrip_panel.nodes.convert import answer_of, request_message, ros_type
 Hook = Callable[[str, Any, str], Any]
 #: [s] A server that is not there after so long is named as missing.
 SERVER_WAIT_S: Final = 2.0
+#: [s] after which a stop without an answer is asked for again
+REPEAT_S: Final = 0.5
 _POLL_S: Final = 0.02
 
 
@@ -75,11 +77,10 @@ class RosCalls:
         return await self._run_action(act, client, request_message(kind.Goal, act.call.request), who)
 
     async def _call_service(self, act: Act, client: Any, request: Any) -> tuple[bool, str, Any]:
-        future = client.call_async(request)
-        if not await wait_for_answer(future, act.timeout_s):
-            client.remove_pending_request(future)
+        answered = await ask(client, request, act.timeout_s, REPEAT_S if act.is_repeated else act.timeout_s)
+        if answered is None:
             return False, f"expected an answer of {act.call.name} within {act.timeout_s:g} s, found none", None
-        response = future.result()
+        response = answered.result()
         success, message = answer_of(response)
         return success, message or ("" if success else f"{act.call.name} refused; its log says why"), response
 
@@ -126,6 +127,31 @@ async def wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
             return False
         await asyncio.sleep(_POLL_S)
     return True
+
+
+async def ask(client: Any, request: Any, timeout_s: float, repeat_s: float) -> Any | None:
+    """Ask, and again while no answer comes.
+
+    Args:
+        client: of a service.
+        request: of it.
+        timeout_s: longest wait [s].
+        repeat_s: [s] between two requests.
+
+    Returns:
+        the future that is done first; None when time is up.
+    """
+    end_s = time.monotonic() + timeout_s
+    asked: list[Any] = []
+    answered = None
+    while answered is None and (left_s := end_s - time.monotonic()) > 0.0:
+        asked.append(client.call_async(request))
+        await wait_for_answer(asked[-1], min(left_s, repeat_s))
+        answered = next((future for future in asked if future.done()), None)
+    for future in asked:
+        if not future.done():
+            client.remove_pending_request(future)
+    return answered
 
 
 async def wait_for_answer(future: Any, timeout_s: float) -> bool:

@@ -58,7 +58,7 @@ def _names(kind: Any, *names: str) -> dict[int, str]:
     return {int(getattr(kind, name)): name for name in names}
 
 
-MODES = _names(CellState, "UNKNOWN", "IDLE", "SWAPPING", "GRASPING", "HOLDING", "CALIBRATING", "FAULT", "ESTOP")
+MODES = _names(CellState, "UNKNOWN", "IDLE", "SWAPPING", "GRASPING", "HOLDING", "FAULT", "ESTOP")
 SLOT_STATES = {
     MountedFinger.UNKNOWN: "unknown",
     MountedFinger.EMPTY: "empty",

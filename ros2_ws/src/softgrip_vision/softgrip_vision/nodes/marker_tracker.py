@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +44,12 @@ from softgrip_vision import calibration, colour
 from softgrip_vision.calibration import file_when_there
 from softgrip_vision.errors import VisionError
 from softgrip_vision.finger import TrackerOptions
-from softgrip_vision.frame import CameraFrame, decode, image_size
+from softgrip_vision.frame import CameraFrame, decode, image_size, thumbnail, thumbnail_of
 from softgrip_vision.layout import FingerSetup, parse_region, read_chains
 from softgrip_vision.nodes import convert
 from softgrip_vision.overlay import draw
 from softgrip_vision.readings import FingerReading
+from softgrip_vision.still import StillWatch
 from softgrip_vision.tracker import Tracker
 
 #: [s] by which an emulated cell's time may run ahead of a frame that is not measured yet; shorter than its period
@@ -110,6 +111,14 @@ PARAMETERS = ParameterTable(
         changeable=True,
         former="patience_s",
     ),
+    Parameter(
+        "rest_period_s",
+        0.0,
+        "between measured frames while the picture stays the same; 0 = every frame is measured",
+        "s",
+        0.0,
+        0.4,
+    ),
     Parameter("overlay", False, "publish finger/overlay/compressed: the frame with what was found", changeable=True),
     lateness_parameter(0.2),
     realtime_parameter(Rank.ORDINARY),
@@ -141,7 +150,8 @@ class MarkerTrackerNode(CellNode):
             self.create_subscription(Image, driver, self._on_raw, SENSOR)
         else:
             self.create_subscription(CompressedImage, driver, self._on_compressed, SENSOR)
-        self._frames = 0
+        self._frames = self._skipped = 0
+        self._still = StillWatch(self._values["rest_period_s"])
         self._follower = CellFollower(self, "frames", FRAME_LAG_S)
         # a search of a large picture is long
         self._while_brief = WhileBrief(self._values[REALTIME_PRIORITY])
@@ -175,6 +185,7 @@ class MarkerTrackerNode(CellNode):
 
     def _apply(self, changed: dict[str, Any]) -> None:
         self._values.update(changed)
+        self._still.reset()
         self._tracker.set_options(self._options())
         self._configuration = self._tracker.configuration
 
@@ -183,6 +194,7 @@ class MarkerTrackerNode(CellNode):
 
     def _use_cell_state(self, message: CellState) -> None:
         problems = []
+        self._still.reset()
         for mounted in message.mounted:
             if mounted.state in {MountedFinger.TO_BE_VERIFIED, MountedFinger.VERIFIED}:
                 try:
@@ -195,24 +207,45 @@ class MarkerTrackerNode(CellNode):
         )
 
     def _on_compressed(self, message: CompressedImage) -> None:
+        data = bytes(message.data)
+
         def pixels() -> colour.Image:
-            data = bytes(message.data)
             self._tracker.calibration.require_size(*image_size(data))
             return decode(data)
 
-        self._on_frame(message, pixels)
+        self._on_frame(message, pixels, lambda: thumbnail(data))
 
     def _on_raw(self, message: Image) -> None:
-        self._on_frame(message, lambda: convert.from_image_message(message))
+        def pixels() -> colour.Image:
+            return convert.from_image_message(message)
 
-    def _on_frame(self, message: Image | CompressedImage, pixels: Any) -> None:
+        self._on_frame(message, pixels, lambda: thumbnail_of(pixels()))
+
+    def _on_frame(
+        self,
+        message: Image | CompressedImage,
+        pixels: Callable[[], colour.Image],
+        small: Callable[[], colour.Image],
+    ) -> None:
         start = time.thread_time()
         self._inputs.drive(message)
-        self._measure(message.header, pixels)
+        if self._may_skip(seconds(message.header.stamp), small):
+            self._skipped += 1
+        else:
+            self._measure(message.header, pixels)
         self._follower.report(nanoseconds(message.header.stamp))
         self._while_brief.note(time.thread_time() - start)
 
-    def _measure(self, header: Header, pixels: Any) -> None:
+    def _may_skip(self, stamp_s: float, small: Callable[[], colour.Image]) -> bool:
+        """Whether a frame shows what the last measured one showed, not long ago; never while somebody looks at all."""
+        if not self._values["rest_period_s"] or self._values["overlay"]:
+            return False
+        try:
+            return self._still.may_skip(small(), stamp_s)
+        except VisionError:
+            return False  # measuring it says what is wrong
+
+    def _measure(self, header: Header, pixels: Callable[[], colour.Image]) -> None:
         start = time.perf_counter()
         try:
             image = pixels()
@@ -236,9 +269,8 @@ class MarkerTrackerNode(CellNode):
         self._overlay.publish(convert.to_compressed_message(frame, 80, header))
 
     def _report(self, readings: Sequence[FingerReading], duration: float) -> None:
-        self._diagnostics.set(
-            "frames", Health.OK, "measured", {"frames": self._frames, "last_duration_s": f"{duration:.4f}"}
-        )
+        values = {"frames": self._frames, "the same again": self._skipped, "last_duration_s": f"{duration:.4f}"}
+        self._diagnostics.set("frames", Health.OK, "measured", values)
         for reading in readings:
             health = Health.OK if reading.pose is not None else Health.WARN
             hidden = [marker.name for marker in reading.markers if marker.occluded]

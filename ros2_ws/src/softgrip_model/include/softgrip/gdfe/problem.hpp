@@ -53,6 +53,7 @@ struct Problem {
   std::vector<Cable> cables;
   std::vector<OgdenMaterial> ogden;  // of every material, for the rigorous law
   Surroundings surroundings;
+  std::vector<std::int32_t> sections;  // of every node, where there are sections; empty: counted from the support
 };
 
 // One cable's drive. By length: `target` is the shortening of the cable since rest [length]; by tension: at the

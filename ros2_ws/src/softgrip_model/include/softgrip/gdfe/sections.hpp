@@ -3,9 +3,10 @@
 //
 // The constant matrix answers the turning of all that lies beyond a hinge as if it stretched the material, and that by
 // orders of magnitude too stiffly: such motions need many iterations. Nodes equally far from the support, in elements,
-// are a section. Sections have six motions each, Z; the elements' tangent K on them is measured at one state by
-// differences of forces. Only neighbours meet in an element, so three colours of sections times six motions measure it
-// all, and Z^T K Z is block tridiagonal. With r the out-of-balance force and L the constant matrix a step is
+// are a section, unless the problem says which nodes are. Sections have six motions each, Z; the elements' tangent K on
+// them is measured at one state by differences of forces. Only neighbours meet in an element, so three colours of
+// sections times six motions measure it all, and Z^T K Z is block tridiagonal. With r the out-of-balance force and L
+// the constant matrix a step is
 //   a = (Z^T K Z)^-1 Z^T r,   Z a + L^-1 (r - K Z a),
 // the operator A-DEF1 of Tang, Nabben, Vuik and Erlangga, J. Sci. Comput. 39 (2009) 340.
 #pragma once
@@ -25,8 +26,11 @@ class Sections {
   // Positions [node][kStride] -> force on every unknown, axis by axis.
   using Forces = std::function<void(const std::vector<double>& position, std::vector<double>& force)>;
 
-  // node_of: unknown -> its node, the same on every axis; the other nodes are the support.
-  Sections(const Hexes& hexes, std::size_t nodes, std::vector<std::int32_t> node_of);
+  // node_of: unknown -> its node, the same on every axis; the other nodes are the support. section_of: of every node,
+  // from 0, those of the support are not looked at; empty: counted in elements from the support. Throws
+  // std::invalid_argument where other than neighbours meet in an element, or a section has no node.
+  Sections(const Hexes& hexes, std::size_t nodes, std::vector<std::int32_t> node_of,
+           const std::vector<std::int32_t>& section_of = {});
 
   std::size_t count() const { return count_; }
 

@@ -71,6 +71,29 @@ TEST_F(SectionsOfABar, AreCountedFromTheSupport) {
   EXPECT_EQ(sections_->count(), static_cast<std::size_t>(kSections));
 }
 
+TEST_F(SectionsOfABar, AreThoseThatAreGiven) {
+  std::vector<std::int32_t> node_of, section_of(static_cast<std::size_t>(kHeld + kFree), -1);
+  for (Eigen::Index u = 0; u < kFree; ++u) {
+    node_of.push_back(static_cast<std::int32_t>(u + kHeld));
+    section_of[static_cast<std::size_t>(u + kHeld)] =
+        static_cast<std::int32_t>(u / 8);  // two layers each, one at the end
+  }
+  const auto make = [&](const std::vector<std::int32_t>& given) {
+    return Sections(block_.hexes, static_cast<std::size_t>(block_.rest.rows()), node_of, given);
+  };
+  EXPECT_EQ(make(section_of).count(), 3U);
+  const auto changed = [&](std::size_t node, std::int32_t section) {
+    std::vector<std::int32_t> given = section_of;
+    given.at(node) = section;
+    return given;
+  };
+  EXPECT_NO_THROW(make(changed(0, 7)));                       // held: not looked at
+  EXPECT_THROW(make(changed(4, 2)), std::invalid_argument);   // meets section 0 in an element
+  EXPECT_THROW(make(changed(4, -1)), std::invalid_argument);  // none
+  EXPECT_THROW(make(changed(23, 4)), std::invalid_argument);  // section 3 is empty
+  EXPECT_THROW(make({section_of.begin(), section_of.end() - 1}), std::invalid_argument);
+}
+
 TEST_F(SectionsOfABar, RestrictAndSolveAsTheDenseTangent) {
   measure();
   const Eigen::VectorXd residual = Eigen::VectorXd::Random(3 * kFree);

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each changed fact of an emulated XL330 does to homing, tension, slack, break and the decision of a grasp.
+
+Rows: the servo as it was emulated before and as it is now, under the driver as it was before (Present Current and Goal
+Current taken for the winding's) and as it is now. Data sheet values alone, no calibration; the emulated cell in
+virtual time (VirtualCell), so that the figures are the same on any machine.
+
+* homing: the largest error of three zeros, and the largest tension meanwhile, where 1.5 N are asked.
+* tension: what the plant has where 2, 5, 10 and 20 N are asked of the index finger.
+* slack: what a closing of empty fingers by 15 mm at 50 mm/s ends with.
+* break: how soon a broken tendon is named at 10 N.
+* grasps: three with a product and one without: what was said beside what the plant shows.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softgrip_cell.catalogue_file import read_catalogue
+from softgrip_cell.grasp.settings import GraspSettings
+from softgrip_cell.grasp.values import GraspOutcome
+from softgrip_driver.dynamixel.registers import CurrentSensing
+from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
+from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_emulator.dynamixel.servo import EmulatedServo
+from softgrip_testing.benchmark_claim import claim, no_options
+from softgrip_testing.virtual_cell import HANGS_S, SLOTS, VirtualCell, task
+
+SEED, FINGER_SET = 1, "power"
+SUPPLY, WINDING = CurrentSensing.SUPPLY, CurrentSensing.WINDING
+TENSIONS_N = (2.0, 5.0, 10.0, 20.0)
+BREAKS_AT_N = 10.0
+PRODUCTS = ("apple", "sausage", "muffin", "")
+SETTLE_S, BREAK_TIMEOUT_S = 0.3, 2.0
+#: winding and sensor [degC] of a hand that has worked
+WARM_C = (69.0, 44.0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table.
+
+    Attributes:
+        fact: in words.
+        senses, limits: which current the emulated servo reports, and limits.
+        believed: what the driver takes both for; None: what is so.
+        shows_asked_duty: Present PWM is what position control asks for, not what a limit leaves of it.
+        is_warm: the windings are warm.
+    """
+
+    fact: str
+    senses: CurrentSensing = SUPPLY
+    limits: CurrentSensing = SUPPLY
+    believed: CurrentSensing | None = None
+    shows_asked_duty: bool = False
+    is_warm: bool = False
+
+
+ROWS = (
+    Row("emulated as before, driver as before", WINDING, WINDING, WINDING),
+    Row("reports the supply's current, driver as before", SUPPLY, WINDING, WINDING),
+    Row("and limits it, driver as before", SUPPLY, SUPPLY, WINDING),
+    Row("reports and limits the supply's, driver as now"),
+    Row("reports the supply's, limits the winding's, driver as now", SUPPLY, WINDING),
+    Row("Present PWM as asked for, not as applied, driver as now", shows_asked_duty=True),
+    Row("windings 45 K warmer, sensor 20 K, driver as now", is_warm=True),
+)
+
+
+def cell_of(row: Row) -> VirtualCell:
+    """Return a cell whose servos, and whose driver, are those of a row."""
+    cell = VirtualCell(SEED, FINGER_SET, limits=row.limits, believed=row.believed)
+    for servo in cell.plant.servos:
+        assert isinstance(servo, EmulatedServo)
+        servo.model = replace(servo.model, senses=row.senses.value)
+        if row.is_warm:
+            servo.shaft.winding_c, servo.shaft.temperature_c = WARM_C
+        if row.shows_asked_duty:
+            show_asked_duty(servo)
+    cell.plant.grasp.lifts_itself = False
+    return cell
+
+
+def show_asked_duty(servo: EmulatedServo) -> None:
+    """Let Present PWM be what the position control asks for."""
+    asked = [0.0]
+    step, put = servo.step, servo.registers.put_present
+
+    def stepped(now_s: float, dt_s: float) -> Any:
+        drive = step(now_s, dt_s)
+        asked[0] = drive.duty
+        return drive
+
+    servo.step = stepped  # type: ignore[method-assign]
+    servo.registers.put_present = lambda block: put(block._replace(pwm=round(asked[0] * 885)))  # type: ignore[method-assign]
+
+
+def homing(cell: VirtualCell) -> str:
+    """Home; return how that went, and leave the true zeros."""
+    highest = 0.0
+    ticket = cell.controller.home(cell.plant.now_s)
+    while cell.controller.result(ticket)[0] is None:
+        cell.cycle()
+        highest = max(highest, float(cell.plant.bank.tension_n.max()))
+    outcome, reason = cell.controller.result(ticket)
+    taut_m = cell.plant.wound_m() - cell.plant.bank.slack_m
+    if outcome is MoveOutcome.REACHED:
+        errors_mm = [1e3 * (cell.controller.drives[slot].snapshot().length - taut_m[i]) for i, slot in enumerate(SLOTS)]
+        return f"{max(errors_mm, key=abs):+.2f} mm, {highest:.1f} N"
+    cell.controller.reset()
+    cell.switch_on()
+    cell.cycle()
+    cell.set_true_zeros()
+    cell.finish(cell.move(0.0, 0.02), 10.0)
+    return f"{reason.partition(':')[0][:60]}, {highest:.1f} N"
+
+
+def pull(cell: VirtualCell, tension_n: float) -> str:
+    """Pull the index finger's tendon to a tension; return what the plant has, and the outcome where it is another."""
+    ticket = cell.controller.move(MoveRequest([SLOTS[0]], MoveMode.TENSION, [tension_n], 0.02), cell.plant.now_s)
+    outcome = cell.finish(ticket, 10.0)
+    settle(cell, SETTLE_S)
+    true_n = float(cell.plant.bank.tension_n[0])
+    return f"{true_n:.1f}" if outcome is MoveOutcome.REACHED else f"{true_n:.1f} ({outcome_name(cell, ticket)})"
+
+
+def outcome_name(cell: VirtualCell, ticket: Any) -> str:
+    """Return a fault's name, else that of the outcome."""
+    fault = cell.fault()
+    outcome, _ = cell.controller.result(ticket)
+    return fault.name if fault else outcome.name.lower() if outcome else "no end"
+
+
+def settle(cell: VirtualCell, duration_s: float) -> None:
+    """Let time pass."""
+    for _ in range(round(duration_s / cell.period_s)):
+        cell.cycle()
+
+
+def freed(cell: VirtualCell) -> None:
+    """Leave a fault as a person does, with the zeros that were there, and open."""
+    if cell.fault() is not None:
+        cell.controller.reset()
+        cell.switch_on()
+        cell.cycle()
+        cell.set_true_zeros()
+    cell.finish(cell.move(0.0, 0.02), 5.0)
+
+
+def slack(cell: VirtualCell) -> str:
+    """Close empty fingers quickly; return what that ends with."""
+    ticket = cell.move(0.015, 0.05)
+    outcome = cell.finish(ticket, 5.0)
+    return "ends well" if outcome is MoveOutcome.REACHED else outcome_name(cell, ticket)
+
+
+def broken(cell: VirtualCell) -> str:
+    """Cut the index finger's tendon while it is held; return how soon it is named."""
+    pull(cell, BREAKS_AT_N)
+    began_s = cell.plant.now_s
+    cell.plant.disturbances.broken_tendons.add(SLOTS[0])
+    while cell.plant.now_s - began_s < BREAK_TIMEOUT_S:
+        cell.cycle()
+        fault = cell.fault()
+        if fault is not None:
+            return f"{fault.name} after {1e3 * (cell.plant.now_s - began_s):.0f} ms"
+    return f"not named in {BREAK_TIMEOUT_S:g} s"
+
+
+def grasps(cell: VirtualCell) -> str:
+    """Grasp; return how many outcomes are what the plant shows, and which are not."""
+    checks = cell.check()
+    if any(check.reference is None for check in checks.values()):
+        fault = cell.fault()
+        return f"the check after the swap is refused{f' ({fault.name})' if fault else ''}"
+    catalogue = read_catalogue().products
+    right, wrong = 0, []
+    for name in PRODUCTS:
+        cell.plant.place("")
+        freed(cell)
+        cell.plant.place(name, 0.0)
+        made = task(catalogue[name or PRODUCTS[0]], FINGER_SET, checks)
+        said, held = grasped(cell, made)
+        is_right = (said is GraspOutcome.GRIPPED) == held
+        right += is_right
+        wrong += [] if is_right else [f"{name or 'nothing'}: {said.value}"]
+    return f"{right} of {len(PRODUCTS)} right{': ' * bool(wrong)}{', '.join(wrong)}"
+
+
+def grasped(cell: VirtualCell, made: Any) -> tuple[GraspOutcome, bool]:
+    """Grasp and lift; return what was said, and whether the product hung for the thesis' 5 s."""
+    lifted_s = math.nan
+    verdict = None
+    for step, _ in cell.grasp(made, GraspSettings()):
+        if step.phase.value == "lift" and math.isnan(lifted_s):
+            lifted_s = cell.plant.now_s
+            cell.plant.lift()
+        verdict = step.verdict
+    assert verdict is not None
+    hung_s = 0.0 if math.isnan(lifted_s) else cell.plant.now_s - lifted_s
+    return verdict.outcome, cell.hangs(HANGS_S - hung_s)
+
+
+def measured(row: Row) -> list[str]:
+    """Return the cells of a row. Each begins with a cell of its own, so that one failure does not spoil the next."""
+
+    def fresh() -> VirtualCell:
+        cell = cell_of(row)
+        homing(cell)
+        return cell
+
+    def tensions() -> str:
+        cell = fresh()
+        # A new cable beds in by a quarter of a millimetre (docs/emulator.md): pulled once before.
+        pull(cell, max(TENSIONS_N))
+        freed(cell)
+        return ", ".join(pulled_from_open(cell, tension_n) for tension_n in TENSIONS_N)
+
+    jobs: list[Callable[[], str]] = [
+        lambda: homing(cell_of(row)),
+        tensions,
+        lambda: slack(fresh()),
+        lambda: broken(fresh()),
+        lambda: grasps(fresh()),
+    ]
+    return [attempted(job) for job in jobs]
+
+
+def pulled_from_open(cell: VirtualCell, tension_n: float) -> str:
+    """Pull from the open finger."""
+    freed(cell)
+    return pull(cell, tension_n)
+
+
+def attempted(job: Callable[[], str]) -> str:
+    """Return a job's answer, or why it could not be done."""
+    try:
+        return job()
+    except RuntimeError as error:
+        return f"refused: {error}"
+
+
+def first_numbers(cell: str) -> Iterator[float]:
+    """Yield the tensions of a cell of the table [N]."""
+    for part in cell.split(", "):
+        yield float(part.split()[0])
+
+
+def main() -> None:
+    """Print the table and the claim."""
+    no_options(__doc__)
+    with ProcessPoolExecutor(2) as pool:
+        table = list(pool.map(measured, ROWS))
+    for row, cells in zip(ROWS, table, strict=True):
+        print(f"| {row.fact} | {' | '.join(cells)} |", file=sys.stderr)
+    errors = [np.array(list(first_numbers(cells[1]))) - TENSIONS_N for cells in table]
+    claim(
+        "tension under the supply's current", float(np.abs(errors[3]).max()), "N", better="lower", goal=1.5,
+        runs=len(TENSIONS_N), peer="the driver as it was before, same servo",
+        peer_value=float(np.abs(errors[2]).max()),
+        note="largest error of 2, 5, 10 and 20 N asked, data sheet values alone; the whole table is on stderr",
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
