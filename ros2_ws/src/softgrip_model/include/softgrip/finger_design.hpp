@@ -51,7 +51,7 @@ enum class JointModel : std::uint8_t {
 // What mode F takes from a finite-element study (softgrip_model.finger.flexure has its numbers and where they are
 // from).
 struct FlexureStudy {
-  double strip = 1.0;       // bending stiffness over that of a wide plate
+  double strip = 1.0;       // bending stiffness over that of a beam held across as `contraction` says
   double link = 1.0;        // the same of the links
   double spread = 1.0;      // mm deeper per mm along: how a strip's force spreads into its link
   double attachment = 0.0;  // how far beyond its routing point the cable acts on a link; share of the strip's length
@@ -62,6 +62,7 @@ struct FlexureStudy {
   // of a strip; e: the strain that bending makes from one face to the other
   double elongation = 0.0;  // of its axis, per e^2
   double softening = 0.0;   // against more bending, per e^2
+  double contraction = 0.0;  // how much of a strip is free to contract across, per length over width
 };
 
 // Flexures like those that the study's numbers were compared with CalculiX on; beyond them nothing is known.

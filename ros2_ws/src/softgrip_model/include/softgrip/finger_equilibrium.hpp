@@ -105,16 +105,16 @@ struct Finger {
             rb * std::cos(before) - ra * std::cos(after)};
   }
 
-  // What bends the strip of a mode F joint: its material's law, as stiff as a plate too wide to contract across.
+  // What bends the strip of a mode F joint: its material's law, stiffer for being held across.
   template <typename Real, typename Shape>
   Real strip_moment(const FlexuresOf<Shape>& f, int j, const Real& bend) const {
-    const double plate = design.study.strip / (1.0 - design.poisson * design.poisson), angle = value_of(bend);
+    const double stiffer = design.study.strip * held_across(design, j), angle = value_of(bend);
     const Moment moment = strip[j].at(angle);
-    const Real of_angle = bend.through(plate * moment.value_Nmm, plate * moment.d_angle);
+    const Real of_angle = bend.through(stiffer * moment.value_Nmm, stiffer * moment.d_angle);
     if constexpr (std::is_same_v<Shape, double>) {
       return of_angle / f.softness;
     } else {
-      return (of_angle + f.thickness_mm[j].through(0.0, plate * strip[j].d_thickness(angle))) / f.softness;
+      return (of_angle + f.thickness_mm[j].through(0.0, stiffer * strip[j].d_thickness(angle))) / f.softness;
     }
   }
 

@@ -49,9 +49,15 @@ struct ComplianceOf {
 // To the thickness and to one routing distance.
 using ShapeJet = Jet<2>;
 
-// Stress per strain along a plate that cannot contract across, and of a rectangular section in shear.
-inline double plate_modulus_MPa(const Design& d) {
-  return d.material.constant_MPa / (1.0 - d.poisson * d.poisson);
+// How much stiffer a strip is for being held across: all of it cannot contract where it is much wider than long.
+inline double held_across(const Design& d, int joint) {
+  const double share = std::max(0.0, 1.0 - d.study.contraction * d.length_mm[joint] / d.width_mm[joint]);
+  return 1.0 + share * d.poisson * d.poisson / (1.0 - d.poisson * d.poisson);
+}
+
+// Stress per strain along the flexure of a joint, and of a rectangular section in shear.
+inline double flexure_modulus_MPa(const Design& d, int joint) {
+  return d.material.constant_MPa * held_across(d, joint);
 }
 inline double shear_modulus_MPa(const Design& d) {
   constexpr double kShearShare = 5.0 / 6.0;
@@ -68,7 +74,7 @@ class LinkSection {
         per_slope_(1.0 / std::tan(0.5 * d.opening_rad[joint])),
         spread_(d.study.spread),
         width_(d.width_mm[joint]),
-        modulus_(d.study.link * plate_modulus_MPa(d)),
+        modulus_(d.study.link * flexure_modulus_MPa(d, joint)),
         shear_modulus_(shear_modulus_MPa(d)) {}
 
   // Of the beam between x = `from` and `to` (mm from the apex), held at its far end, loaded at x = `at` on the line of
@@ -371,11 +377,11 @@ FlexuresOf<Real> flexures_of(const Design& d, const FlexureSides& sides, const P
     f.half_length_mm = 0.5 * d.length_mm[j];
     if (j > 0) f.before = lifted(entry.root, j, 2 * j);
     f.beyond = lifted(exit.root, j, 2 * j + 1);
-    const double length = d.length_mm[j], plate = plate_modulus_MPa(d);
+    const double length = d.length_mm[j], modulus = flexure_modulus_MPa(d, j);
     const Real area_softness = softness / (thickness_mm[j] * d.width_mm[j]);
-    f.axial_per_N = area_softness * (1.0 / plate);
+    f.axial_per_N = area_softness * (1.0 / modulus);
     f.shear_per_N = area_softness * (1.0 / shear_modulus_MPa(d));
-    f.skew_per_Nmm = area_softness * (6.0 * length / (d.study.strip * plate)) / (thickness_mm[j] * thickness_mm[j]);
+    f.skew_per_Nmm = area_softness * (6.0 * length / (d.study.strip * modulus)) / (thickness_mm[j] * thickness_mm[j]);
     f.strain_per_rad = thickness_mm[j] * (1.0 / length);
     f.elongation = d.study.elongation;
     f.stiffening = 24.0 * d.study.elongation;  // reciprocity: bending does to the axis what compression does to bending

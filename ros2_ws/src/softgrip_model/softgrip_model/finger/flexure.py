@@ -12,7 +12,7 @@ class FlexureStudy:
     """Numbers without units, fitted to `reference/flexure_study.npz` by tools/docs/flexure_study.py.
 
     Attributes:
-        strip: bending stiffness of a strip over that of a plate too wide to contract across.
+        strip: bending stiffness of a strip over that of a beam held across as `contraction` says.
         link: the same of the links.
         spread: how fast a strip's force spreads into its link, depth per length.
         attachment: how far beyond its routing point the cable acts on a link, as a share of the strip's length.
@@ -21,6 +21,7 @@ class FlexureStudy:
         root_lever: lever of a shear in a root, beside its beam's.
         elongation: by which the axis of a bent strip is longer, per e^2; e is the strain between its faces.
         softening: by which a bent strip is softer, per e^2.
+        contraction: how much of a strip is free to contract across, per length over width.
     """
 
     strip: float
@@ -32,6 +33,7 @@ class FlexureStudy:
     root_lever: float
     elongation: float
     softening: float
+    contraction: float
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -40,13 +42,14 @@ class FlexureStudy:
 
 
 FLEXURE_STUDY = FlexureStudy(
-    strip=0.988,
-    link=0.765,
-    spread=1.016,
-    attachment=0.443,
-    root_thickness=1.18,
-    root_link=0.301,
-    root_lever=0.301,
-    elongation=0.091,
-    softening=0.25,
+    strip=1.032,
+    link=0.802,
+    spread=0.996,
+    attachment=0.336,
+    root_thickness=1.235,
+    root_link=0.306,
+    root_lever=0.201,
+    elongation=0.0722,
+    softening=0.199,
+    contraction=0.582,
 )

@@ -29,7 +29,7 @@ sf::Design make_design(double base, const Numbers& width, const Numbers& link, c
                        const Numbers& length, const Numbers& opening, const Numbers& routing,
                        const std::array<double, 3>& modulus, int moment_law, double max_strain, double stop_margin,
                        double stop_moment, double compliance, double lead, double smoothing, int joint_model,
-                       double body, double poisson, const std::array<double, 9>& study) {
+                       double body, double poisson, const std::array<double, 10>& study) {
   sf::Design d;
   const std::size_t n = thickness.size();
   if (n < 1 || n > sf::kMaxJoints) throw std::invalid_argument("expected 1 to 6 joints");
@@ -48,7 +48,7 @@ sf::Design make_design(double base, const Numbers& width, const Numbers& link, c
   d.joint_model = static_cast<sf::JointModel>(joint_model);
   d.body_mm = body;
   d.poisson = poisson;
-  d.study = {study[0], study[1], study[2], study[3], study[4], study[5], study[6], study[7], study[8]};
+  d.study = {study[0], study[1], study[2], study[3], study[4], study[5], study[6], study[7], study[8], study[9]};
   return d;
 }
 
