@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The finite-element study behind mode F: random fingers of hexahedra, and the constants fitted to some of them.
 
+    python tools/docs/flexure_study.py              how far the kernel is from CalculiX
     python tools/docs/flexure_study.py calculix     CalculiX on every finger that the reference lacks; 15 s each
     python tools/docs/flexure_study.py mesh         the study's fingers by flexure_mesh.py; 2 s each
     python tools/docs/flexure_study.py check        how far that mesh is from CalculiX, at CalculiX' tensions
@@ -26,6 +27,7 @@ from scipy.optimize import least_squares
 
 import softgrip_model.finger
 from softgrip_model.finger import FRICTIONLESS, Control, Finger, FlexureStudy, JointModel, Kernel, Status
+from softgrip_model.finger.flexure import FLEXURE_STUDY
 from softgrip_model.friction.published import published
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
 from softgrip_model.gdfe.materials import Ogden
@@ -256,6 +258,8 @@ def main() -> int:
         run_mesh()
     elif sys.argv[1:] == ["check"]:
         run_check()
+    elif not sys.argv[1:]:
+        report(FLEXURE_STUDY)
     elif sys.argv[1:] == ["fit"]:
         study = fit()
         sys.stdout.write(f"{study}\n")
