@@ -26,6 +26,7 @@ def study() -> ModuleType:
         sys.path.remove(str(FOLDER))
 
 
+@pytest.mark.timeout(600)
 def test_the_fit_gives_the_constants(study: ModuleType) -> None:
     """From its own start; what is shipped is rounded to three digits."""
     np.testing.assert_allclose(FLEXURE_STUDY.constants, study.fit().constants, rtol=2.6e-3)
