@@ -23,7 +23,7 @@ from softgrip_model.finger.wear import WearSettings
 from softgrip_testing.benchmark_claim import claim, no_options
 from softgrip_testing.virtual_cell import SLOTS, TIP_NOISE_M, VirtualCell, calibrated
 
-SEEDS = range(9501, 9551)
+SEEDS = range(9601, 9651)
 SETS = ("power", "hook", "pinch")
 CLOSINGS = 5
 #: Pulled length [m] and speed [m/s] of a closing; it is looked at from here on [m].

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The finite-element study behind mode F: random fingers of hexahedra, and the constants fitted to them.
+"""The finite-element study behind mode F: random fingers of hexahedra, and the constants fitted to some of them.
 
+    python tools/docs/flexure_study.py              how far the kernel is from CalculiX
     python tools/docs/flexure_study.py calculix     CalculiX on every finger that the reference lacks; 15 s each
     python tools/docs/flexure_study.py mesh         the study's fingers by flexure_mesh.py; 2 s each
+    python tools/docs/flexure_study.py check        how far that mesh is from CalculiX, at CalculiX' tensions
     python tools/docs/flexure_study.py fit          prints the constants that fit the study's fingers best
 
 Needs `ccx` (apt-get install calculix-ccx) for the first. CalculiX' fingers are
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import gdfe_cable_calculix as cable
@@ -33,6 +36,7 @@ from softgrip_testing.calculix_flexures import (
     FITTED_OTHER_SEEDS,
     FITTED_SEEDS,
     FRICTIONLESS_SEEDS,
+    KNOWN_SEEDS,
     MODULUS_MPA,
     OTHER_SEEDS,
     UNSEEN_SEEDS,
@@ -55,6 +59,8 @@ MESH_SHARES = [0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0]
 STUDY_FILE = Path(softgrip_model.finger.__file__).parent / "reference" / "flexure_study.npz"
 #: As much as each other count 1 % of an angle (of this at least) and 0.25 % of the length in the tip.
 ANGLE_RAD, ANGLE_SHARE, TIP_SHARE_PCT = 0.3, 0.01, 0.25
+#: What the fit begins with.
+START = FlexureStudy(1.0, 0.7, 1.0, 0.3, 1.0, 0.3, 0.3, 0.1, 0.2, 0.5)
 #: A state that the kernel does not reach.
 LOST = 20.0
 
@@ -72,7 +78,7 @@ def increments_of(finger: Finger, mesh: FingerMesh, tensions_n: Array, share: fl
     return cable.calculix(text, len(mesh.mesh.nodes), TIME_LIMIT_S)
 
 
-def frictionless_closing(seed: int) -> Closing:
+def study_closing(seed: int) -> Closing:
     """Close a finger without friction, from rest to beyond what mode P needs for 15 mm."""
     finger = finger_of(seed)
     mesh = mesh_of(finger)
@@ -85,7 +91,7 @@ def frictionless_closing(seed: int) -> Closing:
     return Closing(seed, False, np.array([full_n * s for s, _ in found]), pulled, tip)
 
 
-def rubbing_closing(seed: int) -> Closing:
+def unseen_closing(seed: int) -> Closing:
     """Close a finger with friction; how the tension falls from point to point is what the kernel finds."""
     finger = finger_of(seed)
     mesh = mesh_of(finger)
@@ -106,17 +112,23 @@ def run_calculix() -> None:
         known = {one.seed: one for one in closings()}
     except FileNotFoundError:
         known = {}
-    for seed in (*UNSEEN_SEEDS, *FRICTIONLESS_SEEDS, *OTHER_SEEDS):
-        if seed in known:
-            continue
-        one = rubbing_closing(seed) if seed in UNSEEN_SEEDS else frictionless_closing(seed)
-        if not (len(one.tension_n) and np.isfinite(one.tension_n).all()):
-            sys.stdout.write(f"{seed}: CalculiX did not get there within {TIME_LIMIT_S:g} s\n")
-            continue
-        known[seed] = one
-        save_closings(known.values())
-        sys.stdout.write(f"{seed}: {one.pulled_mm[-1:]} mm, {one.tip_mm[-1:]} mm, {one.tension_n[-1:]} N\n")
-        sys.stdout.flush()
+    for seeds, close in (
+        (UNSEEN_SEEDS, unseen_closing),
+        (KNOWN_SEEDS, unseen_closing),
+        (FRICTIONLESS_SEEDS, study_closing),
+        (OTHER_SEEDS, study_closing),
+    ):
+        for seed in seeds:
+            if seed in known:
+                continue
+            one = close(seed)
+            if not (len(one.tension_n) and np.isfinite(one.tension_n).all()):
+                sys.stdout.write(f"{seed}: CalculiX did not get there within {TIME_LIMIT_S:g} s\n")
+                continue
+            known[seed] = one
+            save_closings(known.values())
+            sys.stdout.write(f"{seed}: {one.pulled_mm[-1:]} mm, {one.tip_mm[-1:]} mm, {one.tension_n[-1:]} N\n")
+            sys.stdout.flush()
 
 
 def differences(one: Closing, study: FlexureStudy) -> tuple[Array, Array]:
@@ -137,22 +149,49 @@ def middle_nodes(half: HalfFinger, link: int) -> NDArray[np.int_]:
 
 
 def mesh_closing(seed: int) -> Array:
-    """Close a finger without friction: rows of tension, pulled length, tip, joint angles from middle to middle."""
+    """Close a finger without friction up to what the kernel says is needed; rows as of `mesh_states`."""
     finger = finger_of(seed)
     pull = MESH_PULL_MM
     solution = Kernel([finger], FRICTIONLESS).solve([pull])
     while int(solution.status[0, 0]) & int(Status.STOP_ENGAGED | Status.FAILURE):
         pull -= 1.0
         solution = Kernel([finger], FRICTIONLESS).solve([pull])
+    return mesh_states(finger, float(solution.tension_n[0, 0, 0]))
+
+
+def mesh_states(finger: Finger, full_n: float) -> Array:
+    """Return rows of tension, pulled length, tip and joint angles (from middle to middle of links), up to a tension."""
     mesh = mesh_of(finger)
     half = HalfFinger(finger, mesh, MODULUS_MPA)
-    full_n = float(solution.tension_n[0, 0, 0])
     middles = [middle_nodes(half, link) for link in range(finger.joints)]
     rows = []
     for share, moved in half.closing(np.full(len(mesh.routing) - 1, full_n), MESH_SHARES):
         angles = np.diff(np.unwrap([0.0, *(half.turned(nodes, moved) for nodes in middles)]))
         rows.append([share * full_n, half.shortening(moved), *half.tip(moved), *angles])
     return np.array(rows)
+
+
+def mesh_beside_calculix(one: Closing) -> tuple[float, float]:
+    """Return by how much pulled lengths and tips [mm] of the mesh differ from CalculiX at its tensions, at most."""
+    mesh = mesh_of(one.finger)
+    half = HalfFinger(one.finger, mesh, MODULUS_MPA)
+    used = one.pulled_mm < FIT_PULL_MM
+    full_n = float(one.tension_n[used][-1])
+    states = half.closing(np.full(len(mesh.routing) - 1, full_n), (one.tension_n[used] / full_n).tolist())
+    pulled_mm = np.array([half.shortening(moved) for _, moved in states])
+    tip_mm = np.array([half.tip(moved) for _, moved in states])
+    apart = np.linalg.norm(tip_mm - one.tip_mm[used], axis=1)
+    return float(np.abs(pulled_mm - one.pulled_mm[used]).max()), float(apart.max())
+
+
+def run_check() -> None:
+    """Print how far the mesh is from CalculiX, for every finger that CalculiX closed without friction."""
+    for one in closings():
+        if not one.friction:
+            sys.stdout.write(
+                "{}: pulled length {:.3f} mm, tip {:.3f} mm\n".format(one.seed, *mesh_beside_calculix(one))
+            )
+            sys.stdout.flush()
 
 
 def run_mesh() -> None:
@@ -187,13 +226,18 @@ def fit() -> FlexureStudy:
         # what counts is the largest: the sum of fourth powers is near it
         return np.asarray(found * np.abs(found))
 
-    found = least_squares(residuals, FLEXURE_STUDY.constants, x_scale=0.1, diff_step=1e-4)
+    found = least_squares(residuals, START.constants, x_scale=0.1, diff_step=1e-4)
     return FlexureStudy(*found.x.tolist())
 
 
 def report(study: FlexureStudy) -> None:
     """Print how far the kernel is from CalculiX."""
-    groups = {"no friction": FRICTIONLESS_SEEDS, "others": OTHER_SEEDS, "with friction": UNSEEN_SEEDS}
+    groups: dict[str, Sequence[int]] = {
+        "CalculiX, thesis' bounds": FRICTIONLESS_SEEDS,
+        "others": OTHER_SEEDS,
+        "known": KNOWN_SEEDS,
+        "unseen": UNSEEN_SEEDS,
+    }
     for name, seeds in groups.items():
         parts = [differences(one, study) for one in closings() if one.seed in seeds]
         tip = np.array([np.linalg.norm(t, axis=1).max() for t, _ in parts if len(t)])
@@ -212,6 +256,10 @@ def main() -> int:
         run_calculix()
     elif sys.argv[1:] == ["mesh"]:
         run_mesh()
+    elif sys.argv[1:] == ["check"]:
+        run_check()
+    elif not sys.argv[1:]:
+        report(FLEXURE_STUDY)
     elif sys.argv[1:] == ["fit"]:
         study = fit()
         sys.stdout.write(f"{study}\n")

@@ -236,7 +236,7 @@ def test_a_servo_at_another_baud_rate_is_named(bus: Bus) -> None:
 def test_a_bus_without_supply_is_named(bus: Bus) -> None:
     for servo in bus.servos:
         servo.is_connected = False
-    with pytest.raises(FirstRunError, match="found nobody at any baud rate; .* check that the servos' supply is on"):
+    with pytest.raises(FirstRunError, match=r"found nobody at any baud rate; .* check that the servos' supply is on"):
         wrong(IdsStep(bus.bench))
 
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mode F: against CalculiX, against the elastica, and its exact gradients against differences."""
+"""Mode F: against CalculiX, against a rod, and its exact gradients against differences."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -36,11 +37,19 @@ from softgrip_model.finger.wear import WearSettings
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 from softgrip_model.friction.published import published
 from softgrip_model.profile import digest, load_directory, shipped_directory
-from softgrip_testing.calculix_flexures import FRICTIONLESS_SEEDS, OTHER_SEEDS, UNSEEN_SEEDS, Closing, closings
+from softgrip_testing.calculix_flexures import (
+    FRICTIONLESS_SEEDS,
+    KNOWN_SEEDS,
+    OTHER_SEEDS,
+    UNSEEN_SEEDS,
+    Closing,
+    closings,
+)
 from softgrip_testing.finger_gradients import differences, rows, uneven_finger
 
 finger = functools.partial(uneven_finger, JointModel.FLEXURE)
 MATTE = published("braid-tpu-chapter4").law
+WIDTH_MM = 15.0
 LAWS = {
     "matte": MATTE,
     "matte exact": dataclasses.replace(published("twine-tpu").law, k_reading=KReading.EXACT),
@@ -63,17 +72,22 @@ def largest_differences(one: Closing, joint_model: JointModel) -> tuple[float, f
 
 
 @pytest.mark.parametrize(
-    ("seeds", "tip", "tension"),
-    [(FRICTIONLESS_SEEDS, 0.010, 0.02), (OTHER_SEEDS, 0.015, 0.03), (UNSEEN_SEEDS, 0.010, 0.02)],
+    ("seeds", "tip", "tension", "mean"),
+    [
+        (FRICTIONLESS_SEEDS, 0.010, 0.05, 0.005),
+        (OTHER_SEEDS, 0.015, 0.05, 0.007),
+        (KNOWN_SEEDS, 0.010, 0.05, 0.005),
+        (UNSEEN_SEEDS, 0.010, 0.05, 0.005),
+    ],
 )
-def test_fingers_close_as_in_calculix(seeds: range, tip: float, tension: float) -> None:
-    """No constant was fitted to any of them."""
+def test_fingers_close_as_in_calculix(seeds: Sequence[int], tip: float, tension: float, mean: float) -> None:
+    """None of them was fitted to."""
     found = [one for one in closings() if one.seed in seeds]
     largest = np.array([largest_differences(one, JointModel.FLEXURE) for one in found])
     hinged = np.array([largest_differences(one, JointModel.HINGE) for one in found])
     assert len(found) == len(seeds)
     assert (largest.max(axis=0) <= (tip, tension)).all()
-    assert largest[:, 0].mean() <= 0.005
+    assert largest[:, 0].mean() <= mean
     assert hinged[:, 0].max() > 0.03  # what mode P leaves
 
 
@@ -122,25 +136,37 @@ def test_gradients_are_exact(design: Finger, law: FrictionLaw, control: Control,
         np.testing.assert_allclose(getattr(gradient, name)[0, 0], columns, atol=2e-6 * scale + 1e-9, err_msg=name)
 
 
-def elastica(length: float, stiffness: float, entry: float, leave: float, tension: float) -> tuple[float, float, float]:
-    """Return turn and shift of the end of a thin strip that a cable pulls together, by shooting for its end.
+def rod(design: Finger, tension: float) -> tuple[float, float, float]:
+    """Return turn and shift of the end of a strip that a cable pulls together, by shooting for its end.
 
-    The strip starts at (-length/2, 0) along x; the cable runs from a point fixed to its start to one fixed to its end,
-    as routing points of a groove of 90 degrees are.
+    Every cross-section obeys the energy of docs/finger.md: E' h w (n^2 / 2 + e^2 / 24 + c n e^2), softened by
+    1 + s e^2, and shear. The strip starts at (-length/2, 0) along x; the cable runs from a point fixed to its start to
+    one fixed to its end, as routing points of a groove of 90 degrees are.
     """
+    study, poisson, modulus = design.study, design.strip.poisson, design.strip.modulus_mpa[2]
+    (h,), (length,), (entry, leave) = design.thickness_mm, design.length_mm, design.routing_mm
+    held = 1.0 - study.contraction * length / WIDTH_MM
+    axial = modulus * (1.0 + held * poisson**2 / (1.0 - poisson**2)) * h * WIDTH_MM
+    bending, shear = study.strip * axial * h**2 / 12.0, 5.0 / 6.0 * modulus / (2.0 * (1.0 + poisson)) * h * WIDTH_MM
     depth = np.sqrt(0.5)
 
     def end_of(guess: np.ndarray) -> np.ndarray:
-        x_out, y_out = guess
-        force = np.array([x_out + depth * entry, y_out + depth * entry])
-        force *= tension / np.linalg.norm(force)
+        force = guess + depth * entry
+        force = force * tension / np.linalg.norm(force)
 
         def slopes(_: float, state: np.ndarray) -> list[float]:
             x, y, heading = state
+            c, s = np.cos(heading), np.sin(heading)
             moment = (y + depth * entry) * force[0] - (x + depth * entry) * force[1]
-            return [np.cos(heading), np.sin(heading), -moment / stiffness]
+            pressed, sheared = (force[0] * c + force[1] * s) / axial, (force[1] * c - force[0] * s) / shear
+            curvature = moment / bending
+            for _ in range(30):
+                softer = (1.0 + study.softening * (curvature * h) ** 2) / (1.0 + 24.0 * study.elongation * pressed)
+                curvature = moment / bending * softer
+            longer = 1.0 - pressed + study.elongation * (curvature * h) ** 2
+            return [longer * c + sheared * s, longer * s - sheared * c, -curvature]
 
-        return np.asarray(solve_ivp(slopes, (0.0, length), [-0.5 * length, 0.0, 0.0], rtol=1e-10, atol=1e-12).y[:, -1])
+        return np.asarray(solve_ivp(slopes, (0.0, length), [-0.5 * length, 0.0, 0.0], rtol=1e-9, atol=1e-11).y[:, -1])
 
     def cable_end(state: np.ndarray) -> np.ndarray:
         x, y, heading = state
@@ -148,35 +174,37 @@ def elastica(length: float, stiffness: float, entry: float, leave: float, tensio
         along, below = depth * leave - 0.5 * length, -depth * leave
         return np.array([x + c * along - s * below, y + s * along + c * below])
 
-    found = root(lambda guess: cable_end(end_of(guess)) - guess, [depth * leave, -depth * leave], tol=1e-12)
+    found = root(lambda guess: cable_end(end_of(guess)) - guess, [depth * leave, -depth * leave], tol=1e-11)
     assert found.success
     x, y, heading = end_of(found.x)
     half = 0.5 * length
     return -heading, x - half * np.cos(heading), y - half * np.sin(heading)
 
 
-@pytest.mark.parametrize(("entry", "leave", "turn"), [(8.0, 8.0, 0.9), (6.0, 11.0, 0.6), (12.0, 7.0, 0.7)])
-def test_a_thin_strip_is_an_elastica(entry: float, leave: float, turn: float) -> None:
-    """Where the strip is thin its links are rigid, and shortening and shear vanish."""
-    thin = Finger(
+@pytest.mark.parametrize(("entry", "leave"), [(8.0, 8.0), (6.0, 11.0), (12.0, 7.0), (5.0, 5.5)])
+@pytest.mark.parametrize("thickness", [0.1, 2.5, 3.5, 5.0])
+def test_a_strip_between_rigid_links_is_a_rod(thickness: float, entry: float, leave: float) -> None:
+    """Three unknowns stand for a strip that is integrated here; a thin one is Euler's elastica."""
+    design = Finger(
         link_mm=(40.0,),
-        thickness_mm=(0.1,),
+        thickness_mm=(thickness,),
         length_mm=(10.0,),
         routing_mm=(entry, leave),
-        width_mm=15.0,
-        strip=Strip((0.0, 0.0, 10.0), MomentLaw.LINEAR, poisson=0.0),
+        width_mm=WIDTH_MM,
+        strip=Strip((0.0, 0.0, 11.03), MomentLaw.LINEAR),
         stop_moment_nmm=0.0,
         joint_model=JointModel.FLEXURE,
     )
-    thin = dataclasses.replace(thin, study=dataclasses.replace(thin.study, strip=1.0))
-    solution = Kernel([thin], FRICTIONLESS).solve([turn], Control.DEFLECTION, march=False)
-    tension = float(solution.tension_n[0, 0, 0])
-    angle, u, v = elastica(10.0, 10.0 * 15.0 * 0.1**3 / 12.0, entry, leave, tension)
-    tip = np.array([u + 40.0 * np.cos(angle), v - 40.0 * np.sin(angle)])
-    assert angle == pytest.approx(turn, rel=0.02)
-    np.testing.assert_allclose(solution.tip_mm[0, 0], tip, atol=0.02 * 40.0 * turn)
-    hinge = np.array([40.0 * np.cos(turn), -40.0 * np.sin(turn)])
-    assert np.linalg.norm(solution.tip_mm[0, 0] - tip) < 0.5 * np.linalg.norm(hinge - tip) + 0.1
+    # the cable pulls at the strip's end, so the root has no length; the link gives nothing
+    place, half = np.sqrt(0.5) * leave, 5.0
+    attachment = (half - 0.5 * (place + half + np.hypot(place - half, 1.0))) / 10.0
+    design = dataclasses.replace(design, study=dataclasses.replace(design.study, link=1e9, attachment=attachment))
+    for turn, rel in ((0.4, 0.001), (0.8, 0.002), (1.1, 0.0065)):
+        solution = Kernel([design], FRICTIONLESS).solve([turn], Control.DEFLECTION, march=False)
+        angle, u, v = rod(design, float(solution.tension_n[0, 0, 0]))
+        assert angle == pytest.approx(turn, rel=rel)
+        shift = solution.tip_mm[0, 0] - 40.0 * np.array([np.cos(turn), -np.sin(turn)])
+        assert np.hypot(*(shift - (u, v))) < 0.07 * np.hypot(u, v)  # a hinge has none
 
 
 @pytest.mark.parametrize("control", list(Control))

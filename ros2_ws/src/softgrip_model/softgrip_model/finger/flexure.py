@@ -46,10 +46,10 @@ FLEXURE_STUDY = FlexureStudy(
     link=0.802,
     spread=0.996,
     attachment=0.336,
-    root_thickness=1.235,
+    root_thickness=1.236,
     root_link=0.306,
     root_lever=0.201,
     elongation=0.0722,
     softening=0.199,
-    contraction=0.582,
+    contraction=0.583,
 )

@@ -73,7 +73,7 @@ class Uncertainty:
     stretch_mm_per_n: float = 0.06
     room_mm: float = 0.15
     room_share: float = 1.0
-    model: float = 0.015
+    model: float = 0.010
     scatter_mm: float = 0.03
     tip_noise_mm: float = 0.5
     tension_error_n: float = 0.4
@@ -88,14 +88,14 @@ STATED = Uncertainty()
 #: The same as the first closings of 31 fingers of the emulated cell corrected it (benchmarks/finger/tip_tolerances.py).
 PRIOR = Uncertainty(
     friction=0.07,
-    stiffness=0.09,
-    thickness_mm=0.065,
-    routing_mm=0.065,
+    stiffness=0.085,
+    thickness_mm=0.06,
+    routing_mm=0.06,
     zero_mm=0.15,
-    stretch_mm_per_n=0.03,
+    stretch_mm_per_n=0.025,
     room_mm=0.07,
-    room_share=0.94,
-    model=0.0065,
+    room_share=0.93,
+    model=0.0055,
 )
 
 
