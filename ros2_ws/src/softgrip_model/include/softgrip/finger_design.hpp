@@ -60,8 +60,8 @@ struct FlexureStudy {
   double root_link = 0.0;       // the same in a shorter link
   double root_lever = 1.0;      // lever of a shear
   // of a strip; e: the strain that bending makes from one face to the other
-  double elongation = 0.0;  // of its axis, per e^2
-  double softening = 0.0;   // against more bending, per e^2
+  double elongation = 0.0;   // of its axis, per e^2
+  double softening = 0.0;    // against more bending, per e^2
   double contraction = 0.0;  // how much of a strip is free to contract across, per length over width
 };
 
