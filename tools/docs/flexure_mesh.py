@@ -24,7 +24,7 @@ CORNERS = np.array(
 )
 STEPS, SMALL_MM = 15, 1e-7
 #: A step [mm] that leads nowhere, and the least share of the load that is tried.
-LOST_MM, LEAST_SHARE = 200.0, 3e-3
+LOST_MM, MIN_SHARE = 200.0, 3e-3
 
 
 def _slopes(at: Array) -> Array:
@@ -180,8 +180,8 @@ class HalfFinger:
         """Return displacements and modes under tensions (stretches,); None where Newton does not get there."""
         moved, modes = (x.copy() for x in start)
         for step in range(STEPS):
-            forces, stiffness, least = self.elements(moved, modes)
-            if not least > 0.0:
+            forces, stiffness, smallest = self.elements(moved, modes)
+            if not smallest > 0.0:
                 return None
             inner = np.concatenate([forces[:, 24:, None], stiffness[:, 24:, :24]], axis=2)
             solved = np.linalg.solve(stiffness[:, 24:, 24:], inner)
@@ -221,7 +221,7 @@ class HalfFinger:
                 state = self.equilibrium(share * full, (guess[0], guess[1]))
             state = state or self.equilibrium(share * full, (last[1], last[2]))
             if state is None:
-                if share - last[0] < LEAST_SHARE:
+                if share - last[0] < MIN_SHARE:
                     break
                 left.insert(0, 0.5 * (share + last[0]))
                 continue

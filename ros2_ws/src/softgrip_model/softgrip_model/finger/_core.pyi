@@ -31,7 +31,7 @@ class Design:
         joint_model: int,
         body_mm: float,
         poisson: float,
-        study: tuple[float, float, float, float],
+        study: tuple[float, ...],
     ) -> None: ...
 
 class Friction:
