@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the watch names what has changed about a finger: 25 changes, and quiet closings under all conditions.
 
-The true finger is not the watch's: its joints are hinges (mode P), it is printed as its tolerances have it, its strips
-creep, and its closings scatter. Each change is judged twice: by the closings of its finger alone, and by those of a
-hand of three fingers, as a cell has it. Heat, the camera and how closings are made concern all three; the rest one of
-them. The peer is the former watch (friction or stiffness) on the same closings.
+The true finger is not the watch's (`_changed_finger`): its joints are hinges (mode P), or it is the emulated cell's
+(``--plant beams``). It is printed as its tolerances have it, its strips creep, its closings scatter. Each change is
+judged twice: by the closings of its finger alone, and by those of a hand of three fingers, as a cell has it. Heat, the
+camera and how closings are made concern all three; the rest one of them. The peer is the former watch (friction or
+stiffness) on the same closings.
 """
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import math
 import sys
@@ -18,56 +20,24 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import root
+from _changed_finger import SETS, BeamFinger, ChangedFinger, HingedFinger, Truth
 
-from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.finger.closing_samples import ClosingInstant
-from softgrip_model.finger.diagnosis import WATCH, WATCHED, CauseWatch, ClosingConditions
+from softgrip_model.finger.diagnosis import WATCH, WATCHED, CauseWatch
 from softgrip_model.finger.hypotheses import Cause
-from softgrip_model.finger.parts import bends, groove, strip_moment
-from softgrip_model.finger.predictor import assumed_friction
-from softgrip_model.finger.uncertainty import SCALED_COEFFICIENTS, Causes
+from softgrip_model.finger.uncertainty import Causes
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
-from softgrip_model.friction.laws import FrictionLaw
-from softgrip_model.profile import load_directory, shipped_directory
-from softgrip_testing.benchmark_claim import claim, no_options
+from softgrip_testing.benchmark_claim import claim
 
-Array = NDArray[np.float64]
-
-SETS = ("power", "hook", "pinch")
-CELLS = range(7301, 7302)
-PULLS_MM = np.arange(1.0, 16.5, 1.0)
+PLANTS: dict[str, Callable[[str, int], ChangedFinger]] = {"hinges": HingedFinger, "beams": BeamFinger}
+#: Of development; what is published is from other ones.
+CELLS, QUIET_CELLS = 7301, 7401
 #: Fingers of a hand.
 FINGERS = 3
 #: Quiet closings before a change, and closings after which it is asked for.
 QUIET, AFTER = 12, 5
 #: Closings of each of the quiet cells, under all conditions.
-LONG_QUIET, QUIET_CELLS = 150, range(7401, 7407)
-#: Share of the stress that creeps, and how fast [s] (docs/emulator.md: 10 % in 6 s).
-CREEP, CREEP_S = 0.10, 6.0
-#: Of a closing: pull [mm], tips [mm], tension; friction and stiffness beside the closing before.
-SCATTER_MM, TIP_MM, TENSION, WANDER = 0.03, 0.3, 0.02, 0.01
-
-
-@dataclass(frozen=True)
-class Truth:
-    """How a true finger differs from its profile, and how it is seen."""
-
-    friction: float = 1.0
-    stiffness: float = 1.0
-    strips: tuple[float, ...] = (1.0, 1.0, 1.0)
-    contact: tuple[int, float] = (0, 1.0)
-    zero_mm: float = 0.0
-    stretch_mm_per_n: float = 0.0
-    camera_mm: tuple[float, float] = (0.0, 0.0)
-    camera_scale: float = 1.0
-    tilt_rad: float = 0.0
-    gain: float = 1.0
-    creep: float = CREEP
-    speed_mm_per_s: float = 16.0
-    rest_s: float = 12.0
-    further_mm: float = 0.0
+LONG_QUIET = 150
 
 
 @dataclass(frozen=True)
@@ -119,99 +89,7 @@ CHANGES = (
 )
 
 
-class TrueFinger:
-    """A printed finger of a set, closed again and again."""
-
-    def __init__(self, finger_set: str, seed: int) -> None:
-        profile = load_directory(shipped_directory())[finger_set]
-        self.believed, friction = Finger.from_profile(profile, "index"), assumed_friction(profile)
-        self.law = friction.law
-        self._rng = np.random.default_rng([seed, SETS.index(finger_set)])
-        hinges = self.believed.with_joint_model(JointModel.HINGE)
-        self._printed = hinges.with_design(
-            np.array(hinges.thickness_mm) + 0.07 * self._rng.standard_normal(3),
-            np.array(hinges.routing_mm) + 0.07 * self._rng.standard_normal(6),
-        )
-        self._own = self._rng.normal(1.0, 0.05, 2)
-        self._predicted_n = Kernel([self.believed], self.law).solve(PULLS_MM).tension_n[0, :, 0]
-
-    def close(self, truth: Truth) -> tuple[tuple[ClosingInstant, ...], ClosingConditions]:
-        """Close once; return what is seen of it."""
-        wander = 1.0 + WANDER * self._rng.standard_normal(2)
-        tips, tensions = self.answer(truth, SCATTER_MM * self._rng.standard_normal(), *wander)
-        seen = tips + TIP_MM * self._rng.standard_normal(tips.shape)
-        measured_n = tensions * (1.0 + TENSION * self._rng.standard_normal(len(tensions)))
-        closing = tuple(
-            ClosingInstant(0, float(p), tip, float(n), float(expected))
-            for p, tip, n, expected in zip(PULLS_MM, seen, measured_n, self._predicted_n, strict=True)
-        )
-        return closing, ClosingConditions(truth.speed_mm_per_s, truth.rest_s, further_mm=truth.further_mm)
-
-    def answer(
-        self, truth: Truth, shift_mm: float = 0.0, friction: float = 1.0, stiffness: float = 1.0
-    ) -> tuple[Array, Array]:
-        """Return tips [mm] and tensions [N] of a closing as it would be seen without noise."""
-        t = PULLS_MM / truth.speed_mm_per_s
-        loading = 1.0 - truth.creep * (1.0 - CREEP_S / t * (1.0 - np.exp(-t / CREEP_S)))
-        unrecovered = 1.0 - 0.5 * truth.creep * math.exp(-truth.rest_s / CREEP_S)
-        own = self._own * np.array([friction * truth.friction, stiffness * unrecovered])
-        pulled = PULLS_MM + truth.zero_mm + shift_mm
-        found = [self._solve(truth, pull, own[0], own[1] * share) for pull, share in zip(pulled, loading, strict=True)]
-        tips = np.array([tip for tip, _ in found]) * truth.camera_scale * np.array([1.0, math.cos(truth.tilt_rad)])
-        return tips + truth.camera_mm, truth.gain * np.array([tension for _, tension in found])
-
-    def _solve(self, truth: Truth, pull: float, friction: float, stiffness: float) -> tuple[Array, float]:
-        """Return tip [mm] and actuator tension [N]."""
-        strip = self._printed.strip
-        moduli = tuple(stiffness * truth.stiffness * modulus for modulus in strip.modulus_mpa)
-        finger = dataclasses.replace(
-            self._printed,
-            strip=dataclasses.replace(strip, modulus_mpa=moduli),
-            strip_width_mm=tuple(self._printed.width_mm * np.array(truth.strips)),
-        )
-        scaled = np.array(SCALED_COEFFICIENTS[self.law.law])
-        law = self.law.with_coefficients(np.array(self.law.coefficients) * (1.0 + (friction - 1.0) * scaled))
-        tension = 0.0
-        for _ in range(3 if truth.stretch_mm_per_n else 1):
-            found = Kernel([finger], law).solve([pull - truth.stretch_mm_per_n * tension], threads=1)
-            tension = float(found.tension_n[0, 0, 0])
-        if truth.contact[1] != 1.0:
-            return _one_contact(
-                finger, law, pull, truth.contact, found.angle_rad[0, 0], float(found.tension_n[0, 0, -1])
-            )
-        return found.tip_mm[0, 0], tension
-
-
-def _one_contact(
-    finger: Finger, law: FrictionLaw, pull: float, contact: tuple[int, float], start: Array, tip_n: float
-) -> tuple[Array, float]:
-    """Return tip and tension with ln Rf of one contact multiplied; by SciPy from the parts of mode P."""
-    place, factor = contact
-    spans = [groove(finger.routing_mm[2 * j], finger.routing_mm[2 * j + 1], 0.0).span_mm for j in range(3)]
-
-    def chain(x: Array) -> list[float]:
-        size = np.sqrt(np.asarray(bends(finger, x[:3])) ** 2 + finger.smoothing_rad**2)
-        log = [float(x[3])]
-        for i in range(5, -1, -1):
-            ratio = float(law.evaluate(size[i], math.exp(log[-1])).log_ratio)
-            log.append(log[-1] + ratio * (factor if i == place else 1.0))
-        return log[::-1]
-
-    def residual(x: Array) -> list[float]:
-        log, taken, rows = chain(x), 0.0, []
-        for j in range(3):
-            at = groove(finger.routing_mm[2 * j], finger.routing_mm[2 * j + 1], float(x[j]))
-            taken += spans[j] - at.span_mm
-            rows.append(strip_moment(finger, j, float(x[j]))[0] - math.exp(log[2 * j + 1]) * at.arm_mm)
-        return [*rows, 10.0 * (taken - pull)]
-
-    x = root(residual, [*start, math.log(tip_n)], tol=1e-10).x
-    heading = np.cumsum(x[:3])
-    tip = np.array([np.dot(finger.link_mm, np.cos(heading)), -np.dot(finger.link_mm, np.sin(heading))])
-    return tip, math.exp(chain(x)[0])
-
-
-def watch_of(finger: TrueFinger) -> CauseWatch:
+def watch_of(finger: ChangedFinger) -> CauseWatch:
     """Return a watch of what is believed of a finger."""
     return CauseWatch(Causes(finger.believed, finger.law, None, WATCHED), WATCH)
 
@@ -227,10 +105,10 @@ class Verdict:
     former: bool
 
 
-def changed(finger_set: str, seed: int, number: int) -> Verdict:
+def changed(plant: str, finger_set: str, seed: int, number: int) -> Verdict:
     """Return what is named of a change."""
     one = CHANGES[number]
-    hand = [TrueFinger(finger_set, seed + 17 * number + 1000 * place) for place in range(FINGERS)]
+    hand = [PLANTS[plant](finger_set, seed + 17 * number + 1000 * place) for place in range(FINGERS)]
     watches = [watch_of(finger) for finger in hand]
     former = WearMonitor(hand[0].believed, hand[0].law, WearSettings())
     after = AFTER if "closing" not in one.name else 3 * AFTER
@@ -257,9 +135,9 @@ def feed(former: WearMonitor, closing: tuple[ClosingInstant, ...]) -> None:
     former.add(closing[-1], pulling=False, free=True)
 
 
-def quiet(seed: int) -> tuple[int, int]:
+def quiet(plant: str, seed: int) -> tuple[int, int]:
     """Return closings, and those called worn, under all conditions."""
-    finger = TrueFinger(SETS[seed % len(SETS)], seed)
+    finger = PLANTS[plant](SETS[seed % len(SETS)], seed)
     watch, rng, worn = watch_of(finger), np.random.default_rng(seed), 0
     for _ in range(LONG_QUIET):
         truth = Truth(
@@ -301,13 +179,26 @@ def percent(found: Sequence[bool]) -> float:
     return 100.0 * float(np.mean(found))
 
 
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--plant", choices=PLANTS, default="hinges", help="the true fingers (default hinges)")
+    made.add_argument("--seed", type=int, default=CELLS, help=f"of the first cell with changes (default {CELLS})")
+    made.add_argument("--cells", type=int, default=1, help="with changes; 75 cases each (default 1)")
+    made.add_argument("--quiet-seed", type=int, default=QUIET_CELLS, help=f"first quiet cell (default {QUIET_CELLS})")
+    made.add_argument("--quiet-cells", type=int, default=6, help=f"of {LONG_QUIET} closings each (default 6)")
+    return made
+
+
 def main() -> int:
     """Print the claims."""
-    no_options(__doc__)
-    cases = [(name, seed, number) for number in range(len(CHANGES)) for name in SETS for seed in CELLS]
+    options = parser().parse_args()
+    plant, seeds = options.plant, range(options.seed, options.seed + options.cells)
+    quiet_seeds = range(options.quiet_seed, options.quiet_seed + options.quiet_cells)
+    cases = [(plant, name, seed, number) for number in range(len(CHANGES)) for name in SETS for seed in seeds]
     with ProcessPoolExecutor() as pool:
         found = list(pool.map(changed, *zip(*cases, strict=True), chunksize=4))
-        calm = list(pool.map(quiet, QUIET_CELLS))
+        calm = list(pool.map(quiet, [plant] * len(quiet_seeds), quiet_seeds))
     print(table(found), file=sys.stderr)
     closings, worn = (sum(column) for column in zip(*calm, strict=True))
     former = percent([v.former for v in found])
@@ -316,12 +207,12 @@ def main() -> int:
         claim(
             f"right cause, {what}", percent([first(*pair) for pair in pairs]), "%", better="higher", goal=90.0,
             runs=len(found), peer="former watch", peer_value=former,
-            note=f"{len(CHANGES)} changes, {AFTER} closings after each; among the first two named: "
+            note=f"{plant}; {len(CHANGES)} changes, {AFTER} closings after each; among the first two named: "
             f"{percent([among(*pair, 2) for pair in pairs]):.1f} %",
         )  # fmt: skip
     claim(
         "false worn", 1e4 * worn / closings, "of 10,000 closings", better="lower", goal=1.0, runs=closings,
-        note="rests 0.5-60 s, 6-20 mm/s, +-10 K",
+        note=f"{plant}; rests 0.5-60 s, 6-20 mm/s, +-10 K",
     )  # fmt: skip
     return 0
 

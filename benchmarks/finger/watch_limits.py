@@ -14,22 +14,10 @@ import sys
 from collections.abc import Callable
 
 import numpy as np
+from _changed_finger import PULLS_MM, SCATTER_MM, SETS, TENSION, TIP_MM, WANDER, HingedFinger, Truth
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from watch_causes import (
-    AFTER,
-    CHANGES,
-    PULLS_MM,
-    QUIET,
-    SCATTER_MM,
-    SETS,
-    TENSION,
-    TIP_MM,
-    WANDER,
-    Change,
-    TrueFinger,
-    Truth,
-)
+from watch_causes import AFTER, CHANGES, QUIET, Change
 
 from softgrip_model.finger.hypotheses import Cause
 from softgrip_testing.benchmark_claim import claim, no_options
@@ -63,13 +51,13 @@ CAUSES: tuple[tuple[Cause, int, Callable[[Array], dict[str, object]]], ...] = (
 )
 
 
-def closing(finger: TrueFinger, truth: Truth, *wander: float) -> Array:
+def closing(finger: HingedFinger, truth: Truth, *wander: float) -> Array:
     """Return tips and tensions, (3 K,)."""
     tips, tensions = finger.answer(truth, *wander)
     return np.concatenate([tips.ravel(), tensions])
 
 
-def whitening(finger: TrueFinger) -> Array:
+def whitening(finger: HingedFinger) -> Array:
     """Return what makes the difference of two means of closings of unit variance."""
     calm = closing(finger, Truth())
     white = np.concatenate([np.full(2 * len(PULLS_MM), TIP_MM), TENSION * calm[2 * len(PULLS_MM) :]])
@@ -84,7 +72,7 @@ def is_right(cause: Cause, change: Change) -> bool:
     return cause in change.causes or (cause is Cause.STIFFNESS and Cause.CONDITIONS in change.causes)
 
 
-def distances(finger: TrueFinger, change: Change, root: Array) -> tuple[float, Cause, float]:
+def distances(finger: HingedFinger, change: Change, root: Array) -> tuple[float, Cause, float]:
     """Return how far a change is from none, the wrong cause that is nearest to it, and how far that is."""
     truth = change.apply(Truth(), AFTER if "closing" not in change.name else 3 * AFTER - 2)
     calm, seen = closing(finger, Truth()), closing(finger, truth)
@@ -107,7 +95,7 @@ def main() -> int:
     no_options(__doc__)
     identified = []
     for name in SETS:
-        finger = TrueFinger(name, SEED)
+        finger = HingedFinger(name, SEED)
         root = whitening(finger)
         for change in CHANGES:
             total, cause, apart = distances(finger, change, root)

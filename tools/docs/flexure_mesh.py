@@ -23,7 +23,7 @@ CORNERS = np.array(
     [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
 )
 STEPS, SMALL_MM = 15, 1e-7
-#: A step [mm] that leads nowhere, and the least share of the load that is tried.
+#: A step [mm] that leads nowhere, and the smallest share of the load that is tried.
 LOST_MM, MIN_SHARE = 200.0, 3e-3
 
 
@@ -122,7 +122,7 @@ class HalfFinger:
         return float(np.arctan2(sine, np.sum(rest * now)))
 
     def elements(self, moved: Array, modes: Array) -> tuple[Array, Array, float]:
-        """Forces (E, 33), stiffness (E, 33, 33) of every element, and the least volume ratio."""
+        """Forces (E, 33), stiffness (E, 33, 33) of every element, and the smallest volume ratio."""
         both = np.concatenate([moved[self.hexes], modes], axis=1)
         gradient = np.einsum("eai,egaj->egij", both, self.slopes, optimize=True) + np.eye(3)
         ratio = np.linalg.det(gradient)
@@ -180,8 +180,8 @@ class HalfFinger:
         """Return displacements and modes under tensions (stretches,); None where Newton does not get there."""
         moved, modes = (x.copy() for x in start)
         for step in range(STEPS):
-            forces, stiffness, smallest = self.elements(moved, modes)
-            if not smallest > 0.0:
+            forces, stiffness, min_ratio = self.elements(moved, modes)
+            if not min_ratio > 0.0:
                 return None
             inner = np.concatenate([forces[:, 24:, None], stiffness[:, 24:, :24]], axis=2)
             solved = np.linalg.solve(stiffness[:, 24:, 24:], inner)

@@ -271,7 +271,7 @@ def test_a_product_in_the_way_stalls_the_goal(
 ) -> None:
     bench = make(allow_stalling=allowed)
     bench.tendons.blocked_at_m = opening.pulled_length_m(0.070)
-    found, result = bench.result(bench.send(0.030))
+    found, result = bench.result(bench.send(0.040))
     assert (found, *flags(result)) == (getattr(GoalStatus, status), False, True)
     assert result.position == pytest.approx(0.070, abs=1e-4)
 
@@ -327,18 +327,18 @@ def test_goals_out_of_range_are_rejected_and_the_reason_said(make: Callable[...,
 
 def test_a_cancelled_goal_stops_the_fingers_and_says_nothing_else(make: Callable[..., Bench], opening: Any) -> None:
     bench = make(max_velocity_m_s=0.01)
-    handle = bench.send(0.030)
+    handle = bench.send(0.040)
     bench.until(lambda: bench.tendons.pulled_m > 0.0005)
     bench.wait(handle.cancel_goal_async())
     status, result = bench.result(handle)
     assert (status, *flags(result), result.position) == (GoalStatus.STATUS_CANCELED, False, False, 0.0)
     bench.until(lambda: bench.tendons.target_m is None)
-    assert bench.tendons.pulled_m < opening.pulled_length_m(0.030)
+    assert bench.tendons.pulled_m < opening.pulled_length_m(0.040)
 
 
 def test_a_newer_goal_of_the_other_action_takes_over(make: Callable[..., Bench], opening: Any) -> None:
     bench = make(max_velocity_m_s=0.05)
-    first = bench.send(0.030)
+    first = bench.send(0.040)
     bench.until(lambda: bench.tendons.pulled_m > 0.0005)
     second = bench.send_parallel([opening.max_m])
     status, result = bench.result(first)
@@ -348,7 +348,7 @@ def test_a_newer_goal_of_the_other_action_takes_over(make: Callable[..., Bench],
 
 def test_an_emergency_stop_ends_the_goal_and_refuses_the_next(make: Callable[..., Bench]) -> None:
     bench = make(max_velocity_m_s=0.01)
-    handle = bench.send(0.030)
+    handle = bench.send(0.040)
     bench.until(lambda: bench.tendons.pulled_m > 0.0005)
     bench.tendons.publish_safety(estop=True, estop_reason="scripted")
     status, result = bench.result(handle)
@@ -367,7 +367,7 @@ def test_hands_in_the_cell_refuse_every_goal(make: Callable[..., Bench]) -> None
 
 def test_silent_tendons_end_the_goal_and_refuse_the_next(make: Callable[..., Bench]) -> None:
     bench = make(max_velocity_m_s=0.01, silence_s=0.4)
-    handle = bench.send(0.030)
+    handle = bench.send(0.040)
     bench.until(lambda: bench.tendons.pulled_m > 0.0005)
     bench.tendons.quiet = True
     assert bench.result(handle)[0] == GoalStatus.STATUS_ABORTED
@@ -431,7 +431,7 @@ def test_a_closing_goal_grasps_the_selected_product(
     bench.tendons.grasp_outcome = outcome
     bench.cell.publish(CellState(mode=CellState.IDLE, product="egg"))
     bench.until(lambda: bench.gripper._cell is not None)
-    status, result = bench.result(bench.send(0.030))
+    status, result = bench.result(bench.send(0.040))
     expected = GoalStatus.STATUS_SUCCEEDED if reached or stalled else GoalStatus.STATUS_ABORTED
     assert (status, *flags(result)) == (expected, reached, stalled)
     assert bench.tendons.grasped == ["egg"]

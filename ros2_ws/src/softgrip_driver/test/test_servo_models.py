@@ -119,11 +119,15 @@ def test_bring_up_from_factory_settings(wired, mode):
             [(1, 57_600), (2, 57_600)],
             r"ID 1, 2 at 57600 baud \(as new\); set each with .*setup --port .* --new-baud 1000000",
         ),
+        (
+            [(1, 1_000_000), (3, 1_000_000), (1, 57_600)],
+            r"ID 1, 3 instead, and ID 1 at 57600 baud \(as new\); set each with .*setup --port .* --new-baud 1000000",
+        ),
         ([(7, 1_000_000)], r"ID 7 instead; correct the parameter servo_ids"),
         ([(7, 1_000_000), (7, 1_000_000)], r"several servos with ID 7; connect them one at a time"),
         ([], r"nobody at any baud rate; check power and cable; .*LED stays lit.*DYNAMIXEL Wizard"),
     ],
-    ids=["factory baud rate", "another ID", "one ID for two", "boot loader"],
+    ids=["factory baud rate", "one at the factory's beside others", "another ID", "one ID for two", "boot loader"],
 )
 def test_a_servo_that_is_not_there_is_looked_for_and_the_way_to_it_named(tmp_path, world, servos, text):
     devices = [EmulatedServo(load_model("XL330-M288"), number, baud=baud) for number, baud in servos]

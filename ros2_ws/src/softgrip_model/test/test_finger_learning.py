@@ -108,7 +108,7 @@ def test_no_cable_gets_shorter_when_it_is_pulled(causes: Causes) -> None:
     z = drawn(causes, 3)
     z[causes.stretch] = 0.0
     ahead = closing(causes, z, np.random.default_rng(1), PULLS)
-    further = [dataclasses.replace(one, pulled_mm=one.pulled_mm - 0.1 * one.tension_n) for one in ahead]
+    further = [dataclasses.replace(one, pulled_mm=one.pulled_mm - 0.2 * one.tension_n) for one in ahead]
     known = Knowledge.prior(causes).learnt(further)
     assert known.mean[causes.stretch] == pytest.approx(0.0, abs=1e-12)
     expected, seen = Expectation.of(causes, known.mean, further), measured(further)

@@ -63,10 +63,13 @@ def test_first_closings_correct_stated_tolerances(profiles: dict[str, Profile]) 
 def test_few_closings_leave_what_is_stated(profiles: dict[str, Profile]) -> None:
     """One finger counts as much as the stated width: no width falls below the root of half its square."""
     stated = dataclasses.replace(STATED, tip_noise_mm=0.3)
-    closing = first_closing(causes_of(profiles["hook"], TRUE), np.random.default_rng(5))
-    found = calibrated(stated, [(causes_of(profiles["hook"], stated), closing)])
+    hook = profiles["hook"]
+    closings = [first_closing(causes_of(hook, TRUE), np.random.default_rng(seed)) for seed in range(5, 12)]
+    found = [calibrated(stated, [(causes_of(hook, stated), closing)]) for closing in closings]
     for name in ("friction", "stiffness", "zero_mm", "stretch_mm_per_n", "room_mm"):
-        assert 0.7 * getattr(stated, name) < getattr(found, name) < 1.5 * getattr(stated, name), name
+        shares = [getattr(one, name) / getattr(stated, name) for one in found]
+        assert min(shares) > 0.7, name
+        assert np.median(shares) < 1.5, name
 
 
 def test_a_hole_is_cut_by_the_flank_of_its_groove(profiles: dict[str, Profile]) -> None:

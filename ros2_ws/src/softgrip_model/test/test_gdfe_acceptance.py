@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Acceptance values of the reference document on GDFE: unit reference, closed forms, published cases, CalculiX."""
+"""Acceptance values of GDFE (docs/gdfe.md): unit reference, closed forms, published cases, CalculiX."""
 
 import numpy as np
 import pytest

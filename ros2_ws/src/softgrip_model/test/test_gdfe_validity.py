@@ -36,7 +36,7 @@ def min_tangent(material, stretches):
     return np.linalg.eigvalsh(0.5 * (slope + slope.T))[0]
 
 
-# the reference document's limits of Table 5.1
+# limits that docs/gdfe.md states for Table 5.1
 @pytest.mark.parametrize(
     ("mode", "inside", "limit"),
     [(uniaxial, 0.8, 0.69), (equibiaxial, 1.1, 1.205), (planar, 1.3, 1.525), (planar, 0.8, 0.655)],

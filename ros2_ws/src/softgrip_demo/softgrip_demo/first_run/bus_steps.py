@@ -17,7 +17,7 @@ from softgrip_description.cell_file import CellFile, ServoChain
 from softgrip_driver.commands import selftest
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
-from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY
+from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY, who_answers
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import HardwareError
 from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
@@ -120,13 +120,15 @@ class IdsStep:
             found = bus.broadcast_ping(0.5)
             if not found:
                 raise FirstRunError(
-                    f"{chain.port}: expected servos at {bus.port.baudrate} baud, found none; {SUPPLY_REMEDY}"
+                    f"{chain.port}: expected servos at {bus.port.baudrate} baud, found {who_answers(bus)}; "
+                    f"{SUPPLY_REMEDY}"
                 )
             for servo in chain.chain:
                 number = found.get(servo.servo_id, (0, 0))[0]
                 shown = reg.MODEL_NAMES.get(number, f"model {number}" if number else "nobody")
                 who = f"{servo.tendon}, ID {servo.servo_id}"
-                yield equal_to(who, shown, model_of(servo).name, f"run the wizard for it; on the bus: {sorted(found)}")
+                remedy = "correct its model in the cell file" if number else f"on the bus: {who_answers(bus)}"
+                yield equal_to(who, shown, model_of(servo).name, remedy)
                 if number:
                     is_shared = bus.is_shared(servo.servo_id)
                     yield equal_to(

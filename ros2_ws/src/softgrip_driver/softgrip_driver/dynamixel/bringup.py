@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from softgrip_driver.dynamixel import registers as reg
@@ -206,7 +206,7 @@ def identify(bus: Bus, servo: ServoConfiguration) -> ServoIdentity:
     except (NoReplyError, CorruptReplyError) as error:
         raise DeviceNotFoundError(
             f"tendon '{servo.tendon}': expected a {servo.model.name} with ID {servo.servo_id} at {bus.port.baudrate} "
-            f"baud on {bus.port.port_name}, found {_who_answers(bus)}"
+            f"baud on {bus.port.port_name}, found {who_answers(bus)}"
         ) from error
     if number != servo.model.number:
         raise WrongDeviceError(
@@ -217,19 +217,31 @@ def identify(bus: Bus, servo: ServoConfiguration) -> ServoIdentity:
     return ServoIdentity(replace(servo, fast_sync_read=firmware >= servo.model.fast_sync_read_firmware), text)
 
 
-def _who_answers(bus: Bus) -> str:
-    """Say which IDs answer at this baud rate, else at which other one anybody does, and what to do."""
-    port, baud = bus.port.port_name, bus.port.baudrate
+def who_answers(bus: Bus) -> str:
+    """Say which IDs answer, at this baud rate and at the first other one where anybody does, and what to do."""
     found = bus.broadcast_ping(0.1)
-    if found:
-        shared = [one for one in sorted(found) if bus.is_shared(one)]
-        if shared:
-            return f"several servos with ID {shared[0]}; {SHARED_ID_REMEDY}"
-        return f"ID {_listed(found)} instead; correct the parameter servo_ids, or give it its ID with setup --new-id"
-    for other_baud in BAUD_CODES:
-        if other_baud == baud:
+    shared = [one for one in sorted(found) if bus.is_shared(one)]
+    if shared:
+        return f"several servos with ID {shared[0]}; {SHARED_ID_REMEDY}"
+    here = f"ID {_listed(found)} instead" if found else ""
+    other_baud, others = _at_another_rate(bus)
+    if others:
+        options = f"--port {bus.port.port_name} --baud {other_baud} --id {min(others)} --new-baud {bus.port.baudrate}"
+        return (
+            f"{here + ', and ' * bool(here)}ID {_listed(others)} at {other_baud} baud"
+            f"{' (as new)' * (other_baud == FACTORY_BAUD)}; set each with `ros2 run softgrip_driver setup {options}`"
+        )
+    if here:
+        return f"{here}; correct the parameter servo_ids, or give it its ID with setup --new-id"
+    return f"nobody at any baud rate; check power and cable; {BOOT_LOADER_REMEDY}"
+
+
+def _at_another_rate(bus: Bus) -> tuple[int, Collection[int]]:
+    """Return the first other baud rate at which anybody answers, and who; nobody where there is none."""
+    for baud in BAUD_CODES:
+        if baud == bus.port.baudrate:
             continue
-        other = Bus(port, other_baud, bus.port.reply_margin, bus.clock)
+        other = Bus(bus.port.port_name, baud, bus.port.reply_margin, bus.clock)
         bus.close()
         try:
             other.open()
@@ -238,12 +250,8 @@ def _who_answers(bus: Bus) -> str:
             other.close()
             bus.open()
         if found:
-            options = f"--port {port} --baud {other_baud} --id {min(found)} --new-baud {baud}"
-            return (
-                f"ID {_listed(found)} at {other_baud} baud{' (as new)' * (other_baud == FACTORY_BAUD)}; set each with "
-                f"`ros2 run softgrip_driver setup {options}`"
-            )
-    return f"nobody at any baud rate; check power and cable; {BOOT_LOADER_REMEDY}"
+            return baud, found
+    return 0, ()
 
 
 def _listed(found: Iterable[int]) -> str:
