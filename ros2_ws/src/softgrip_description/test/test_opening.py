@@ -71,10 +71,10 @@ def test_no_part_of_the_way_is_faster_than_asked_for(profiles: dict[str, Profile
     tendon_speed = opening.tendon_speed_m_s(0.05)
     speeds = [
         abs(opening.velocity_m_s(dict.fromkeys(opening.clearances, u), dict.fromkeys(opening.clearances, tendon_speed)))
-        for u in np.linspace(0.0001, opening.pulled_length_m(opening.min_m) - 0.0003, 200)
+        for u in np.linspace(0.0001, opening.pulled_length_m(opening.min_m) - 0.0001, 200)
     ]
-    # the steepest place may lie within the last 0.3 mm, which are left out
-    assert 0.9 * 0.05 < max(speeds) < 1.001 * 0.05
+    # the last quarter of a millimetre, between two places of the table, is the steepest of some sets
+    assert 0.99 * 0.05 < max(speeds) < 1.001 * 0.05
 
 
 def straight(side: int, clearance_m: float, slope: float = 1.0) -> FingerClearance:
