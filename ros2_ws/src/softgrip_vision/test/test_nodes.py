@@ -83,7 +83,7 @@ class Watcher(Node):
 
     def header(self) -> Header:
         self._stamp_ns += 33_000_000
-        return Header(stamp=to_time_message(self._stamp_ns), frame_id="camera_optical")
+        return Header(stamp=to_time_message(self._stamp_ns), frame_id="camera_optical_frame")
 
     def show(self, jpeg: bytes) -> None:
         self.compressed.publish(CompressedImage(header=self.header(), format="jpeg", data=array.array("B", jpeg)))
@@ -133,7 +133,12 @@ def test_from_stream_to_joint_angles(
 ) -> None:
     """Both nodes; the stream's address appears after they started; it ends again and again and is found again."""
     pointer = tmp_path / "camera.url"
-    camera = {"source": f"'@{pointer}'", "calibration_file": calibration_file, "reconnect_delay_s": 0.1}
+    camera = {
+        "source": f"'@{pointer}'",
+        "calibration_file": calibration_file,
+        "reconnect_delay_s": 0.1,
+        "frame_prefix": "left/",
+    }
     watcher.start("camera", **camera)
     watcher.start("marker_tracker", calibration_file=calibration_file, overlay=True)
     assert watcher.until(lambda: watcher.said("waiting for the file"))
@@ -143,7 +148,8 @@ def test_from_stream_to_joint_angles(
     assert watcher.until(lambda: bool(watcher.images and watcher.infos and watcher.measured and watcher.overlays))
     assert bytes(watcher.images[0].data) == jpeg
     assert seconds(watcher.images[0].header.stamp) == pytest.approx(now, abs=2e-6)
-    assert watcher.images[0].header.frame_id == "camera_optical"
+    assert watcher.images[0].header.frame_id == "left/camera_optical_frame"
+    assert watcher.infos[0].header.frame_id == "left/camera_optical_frame"
     assert watcher.infos[0].k[0] == pytest.approx(1152.0)
     (finger,) = watcher.measured[0].fingers
     assert finger.finger == "index"

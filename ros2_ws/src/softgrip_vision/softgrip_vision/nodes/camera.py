@@ -50,7 +50,8 @@ PARAMETERS = ParameterTable(
         "device number or path, video file, image folder, http(s) motion-JPEG or rtsp URL, or @FILE: the source is "
         "named in FILE, which may appear later; none: a bench without camera",
     ),
-    Parameter("frame_id", "camera_optical", "optical frame of the images (z forward, x right, y down)"),
+    Parameter("frame_id", "camera_optical_frame", "optical frame of the images (z forward, x right, y down)"),
+    Parameter("frame_prefix", "", "before frame_id: that of hand_description"),
     Parameter("calibration_file", "", "camera calibration (YAML); empty: camera_info says uncalibrated"),
     Parameter(
         "lens_file",
@@ -119,6 +120,7 @@ class CameraNode(CellNode):
         self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
         # the name that camera_calibration's cameracalibrator calls with camera:=camera
         self.create_service(SetCameraInfo, "camera/set_camera_info", self._on_set_camera_info)
+        self._frame = f"{self._values['frame_prefix']}{self._values['frame_id']}"
         self._frames_ready = self.create_guard_condition(self._publish_ready)
         self._info = CameraInfo()
         self._published = 0
@@ -180,7 +182,7 @@ class CameraNode(CellNode):
             self._publish(frame)
 
     def _publish(self, frame: CameraFrame) -> None:
-        header = convert.to_header(to_time_message(frame.stamp_ns), self._values["frame_id"])
+        header = convert.to_header(to_time_message(frame.stamp_ns), self._frame)
         self._size_problem = self._check_size(frame)
         try:
             compressed = convert.to_compressed_message(frame, self._values["jpeg_quality"], header)
