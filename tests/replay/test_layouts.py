@@ -24,7 +24,7 @@ _STEP = re.compile(r"(?P<name>[a-z_]\w*)(?P<index>\[(?:\d+|:)\])?(?:\{(?P<key>\w
 #: PlotJuggler names a joint's values by its name.
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _JOINT_VALUES = {"position", "velocity", "effort"}
-#: What a display of rviz_default_plugins subscribes to. Source: rviz_default_plugins/plugins_description.xml in ros2/rviz;
+#: What a display of rviz_default_plugins subscribes to. Source: its plugins_description.xml in ros2/rviz;
 #: Image goes through image_transport, which takes the last part of the name for its transport
 #: (src/rviz_default_plugins/displays/image/get_transport_from_topic.cpp).
 _SHOWS = {

@@ -24,9 +24,11 @@ KEYS = {
     "cv2": "python3-opencv",
     "dynamixel_sdk": "dynamixel_sdk",
     "gymnasium": "python3-gymnasium-pip",
+    "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
     "lz4": "python3-lz4",
     "mcap": "python3-mcap-pip",
+    "mujoco": "python3-mujoco-pip",
     "meshio": "python3-meshio",
     "pyarrow": "python3-pyarrow-pip",
     "duckdb": "python3-duckdb-pip",
@@ -34,7 +36,9 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numpy": "python3-numpy",
+    "pytest": "python3-pytest",
     "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
     "sqlalchemy": "python3-sqlalchemy",
@@ -72,8 +76,10 @@ IN_ROSDISTRO = {
     "builtin_interfaces", "cmake", "control_msgs", "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs",
     "gtest", "launch", "launch_testing",
     "launch_yaml", "lifecycle_msgs", "pybind11-dev", "python3-cryptography", "python3-jinja2",
-    "python3-matplotlib", "python3-meshio", "python3-numpy", "python3-opencv", "python3-pytest", "python3-rich",
-    "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml", "rcl_interfaces", "rclpy",
+    "python3-gymnasium-pip", "python3-hypothesis", "python3-matplotlib", "python3-meshio", "python3-mujoco-pip",
+    "python3-numpy", "python3-opencv", "python3-pytest", "python3-pytest-timeout", "python3-rich",
+    "python3-rosbags-pip", "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml", "rcl_interfaces",
+    "rclpy",
     "ros2launch", "rosgraph_msgs", "rosidl_default_generators", "rosidl_default_runtime",
     "rosidl_interface_packages", "sensor_msgs", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
     "visualization_msgs",
@@ -137,6 +143,53 @@ def test_every_import_is_declared(package: str) -> None:
         and KEYS.get(module, module) not in keys
     ]
     assert missing == []
+
+
+def imports_of_a_test(tree: ast.Module) -> dict[str, int]:
+    """Return top-level module -> line of what a test file can not be collected without: not what it checks for."""
+    found: dict[str, int] = {}
+    checked: set[str] = set()
+    for node in tree.body:
+        checked |= {
+            str(call.args[0].value).split(".")[0]
+            for call in ast.walk(node)
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == "pytest.importorskip"
+            and isinstance(call.args[0], ast.Constant)
+        }  # fmt: skip
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module]
+        for top in {name.split(".")[0] for name in names} - checked - {*sys.stdlib_module_names, "__future__"}:
+            found.setdefault(top, node.lineno)
+    return found
+
+
+TEST_FOLDERS = [*sorted(path for path in WORKSPACE.glob("*/test")), ROOT / "tests"]
+
+
+@pytest.mark.parametrize("folder", TEST_FOLDERS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_import_of_a_test_is_declared_or_checked_for(folder: Path) -> None:
+    """What rosdep installs is enough to collect every test; what it has no key for is skipped."""
+    kinds = ("depend", "exec_depend", "test_depend")
+    packages = [folder.parent.name] if folder.parent.name in PACKAGES else PACKAGES
+    keys = {key for package in packages for key in declared(package, *kinds)}
+    beside = {path.stem for path in folder.rglob("*.py")}
+    missing = [
+        f"{path.relative_to(ROOT)}:{line}: imports {module}; expected its key as test_depend, or pytest.importorskip"
+        for path in sorted(folder.rglob("*.py"))
+        for module, line in imports_of_a_test(ast.parse(path.read_text())).items()
+        # packages of this workspace are built together; a test_depend on those for tests would close a circle
+        if module not in PACKAGES and module not in beside and KEYS.get(module, module) not in keys
+    ]
+    assert missing == []
+
+
+def test_what_every_test_needs_is_declared() -> None:
+    """conftest.py takes hypothesis, pyproject.toml has a time-out: every package with tests says so."""
+    for folder in TEST_FOLDERS[:-1]:
+        assert {"python3-pytest", "python3-pytest-timeout", "python3-hypothesis"} <= declared(
+            folder.parent.name, "test_depend"
+        ), folder
 
 
 def found_by_shared_functions(text: str) -> set[str]:
