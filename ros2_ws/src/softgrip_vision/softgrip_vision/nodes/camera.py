@@ -18,8 +18,10 @@ import cv2
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
 from softgrip_nodekit import (
+    LATCHED,
     SENSOR,
     CellNode,
     Diagnostics,
@@ -37,6 +39,7 @@ from softgrip_nodekit import (
 from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.calibration import file_when_there
+from softgrip_vision.camera_pose import camera_pose
 from softgrip_vision.errors import CalibrationError, FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
@@ -121,6 +124,8 @@ class CameraNode(CellNode):
         # the name that camera_calibration's cameracalibrator calls with camera:=camera
         self.create_service(SetCameraInfo, "camera/set_camera_info", self._on_set_camera_info)
         self._frame = f"{self._values['frame_prefix']}{self._values['frame_id']}"
+        self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
+        self._publish_pose()
         self._frames_ready = self.create_guard_condition(self._publish_ready)
         self._info = CameraInfo()
         self._published = 0
@@ -140,6 +145,15 @@ class CameraNode(CellNode):
             return None
         with startup_errors(VisionError):
             return calibration.load(file_when_there(Path(name), self._values["calibration_wait_s"]))
+
+    def _publish_pose(self) -> None:
+        """Say where the camera stands, where its calibration knows: beside the first finger that it names."""
+        if self._calibration is None or not self._calibration.planes:
+            return
+        plane = self._calibration.planes[0]
+        base = convert.to_header(self.get_clock().now().to_msg(), f"{self._values['frame_prefix']}{plane.finger}_base")
+        transform = convert.to_transform(base, self._frame, camera_pose(self._calibration.lens, plane))
+        self._transforms.publish(TFMessage(transforms=[transform]))
 
     def _make_capture(self) -> Capture:
         value = self._values
